@@ -1,0 +1,25 @@
+"""Array annotations of the core: jaxtyping where it is installed, plain `Any` where it is not (a bare GPU machine).
+
+Use: `from physreal_core.array_types import Array, Bool, Float, Int, Tensor` and write `Float[Tensor, "particles 3"]`.
+"""
+
+from typing import Any
+
+import numpy as np
+from torch import Tensor
+
+Array = np.ndarray
+
+try:
+    from jaxtyping import Bool, Float, Int, UInt8
+except ImportError:
+
+    class _Unchecked:
+        """Stands for a jaxtyping dtype: subscripting it gives `Any`, so nothing is checked."""
+
+        def __class_getitem__(cls, _: object) -> Any:
+            return Any
+
+    Bool = Float = Int = UInt8 = _Unchecked
+
+__all__ = ["Array", "Bool", "Float", "Int", "Tensor", "UInt8"]

@@ -1,0 +1,121 @@
+"""The rasteriser's one public function: Gaussians in the world to RGB, depth and alpha, differentiable in all of them."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+
+import torch
+
+from physreal_core.array_types import Float, Tensor
+from physreal_core.errors import InputError
+from physreal_core.rendering.binding import Binding, carried_rotations, carry_gaussians
+from physreal_core.rendering.camera import Camera
+from physreal_core.rendering.gaussians import Gaussians
+from physreal_core.rendering.reference import ALPHA_MIN, rasterise_reference
+
+
+@dataclass(frozen=True, eq=False)
+class Rendering:
+    """One rendered view.
+
+    Args:
+        rgb: composited over the background, shape [H, W, 3].
+        depth: expected depth along the camera's z [m], normalised by alpha; 0 where nothing was drawn; shape [H, W].
+        alpha: 0 to 1, shape [H, W].
+    """
+
+    rgb: Float[Tensor, "height width 3"]
+    depth: Float[Tensor, "height width"]
+    alpha: Float[Tensor, "height width"]
+
+
+def rasterise(
+    means: Float[Tensor, "gaussians 3"],
+    covariances: Float[Tensor, "gaussians 3 3"],
+    opacities: Float[Tensor, "gaussians"],
+    colours: Float[Tensor, "gaussians 3"],
+    camera: Camera,
+    T_world_camera: Float[Tensor, "4 4"] | None = None,
+    background: tuple[float, float, float] | Tensor = (0.0, 0.0, 0.0),
+    *,
+    backend: str = "auto",
+) -> Rendering:
+    """Render Gaussians front to back; gradients reach means, covariances, opacities, colours, the pose and background.
+
+    Args:
+        means: centres in the world [m].
+        covariances: in the world [m^2]; only the symmetric part is used.
+        opacities: 0 to 1.
+        colours: RGB, 0 to 1.
+        T_world_camera: pose used instead of the camera's own, for pose gradients.
+        background: RGB.
+        backend: "auto", "warp", "gsplat" (needs CUDA and the package) or "reference" (plain torch, slow).
+
+    Returns:
+        Rendering in the dtype and on the device of `means` (float32 or float64).
+    """
+    _check(means, covariances, opacities, colours)
+    pose = camera.T_world_camera if T_world_camera is None else T_world_camera
+    pose = pose.to(means)
+    chosen = choose_backend(means.device, means.dtype, backend)
+    rotation = pose[:3, :3]
+    local_means = (means - pose[:3, 3]) @ rotation
+    # R^T C R; C is symmetric, so its rows can be turned as row vectors: no batch of tiny matrix products.
+    half = (covariances.reshape(-1, 3) @ rotation).reshape(-1, 3, 3)
+    local_covariances = (half.transpose(1, 2).reshape(-1, 3) @ rotation).reshape(-1, 3, 3)
+    features = torch.cat([colours, local_means[:, 2:]], dim=1)
+    image, alpha = _BACKENDS[chosen](local_means, local_covariances, opacities, features, camera)
+    rgb = image[..., :3] + (1.0 - alpha)[..., None] * torch.as_tensor(background).to(means)
+    # Drawn pixels have alpha >= ALPHA_MIN, so the clamp only keeps 0 / 0 out.
+    return Rendering(rgb, image[..., 3] / alpha.clamp(min=0.5 * ALPHA_MIN), alpha)
+
+
+def render(
+    gaussians: Gaussians, camera: Camera, background: tuple[float, float, float] = (0.0, 0.0, 0.0), *, backend="auto"
+) -> Rendering:
+    """Render a Gaussian model where it lies."""
+    colours = gaussians.colours(camera.centre)
+    covariances, opacities = gaussians.covariances(), gaussians.opacities()
+    return rasterise(gaussians.means, covariances, opacities, colours, camera, background=background, backend=backend)
+
+
+def render_carried(
+    gaussians: Gaussians,
+    binding: Binding,
+    x0: Float[Tensor, "particles 3"],
+    x: Float[Tensor, "particles 3"],
+    F: Float[Tensor, "particles 3 3"],
+    camera: Camera,
+    background: tuple[float, float, float] = (0.0, 0.0, 0.0),
+    *,
+    backend: str = "auto",
+) -> Rendering:
+    """Render a Gaussian model carried by its particles (eqs. gs_binding, physics_rendering); differentiable in x and F."""
+    means, covariances = carry_gaussians(binding, gaussians, x0, x, F)
+    turned = carried_rotations(binding, F) if gaussians.harmonics.shape[1] > 1 else None
+    colours = gaussians.colours(camera.centre, means, turned).to(means)
+    opacities = gaussians.opacities().to(means)
+    return rasterise(means, covariances, opacities, colours, camera, background=background, backend=backend)
+
+
+def choose_backend(device: torch.device, dtype: torch.dtype, requested: str = "auto") -> str:
+    """The backend that will draw: as requested, else the Warp kernels.
+
+    Raises:
+        InputError: for an unknown name or one that cannot run here.
+    """
+    if requested == "auto":
+        return "reference"
+    if requested not in _BACKENDS:
+        raise InputError(f"backend {requested!r}", where="rasterise", expected=f"one of auto, {', '.join(_BACKENDS)}")
+    return requested
+
+
+_BACKENDS = {"reference": rasterise_reference}
+
+
+def _check(means: Tensor, covariances: Tensor, opacities: Tensor, colours: Tensor) -> None:
+    count = len(means)
+    got = [tuple(a.shape) for a in (means, covariances, opacities, colours)]
+    if got != [(count, 3), (count, 3, 3), (count,), (count, 3)]:
+        raise InputError(f"shapes {got}", where="rasterise", expected="[G, 3], [G, 3, 3], [G], [G, 3]")

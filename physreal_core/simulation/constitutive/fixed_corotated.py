@@ -1,0 +1,62 @@
+"""Fixed corotated elasticity: tau = 2 mu (F - R) F^T + lambda J (J - 1) I.
+
+Source: Stomakhin, Howes, Schroeder, Teran, "Energetically consistent invertible elasticity", SCA 2012, eq. 12, with
+energy mu |F - R|^2 + lambda/2 (J - 1)^2 per undeformed volume and tau = P F^T. The rotation R comes from Newton's polar
+iteration, so that nothing is singular where singular values repeat.
+"""
+
+from functools import cache
+
+import warp as wp
+
+from physreal_core.simulation.constitutive.lame import lame_functions
+from physreal_core.simulation.constitutive.linear_algebra import linear_algebra
+from physreal_core.simulation.constitutive.scalar_types import adjoint_struct, scalar_types
+
+
+@cache
+def fixed_corotated(scalar: type) -> tuple[wp.Function, wp.Function]:
+    """`(stress, stress_adjoint)` over `scalar`; det F > 0, stress [Pa]."""
+    t = scalar_types(scalar)
+    vec3, mat33 = t.vec3, t.mat33
+    one, two = scalar(1.0), scalar(2.0)
+    algebra, lame = linear_algebra(scalar), lame_functions(scalar)
+    cofactor, polar_rotation = algebra.cofactor, algebra.polar_rotation
+    polar_rotation_adjoint = algebra.polar_rotation_adjoint
+    shear_modulus, lame_lambda, lame_adjoint = lame.shear_modulus, lame.lame_lambda, lame.adjoint
+    StressAdjoint = adjoint_struct(scalar)
+
+    @wp.func
+    def stress(F: mat33, E: scalar, nu: scalar):
+        mu = shear_modulus(E, nu)
+        J = wp.determinant(F)
+        pressure = lame_lambda(E, nu) * J * (J - one)
+        D = F - polar_rotation(F)
+        return (two * mu) * D * wp.transpose(F) + wp.diag(vec3(pressure, pressure, pressure))
+
+    @wp.func
+    def stress_adjoint(F: mat33, E: scalar, nu: scalar, tau_bar: mat33):
+        mu = shear_modulus(E, nu)
+        lam = lame_lambda(E, nu)
+        R = polar_rotation(F)
+        C = cofactor(F)
+        J = F[0, 0] * C[0, 0] + F[1, 0] * C[1, 0] + F[2, 0] * C[2, 0]
+        D = F - R
+        DFt = D * wp.transpose(F)
+        trace_bar = tau_bar[0, 0] + tau_bar[1, 1] + tau_bar[2, 2]
+        D_bar = (two * mu) * tau_bar * F
+        material = lame_adjoint(E, nu, two * wp.ddot(tau_bar, DFt), trace_bar * J * (J - one))
+        pressure = lam * J * (J - one)
+        out = StressAdjoint()
+        out.tau = (two * mu) * DFt + wp.diag(vec3(pressure, pressure, pressure))
+        out.F = (
+            D_bar
+            + (two * mu) * wp.transpose(tau_bar) * D
+            + (lam * (two * J - one) * trace_bar) * C
+            - polar_rotation_adjoint(F, R, D_bar)
+        )
+        out.E = material[0]
+        out.nu = material[1]
+        return out
+
+    return stress, stress_adjoint

@@ -1,0 +1,82 @@
+"""3x3 linear algebra of the constitutive laws as Warp functions: cofactor, polar rotation and its adjoint.
+
+All of it stays exact where singular values repeat, in float32 and float64, and needs no `wp.svd3`.
+"""
+
+from dataclasses import dataclass
+from functools import cache
+
+import warp as wp
+
+from physreal_core.simulation.constitutive.scalar_types import scalar_types
+
+NEWTON_STEPS = wp.constant(16)
+
+
+@dataclass(frozen=True)
+class LinearAlgebra:
+    """Warp functions over one scalar type.
+
+    Attributes:
+        symmetric: `(A) -> (A + A^T) / 2`.
+        cofactor: `(F) -> cof F`, the derivative of det F; F^-T det F.
+        polar_rotation: `(F) -> R` with F = R U; not a number unless det F > 0.
+        polar_rotation_adjoint: `(F, R, R_bar) -> F_bar`.
+    """
+
+    symmetric: wp.Function
+    cofactor: wp.Function
+    polar_rotation: wp.Function
+    polar_rotation_adjoint: wp.Function
+
+
+@cache
+def linear_algebra(scalar: type) -> LinearAlgebra:
+    """The functions over `scalar`; the same objects at every call, so that Warp compiles nothing twice."""
+    t = scalar_types(scalar)
+    vec3, mat33 = t.vec3, t.mat33
+    half = scalar(0.5)
+    newton_tolerance = scalar(t.tolerance * t.tolerance)
+
+    @wp.func
+    def symmetric(A: mat33):
+        return half * (A + wp.transpose(A))
+
+    @wp.func
+    def cofactor(F: mat33):
+        c0 = vec3(F[0, 0], F[1, 0], F[2, 0])
+        c1 = vec3(F[0, 1], F[1, 1], F[2, 1])
+        c2 = vec3(F[0, 2], F[1, 2], F[2, 2])
+        return wp.matrix_from_cols(wp.cross(c1, c2), wp.cross(c2, c0), wp.cross(c0, c1))
+
+    @wp.func
+    def polar_rotation(F: mat33):
+        # Newton's iteration X <- (g X + X^-T / g) / 2 with Higham's Frobenius scaling g (SIAM J. Sci. Stat. Comput.
+        # 7(4), 1986): at most about nine steps however ill-conditioned F is, about four at moderate strain.
+        X = F
+        for _ in range(NEWTON_STEPS):
+            C = cofactor(X)
+            J = X[0, 0] * C[0, 0] + X[1, 0] * C[1, 0] + X[2, 0] * C[2, 0]
+            g = wp.sqrt(wp.sqrt(wp.ddot(C, C) / (J * J * wp.ddot(X, X))))
+            # sqrt(J) / sqrt(J) is one for det F > 0 and not a number otherwise: an inverted particle has no rotation
+            # that a law could use, and the rollout is to stop there instead of pulling it to a reflected rest shape.
+            h = half * wp.sqrt(J) / wp.sqrt(J)
+            Y = (h * g) * X + (h / (g * J)) * C
+            D = Y - X
+            X = Y
+            if wp.ddot(D, D) < newton_tolerance:
+                break
+        return X
+
+    @wp.func
+    def polar_rotation_adjoint(F: mat33, R: mat33, R_bar: mat33):
+        # dR = R [w]x with (tr(U) I - U) w = axl(R^T dF - dF^T R); the same matrix, symmetric, gives the adjoint.
+        U = symmetric(wp.transpose(R) * F)
+        W = wp.transpose(R) * R_bar
+        axial = vec3(W[2, 1] - W[1, 2], W[0, 2] - W[2, 0], W[1, 0] - W[0, 1])
+        trace = U[0, 0] + U[1, 1] + U[2, 2]
+        K = wp.diag(vec3(trace, trace, trace)) - U
+        y = wp.inverse(K) * axial
+        return R * wp.skew(y)
+
+    return LinearAlgebra(symmetric, cofactor, polar_rotation, polar_rotation_adjoint)

@@ -1,0 +1,66 @@
+"""Turns pydantic's report into one InputError that names the key, what was given, what is allowed and the nearest name."""
+
+import difflib
+import typing
+
+from pydantic import BaseModel, ValidationError
+
+from physreal_core.errors import InputError
+
+
+def as_input_error(error: ValidationError, model: type[BaseModel], file: str, prefix: str = "") -> InputError:
+    """The first fault in `error` as an InputError.
+
+    Args:
+        error: what pydantic raised on validating `model`.
+        file: the file the values came from.
+        prefix: key below which the values stand in that file, e.g. "fit_global".
+    """
+    fault = error.errors()[0]
+    location = [part for part in fault["loc"] if part != "[key]"]
+    key = ".".join(str(part) for part in ([prefix] if prefix else []) + location)
+    holder = _model_at(model, location[:-1]) or model
+    if fault["type"] == "extra_forbidden":
+        return unknown_key(key, str(location[-1]), list(holder.model_fields), file)
+    if fault["type"] == "missing":
+        return InputError(f"the key {key} is missing", where=file, expected=_meaning(holder, location), remedy=f"add {key}")
+    got = f"{key} = {fault['input']!r}" if location else f"{key or 'the file'} is not usable"
+    expected = fault["msg"][:1].lower() + fault["msg"][1:]
+    expected = expected.removeprefix("input should be ").removeprefix("value error, ")
+    meaning = _meaning(holder, location)
+    return InputError(
+        got, where=file, expected=f"{expected} ({meaning})" if meaning else expected, remedy=f"change {key} in {file}"
+    )
+
+
+def unknown_key(key: str, name: str, known: list[str], file: str) -> InputError:
+    """A key that nothing reads, with the nearest one that something does."""
+    nearest = difflib.get_close_matches(name, known, n=1, cutoff=0.5)
+    parent = key.rpartition(".")[0]
+    expected = f"one of {', '.join(known)}"
+    if nearest:
+        right = f"{parent}.{nearest[0]}" if parent else nearest[0]
+        return InputError(f"unknown key {key}; did you mean {right}?", where=file, remedy="rename or remove it")
+    return InputError(f"unknown key {key}", where=file, expected=expected, remedy="rename or remove it")
+
+
+def _model_at(model: type[BaseModel], location: list) -> type[BaseModel] | None:
+    """The nested model that `location` leads to (through lists, dicts and unions), or None."""
+    current: type[BaseModel] | None = model
+    for part in location:
+        if current is None:
+            return None
+        if part in current.model_fields:
+            current = _first_model(current.model_fields[part].annotation)
+    return current
+
+
+def _first_model(annotation: object) -> type[BaseModel] | None:
+    if isinstance(annotation, type) and issubclass(annotation, BaseModel):
+        return annotation
+    return next((found for part in typing.get_args(annotation) if (found := _first_model(part))), None)
+
+
+def _meaning(holder: type[BaseModel], location: list) -> str:
+    names = [part for part in location if part in holder.model_fields]
+    return (holder.model_fields[names[-1]].description or "") if names else ""

@@ -1,0 +1,158 @@
+"""params.yaml as typed blocks. Reading is light: yaml and pydantic, nothing numerical."""
+
+from dataclasses import dataclass
+from functools import cached_property
+from pathlib import Path
+from typing import Annotated, Any, Literal
+
+import yaml
+from pydantic import BaseModel, Field, StringConstraints, ValidationError, create_model
+
+from physreal_core.errors import InputError
+from pipeline.config._base import StageParameters
+from pipeline.config._errors import as_input_error, unknown_key
+from pipeline.graph import STAGES, Graph
+
+Name = Annotated[str, StringConstraints(pattern=r"^[A-Za-z0-9][A-Za-z0-9_-]*$")]
+
+
+class Prediction(StageParameters):
+    """A sequence that no model is fitted on: it is rolled out with another sequence's."""
+
+    model_from: Name = Field(description="sequence of `fits` whose fitted models are used, without any refit")
+
+
+class _SequenceBase(StageParameters):
+    geometry: Literal["linear", "planar", "volumetric"] = Field(
+        "volumetric", description="class of the object in the tables: linear (rope), planar (cloth), volumetric (plush)"
+    )
+
+
+class _Roles(StageParameters):
+    seed: int = Field(0, ge=0, description="the only source of randomness")
+    composed_from: list[str] = Field(
+        default_factory=list, description="what `physreal compose` was given, e.g. [fit_global=von_mises]"
+    )
+
+
+def parameters_model(graph: Graph = STAGES) -> type[BaseModel]:
+    """The model of the whole file: one block per stage of `graph`, and the sequences with their roles."""
+    overrides = {
+        name: (dict[str, Any], Field(default_factory=dict, description=f"laid over the block {name}")) for name in graph
+    }
+    sequence = create_model("Sequence", __base__=_SequenceBase, **overrides)
+    blocks = {name: (stage.parameters_model(), Field(default_factory=stage.parameters_model())) for name, stage in graph.items()}
+    sequences = {
+        "rig": (dict[Name, dict[str, Any]], Field(default_factory=dict, description="captures made by data/rig")),
+        "sequences": (dict[Name, sequence], Field(default_factory=dict, description="captures that become objects")),
+        "clips": (dict[Name, sequence], Field(default_factory=dict, description="captures that go through perception only")),
+        "fits": (dict[Name, dict[str, Any]], Field(default_factory=dict, description="sequences a model is fitted on")),
+        "predictions": (dict[Name, Prediction], Field(default_factory=dict, description="sequences predicted, not fitted")),
+    }
+    return create_model("ParametersFile", __base__=_Roles, **sequences, **blocks)
+
+
+@dataclass(frozen=True)
+class Parameters:
+    """The validated file.
+
+    Attributes:
+        values: the parsed and validated file (an instance of `parameters_model(graph)`).
+        raw: the mapping as it stood in the file.
+        file: its path, for messages.
+        graph: the stages it was validated for.
+    """
+
+    values: Any
+    raw: dict[str, Any]
+    file: str
+    graph: Graph
+
+    @property
+    def seed(self) -> int:
+        return self.values.seed
+
+    @cached_property
+    def sequences(self) -> dict[str, Any]:
+        """Every sequence, whatever its role."""
+        return {**self.values.sequences, **self.values.clips}
+
+    def sequence(self, name: str) -> Any:
+        """The block of one sequence, InputError if there is none."""
+        if name not in self.sequences:
+            raise unknown_key(f"sequences.{name}", name, list(self.sequences), self.file)
+        return self.sequences[name]
+
+    def stage(self, stage: str, sequence: str) -> Any:
+        """The parameters of `stage` for `sequence`: the stage's block with the sequence's own values laid over it."""
+        model = self.graph[stage].parameters_model()
+        own = getattr(self.sequence(sequence), stage)
+        merged = _overlay(self.raw.get(stage) or {}, own)
+        try:
+            return model.model_validate(merged)
+        except ValidationError as error:
+            role = "sequences" if sequence in self.values.sequences else "clips"
+            raise as_input_error(error, model, self.file, f"{role}.{sequence}.{stage}") from None
+
+
+def read_parameters(path: Path) -> dict[str, Any]:
+    """The mapping in a YAML file, InputError where it is no mapping or no YAML."""
+    try:
+        raw = yaml.safe_load(path.read_text())
+    except FileNotFoundError:
+        raise InputError("the file is missing", where=str(path), remedy="run `physreal compose`") from None
+    except yaml.YAMLError as error:
+        raise InputError(f"not readable as YAML: {error}", where=str(path)) from None
+    if not isinstance(raw, dict):
+        raise InputError("the file holds no mapping", where=str(path), expected="one block per stage")
+    return raw
+
+
+def validate_parameters(raw: dict[str, Any], file: str = "params.yaml", graph: Graph = STAGES) -> Parameters:
+    """Check a whole file: every block, every sequence's own values, and the roles.
+
+    Raises:
+        InputError: naming the key; for a misspelt one, the nearest that exists.
+    """
+    model = parameters_model(graph)
+    try:
+        values = model.model_validate(raw)
+    except ValidationError as error:
+        raise as_input_error(error, model, file) from None
+    parameters = Parameters(values, raw, file, graph)
+    for name in parameters.sequences:
+        for stage in graph:
+            parameters.stage(stage, name)
+    _check_roles(parameters)
+    return parameters
+
+
+def load_parameters(path: Path, graph: Graph = STAGES) -> Parameters:
+    """`validate_parameters` of the file at `path`."""
+    return validate_parameters(read_parameters(path), path.name, graph)
+
+
+def _check_roles(parameters: Parameters) -> None:
+    values, file = parameters.values, parameters.file
+    for role in ("fits", "predictions"):
+        for name in getattr(values, role):
+            if name not in values.sequences:
+                raise unknown_key(f"{role}.{name}", name, list(values.sequences), file)
+    for name, prediction in values.predictions.items():
+        if name in values.fits:
+            raise InputError(f"{name} is in fits and in predictions", where=file, expected="one of the two")
+        if prediction.model_from not in values.fits:
+            raise InputError(
+                f"predictions.{name}.model_from = {prediction.model_from!r} is not a fitted sequence",
+                where=file,
+                expected=f"one of {', '.join(values.fits)}",
+            )
+
+
+def _overlay(base: dict[str, Any], over: dict[str, Any]) -> dict[str, Any]:
+    """`base` with `over` laid on it, mapping by mapping."""
+    merged = dict(base)
+    for key, value in over.items():
+        both = isinstance(merged.get(key), dict) and isinstance(value, dict)
+        merged[key] = _overlay(merged[key], value) if both else value
+    return merged

@@ -1,0 +1,95 @@
+"""What an output was made from: digests of folders, of code, and the record each artifact carries in provenance.json."""
+
+import ast
+import hashlib
+import json
+from functools import lru_cache
+from pathlib import Path
+from typing import Any
+
+from physreal_core.errors import InputError
+from pipeline.project import CODE_ROOT
+
+FILE = "provenance.json"
+
+
+def digest_of(value: Any) -> str:
+    """Digest of anything that JSON can hold, independent of the order of keys."""
+    return hashlib.sha256(json.dumps(value, sort_keys=True).encode()).hexdigest()[:16]
+
+
+def digest_folder(folder: Path) -> str:
+    """Digest of the names and bytes of every file below `folder`; one character more in any file changes it."""
+    total = hashlib.sha256()
+    for path in sorted(path for path in folder.rglob("*") if path.is_file()):
+        total.update(path.relative_to(folder).as_posix().encode() + b"\0")
+        total.update(_digest_file(path, path.stat().st_mtime_ns, path.stat().st_size))
+    return total.hexdigest()[:16]
+
+
+@lru_cache(maxsize=100_000)
+def _digest_file(path: Path, _modified: int, _size: int) -> bytes:
+    with path.open("rb") as file:
+        return hashlib.file_digest(file, "sha256").digest()
+
+
+def project_modules(source: Path, roots: tuple[Path, ...] = (CODE_ROOT,)) -> list[Path]:
+    """`source` and every project file that it imports, directly or through others, packages' __init__ included."""
+    found: set[Path] = set()
+    waiting = [source.resolve()]
+    while waiting:
+        path = waiting.pop()
+        if path in found:
+            continue
+        found.add(path)
+        waiting += [file for name in _imported_names(path, roots) for file in _files_of(name, roots)]
+    return sorted(found)
+
+
+def digest_code(source: Path, roots: tuple[Path, ...] = (CODE_ROOT,)) -> str:
+    """Digest of the code that `source` runs within the project; comments, docstrings and layout do not count."""
+    trees = [_without_docstrings(ast.parse(path.read_text())) for path in project_modules(source, roots)]
+    return hashlib.sha256("\n".join(trees).encode()).hexdigest()[:16]
+
+
+def write_provenance(folder: Path, record: dict[str, Any]) -> None:
+    (folder / FILE).write_text(json.dumps(record, indent=1, sort_keys=True) + "\n")
+
+
+def read_provenance(folder: Path) -> dict[str, Any]:
+    """The record in an artifact's folder, InputError where there is none."""
+    path = folder / FILE
+    if not path.is_file():
+        raise InputError("the artifact has no provenance.json", where=str(folder), remedy="delete it and run `dvc repro`")
+    return json.loads(path.read_text())
+
+
+def _imported_names(path: Path, roots: tuple[Path, ...]) -> list[str]:
+    package = next((path.relative_to(root).parent.parts for root in roots if path.is_relative_to(root)), ())
+    names: list[str] = []
+    for node in ast.walk(ast.parse(path.read_text())):
+        if isinstance(node, ast.Import):
+            names += [alias.name for alias in node.names]
+        elif isinstance(node, ast.ImportFrom):
+            base = ".".join(package[: len(package) - node.level + 1]) if node.level else ""
+            module = ".".join(part for part in (base, node.module or "") if part)
+            names += [module, *(f"{module}.{alias.name}" for alias in node.names)]
+    return names
+
+
+def _files_of(name: str, roots: tuple[Path, ...]) -> list[Path]:
+    parts = name.split(".")
+    for root in roots:
+        inits = [root.joinpath(*parts[:count], "__init__.py") for count in range(1, len(parts) + 1)]
+        module = root.joinpath(*parts).with_suffix(".py")
+        files = [path for path in (*inits, module) if path.is_file()]
+        if files:
+            return files
+    return []
+
+
+def _without_docstrings(tree: ast.Module) -> str:
+    for node in ast.walk(tree):
+        if isinstance(node, (ast.Module, ast.FunctionDef, ast.ClassDef, ast.AsyncFunctionDef)) and ast.get_docstring(node):
+            node.body = node.body[1:] or [ast.Pass()]
+    return ast.dump(tree)

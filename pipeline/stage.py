@@ -1,0 +1,261 @@
+"""What a stage gets to see: its parameters, its inputs, a folder to write to, a folder that survives a kill.
+
+An output is whole or absent, says what it was made from, and is refused by the next stage if that is no longer true.
+"""
+
+import argparse
+import inspect
+import json
+import os
+import shutil
+import sys
+from collections.abc import Callable, Iterator
+from contextlib import contextmanager
+from functools import cached_property
+from pathlib import Path
+from typing import Any
+
+from filelock import FileLock, Timeout
+
+from physreal_core.errors import InputError, SimulationError
+from pipeline.config import Parameters, load_parameters
+from pipeline.graph import STAGES, Graph
+from pipeline.progress import Progress, Timings, show_progress
+from pipeline.project import CODE_ROOT, Project
+from pipeline.provenance import digest_code, digest_folder, digest_of, read_provenance, write_provenance
+
+
+class StageContext:
+    """One run of one stage on one sequence.
+
+    Attributes:
+        stage, sequence: their names.
+        params: the stage's parameters for this sequence (an instance of its class in pipeline/config).
+        sequence_params: the sequence's block in params.yaml (`geometry`).
+        seed: the seed in params.yaml.
+        output: folder to write to; put in place whole when the stage returns.
+    """
+
+    def __init__(self, stage: str, sequence: str, project: Project, parameters: Parameters, code: str) -> None:
+        self.stage, self.sequence = stage, sequence
+        self.params = parameters.stage(stage, sequence)
+        self.sequence_params = parameters.sequence(sequence)
+        self.seed = parameters.seed
+        self.output = project.partial(stage, sequence)
+        self.code = code
+        self._project, self._parameters, self._spec = project, parameters, parameters.graph[stage]
+        self._timings = Timings()
+
+    @property
+    def capture(self) -> Path:
+        """The capture's folder; only for stages whose `reads_capture` is set in pipeline/graph.py."""
+        if not self._spec.reads_capture:
+            raise AssertionError(f"{self.stage} does not declare that it reads the capture (pipeline/graph.py)")
+        folder = self._project.capture(self.sequence)
+        if not folder.is_dir():
+            raise InputError(
+                "the capture's folder is missing",
+                where=str(folder),
+                remedy=f"put it there, or take {self.sequence} out of params.yaml",
+            )
+        return folder
+
+    def input(self, stage: str) -> Path:
+        """Folder of an upstream stage's output for this sequence.
+
+        Raises:
+            InputError: it is missing, or was made from other parameters or inputs than stand there now.
+        """
+        if stage not in self._upstream:
+            raise AssertionError(f"{self.stage} does not declare that it reads {stage} (pipeline/graph.py)")
+        return checked_artifact(self._project, self._parameters, stage, self.sequence)
+
+    def model_input(self, stage: str) -> Path:
+        """Folder of a stage's output for the sequence that this one's models come from (`predictions` in params.yaml)."""
+        if stage not in self._spec.of_model:
+            raise AssertionError(f"{self.stage} does not declare that it reads the model's {stage} (pipeline/graph.py)")
+        return checked_artifact(self._project, self._parameters, stage, self.model_sequence)
+
+    @property
+    def model_sequence(self) -> str:
+        """The sequence whose models this one is rolled out with: itself, unless it stands under `predictions`."""
+        prediction = self._parameters.values.predictions.get(self.sequence)
+        return prediction.model_from if prediction else self.sequence
+
+    def models(self) -> dict[str, Path]:
+        """Fit stage → folder with model.safetensors, model.json, rollout.npz, whether fitted or predicted."""
+        if self.model_sequence == self.sequence:
+            return {stage: self.input(stage) for stage in self._spec.fitted}
+        return {stage: self.input("predict") / stage for stage in self._spec.fitted}
+
+    @cached_property
+    def provenance(self) -> dict[str, Any]:
+        """What the output is made from: parameters, seed and the digests of all declared inputs."""
+        inputs = {name: digest_folder(self.input(name)) for name in self._upstream}
+        for name in self._spec.of_model:
+            inputs[f"{self.model_sequence}/{name}"] = digest_folder(self.model_input(name))
+        if self._spec.reads_capture:
+            inputs["capture"] = digest_folder(self.capture)
+        return {"stage": self.stage, "sequence": self.sequence, "inputs": inputs, **self._parameters_used()}
+
+    @property
+    def _upstream(self) -> tuple[str, ...]:
+        values, spec = self._parameters.values, self._spec
+        fitted = spec.fitted if self.sequence in values.fits else ()
+        predicted = spec.predicted if self.sequence in values.predictions else ()
+        return (*spec.upstream, *fitted, *predicted)
+
+    @cached_property
+    def scratch(self) -> Path:
+        """Folder for checkpoints. Survives a kill; a run with the same parameters, code and inputs finds it again,
+        any other starts with an empty one; removed once the stage has succeeded."""
+        folder = self._project.scratch(self.stage, self.sequence) / digest_of([self.provenance, self.code])
+        folder.mkdir(parents=True, exist_ok=True)
+        return folder
+
+    @contextmanager
+    def progress(self, description: str, total: int) -> Iterator[Progress]:
+        """Shows how far a loop of `total` steps has come and what is left; its seconds count as a phase."""
+        with self.timed(description), show_progress(f"{self.stage} {self.sequence}: {description}", total) as progress:
+            yield progress
+
+    def timed(self, label: str) -> Any:
+        """Context manager: the seconds spent inside count as the phase `label` in the table of where the time went."""
+        return self._timings.timed(label)
+
+    def record(self) -> dict[str, Any]:
+        """Seconds per phase, peak memory and code of this run."""
+        return {"stage": self.stage, "sequence": self.sequence, "code": self.code, **self._timings.record()}
+
+    def _parameters_used(self) -> dict[str, Any]:
+        return {"parameters": self.params.model_dump(mode="json"), "seed": self.seed}
+
+
+def checked_artifact(project: Project, parameters: Parameters, stage: str, sequence: str) -> Path:
+    """Folder of a stage's output, once it is certain that it belongs to the present parameters and inputs.
+
+    Raises:
+        InputError: the folder is missing; its parameters are not those of params.yaml (it was edited while the stage
+            ran); or an input of it has changed since.
+    """
+    folder = project.artifact(stage, sequence)
+    where = f"{stage} {sequence}"
+    rerun = f"run `dvc repro -f -s pipeline/{stage}/dvc.yaml:{stage}@{sequence}`"
+    if not folder.is_dir():
+        raise InputError(f"its output {folder} is missing", where=where, remedy=f"run `dvc repro` or {rerun}")
+    record = read_provenance(folder)
+    wanted = {"parameters": parameters.stage(stage, sequence).model_dump(mode="json"), "seed": parameters.seed}
+    for key, value in wanted.items():
+        if record[key] != value:
+            raise InputError(
+                f"its output was made with {_first_difference(key, record[key], value)}, params.yaml says otherwise",
+                where=where,
+                remedy=rerun,
+            )
+    for name, digest in record["inputs"].items():
+        source = _input_folder(project, name, sequence)
+        if source.is_dir() and digest_folder(source) != digest:
+            raise InputError(f"its output was made from another version of {source}", where=where, remedy=rerun)
+    return folder
+
+
+def _input_folder(project: Project, name: str, sequence: str) -> Path:
+    """The folder that an entry under `inputs` in provenance.json stands for."""
+    if name == "capture":
+        return project.capture(sequence)
+    other, _, stage = name.rpartition("/")
+    return project.artifact(stage, other or sequence)
+
+
+def run_stage(
+    stage: str, sequence: str, run: Callable[[StageContext], None], project: Project | None = None, graph: Graph = STAGES
+) -> Path:
+    """Run a stage on a sequence and put its output in place.
+
+    Returns:
+        The output's folder.
+
+    Raises:
+        InputError: from the stage, from params.yaml, from stale inputs, or because a second copy is running.
+    """
+    project = project or Project.find()
+    parameters = load_parameters(project.parameters, graph)
+    source = Path(inspect.getsourcefile(run))
+    with _only_copy(project, stage, sequence):
+        context = StageContext(stage, sequence, project, parameters, digest_code(source, (project.root, CODE_ROOT)))
+        context.provenance  # read and check every input before any work is done
+        _empty(context.output)
+        try:
+            run(context)
+            write_provenance(context.output, context.provenance)
+            output = _put_in_place(context.output, project.artifact(stage, sequence))
+        finally:
+            shutil.rmtree(context.output, ignore_errors=True)
+        record = project.record(stage, sequence)
+        record.parent.mkdir(parents=True, exist_ok=True)
+        record.write_text(json.dumps(context.record(), indent=1) + "\n")
+        for folder in project.scratch(stage, sequence).glob("*/"):
+            shutil.rmtree(folder)
+    return output
+
+
+def main(stage: str, run: Callable[[StageContext], None], graph: Graph = STAGES) -> None:
+    """`python -m stages.<stage> <sequence>`: exit code 2 and one plain sentence for what the user can mend."""
+    parser = argparse.ArgumentParser(prog=f"python -m stages.{stage}", description=inspect.getdoc(run))
+    parser.add_argument("sequence", help="a name under `sequences` in params.yaml")
+    arguments = parser.parse_args()
+    try:
+        run_stage(stage, arguments.sequence, run, graph=graph)
+    except (InputError, SimulationError) as error:
+        print(f"{stage} {arguments.sequence}: {error}", file=sys.stderr)
+        sys.exit(2)
+
+
+@contextmanager
+def _only_copy(project: Project, stage: str, sequence: str) -> Iterator[None]:
+    """Holds the lock of this stage and sequence. The system drops it with the process, however that ends."""
+    folder = project.scratch(stage, sequence)
+    folder.mkdir(parents=True, exist_ok=True)
+    holder = folder / "holder"
+    lock = FileLock(folder / "lock")
+    try:
+        lock.acquire(timeout=0)
+    except Timeout:
+        process = holder.read_text().strip() if holder.is_file() else "unknown"
+        raise InputError(
+            f"another copy is running (process {process})",
+            where=f"{stage} {sequence}",
+            remedy=f"wait for it, or end it with `kill {process}` and start again: it goes on from its last checkpoint",
+        ) from None
+    try:
+        holder.write_text(f"{os.getpid()}\n")
+        yield
+    finally:
+        lock.release()
+
+
+def _empty(folder: Path) -> None:
+    shutil.rmtree(folder, ignore_errors=True)
+    folder.mkdir(parents=True)
+
+
+def _put_in_place(written: Path, output: Path) -> Path:
+    """Rename `written` to `output`; an older output (a run without DVC, which deletes it) steps aside first."""
+    output.parent.mkdir(parents=True, exist_ok=True)
+    if output.exists():
+        old = written.with_name(written.name + ".old")
+        shutil.rmtree(old, ignore_errors=True)
+        os.replace(output, old)
+        os.replace(written, output)
+        shutil.rmtree(old)
+    else:
+        os.replace(written, output)
+    return output
+
+
+def _first_difference(key: str, made: Any, wanted: Any) -> str:
+    if isinstance(made, dict) and isinstance(wanted, dict):
+        for name in sorted(made.keys() | wanted.keys()):
+            if made.get(name) != wanted.get(name):
+                return _first_difference(f"{key}.{name}", made.get(name), wanted.get(name))
+    return f"{key} = {made!r} where {wanted!r} is wanted"

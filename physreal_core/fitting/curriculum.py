@@ -1,0 +1,117 @@
+"""The three stages (paper, "Progressive Constitutive Optimization"): one material, then one per patch, then the residuals.
+
+Each starts from the model before it and keeps the best iterate, so none ends worse on the objective than it began.
+"""
+
+import dataclasses
+import json
+import math
+import os
+from collections.abc import Callable
+from dataclasses import dataclass
+from pathlib import Path
+from typing import Any
+
+import torch
+from torch import Tensor
+
+from physreal_core.errors import InputError, SimulationError
+from physreal_core.fitting.descent import Descent, DescentConfig, DescentResult, Fields
+from physreal_core.fitting.model import PATCH_FIELDS, Model
+from physreal_core.fitting.objective import Objective
+from physreal_core.fitting.variables import Variable
+from physreal_core.simulation import ResidualConfig, initial_weights
+
+History = list[dict[str, Any]]
+NETWORK_FIELDS = ("latent_elastic", "latent_plastic", "network_elastic", "network_plastic")
+
+
+@dataclass(frozen=True)
+class ScanConfig:
+    """Forward rollouts before Stage 1's descent, at `count` Young's moduli, each `factor` times the one before."""
+
+    count: int = 5
+    factor: float = 2.5
+
+
+def fit_material(
+    objective: Objective,
+    model: Model,
+    variables: list[Variable],
+    start: Fields,
+    config: DescentConfig,
+    *,
+    checkpoint: Path | None = None,
+    on_iteration: Callable[[History], None] = lambda history: None,
+) -> tuple[Model, DescentResult]:
+    """Moves `variables` from `start`, all other fields of `model` held, and returns the model with the best values found.
+
+    A variable with rate zero is held too.
+    """
+    moved = [variable for variable in variables if variable.rate > 0.0]
+    if not moved:
+        raise InputError("every variable has rate 0", expected="at least one to fit", remedy="give one a rate above zero")
+    descent = Descent(
+        moved,
+        start,
+        lambda values, horizon: objective({**model.fields, **values}, horizon),
+        objective.full_horizon,
+        config,
+    )
+    result = descent.run(checkpoint=checkpoint, on_iteration=on_iteration)
+    return model.with_fields(**result.values), result
+
+
+def scan_youngs_modulus(
+    objective: Objective, model: Model, variable: Variable, config: ScanConfig, record: Path | None = None
+) -> list[tuple[float, float]]:
+    """(E [Pa], objective) at a geometric series of Young's moduli around the model's, cut to the variable's range.
+
+    The objective has several minima in E (a swing in phase with the measured one, or a period off); the descent starts at the
+    lowest. A rollout that fails counts as infinite. With `record`, each value is written there, and found again after a kill.
+    """
+    centre = model.fields["youngs_modulus"].mean().item()
+    steps = [config.factor ** (i - (config.count - 1) / 2) for i in range(config.count)]
+    moduli = sorted({min(max(centre * step, variable.lower), variable.upper) for step in steps})
+    done = json.loads(record.read_text()) if record is not None and record.exists() else []
+    for modulus in moduli[len(done) :]:
+        done.append([modulus, _total_at(objective, model, modulus)])
+        if record is not None:
+            temporary = record.with_name(record.name + ".partial")
+            temporary.write_text(json.dumps(done))
+            os.replace(temporary, record)
+    if all(math.isinf(total) for _, total in done):
+        raise SimulationError("no Young's modulus of the scan gives a finite loss", frame=0, substep=0, particle=0)
+    return [(modulus, total) for modulus, total in done]
+
+
+def _total_at(objective: Objective, model: Model, modulus: float) -> float:
+    fields = {**model.fields, "youngs_modulus": torch.full((1,), modulus, dtype=torch.float64)}
+    try:
+        with torch.no_grad():
+            total = objective(fields, objective.full_horizon)[0].item()
+    except SimulationError:
+        return math.inf
+    return total if math.isfinite(total) else math.inf
+
+
+def uniform_start(model: Model, variables: list[Variable]) -> Fields:
+    """Stage 1's starting values: one row for each patch field, the model's mean."""
+    return {v.name: _one_row(model.fields[v.name]) if v.name in PATCH_FIELDS else model.fields[v.name] for v in variables}
+
+
+def patch_start(model: Model, variables: list[Variable]) -> Fields:
+    """Stage 2's starting values: the model's own, one row per patch."""
+    return {v.name: model.fields[v.name] for v in variables}
+
+
+def with_residual(model: Model, config: ResidualConfig, seed: int) -> Model:
+    """Stage 3's starting model: zero latent codes and networks whose output layers are zero, so nothing changes yet."""
+    elastic, plastic = initial_weights(config, seed)
+    latents = torch.zeros(model.patch_count, config.latent_size, dtype=torch.float64)
+    fields = dict(zip(NETWORK_FIELDS, (latents, latents.clone(), elastic.double(), plastic.double()), strict=True))
+    return dataclasses.replace(model, residual=config, fields={**model.fields, **fields})
+
+
+def _one_row(values: Tensor) -> Tensor:
+    return values.mean(0, keepdim=True)

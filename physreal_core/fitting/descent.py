@@ -1,0 +1,222 @@
+"""Adam on unconstrained variables with a growing horizon, rejected steps, the best iterate kept, and exact resume."""
+
+import math
+from collections.abc import Callable
+from dataclasses import dataclass
+from pathlib import Path
+from typing import Any, Protocol
+
+import torch
+from torch import Tensor
+
+from physreal_core.errors import SimulationError
+from physreal_core.fitting.checkpoint import load_checkpoint, save_checkpoint
+from physreal_core.fitting.variables import Variable
+
+Fields = dict[str, Tensor]
+Terms = dict[str, float]
+
+
+class Evaluate(Protocol):
+    """The objective as the descent sees it: fields and a horizon in frames to a differentiable total and its terms."""
+
+    def __call__(self, fields: Fields, horizon: int) -> tuple[Tensor, Terms]: ...
+
+
+@dataclass(frozen=True)
+class DescentConfig:
+    """How far and how carefully to go.
+
+    Args:
+        iterations: gradient steps; the objective is evaluated once more at the end.
+        warmup: leading iterations over which the horizon grows to its full length.
+        first_horizon: share of the full horizon that the first iteration sees.
+        decay: the steps' size at the end, relative to the start (half a cosine between).
+        rejections: how often in a row a step that makes the rollout non-finite is halved before the fit stops at its best.
+        checkpoint_every: iterations between checkpoints.
+        every_term: keep an iterate only if no term of the objective is worse than at the start by more than `slack` of it.
+    """
+
+    iterations: int = 25
+    warmup: int = 0
+    first_horizon: float = 0.3
+    decay: float = 0.1
+    rejections: int = 6
+    checkpoint_every: int = 5
+    every_term: bool = False
+    slack: float = 0.0
+
+    def horizon(self, iteration: int, full: int) -> int:
+        """Frames that `iteration` sees, of `full`."""
+        if iteration >= self.warmup:
+            return full
+        share = self.first_horizon + (1.0 - self.first_horizon) * iteration / self.warmup
+        return min(full, max(2, math.ceil(share * full)))
+
+    def step_size(self, iteration: int) -> float:
+        """Factor on every variable's rate at `iteration`."""
+        phase = min(1.0, iteration / max(1, self.iterations))
+        return self.decay + (1.0 - self.decay) * 0.5 * (1.0 + math.cos(math.pi * phase))
+
+
+@dataclass(frozen=True)
+class DescentResult:
+    """The best iterate at the full horizon: values by name, its total, and one history row per evaluation."""
+
+    values: Fields
+    total: float
+    history: list[dict[str, Any]]
+
+
+class Descent:
+    """One run of Adam; its whole state can be written and read back.
+
+    Args:
+        variables: the groups to move.
+        start: their starting values.
+        evaluate: the objective.
+        full_horizon: frames of a full evaluation.
+        config: see `DescentConfig`.
+    """
+
+    def __init__(
+        self, variables: list[Variable], start: Fields, evaluate: Evaluate, full_horizon: int, config: DescentConfig
+    ) -> None:
+        self.variables, self.config = variables, config
+        self._evaluate, self._full_horizon = evaluate, full_horizon
+        self._free = {v.name: v.free(start[v.name].double()).requires_grad_() for v in variables}
+        self._anchor = {name: free.detach().clone() for name, free in self._free.items()}
+        self._previous = {name: free.detach().clone() for name, free in self._free.items()}
+        self._best = {name: free.detach().clone() for name, free in self._free.items()}
+        groups = [{"params": [self._free[v.name]], "lr": v.rate} for v in variables]
+        self._adam = torch.optim.Adam(groups, betas=(0.9, 0.95))
+        self.iteration, self._shrink, self._best_total = 0, 1.0, math.inf
+        self._start_terms: Terms | None = None
+        self.history: list[dict[str, Any]] = []
+
+    def values(self) -> Fields:
+        """The variables' current values, differentiable with respect to the free coordinates."""
+        return {v.name: v.value(self._free[v.name]) for v in self.variables}
+
+    def run(
+        self,
+        *,
+        checkpoint: Path | None = None,
+        on_iteration: Callable[[list[dict[str, Any]]], None] = lambda history: None,
+    ) -> DescentResult:
+        """Runs to the last iteration, from the checkpoint if there is one. Raises SimulationError if even the start fails."""
+        if checkpoint is not None and (saved := load_checkpoint(checkpoint)) is not None:
+            self._restore(*saved)
+        while self.iteration <= self.config.iterations:
+            if not self._iterate():
+                break
+            on_iteration(self.history)
+            if checkpoint is not None and self.iteration % self.config.checkpoint_every == 0:
+                save_checkpoint(checkpoint, *self._snapshot())
+        values = {v.name: v.value(self._best[v.name]) for v in self.variables}
+        return DescentResult(values, self._best_total, self.history)
+
+    def _iterate(self) -> bool:
+        """Evaluates the current iterate, backing off while it is non-finite, and steps. False when it cannot go on."""
+        last = self.iteration == self.config.iterations
+        for rejected in range(self.config.rejections + 1):
+            try:
+                total, terms = self._measure(gradient=not last)
+            except SimulationError:
+                if not self.history:
+                    raise
+                total, terms = math.inf, {}
+            if math.isfinite(total) and self._finite_gradients():
+                self._record(total, terms, rejected)
+                if not last:
+                    self._step()
+                self.iteration += 1
+                return True
+            if not self.history:
+                raise SimulationError("the starting material gives no finite loss", frame=0, substep=0, particle=0)
+            self._back_off()
+        return False
+
+    def _measure(self, *, gradient: bool) -> tuple[float, Terms]:
+        horizon = self.config.horizon(self.iteration, self._full_horizon)
+        self._adam.zero_grad()
+        with torch.set_grad_enabled(gradient):
+            data, terms = self._evaluate(self.values(), horizon)
+            total = data + self._anchoring()
+            if gradient and math.isfinite(total.item()):
+                total.backward()
+        return total.item(), terms
+
+    def _anchoring(self) -> Tensor:
+        pulls = [
+            v.anchor * (self._free[v.name] - self._anchor[v.name]).square().mean() for v in self.variables if v.anchor > 0.0
+        ]
+        return torch.stack(pulls).sum() if pulls else torch.zeros((), dtype=torch.float64)
+
+    def _finite_gradients(self) -> bool:
+        return all(free.grad is None or bool(torch.isfinite(free.grad).all()) for free in self._free.values())
+
+    def _record(self, total: float, terms: Terms, rejected: int) -> None:
+        horizon = self.config.horizon(self.iteration, self._full_horizon)
+        row = {"iteration": self.iteration, "horizon": horizon, "rejected": rejected, "total": total, **terms}
+        row |= {f"mean {name}": value.detach().mean().item() for name, value in self.values().items()}
+        self.history.append(row)
+        if horizon < self._full_horizon:
+            return
+        if self._start_terms is None:
+            self._start_terms = dict(terms)
+        if total < self._best_total and self._admits(terms):
+            self._best_total = total
+            self._best = {name: free.detach().clone() for name, free in self._free.items()}
+
+    def _admits(self, terms: Terms) -> bool:
+        if not self.config.every_term:
+            return True
+        limit = 1.0 + self.config.slack
+        return all(value <= limit * self._start_terms[name] for name, value in terms.items())
+
+    def _step(self) -> None:
+        self._previous = {name: free.detach().clone() for name, free in self._free.items()}
+        factor = self._shrink * self.config.step_size(self.iteration)
+        for group, variable in zip(self._adam.param_groups, self.variables, strict=True):
+            group["lr"] = variable.rate * factor
+        self._adam.step()
+        with torch.no_grad():
+            for variable in self.variables:
+                free = self._free[variable.name]
+                free.copy_(variable.project(free))
+
+    def _back_off(self) -> None:
+        """Halves the last step, and every step from here on."""
+        self._shrink *= 0.5
+        with torch.no_grad():
+            for name, free in self._free.items():
+                free.copy_(0.5 * (free + self._previous[name]))
+
+    def _snapshot(self) -> tuple[dict[str, Tensor], dict[str, Any]]:
+        groups = {"free": self._free, "anchor": self._anchor, "previous": self._previous, "best": self._best}
+        tensors = {f"{group}/{name}": tensor for group, named in groups.items() for name, tensor in named.items()}
+        for name, free in self._free.items():
+            tensors |= {f"adam/{name}/{key}": value for key, value in self._adam.state[free].items()}
+        tensors["random"] = torch.get_rng_state()
+        record = {
+            "iteration": self.iteration,
+            "shrink": self._shrink,
+            "best_total": self._best_total,
+            "start_terms": self._start_terms,
+            "history": self.history,
+        }
+        return tensors, record
+
+    def _restore(self, tensors: dict[str, Tensor], record: dict[str, Any]) -> None:
+        with torch.no_grad():
+            for name, free in self._free.items():
+                free.copy_(tensors[f"free/{name}"])
+                prefix = f"adam/{name}/"
+                self._adam.state[free] = {k.removeprefix(prefix): v for k, v in tensors.items() if k.startswith(prefix)}
+        for group in ("anchor", "previous", "best"):
+            setattr(self, f"_{group}", {name: tensors[f"{group}/{name}"] for name in self._free})
+        torch.set_rng_state(tensors["random"])
+        self.iteration, self._shrink = record["iteration"], record["shrink"]
+        self._best_total, self._start_terms = record["best_total"], record["start_terms"]
+        self.history = record["history"]

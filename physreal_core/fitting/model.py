@@ -1,0 +1,178 @@
+"""The fitted twin's material: laws, patch-level parameters and residual networks, and the one place its file is read or written.
+
+A model is `model.safetensors` (float64, so that the next stage starts from exactly this one) and `model.json` beside it.
+"""
+
+import dataclasses
+import json
+from dataclasses import dataclass, field
+from pathlib import Path
+from typing import Any
+
+import torch
+from safetensors.torch import load_file, save_file
+from torch import Tensor
+
+from physreal_core.array_types import Float
+from physreal_core.errors import InputError
+from physreal_core.simulation import Parameters, ResidualConfig, SimulationConfig
+
+FORMAT = 1
+
+UNITS = {
+    "youngs_modulus": "Pa",
+    "poissons_ratio": "1",
+    "friction_coefficient": "1",
+    "grip_stiffness": "N",
+    "grip_damping": "N s/m",
+    "patch_positions": "m",
+    "plastic": "von_mises: Pa, Pa; drucker_prager: rad, Pa",
+    "latent_elastic": "1",
+    "latent_plastic": "1",
+    "network_elastic": "1",
+    "network_plastic": "1",
+}
+"""Every tensor a model file can hold, with its unit."""
+
+PATCH_FIELDS = ("youngs_modulus", "poissons_ratio", "plastic", "latent_elastic", "latent_plastic")
+"""Tensors with one row per patch; the others hold for the whole object."""
+
+
+@dataclass(frozen=True)
+class Model:
+    """A material on patches; `fields` maps the names in `UNITS` to float64 tensors.
+
+    Args:
+        elastic_law, plastic_law: names of the expert laws.
+        fields: youngs_modulus [K], poissons_ratio [K], friction_coefficient [], grip_stiffness [], grip_damping [],
+            patch_positions [K,3] (world frame, frame 0), and where they apply plastic [K,2], latent_elastic [K,L],
+            latent_plastic [K,L], network_elastic [W], network_plastic [W].
+        residual: sizes and bounds of the residual networks, None before Stage 3.
+        simulation: what else the parameters hold for, as `SimulationConfig` takes it: `gravity`, `ground_height`, `courant`,
+            `dtype`.
+        effects: named effects added to the simulator, as JSON-able records.
+    """
+
+    elastic_law: str
+    plastic_law: str
+    fields: dict[str, Tensor]
+    residual: ResidualConfig | None = None
+    simulation: dict[str, Any] = field(default_factory=dict)
+    effects: list[dict[str, Any]] = field(default_factory=list)
+
+    @property
+    def patch_count(self) -> int:
+        """Number of patches K."""
+        return self.fields["patch_positions"].shape[0]
+
+    def simulation_config(self, fps: float, device: str = "cpu") -> SimulationConfig:
+        """The simulator's configuration for a sequence of `fps` frames per second."""
+        laws = {"elastic_law": self.elastic_law, "plastic_law": self.plastic_law, "residual": self.residual}
+        return SimulationConfig(fps=fps, device=device, **laws, **self.simulation)
+
+    def with_fields(self, **fields: Tensor) -> "Model":
+        """This model with some tensors replaced; patch fields of one row are given to all patches."""
+        merged = dict(self.fields)
+        for name, tensor in fields.items():
+            tensor = tensor.detach().to(torch.float64)
+            rows = self.patch_count
+            if name in PATCH_FIELDS and tensor.shape[0] != rows:
+                tensor = tensor.expand(rows, *tensor.shape[1:])
+            merged[name] = tensor.clone()
+        return dataclasses.replace(self, fields=merged)
+
+
+def uniform_model(
+    patch_positions: Float[Tensor, "patches 3"],
+    values: dict[str, float],
+    *,
+    elastic_law: str,
+    plastic_law: str = "identity",
+    plastic: tuple[float, float] | None = None,
+    simulation: dict[str, Any] | None = None,
+) -> Model:
+    """The same material everywhere.
+
+    Args:
+        patch_positions: [m], world frame at frame 0.
+        values: youngs_modulus [Pa], poissons_ratio, friction_coefficient, grip_stiffness [N], grip_damping [N s/m].
+        plastic: the plastic law's two parameters; None for `identity`.
+        simulation: see `Model`.
+    """
+    patches = patch_positions.to(torch.float64)
+    fields = {name: torch.full((len(patches),) if name in PATCH_FIELDS else (), v, dtype=torch.float64) for name, v in values.items()}
+    if plastic_law != "identity":
+        fields["plastic"] = torch.tensor(plastic, dtype=torch.float64).expand(len(patches), 2).clone()
+    return Model(elastic_law, plastic_law, {"patch_positions": patches, **fields}, simulation=simulation or {})
+
+
+def particle_parameters(
+    fields: dict[str, Tensor], neighbours: Tensor, weights: Tensor, *, dtype: torch.dtype, device: str
+) -> Parameters:
+    """Patch fields interpolated to particles (eq. patch_to_particle), ready for a rollout; differentiable.
+
+    Args:
+        fields: as in `Model.fields`; a patch field of one row holds for every patch.
+        neighbours: [N,k] patch indices of each particle.
+        weights: [N,k], rows summing to one.
+    """
+
+    def spread(name: str) -> Tensor | None:
+        value = fields.get(name)
+        if value is None:
+            return None
+        if value.shape[0] == 1:
+            return value.expand(neighbours.shape[0], *value.shape[1:]).to(device, dtype).contiguous()
+        near = value[neighbours]  # [N,k] or [N,k,L]
+        shaped = weights.to(value.dtype).reshape(*weights.shape, *([1] * (near.ndim - 2)))
+        return (near * shaped).sum(1).to(device, dtype)
+
+    def whole(name: str) -> Tensor | None:
+        value = fields.get(name)
+        return None if value is None else value.to(device, dtype)
+
+    return Parameters(
+        **{name: spread(name) for name in PATCH_FIELDS},
+        **{name: whole(name) for name in ("friction_coefficient", "grip_stiffness", "grip_damping")},
+        **{name: whole(name) for name in ("network_elastic", "network_plastic")},
+        initial_velocity=torch.zeros(neighbours.shape[0], 3, dtype=dtype, device=device),
+    )
+
+
+def save_model(folder: Path, model: Model) -> None:
+    """Writes `model.safetensors` and `model.json` into `folder`."""
+    tensors = {name: tensor.contiguous() for name, tensor in sorted(model.fields.items())}
+    save_file(tensors, str(folder / "model.safetensors"))
+    record = {
+        "format": FORMAT,
+        "elastic_law": model.elastic_law,
+        "plastic_law": model.plastic_law,
+        "residual": None if model.residual is None else dataclasses.asdict(model.residual),
+        "simulation": model.simulation,
+        "effects": model.effects,
+        "tensors": {name: {"shape": list(t.shape), "unit": UNITS[name]} for name, t in tensors.items()},
+    }
+    (folder / "model.json").write_text(json.dumps(record, indent=2) + "\n")
+
+
+def load_model(folder: Path) -> Model:
+    """The model in `folder`. Raises InputError where a file is missing, of another format, or the two disagree."""
+    paths = [folder / name for name in ("model.json", "model.safetensors")]
+    for path in paths:
+        if not path.exists():
+            raise InputError("no such file", where=str(path), remedy="run the fit stage that writes this model")
+    record = json.loads(paths[0].read_text())
+    if record.get("format") != FORMAT:
+        raise InputError(f"format {record.get('format')}", where=str(paths[0]), expected=f"format {FORMAT}")
+    fields = load_file(str(paths[1]))
+    found = {name: list(tensor.shape) for name, tensor in fields.items()}
+    named = {name: entry["shape"] for name, entry in record["tensors"].items()}
+    if found != named or not set(found) <= set(UNITS):
+        raise InputError(f"tensors {found}", where=str(paths[1]), expected=f"{named}, as model.json beside it says")
+    residual = None if record["residual"] is None else _residual_config(record["residual"])
+    laws = {name: record[name] for name in ("elastic_law", "plastic_law", "simulation", "effects")}
+    return Model(fields=fields, residual=residual, **laws)
+
+
+def _residual_config(entry: dict[str, Any]) -> ResidualConfig:
+    return ResidualConfig(**{name: tuple(v) if isinstance(v, list) else v for name, v in entry.items()})

@@ -1,0 +1,111 @@
+"""What a fit is given: the body and what holds it, the measurements of the observed frames, and where they sit on the body."""
+
+from dataclasses import dataclass
+
+import torch
+from torch import Tensor
+
+from physreal_core.array_types import Bool, Float, Int
+from physreal_core.errors import InputError
+from physreal_core.rendering import Binding, Camera, Gaussians
+from physreal_core.simulation import Body, Clamp, Grip, PointLoad
+
+
+@dataclass(frozen=True)
+class TrackObservations:
+    """Measured point tracks and the material points that carry them (eqs. motion_3d, motion_2d).
+
+    Args:
+        points0: the tracks' material points at frame 0 [m], world frame.
+        binding: the particles each point is carried by.
+        points3d: measured positions [m]; anything where `valid3d` is false.
+        valid3d: entries with a 3D position.
+        sigma3d: standard deviation of each 3D position [m].
+        points2d, visible: measured pixels (u, v) and the entries that have one; None without a camera.
+    """
+
+    points0: Float[Tensor, "tracks 3"]
+    binding: Binding
+    points3d: Float[Tensor, "frames tracks 3"]
+    valid3d: Bool[Tensor, "frames tracks"]
+    sigma3d: Float[Tensor, "frames tracks"]
+    points2d: Float[Tensor, "frames tracks 2"] | None = None
+    visible: Bool[Tensor, "frames tracks"] | None = None
+
+
+@dataclass(frozen=True)
+class MaskObservations:
+    """Measured silhouettes at reduced resolution on some frames (eq. mask_loss).
+
+    Args:
+        frames: the observed frames they belong to.
+        coverage: share of each pixel that the object's mask covers, in [0, 1].
+        known: false where another thing (the hand) hides what is behind it.
+        camera: the camera at this resolution.
+        gaussians, binding: the appearance model at frame 0 and the particles that carry it.
+    """
+
+    frames: Int[Tensor, " masks"]
+    coverage: Float[Tensor, "masks height width"]
+    known: Bool[Tensor, "masks height width"]
+    camera: Camera
+    gaussians: Gaussians
+    binding: Binding
+
+
+@dataclass(frozen=True)
+class Problem:
+    """One sequence to fit a material to.
+
+    Args:
+        body, grip, clamps, loads: the simulator's own inputs.
+        fps: frames per second.
+        controllers: [T,C,3] m, controller points over the whole interval (C may be 0).
+        observed: number of leading frames the fit may see.
+        patch_neighbours, patch_weights: [N,k], the patches each particle takes its material from.
+        tracks, masks, camera: the measurements; each may be missing, not all of them. `camera` is at full resolution.
+    """
+
+    body: Body
+    fps: float
+    controllers: Float[Tensor, "frames controllers 3"]
+    observed: int
+    patch_neighbours: Int[Tensor, "particles near"]
+    patch_weights: Float[Tensor, "particles near"]
+    grip: Grip | None = None
+    clamps: tuple[Clamp, ...] = ()
+    loads: tuple[PointLoad, ...] = ()
+    tracks: TrackObservations | None = None
+    masks: MaskObservations | None = None
+    camera: Camera | None = None
+
+    def __post_init__(self) -> None:
+        if self.tracks is None and self.masks is None:
+            raise InputError("neither tracks nor masks", expected="at least one kind of measurement to fit to")
+        if not 2 <= self.observed <= self.controllers.shape[0]:
+            raise InputError(
+                f"{self.observed} observed frames of {self.controllers.shape[0]}",
+                expected="at least 2, at most all",
+                remedy="change `split` in capture.json",
+            )
+
+    @property
+    def frame_count(self) -> int:
+        """Frames of the whole interval, observed and future."""
+        return self.controllers.shape[0]
+
+
+def reduce_masks(
+    object_masks: Bool[Tensor, "masks height width"], hidden: Bool[Tensor, "masks height width"], factor: int
+) -> tuple[Float[Tensor, "masks h w"], Bool[Tensor, "masks h w"]]:
+    """Coverage and known pixels at 1/`factor` of the resolution: the mean over blocks; a block with a hidden pixel is unknown.
+
+    Height and width are cut to multiples of `factor`.
+    """
+    height, width = (size // factor * factor for size in object_masks.shape[1:])
+
+    def blocks(masks: Tensor) -> Tensor:
+        cut = masks[:, :height, :width].to(torch.float32)
+        return cut.reshape(len(masks), height // factor, factor, width // factor, factor)
+
+    return blocks(object_masks).mean((2, 4)), blocks(hidden).amax((2, 4)) == 0.0

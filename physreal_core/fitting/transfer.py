@@ -1,0 +1,75 @@
+"""A material on the same object in another place and shape: patches carried over by rigid registration of the particles."""
+
+import dataclasses
+import itertools
+
+import numpy as np
+import torch
+from scipy.spatial import cKDTree
+
+from physreal_core.array_types import Array, Float, Int
+from physreal_core.fitting.model import Model
+from physreal_core.geometry import patch_weights
+
+_TIE = 1.05
+"""A turned start must be this much better than a smaller turn: a symmetric object keeps the orientation it is seen in."""
+
+
+def transfer_model(
+    model: Model, source: Float[Array, "n 3"], target: Float[Array, "m 3"], neighbours: int = 4
+) -> tuple[Model, Int[Array, "m k"], Float[Array, "m k"]]:
+    """`model` with its patches where they lie on the target's geometry, and the target particles' interpolation weights.
+
+    Args:
+        model: fitted with particles `source`.
+        source: [m], shape [n, 3], particles at frame 0 of the sequence it was fitted on, world frame.
+        target: [m], shape [m, 3], particles at frame 0 of the other sequence.
+        neighbours: patches each particle takes its material from.
+    """
+    rotation, translation = register(source, target)
+    patches = model.fields["patch_positions"].numpy() @ rotation.T + translation
+    points = np.concatenate([target, patches])
+    indices, weights = patch_weights(points, np.arange(len(target), len(points)), neighbours)
+    fields = {**model.fields, "patch_positions": torch.from_numpy(patches)}
+    return dataclasses.replace(model, fields=fields), indices[: len(target)], weights[: len(target)]
+
+
+def register(
+    source: Float[Array, "n 3"], target: Float[Array, "m 3"], iterations: int = 30
+) -> tuple[Float[Array, "3 3"], Float[Array, "3"]]:
+    """Rigid motion (R, t) of `source` onto `target` [m]: closest points (Besl and McKay 1992) from five starts.
+
+    The starts are no turn at all and the four proper ways of laying the principal axes on each other; the lowest mean squared
+    distance, both ways, wins, and among near equals the smallest turn.
+    """
+    centres = source.mean(0), target.mean(0)
+    axes = [_principal_axes(points - centre) for points, centre in zip((source, target), centres, strict=True)]
+    signs = [np.diag(s) for s in itertools.product((1.0, -1.0), repeat=3)]
+    turns = [axes[1] @ sign @ axes[0].T for sign in signs]
+    starts = [np.eye(3), *(turn for turn in turns if np.linalg.det(turn) > 0.0)]
+    tree = cKDTree(target)
+    found = [_closest_points(source, target, tree, R, centres[1] - R @ centres[0], iterations) for R in starts]
+    limit = _TIE * min(cost for cost, _, _ in found)
+    _, rotation, translation = max((f for f in found if f[0] <= limit), key=lambda f: np.trace(f[1]))
+    return rotation, translation
+
+
+def _principal_axes(centred: Float[Array, "n 3"]) -> Float[Array, "3 3"]:
+    return np.linalg.eigh(centred.T @ centred)[1]
+
+
+def _closest_points(source, target, tree, rotation, translation, iterations):
+    for _ in range(iterations):
+        nearest = target[tree.query(source @ rotation.T + translation)[1]]
+        rotation, translation = _best_motion(source, nearest)
+    moved = source @ rotation.T + translation
+    cost = (tree.query(moved)[0] ** 2).mean() + (cKDTree(moved).query(target)[0] ** 2).mean()
+    return cost, rotation, translation
+
+
+def _best_motion(source, nearest):
+    """Least-squares rotation and translation between paired points (Kabsch 1976)."""
+    a, b = source.mean(0), nearest.mean(0)
+    U, _, Vt = np.linalg.svd((nearest - b).T @ (source - a))
+    rotation = U @ np.diag([1.0, 1.0, np.linalg.det(U @ Vt)]) @ Vt
+    return rotation, b - rotation @ a

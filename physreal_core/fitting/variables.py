@@ -1,0 +1,78 @@
+"""What a fit may move: each variable's range, its map to the unconstrained coordinate Adam moves, and its step.
+
+Young's modulus, friction and stiffness are moved in the logarithm, Poisson's ratio in the logit of its range, latent codes
+and network weights as they are.
+"""
+
+import math
+from dataclasses import dataclass
+from typing import Literal
+
+import torch
+from torch import Tensor
+
+from physreal_core.errors import InputError
+
+Transform = Literal["log", "logit", "identity"]
+
+_EDGE = 1e-6
+"""A value on the edge of its range starts this fraction of the range inside, where the logit is finite."""
+
+
+@dataclass(frozen=True)
+class Variable:
+    """One group of numbers a fit may move.
+
+    Args:
+        name: field of `Model`, e.g. `youngs_modulus`.
+        transform: map to the free coordinate: `log`, `logit` (within the range) or `identity`.
+        rate: Adam's step in the free coordinate, per iteration.
+        lower, upper: range of the value, in its own unit.
+        anchor: weight of mean((free - free at the start)²) in the objective; keeps what the data do not see where it was.
+    """
+
+    name: str
+    transform: Transform
+    rate: float
+    lower: float = -math.inf
+    upper: float = math.inf
+    anchor: float = 0.0
+
+    def __post_init__(self) -> None:
+        bounded = math.isfinite(self.lower) and math.isfinite(self.upper) and self.lower < self.upper
+        if self.transform != "identity" and not bounded or self.transform == "log" and self.lower <= 0.0:
+            raise InputError(
+                f"range [{self.lower}, {self.upper}] of {self.name}",
+                expected="two finite bounds in ascending order, above zero for a logarithm",
+                remedy=f"change the range of {self.name} in params.yaml",
+            )
+
+    def free(self, value: Tensor) -> Tensor:
+        """The unconstrained coordinate of `value` (same shape). Raises InputError outside the range."""
+        if not bool(torch.isfinite(value).all()) or bool((value < self.lower).any() | (value > self.upper).any()):
+            raise InputError(
+                f"{self.name} starts at {value.min().item():g} ... {value.max().item():g}",
+                expected=f"a value in [{self.lower:g}, {self.upper:g}]",
+                remedy=f"change the initial {self.name} or its range in params.yaml",
+            )
+        if self.transform == "log":
+            return value.log()
+        if self.transform == "logit":
+            fraction = (value - self.lower) / (self.upper - self.lower)
+            return torch.logit(fraction.clamp(_EDGE, 1.0 - _EDGE))
+        return value.clone()
+
+    def value(self, free: Tensor) -> Tensor:
+        """The value at an unconstrained coordinate; differentiable."""
+        if self.transform == "log":
+            return free.exp()
+        if self.transform == "logit":
+            return self.lower + (self.upper - self.lower) * torch.sigmoid(free)
+        return free
+
+    def project(self, free: Tensor) -> Tensor:
+        """`free` moved back into the range; only the logarithm and the identity can leave it."""
+        if self.transform == "logit":
+            return free
+        bounds = (math.log(self.lower), math.log(self.upper)) if self.transform == "log" else (self.lower, self.upper)
+        return free.clamp(*bounds)

@@ -1,5 +1,6 @@
 """Constitutive laws as Warp functions on one particle: elastic and plastic experts and their neural residuals."""
 
 from physreal_core.simulation.constitutive.elasticity import ELASTIC_LAWS, elastic_functions
+from physreal_core.simulation.constitutive.plasticity import PLASTIC_LAWS, PLASTIC_PARAMETERS, plastic_functions
 
-__all__ = ["ELASTIC_LAWS", "elastic_functions"]
+__all__ = ["ELASTIC_LAWS", "PLASTIC_LAWS", "PLASTIC_PARAMETERS", "elastic_functions", "plastic_functions"]

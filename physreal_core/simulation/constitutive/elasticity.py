@@ -4,9 +4,13 @@ import warp as wp
 
 from physreal_core.errors import InputError
 from physreal_core.simulation.constitutive.fixed_corotated import fixed_corotated
+from physreal_core.simulation.constitutive.hencky import hencky
+from physreal_core.simulation.constitutive.neo_hookean import neo_hookean
 
 ELASTIC_LAWS = {
+    "neo_hookean": neo_hookean,
     "fixed_corotated": fixed_corotated,
+    "hencky": hencky,
 }
 
 

@@ -21,40 +21,34 @@ def fixed_corotated(scalar: type) -> tuple[wp.Function, wp.Function]:
     vec3, mat33 = t.vec3, t.mat33
     one, two = scalar(1.0), scalar(2.0)
     algebra, lame = linear_algebra(scalar), lame_functions(scalar)
-    cofactor, polar_rotation = algebra.cofactor, algebra.polar_rotation
-    polar_rotation_adjoint = algebra.polar_rotation_adjoint
+    cofactor, identity_times = algebra.cofactor, algebra.identity_times
+    polar_rotation, polar_rotation_adjoint = algebra.polar_rotation, algebra.polar_rotation_adjoint
     shear_modulus, lame_lambda, lame_adjoint = lame.shear_modulus, lame.lame_lambda, lame.adjoint
     StressAdjoint = adjoint_struct(scalar)
 
     @wp.func
     def stress(F: mat33, E: scalar, nu: scalar):
-        mu = shear_modulus(E, nu)
         J = wp.determinant(F)
-        pressure = lame_lambda(E, nu) * J * (J - one)
         D = F - polar_rotation(F)
-        return (two * mu) * D * wp.transpose(F) + wp.diag(vec3(pressure, pressure, pressure))
+        volumetric = lame_lambda(E, nu) * J * (J - one)
+        return (two * shear_modulus(E, nu)) * D * wp.transpose(F) + identity_times(volumetric)
 
     @wp.func
     def stress_adjoint(F: mat33, E: scalar, nu: scalar, tau_bar: mat33):
-        mu = shear_modulus(E, nu)
+        two_mu = two * shear_modulus(E, nu)
         lam = lame_lambda(E, nu)
-        R = polar_rotation(F)
         C = cofactor(F)
-        J = F[0, 0] * C[0, 0] + F[1, 0] * C[1, 0] + F[2, 0] * C[2, 0]
+        J = wp.dot(vec3(F[0, 0], F[1, 0], F[2, 0]), vec3(C[0, 0], C[1, 0], C[2, 0]))
+        R = polar_rotation(F)
         D = F - R
         DFt = D * wp.transpose(F)
-        trace_bar = tau_bar[0, 0] + tau_bar[1, 1] + tau_bar[2, 2]
-        D_bar = (two * mu) * tau_bar * F
+        D_bar = two_mu * tau_bar * F
+        trace_bar = wp.trace(tau_bar)
         material = lame_adjoint(E, nu, two * wp.ddot(tau_bar, DFt), trace_bar * J * (J - one))
-        pressure = lam * J * (J - one)
         out = StressAdjoint()
-        out.tau = (two * mu) * DFt + wp.diag(vec3(pressure, pressure, pressure))
-        out.F = (
-            D_bar
-            + (two * mu) * wp.transpose(tau_bar) * D
-            + (lam * (two * J - one) * trace_bar) * C
-            - polar_rotation_adjoint(F, R, D_bar)
-        )
+        out.tau = two_mu * DFt + identity_times(lam * J * (J - one))
+        out.F = D_bar + two_mu * wp.transpose(tau_bar) * D - polar_rotation_adjoint(F, R, D_bar)
+        out.F += (lam * (two * J - one) * trace_bar) * C
         out.E = material[0]
         out.nu = material[1]
         return out

@@ -18,12 +18,14 @@ class LinearAlgebra:
     """Warp functions over one scalar type.
 
     Attributes:
+        identity_times: `(s) -> s I`.
         symmetric: `(A) -> (A + A^T) / 2`.
         cofactor: `(F) -> cof F`, the derivative of det F; F^-T det F.
         polar_rotation: `(F) -> R` with F = R U; not a number unless det F > 0.
         polar_rotation_adjoint: `(F, R, R_bar) -> F_bar`.
     """
 
+    identity_times: wp.Function
     symmetric: wp.Function
     cofactor: wp.Function
     polar_rotation: wp.Function
@@ -37,6 +39,10 @@ def linear_algebra(scalar: type) -> LinearAlgebra:
     vec3, mat33 = t.vec3, t.mat33
     half = scalar(0.5)
     newton_tolerance = scalar(t.tolerance * t.tolerance)
+
+    @wp.func
+    def identity_times(s: scalar):
+        return wp.diag(vec3(s, s, s))
 
     @wp.func
     def symmetric(A: mat33):
@@ -57,11 +63,11 @@ def linear_algebra(scalar: type) -> LinearAlgebra:
         for _ in range(NEWTON_STEPS):
             C = cofactor(X)
             J = X[0, 0] * C[0, 0] + X[1, 0] * C[1, 0] + X[2, 0] * C[2, 0]
-            g = wp.sqrt(wp.sqrt(wp.ddot(C, C) / (J * J * wp.ddot(X, X))))
-            # sqrt(J) / sqrt(J) is one for det F > 0 and not a number otherwise: an inverted particle has no rotation
-            # that a law could use, and the rollout is to stop there instead of pulling it to a reflected rest shape.
-            h = half * wp.sqrt(J) / wp.sqrt(J)
-            Y = (h * g) * X + (h / (g * J)) * C
+            # sqrt(J) is not a number for det F < 0: an inverted particle has no rotation that a law could use, and the
+            # rollout is to stop there instead of pulling the particle to a reflected rest shape.
+            root = wp.sqrt(J)
+            g = wp.sqrt(wp.sqrt(wp.ddot(C, C) / wp.ddot(X, X))) / root
+            Y = (half * g) * X + (half / (g * root * root)) * C
             D = Y - X
             X = Y
             if wp.ddot(D, D) < newton_tolerance:
@@ -74,9 +80,7 @@ def linear_algebra(scalar: type) -> LinearAlgebra:
         U = symmetric(wp.transpose(R) * F)
         W = wp.transpose(R) * R_bar
         axial = vec3(W[2, 1] - W[1, 2], W[0, 2] - W[2, 0], W[1, 0] - W[0, 1])
-        trace = U[0, 0] + U[1, 1] + U[2, 2]
-        K = wp.diag(vec3(trace, trace, trace)) - U
-        y = wp.inverse(K) * axial
-        return R * wp.skew(y)
+        K = identity_times(wp.trace(U)) - U
+        return R * wp.skew(wp.inverse(K) * axial)
 
-    return LinearAlgebra(symmetric, cofactor, polar_rotation, polar_rotation_adjoint)
+    return LinearAlgebra(identity_times, symmetric, cofactor, polar_rotation, polar_rotation_adjoint)

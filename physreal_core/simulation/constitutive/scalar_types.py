@@ -14,6 +14,7 @@ class ScalarTypes:
         scalar: `wp.float32` or `wp.float64`.
         vec2, vec3, mat33: its vectors and 3x3 matrix.
         tolerance: change of a Newton or Jacobi iterate below which the next, quadratically smaller one is rounding.
+        rounding: relative rounding error of a product.
     """
 
     scalar: type
@@ -21,11 +22,12 @@ class ScalarTypes:
     vec3: type
     mat33: type
     tolerance: float
+    rounding: float
 
 
 _TYPES = {
-    wp.float32: ScalarTypes(wp.float32, wp.vec2f, wp.vec3f, wp.mat33f, 2e-4),
-    wp.float64: ScalarTypes(wp.float64, wp.vec2d, wp.vec3d, wp.mat33d, 1e-8),
+    wp.float32: ScalarTypes(wp.float32, wp.vec2f, wp.vec3f, wp.mat33f, 2e-4, 2e-7),
+    wp.float64: ScalarTypes(wp.float64, wp.vec2d, wp.vec3d, wp.mat33d, 1e-8, 4e-16),
 }
 
 

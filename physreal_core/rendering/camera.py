@@ -45,7 +45,7 @@ class Camera:
         return float(self.K[0, 0]), float(self.K[1, 1]), float(self.K[0, 2]), float(self.K[1, 2])
 
     @property
-    def centre(self) -> Float[Tensor, "3"]:
+    def centre(self) -> Float[Tensor, " 3"]:
         """Optical centre in the world [m]."""
         return self.T_world_camera[:3, 3]
 

@@ -29,7 +29,7 @@ class Gaussians:
     means: Float[Tensor, "gaussians 3"]
     log_scales: Float[Tensor, "gaussians 3"]
     rotations: Float[Tensor, "gaussians 4"]
-    opacity_logits: Float[Tensor, "gaussians"]
+    opacity_logits: Float[Tensor, " gaussians"]
     harmonics: Float[Tensor, "gaussians basis 3"]
 
     def __post_init__(self) -> None:
@@ -67,7 +67,7 @@ class Gaussians:
         """The same on another device or in another dtype (arguments of `torch.Tensor.to`)."""
         return replace(self, **{f.name: getattr(self, f.name).to(*args, **kwargs) for f in fields(self)})
 
-    def opacities(self) -> Float[Tensor, "gaussians"]:
+    def opacities(self) -> Float[Tensor, " gaussians"]:
         """Opacity at the centre, 0 to 1."""
         return torch.sigmoid(self.opacity_logits)
 
@@ -78,7 +78,7 @@ class Gaussians:
 
     def colours(
         self,
-        centre: Float[Tensor, "3"],
+        centre: Float[Tensor, " 3"],
         means: Float[Tensor, "gaussians 3"] | None = None,
         turned: Float[Tensor, "gaussians 3 3"] | None = None,
     ) -> Float[Tensor, "gaussians 3"]:
@@ -146,7 +146,7 @@ def quaternion_product(a: Float[Tensor, "*batch 4"], b: Float[Tensor, "*batch 4"
     return torch.stack(parts, dim=-1)
 
 
-def quaternion_from_matrix(rotation: Float[Tensor, "3 3"]) -> Float[Tensor, "4"]:
+def quaternion_from_matrix(rotation: Float[Tensor, "3 3"]) -> Float[Tensor, " 4"]:
     """Quaternion wxyz of a rotation matrix, from the row of q q^T with the largest diagonal (Shepperd); differentiable."""
     m = rotation
     trace = m[0, 0] + m[1, 1] + m[2, 2]

@@ -11,7 +11,9 @@ from physreal_core.errors import InputError
 from physreal_core.rendering.binding import Binding, carried_rotations, carry_gaussians
 from physreal_core.rendering.camera import Camera
 from physreal_core.rendering.gaussians import Gaussians
+from physreal_core.rendering.gsplat_backend import gsplat_installed, rasterise_gsplat
 from physreal_core.rendering.reference import ALPHA_MIN, rasterise_reference
+from physreal_core.rendering.warp_backend import rasterise_warp
 
 
 @dataclass(frozen=True, eq=False)
@@ -32,7 +34,7 @@ class Rendering:
 def rasterise(
     means: Float[Tensor, "gaussians 3"],
     covariances: Float[Tensor, "gaussians 3 3"],
-    opacities: Float[Tensor, "gaussians"],
+    opacities: Float[Tensor, " gaussians"],
     colours: Float[Tensor, "gaussians 3"],
     camera: Camera,
     T_world_camera: Float[Tensor, "4 4"] | None = None,
@@ -99,19 +101,22 @@ def render_carried(
 
 
 def choose_backend(device: torch.device, dtype: torch.dtype, requested: str = "auto") -> str:
-    """The backend that will draw: as requested, else the Warp kernels.
+    """The backend that will draw: as requested; "auto" is gsplat where it can run, else the Warp kernels.
 
     Raises:
         InputError: for an unknown name or one that cannot run here.
     """
+    gsplat_runs = device.type == "cuda" and dtype == torch.float32 and gsplat_installed()
     if requested == "auto":
-        return "reference"
+        return "gsplat" if gsplat_runs else "warp"
     if requested not in _BACKENDS:
         raise InputError(f"backend {requested!r}", where="rasterise", expected=f"one of auto, {', '.join(_BACKENDS)}")
+    if requested == "gsplat" and not gsplat_runs:
+        raise InputError(f"gsplat on {device} in {dtype}", where="rasterise", expected="the package, CUDA and float32")
     return requested
 
 
-_BACKENDS = {"reference": rasterise_reference}
+_BACKENDS = {"warp": rasterise_warp, "gsplat": rasterise_gsplat, "reference": rasterise_reference}
 
 
 def _check(means: Tensor, covariances: Tensor, opacities: Tensor, colours: Tensor) -> None:

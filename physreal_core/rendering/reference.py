@@ -46,7 +46,7 @@ def project_gaussians(
 def rasterise_reference(
     means: Float[Tensor, "gaussians 3"],
     covariances: Float[Tensor, "gaussians 3 3"],
-    opacities: Float[Tensor, "gaussians"],
+    opacities: Float[Tensor, " gaussians"],
     features: Float[Tensor, "gaussians channels"],
     camera: Camera,
     tile: int = 16,

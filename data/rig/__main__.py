@@ -1,0 +1,29 @@
+"""`python -m data.rig plush_lift --seed 0 --out data/captures/plush_lift`: makes a capture with known truth."""
+
+import argparse
+from pathlib import Path
+
+from data.rig.capture import make_capture
+from data.rig.parameters import Rig, build_scene
+from data.rig.scene import SCENES
+
+
+def main() -> None:
+    """Reads the command line; every knob of `Rig` is an option."""
+    parser = argparse.ArgumentParser(prog="python -m data.rig", description=__doc__)
+    parser.add_argument("scene", choices=sorted(SCENES))
+    parser.add_argument("--seed", type=int, default=0)
+    parser.add_argument("--out", type=Path, help="capture folder; default data/captures/<scene>")
+    for name, field in Rig.model_fields.items():
+        option = "--" + name.replace("_", "-")
+        parser.add_argument(option, type=field.annotation, default=field.default, help=field.description)
+    arguments = vars(parser.parse_args())
+    name, seed, out = (arguments.pop(key) for key in ("scene", "seed", "out"))
+    parameters = Rig(**arguments)
+    destination = out or Path("data/captures") / name
+    make_capture(build_scene(name, parameters), destination, seed=seed, timestep=parameters.timestep)
+    print(f"wrote {destination}")
+
+
+if __name__ == "__main__":
+    main()

@@ -1,0 +1,127 @@
+"""Writes a capture of known truth: simulate, film, and lay the files out as data/captures/<name>/ wants them."""
+
+import json
+import shutil
+from pathlib import Path
+
+import numpy as np
+
+from data.rig import texture
+from data.rig.render import HAND, OBJECT, Picture, Stage
+from data.rig.scene import Scene
+from data.rig.sensor import read_colour, read_depth
+from data.rig.simulate import Trajectory, simulate
+from physreal_core.array_types import Array, Float
+
+_PRIOR_SHADE = 0.8  # vertex colours of the prior: the surface under a soft light
+
+
+def make_capture(scene: Scene, destination: Path, *, seed: int = 0, timestep: float = 0.001) -> None:
+    """Simulates and films `scene` into `destination`, which is replaced as a whole.
+
+    Args:
+        scene: what to film.
+        destination: capture folder.
+        seed: seeds sensor noise and the prior's pose; the same seed gives the same files.
+        timestep: largest step of the simulation [s].
+    """
+    destination = Path(destination)
+    draft = destination.with_name(destination.name + ".partial")
+    shutil.rmtree(draft, ignore_errors=True)
+    for folder in ("color", "depth"):
+        (draft / folder).mkdir(parents=True)
+    trajectory = simulate(scene, timestep=timestep)
+    stage = Stage(scene, trajectory)
+    random = np.random.default_rng(seed)
+    for frame in range(scene.frames):
+        picture = stage.picture(trajectory.vertices[frame], trajectory.hand[frame])
+        if frame == 0:
+            hints = {"object": {"point": _click(picture, OBJECT)}, "controller": {"point": _click(picture, HAND)}}
+        _write_frame(draft, frame, picture, scene, random)
+    (draft / "capture.json").write_text(json.dumps(describe(scene, hints), indent=1) + "\n")
+    T_world_prior = random_similarity(random)
+    _write_prior(draft / "shape_prior.glb", trajectory, T_world_prior)
+    _write_truth(draft / "truth.npz", scene, trajectory, stage, T_world_prior)
+    shutil.rmtree(destination, ignore_errors=True)
+    draft.rename(destination)
+
+
+def describe(scene: Scene, hints: dict) -> dict:
+    """The contents of capture.json."""
+    view = scene.view
+    return {
+        "description": scene.description,
+        "controller": "hand",
+        "fps": scene.fps,
+        "width": view.width,
+        "height": view.height,
+        "K": view.intrinsics().tolist(),
+        "T_world_camera": view.pose().tolist(),
+        "density": scene.material.density,
+        "hints": hints,
+        "split": {"train": [0, scene.observed], "test": [scene.observed, scene.frames]},
+    }
+
+
+def random_similarity(random: np.random.Generator) -> Float[Array, "4 4"]:
+    """Any rotation, a shift within half a metre, a scale between 1/2 and 2."""
+    from scipy.spatial.transform import Rotation
+
+    similarity = np.eye(4)
+    scale = np.exp(random.uniform(-np.log(2), np.log(2)))
+    similarity[:3, :3] = scale * Rotation.random(rng=random).as_matrix()
+    similarity[:3, 3] = random.uniform(-0.5, 0.5, 3)
+    return similarity
+
+
+def _write_frame(folder: Path, frame: int, picture: Picture, scene: Scene, random: np.random.Generator) -> None:
+    import cv2
+
+    cv2.imwrite(str(folder / "color" / f"{frame:06d}.png"), read_colour(picture, scene.noise, random)[..., ::-1])
+    cv2.imwrite(str(folder / "depth" / f"{frame:06d}.png"), read_depth(picture, scene.noise, random))
+
+
+def _click(picture: Picture, label: int) -> list[int]:
+    """Where a person would click to name a thing: the pixel (u, v) farthest inside its visible part."""
+    from scipy.ndimage import distance_transform_edt
+
+    inside = distance_transform_edt(np.pad(picture.label == label, 1))[1:-1, 1:-1]
+    v, u = np.unravel_index(inside.argmax(), inside.shape)
+    return [int(u), int(v)]
+
+
+def _write_prior(path: Path, trajectory: Trajectory, T_world_prior: Float[Array, "4 4"]) -> None:
+    """The stress-free surface with vertex colours, in a frame of its own; once subdivided for the colours' sake."""
+    import trimesh
+
+    surface = trimesh.Trimesh(trajectory.mesh.vertices, trajectory.mesh.faces, process=False)
+    surface.remove_unreferenced_vertices()
+    surface = surface.subdivide()
+    colours = np.clip(texture.plush(np.asarray(surface.vertices)) * _PRIOR_SHADE, 0, 1) ** texture.GAMMA
+    surface.apply_transform(np.linalg.inv(T_world_prior))
+    surface.visual = trimesh.visual.ColorVisuals(surface, vertex_colors=np.round(colours * 255).astype(np.uint8))
+    surface.export(path)
+
+
+def _write_truth(
+    path: Path, scene: Scene, trajectory: Trajectory, stage: Stage, T_world_prior: Float[Array, "4 4"]
+) -> None:
+    material = scene.material
+    np.savez_compressed(
+        path,
+        E=material.youngs_modulus,
+        nu=material.poissons_ratio,
+        density=material.density,
+        friction=material.friction_coefficient,
+        damping=material.damping,
+        rest_vertices=trajectory.mesh.vertices.astype(np.float32),
+        tets=trajectory.mesh.tets.astype(np.int32),
+        faces=trajectory.mesh.faces.astype(np.int32),
+        vertices=trajectory.vertices.astype(np.float32),
+        gripped=trajectory.gripped.astype(np.int32),
+        hand=trajectory.hand.astype(np.float32),
+        hand_vertices=stage.hand.vertices.astype(np.float32),
+        hand_faces=stage.hand.faces.astype(np.int32),
+        T_world_prior=T_world_prior,
+        fps=scene.fps,
+    )

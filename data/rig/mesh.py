@@ -1,0 +1,96 @@
+"""Tetrahedral meshes of rounded shapes by code: five tetrahedra a cube, boundary nodes drawn onto the surface."""
+
+from dataclasses import dataclass
+
+import numpy as np
+
+from data.rig.shapes import RoundedShape
+from physreal_core.array_types import Array, Float, Int
+
+_CORNERS = np.array([[0, 0, 0], [1, 0, 0], [1, 1, 0], [0, 1, 0], [0, 0, 1], [1, 0, 1], [1, 1, 1], [0, 1, 1]])
+_FIVE_TETS = np.array([[0, 1, 3, 4], [1, 2, 3, 6], [4, 6, 5, 1], [4, 7, 6, 3], [1, 3, 4, 6]])
+_QUARTER_TURN = np.array([1, 2, 3, 0, 5, 6, 7, 4])  # every other cube is turned, so that neighbours share diagonals
+_EDGES = np.array([[0, 1], [0, 2], [0, 3], [1, 2], [1, 3], [2, 3]])
+
+
+@dataclass(frozen=True)
+class TetMesh:
+    """Tetrahedra of positive volume and their outward surface triangles.
+
+    Attributes:
+        vertices: [V, 3] m.
+        tets: [M, 4] vertex indices.
+        faces: [F, 3] vertex indices, counter-clockwise seen from outside.
+    """
+
+    vertices: Float[Array, "V 3"]
+    tets: Int[Array, "M 4"]
+    faces: Int[Array, "F 3"]
+
+    def volumes(self) -> Float[Array, " M"]:
+        """Volume of each tetrahedron [m^3]."""
+        return tet_volumes(self.vertices, self.tets)
+
+    def lumped_mass(self, density: float | Float[Array, " M"]) -> Float[Array, " V"]:
+        """A quarter of each tetrahedron's mass at each of its nodes [kg]; `density` [kg/m^3]."""
+        quarter = np.repeat(self.volumes() * density / 4, 4)
+        return np.bincount(self.tets.ravel(), quarter, minlength=len(self.vertices))
+
+
+def tet_volumes(vertices: Float[Array, "V 3"], tets: Int[Array, "M 4"]) -> Float[Array, " M"]:
+    """Signed volumes [m^3]."""
+    a, b, c, d = (vertices[tets[:, k]] for k in range(4))
+    return np.einsum("ij,ij->i", np.cross(b - a, c - a), d - a) / 6
+
+
+def surface_triangles(tets: Int[Array, "M 4"]) -> Int[Array, "F 3"]:
+    """Faces that belong to one tetrahedron only, outward for tetrahedra of positive volume."""
+    faces = np.concatenate([tets[:, [0, 2, 1]], tets[:, [0, 1, 3]], tets[:, [1, 2, 3]], tets[:, [0, 3, 2]]])
+    _, first, count = np.unique(np.sort(faces, axis=1), axis=0, return_index=True, return_counts=True)
+    return faces[first[count == 1]]
+
+
+def mesh_shape(shape: RoundedShape, spacing: float, relaxations: int = 40) -> TetMesh:
+    """Meshes the inside of `shape` with cubes of edge `spacing` [m], then fits the boundary nodes to its surface."""
+    vertices, tets = _fill_with_cubes(shape, spacing)
+    faces = surface_triangles(tets)
+    vertices = _fit_boundary(shape, vertices, tets, np.unique(faces), relaxations)
+    return TetMesh(vertices, tets, faces)
+
+
+def _fill_with_cubes(shape: RoundedShape, spacing: float) -> tuple[Array, Array]:
+    lower, upper = shape.bounds()
+    counts = np.ceil((upper - lower) / spacing).astype(int)
+    lower = (lower + upper - counts * spacing) / 2
+    cells = np.stack(np.meshgrid(*(np.arange(n) for n in counts), indexing="ij"), axis=-1).reshape(-1, 3)
+    cells = cells[shape.distance(lower + (cells + 0.5) * spacing) < 0]
+    corners = cells[:, None] + _CORNERS
+    odd = cells.sum(axis=1) % 2 == 1
+    corners[odd] = corners[odd][:, _QUARTER_TURN]
+    nodes, index = np.unique(corners.reshape(-1, 3), axis=0, return_inverse=True)
+    tets = index.reshape(-1, 8)[:, _FIVE_TETS].reshape(-1, 4)
+    vertices = lower + nodes * spacing
+    inverted = tet_volumes(vertices, tets) < 0
+    tets[inverted] = tets[inverted][:, [0, 2, 1, 3]]
+    return vertices, tets
+
+
+def _fit_boundary(shape: RoundedShape, vertices: Array, tets: Array, boundary: Array, relaxations: int) -> Array:
+    """Newton steps of the boundary onto distance 0 mixed with Laplacian smoothing; a step that would flatten a
+    tetrahedron below a third of a cube's fifth is taken back for its nodes."""
+    edges = np.unique(np.sort(tets[:, _EDGES].reshape(-1, 2), axis=1), axis=0)
+    ends = np.concatenate([edges, edges[:, ::-1]])
+    degree = np.bincount(ends[:, 0], minlength=len(vertices))[:, None]
+    least = 0.33 * tet_volumes(vertices, tets)
+    for _ in range(relaxations):
+        moved = vertices.copy()
+        moved[boundary] -= 0.35 * shape.distance(moved[boundary])[:, None] * shape.gradient(moved[boundary])
+        total = np.zeros_like(vertices)
+        np.add.at(total, ends[:, 0], vertices[ends[:, 1]])
+        moved += 0.12 * (total / degree - vertices)
+        flat = tets[tet_volumes(moved, tets) < least]
+        while len(flat):
+            moved[np.unique(flat)] = vertices[np.unique(flat)]
+            flat = tets[tet_volumes(moved, tets) < least]
+        vertices = moved
+    return vertices

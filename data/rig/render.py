@@ -1,0 +1,112 @@
+"""Pictures of a truth: colour, exact depth and labels by ray casting, with a lamp, its shadow and a table."""
+
+from dataclasses import dataclass
+
+import numpy as np
+
+from data.rig import texture
+from data.rig.mesh import mesh_shape
+from data.rig.raycast import Raycaster
+from data.rig.scene import Scene, View
+from data.rig.simulate import Trajectory
+from physreal_core.array_types import Array, Float, Int, UInt8
+
+BACKGROUND, OBJECT, HAND, TABLE = -1, 0, 1, 2
+_LAMP = np.array([-0.35, -0.45, 0.82]) / np.linalg.norm([-0.35, -0.45, 0.82])
+_AMBIENT, _DIFFUSE = 0.42, 0.72
+_HAND_SPACING, _TABLE_HALF, _HORIZON = 0.006, 1.5, 0.30
+
+
+@dataclass(frozen=True)
+class Picture:
+    """Noise-free image: rgb [H,W,3] in 0-1, depth [H,W] m (0 = nothing), label [H,W], slope [H,W] = angle between
+    ray and surface normal [degrees]."""
+
+    rgb: Float[Array, "H W 3"]
+    depth: Float[Array, "H W"]
+    label: Int[Array, "H W"]
+    slope: Float[Array, "H W"]
+
+
+class Stage:
+    """Everything in front of the camera: the object's surface, the hand's (`hand`, at frame 0), the table."""
+
+    def __init__(self, scene: Scene, trajectory: Trajectory) -> None:
+        self._scene = scene
+        hand = mesh_shape(scene.hand, _HAND_SPACING)
+        corners = _TABLE_HALF * np.array([[-1, -1, 0], [1, -1, 0], [1, 1, 0], [-1, 1, 0.0]])
+        self.hand = hand
+        self._rest = [trajectory.mesh.vertices, hand.vertices, corners]
+        faces = [trajectory.mesh.faces, hand.faces, np.array([[0, 1, 2], [0, 2, 3]])]
+        offsets = np.cumsum([0] + [len(points) for points in self._rest[:-1]])
+        self._faces = np.concatenate([part + offset for part, offset in zip(faces, offsets, strict=True)])
+        self._label = np.repeat([OBJECT, HAND, TABLE], [len(part) for part in faces])
+        self._paint = np.concatenate(self._rest)
+
+    def picture(self, vertices: Float[Array, "V 3"], hand: Float[Array, "3"], supersampling: int = 2) -> Picture:
+        """The view of the object at `vertices` [m] with the hand displaced by `hand` [m].
+
+        Colour is averaged over `supersampling`^2 rays a pixel; depth and label are those of the pixel's centre.
+        """
+        points = np.concatenate([vertices, self._rest[1] + hand, self._rest[2]])
+        caster = Raycaster(points, self._faces)
+        normals = _vertex_normals(points, self._faces)
+        view = self._scene.view
+        offsets = (np.arange(supersampling) + 0.5) / supersampling - 0.5
+        colours = [self._shade(caster, points, normals, (u, v))[0] for u in offsets for v in offsets]
+        _, depth, label, slope = self._shade(caster, points, normals, (0.0, 0.0))
+        shape = (view.height, view.width)
+        rgb = np.mean(colours, axis=0).reshape(*shape, 3)
+        return Picture(rgb, depth.reshape(shape), label.reshape(shape), slope.reshape(shape))
+
+    def _shade(self, caster: Raycaster, points: Array, normals: Array, shift: tuple[float, float]) -> tuple:
+        eye, directions, scale = _rays(self._scene.view, shift)
+        hits = caster.cast(np.broadcast_to(eye, directions.shape), directions)
+        hit = hits.triangle >= 0
+        corners, weights = self._faces[hits.triangle[hit]], hits.weights[hit][..., None]
+        label = np.full(len(directions), BACKGROUND)
+        label[hit] = self._label[hits.triangle[hit]]
+        rgb = np.full((len(directions), 3), _HORIZON)
+        position = eye + directions[hit] * hits.distance[hit, None]
+        normal = (normals[corners] * weights).sum(axis=1)
+        normal /= np.linalg.norm(normal, axis=1, keepdims=True)
+        towards = -(normal * directions[hit]).sum(axis=1)
+        lamp = np.clip(normal @ _LAMP, 0, 1)
+        lamp[caster.blocked(position + 1.5e-3 * normal, _LAMP)] *= 0.3
+        painted = (self._paint[corners] * weights).sum(axis=1)
+        rgb[hit] = _paint(painted, label[hit]) * (_AMBIENT + _DIFFUSE * lamp)[:, None]
+        slope = np.zeros(len(directions))
+        slope[hit] = np.degrees(np.arccos(np.clip(towards, 0, 1)))
+        depth = np.where(hit, np.where(hit, hits.distance, 0) / scale, 0)
+        return np.clip(rgb, 0, 1) ** texture.GAMMA, depth, label, slope
+
+
+def quantise(rgb: Float[Array, "H W 3"]) -> UInt8[Array, "H W 3"]:
+    """0-1 to 0-255."""
+    return np.clip(np.round(rgb * 255), 0, 255).astype(np.uint8)
+
+
+def _paint(points: Array, label: Array) -> Array:
+    colour = np.empty_like(points)
+    for value, paint in ((OBJECT, texture.plush), (HAND, texture.mitten), (TABLE, texture.table)):
+        colour[label == value] = paint(points[label == value])
+    return colour
+
+
+def _rays(view: View, shift: tuple[float, float]) -> tuple[Array, Array, Array]:
+    """Eye, unit directions in the world row by row, and their lengths before normalising (so that distance / length
+    is depth along the camera's z)."""
+    u, v = np.meshgrid(np.arange(view.width) + shift[0], np.arange(view.height) + shift[1])
+    pixels = np.stack([u.ravel(), v.ravel(), np.ones(u.size)], axis=1)
+    pose = view.pose()
+    directions = pixels @ np.linalg.inv(view.intrinsics()).T @ pose[:3, :3].T
+    length = np.linalg.norm(directions, axis=1)
+    return pose[:3, 3], directions / length[:, None], length
+
+
+def _vertex_normals(points: Array, faces: Array) -> Array:
+    a, b, c = (points[faces[:, k]] for k in range(3))
+    normals = np.zeros_like(points)
+    for k in range(3):
+        np.add.at(normals, faces[:, k], np.cross(b - a, c - a))
+    return normals / np.maximum(np.linalg.norm(normals, axis=1, keepdims=True), 1e-18)

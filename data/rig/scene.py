@@ -1,0 +1,154 @@
+"""What the rig films: a soft object, how a hand moves it, its physics, the camera. Plain data, seeded, no simulator."""
+
+from dataclasses import dataclass, field
+
+import numpy as np
+
+from data.rig.shapes import Capsule, RoundedShape
+from physreal_core.array_types import Array, Float
+
+
+@dataclass(frozen=True)
+class Material:
+    """Homogeneous elastic solid: Young's modulus [Pa], Poisson's ratio, density [kg/m^3], stiffness damping [s]."""
+
+    youngs_modulus: float = 6e4
+    poissons_ratio: float = 0.3
+    density: float = 300.0
+    damping: float = 0.004
+    friction_coefficient: float = 0.5
+
+
+@dataclass(frozen=True)
+class Motion:
+    """The hand's path: smooth strokes, each `(start [s], end [s], displacement [m])`, that add up."""
+
+    strokes: tuple[tuple[float, float, tuple[float, float, float]], ...]
+
+    def displacement(self, time: float) -> Float[Array, "3"]:
+        """Hand displacement since time 0 [m]; each stroke follows 3s^2 - 2s^3."""
+        total = np.zeros(3)
+        for start, end, vector in self.strokes:
+            s = np.clip((time - start) / (end - start), 0.0, 1.0)
+            total += s * s * (3 - 2 * s) * np.asarray(vector)
+        return total
+
+
+@dataclass(frozen=True)
+class View:
+    """A pinhole camera at `eye` [m] looking at `target` [m]; focal length in pixels, OpenCV axes."""
+
+    eye: tuple[float, float, float] = (0.0, -0.66, 0.40)
+    target: tuple[float, float, float] = (-0.005, 0.0, 0.08)
+    focal: float = 520.0
+    width: int = 320
+    height: int = 240
+
+    def intrinsics(self) -> Float[Array, "3 3"]:
+        """K with pixel centres at integers."""
+        cx, cy = (self.width - 1) / 2, (self.height - 1) / 2
+        return np.array([[self.focal, 0, cx], [0, self.focal, cy], [0, 0, 1.0]])
+
+    def pose(self) -> Float[Array, "4 4"]:
+        """T_world_camera."""
+        forward = np.subtract(self.target, self.eye)
+        forward /= np.linalg.norm(forward)
+        right = np.cross(forward, [0, 0, 1.0])
+        right /= np.linalg.norm(right)
+        pose = np.eye(4)
+        pose[:3] = np.stack([right, np.cross(forward, right), forward, np.asarray(self.eye)], axis=1)
+        return pose
+
+
+@dataclass(frozen=True)
+class Noise:
+    """Sensor noise: colour [grey levels of 255], depth sigma = base + slope z^2 [m], chance of a depth hole."""
+
+    colour: float = 2.0
+    depth_base: float = 0.0005
+    depth_slope: float = 0.0015
+    depth_hole: float = 0.01
+    grazing_angle: float = 78.0  # degrees between surface normal and ray, beyond which the sensor reads nothing
+
+
+@dataclass(frozen=True)
+class Scene:
+    """One capture: `body` and `hand` at time 0 in the world frame, what the hand does, and how it is filmed."""
+
+    name: str
+    description: str
+    body: RoundedShape
+    hand: RoundedShape
+    motion: Motion
+    material: Material = Material()
+    view: View = View()
+    noise: Noise = Noise()
+    gravity: tuple[float, float, float] = (0.0, 0.0, -9.81)
+    fps: float = 30.0
+    frames: int = 60
+    observed: int = 42
+    mesh_spacing: float = 0.009
+    grip_reach: float = 0.004  # nodes within this distance [m] of the hand are held by it
+    hints: dict[str, dict] = field(default_factory=dict)
+
+
+def plush_body() -> RoundedShape:
+    """A stuffed animal lying on its back: 0.24 x 0.16 x 0.06 m, head at +x, resting on z = 0."""
+    sides = (-1.0, 1.0)
+    torso = [Capsule((-0.035, 0, 0.030), (0.03, 0, 0.030), 0.030), Capsule((0.03, 0, 0.029), (0.075, 0, 0.029), 0.026)]
+    head = [Capsule((0.076, 0, 0.029), (0.080, 0, 0.029), 0.029)]
+    ears = [Capsule((0.090, 0.020 * s, 0.03), (0.100, 0.036 * s, 0.03), 0.012) for s in sides]
+    arms = [Capsule((0.020, 0.018 * s, 0.024), (0.034, 0.060 * s, 0.019), 0.019) for s in sides]
+    legs = [Capsule((-0.042, 0.016 * s, 0.026), (-0.106, 0.042 * s, 0.022), 0.022) for s in sides]
+    return RoundedShape(tuple(torso + head + ears + arms + legs))
+
+
+def mitten(grasp: tuple[float, float, float], towards: tuple[float, float, float]) -> RoundedShape:
+    """A hand in a mitten around the point `grasp` [m]: palm above, fingers and thumb down its two sides, forearm
+    leaving along `towards`. About 0.08 m wide."""
+    g = np.asarray(grasp, float)
+    arm = np.asarray(towards, float) / np.linalg.norm(towards)
+
+    def at(*offset: float) -> tuple[float, ...]:
+        return tuple(map(float, g + offset))
+
+    wrist = g + [0, 0, 0.040] + 0.045 * arm
+    return RoundedShape(
+        (
+            Capsule(at(-0.012, 0.010, 0.034), at(0.012, -0.010, 0.034), 0.018),
+            Capsule(at(-0.010, 0.012, 0.034), at(-0.012, 0.033, 0.008), 0.014),
+            Capsule(at(0.012, 0.012, 0.034), at(0.010, 0.033, 0.008), 0.014),
+            Capsule(at(0.004, -0.014, 0.034), at(0.000, -0.033, 0.010), 0.013),
+            Capsule(at(0.0, 0.0, 0.036), tuple(map(float, wrist)), 0.021),
+            Capsule(tuple(map(float, wrist)), tuple(map(float, wrist + 0.5 * arm)), 0.023),
+        ),
+        blend=0.012,
+    )
+
+
+def plush_lift() -> Scene:
+    """The head is lifted 0.11 m, moved sideways and held: legs leave the ground last, swing and settle."""
+    grasp = (0.080, 0.0, 0.030)
+    return Scene(
+        name="plush_lift",
+        description="a stuffed animal",
+        body=plush_body(),
+        hand=mitten(grasp, (0.55, 0.45, 0.75)),
+        motion=Motion(((0.1, 0.95, (-0.02, 0.0, 0.11)), (1.0, 1.3, (0.0, 0.03, 0.0)))),
+    )
+
+
+def plush_push() -> Scene:
+    """The same animal held at its hips and pushed over the ground, forwards and to both sides."""
+    grasp = (-0.045, 0.0, 0.030)
+    return Scene(
+        name="plush_push",
+        description="a stuffed animal",
+        body=plush_body(),
+        hand=mitten(grasp, (-0.45, 0.45, 0.8)),
+        motion=Motion(((0.15, 0.75, (0.05, 0.06, 0.0)), (0.8, 1.5, (-0.03, -0.10, 0.0)))),
+        view=View(target=(0.01, 0.0, 0.04)),
+    )
+
+
+SCENES = {"plush_lift": plush_lift, "plush_push": plush_push}

@@ -1,0 +1,51 @@
+"""Signed distances [m] of rounded shapes: smooth unions of capsules, negative inside. Bodies and hands of the rig."""
+
+from dataclasses import dataclass
+
+import numpy as np
+
+from physreal_core.array_types import Array, Float
+
+
+@dataclass(frozen=True)
+class Capsule:
+    """All points within `radius` [m] of the segment from `start` to `end` [m]; equal ends make a ball."""
+
+    start: tuple[float, float, float]
+    end: tuple[float, float, float]
+    radius: float
+
+    def distance(self, points: Float[Array, "... 3"]) -> Float[Array, "..."]:
+        """Signed distance of `points` [m] to the capsule's surface [m]."""
+        start, axis = np.asarray(self.start, float), np.subtract(self.end, self.start)
+        along = np.clip((points - start) @ axis / max(float(axis @ axis), 1e-18), 0.0, 1.0)
+        return np.linalg.norm(points - start - along[..., None] * axis, axis=-1) - self.radius
+
+
+@dataclass(frozen=True)
+class RoundedShape:
+    """Smooth union of capsules; `blend` [m] is the width over which neighbours flow into one another."""
+
+    capsules: tuple[Capsule, ...]
+    blend: float = 0.008
+
+    def distance(self, points: Float[Array, "... 3"]) -> Float[Array, "..."]:
+        """Signed distance [m]; polynomial smooth minimum (I. Quilez), exact away from the joints."""
+        points = np.asarray(points, float)
+        total = self.capsules[0].distance(points)
+        for capsule in self.capsules[1:]:
+            other = capsule.distance(points)
+            mix = np.clip(0.5 + 0.5 * (total - other) / self.blend, 0.0, 1.0)
+            total = total * (1 - mix) + other * mix - self.blend * mix * (1 - mix)
+        return total
+
+    def gradient(self, points: Float[Array, "... 3"], step: float = 1e-4) -> Float[Array, "... 3"]:
+        """Central difference of `distance` with `step` [m]."""
+        sides = [self.distance(points + axis) - self.distance(points - axis) for axis in step * np.eye(3)]
+        return np.stack(sides, axis=-1) / (2 * step)
+
+    def bounds(self) -> tuple[Float[Array, "3"], Float[Array, "3"]]:
+        """Corners [m] of a box around the shape."""
+        lower = np.min([np.minimum(c.start, c.end) - c.radius for c in self.capsules], axis=0)
+        upper = np.max([np.maximum(c.start, c.end) + c.radius for c in self.capsules], axis=0)
+        return lower - self.blend / 4, upper + self.blend / 4

@@ -4,16 +4,19 @@
 """
 
 import importlib
+import importlib.util
 from collections.abc import Callable, Mapping
 from dataclasses import dataclass
 
 from pydantic import BaseModel
 
 
-def _from_config_module(stage: str) -> Callable[[], type[BaseModel]]:
-    """The class of pipeline/config/<stage>.py, named as the stage is: fit_global → FitGlobal."""
+def _from_config_module(stage: str) -> type[BaseModel]:
+    """The class of pipeline/config/<stage>.py, named as the stage is: fit_global → FitGlobal. No file: no parameters."""
+    if importlib.util.find_spec(f"pipeline.config.{stage}") is None:
+        return importlib.import_module("pipeline.config").StageParameters
     class_name = "".join(word.capitalize() for word in stage.split("_"))
-    return lambda: getattr(importlib.import_module(f"pipeline.config.{stage}"), class_name)
+    return getattr(importlib.import_module(f"pipeline.config.{stage}"), class_name)
 
 
 @dataclass(frozen=True)
@@ -26,6 +29,7 @@ class Stage:
         predicted: further ones where it stands under `predictions`.
         of_model: stages whose output for the sequence under `model_from` it reads.
         reads_capture: whether it reads the capture folder.
+        makes_capture: whether its output is the capture folder.
         model: gives the class of its parameters; default: the one in pipeline/config/<name>.py.
     """
 
@@ -35,10 +39,11 @@ class Stage:
     predicted: tuple[str, ...] = ()
     of_model: tuple[str, ...] = ()
     reads_capture: bool = False
+    makes_capture: bool = False
     model: Callable[[], type[BaseModel]] | None = None
 
     def parameters_model(self) -> type[BaseModel]:
-        return (self.model or _from_config_module(self.name))()
+        return self.model() if self.model else _from_config_module(self.name)
 
 
 Graph = Mapping[str, Stage]
@@ -52,7 +57,10 @@ def graph_of(*stages: Stage) -> Graph:
 FIT_STAGES = ("fit_global", "fit_patches", "fit_residual")
 _OBSERVED = ("parse_video", "segment_and_track", "fit_pose", "sample_particles")
 
+PERCEPTION = ("parse_video", "segment_and_track")
+
 STAGES: Graph = graph_of(
+    Stage("rig", makes_capture=True),
     Stage("parse_video", reads_capture=True),
     Stage("segment_and_track", ("parse_video",), reads_capture=True),
     Stage("build_object", ("parse_video", "segment_and_track"), reads_capture=True),

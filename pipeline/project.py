@@ -39,6 +39,10 @@ class Project:
     def artifact(self, stage: str, sequence: str) -> Path:
         return self.root / "data" / "artifacts" / stage / sequence
 
+    def output(self, stage: str, sequence: str, makes_capture: bool) -> Path:
+        """Where a stage's output stands once it is whole."""
+        return self.capture(sequence) if makes_capture else self.artifact(stage, sequence)
+
     def partial(self, stage: str, sequence: str) -> Path:
         """Where an output is written until it is whole: on the artifacts' own disk, outside every tracked folder."""
         return self.root / "data" / "artifacts" / ".partial" / stage / sequence

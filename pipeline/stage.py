@@ -181,14 +181,17 @@ def run_stage(
     project = project or Project.find()
     parameters = load_parameters(project.parameters, graph)
     source = Path(inspect.getsourcefile(run))
+    destination = project.output(stage, sequence, graph[stage].makes_capture)
     with _only_copy(project, stage, sequence):
+        if graph[stage].makes_capture:
+            _refuse_to_replace(destination, stage)
         context = StageContext(stage, sequence, project, parameters, digest_code(source, (project.root, CODE_ROOT)))
-        context.provenance  # read and check every input before any work is done
+        provenance = context.provenance  # every input is read and checked before any work is done
         _empty(context.output)
         try:
             run(context)
-            write_provenance(context.output, context.provenance)
-            output = _put_in_place(context.output, project.artifact(stage, sequence))
+            write_provenance(context.output, provenance)
+            output = _put_in_place(context.output, destination)
         finally:
             shutil.rmtree(context.output, ignore_errors=True)
         record = project.record(stage, sequence)
@@ -232,6 +235,16 @@ def _only_copy(project: Project, stage: str, sequence: str) -> Iterator[None]:
         yield
     finally:
         lock.release()
+
+
+def _refuse_to_replace(capture: Path, stage: str) -> None:
+    """A capture that `stage` did not make is its owner's: it is never deleted or overwritten."""
+    if capture.exists() and not ((capture / "provenance.json").is_file() and read_provenance(capture)["stage"] == stage):
+        raise InputError(
+            f"{capture} holds a capture that {stage} did not make",
+            where=stage,
+            remedy=f"take {capture.name} out of `rigged` in params.yaml, or move that folder away",
+        )
 
 
 def _empty(folder: Path) -> None:

@@ -5,7 +5,7 @@ derived from `StageParameters`; nothing else has to be registered.
 """
 
 from pipeline.config._base import StageParameters
-from pipeline.config._errors import as_input_error
+from pipeline.config._errors import as_input_error, unknown_key
 from pipeline.config._parameters import Parameters, Prediction, load_parameters, read_parameters, validate_parameters
 
 __all__ = [
@@ -15,5 +15,6 @@ __all__ = [
     "as_input_error",
     "load_parameters",
     "read_parameters",
+    "unknown_key",
     "validate_parameters",
 ]

@@ -11,7 +11,7 @@ from pydantic import BaseModel, Field, StringConstraints, ValidationError, creat
 from physreal_core.errors import InputError
 from pipeline.config._base import StageParameters
 from pipeline.config._errors import as_input_error, unknown_key
-from pipeline.graph import STAGES, Graph
+from pipeline.graph import PERCEPTION, STAGES, Graph
 
 Name = Annotated[str, StringConstraints(pattern=r"^[A-Za-z0-9][A-Za-z0-9_-]*$")]
 
@@ -28,7 +28,7 @@ class _SequenceBase(StageParameters):
     )
 
 
-class _Roles(StageParameters):
+class _Header(StageParameters):
     seed: int = Field(0, ge=0, description="the only source of randomness")
     composed_from: list[str] = Field(
         default_factory=list, description="what `physreal compose` was given, e.g. [fit_global=von_mises]"
@@ -36,20 +36,26 @@ class _Roles(StageParameters):
 
 
 def parameters_model(graph: Graph = STAGES) -> type[BaseModel]:
-    """The model of the whole file: one block per stage of `graph`, and the sequences with their roles."""
-    overrides = {
-        name: (dict[str, Any], Field(default_factory=dict, description=f"laid over the block {name}")) for name in graph
-    }
+    """The model of the whole file: the sequences with their roles, and one block per stage of `graph`."""
+    overrides = {name: (dict[str, Any], Field(default_factory=dict)) for name in graph}
     sequence = create_model("Sequence", __base__=_SequenceBase, **overrides)
-    blocks = {name: (stage.parameters_model(), Field(default_factory=stage.parameters_model())) for name, stage in graph.items()}
-    sequences = {
-        "rig": (dict[Name, dict[str, Any]], Field(default_factory=dict, description="captures made by data/rig")),
-        "sequences": (dict[Name, sequence], Field(default_factory=dict, description="captures that become objects")),
-        "clips": (dict[Name, sequence], Field(default_factory=dict, description="captures that go through perception only")),
-        "fits": (dict[Name, dict[str, Any]], Field(default_factory=dict, description="sequences a model is fitted on")),
-        "predictions": (dict[Name, Prediction], Field(default_factory=dict, description="sequences predicted, not fitted")),
+    clip = create_model("Clip", __base__=StageParameters, **{k: v for k, v in overrides.items() if k in PERCEPTION})
+    roles = {
+        "sequences": (sequence, "captures that become objects; a stage's name holds values laid over its block below"),
+        "clips": (clip, "captures that go through perception only"),
+        "rigged": (dict[str, Any], "sequences whose capture data/rig makes; any other is yours and is only read"),
+        "fits": (dict[str, Any], "sequences that models are fitted on"),
+        "predictions": (Prediction, "sequences predicted with another one's models, without any refit"),
     }
-    return create_model("ParametersFile", __base__=_Roles, **sequences, **blocks)
+    fields = {name: (dict[Name, model], Field(default_factory=dict, description=text)) for name, (model, text) in roles.items()}
+    for name, stage in graph.items():
+        model = stage.parameters_model()
+        fields[name] = (model, Field(default_factory=model, description=_first_line(model)))
+    return create_model("ParametersFile", __base__=_Header, **fields)
+
+
+def _first_line(model: type[BaseModel]) -> str:
+    return (model.__doc__ or "").strip().partition("\n")[0]
 
 
 @dataclass(frozen=True)
@@ -86,7 +92,7 @@ class Parameters:
     def stage(self, stage: str, sequence: str) -> Any:
         """The parameters of `stage` for `sequence`: the stage's block with the sequence's own values laid over it."""
         model = self.graph[stage].parameters_model()
-        own = getattr(self.sequence(sequence), stage)
+        own = getattr(self.sequence(sequence), stage, {})
         merged = _overlay(self.raw.get(stage) or {}, own)
         try:
             return model.model_validate(merged)
@@ -134,7 +140,7 @@ def load_parameters(path: Path, graph: Graph = STAGES) -> Parameters:
 
 def _check_roles(parameters: Parameters) -> None:
     values, file = parameters.values, parameters.file
-    for role in ("fits", "predictions"):
+    for role in ("rigged", "fits", "predictions"):
         for name in getattr(values, role):
             if name not in values.sequences:
                 raise unknown_key(f"{role}.{name}", name, list(values.sequences), file)

@@ -60,7 +60,7 @@ def descend(context: StageContext) -> None:
                 np.save(context.scratch / "new.npy", state)
                 os.replace(context.scratch / "new.npy", checkpoint)
             np.save(context.output / "half_written.npy", state)
-            if state[8] == int(os.environ.get("PHYSREAL_KILL_AT", -1)):
+            if state[8] == int(os.environ.get("PHYSREAL_KILL_AT", "-1")):
                 os.kill(os.getpid(), signal.SIGKILL)
     np.save(context.output / "coefficients.npy", state[:4])
     (context.output / "half_written.npy").unlink()

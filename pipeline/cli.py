@@ -1,0 +1,130 @@
+"""`physreal`: compose and check the parameters, bring captures in, run one stage, say how far things are.
+
+Every command imports what it needs when it runs, so that help and checks start in a fraction of a second.
+"""
+
+import argparse
+import sys
+from collections.abc import Sequence
+from pathlib import Path
+
+from physreal_core.errors import InputError
+
+
+def main(arguments: Sequence[str] | None = None) -> None:
+    """Run one command; exit code 2 and one plain sentence for what the user can mend."""
+    parsed = _parser().parse_args(arguments)
+    try:
+        sys.exit(parsed.command(parsed))
+    except InputError as error:
+        print(f"physreal: {error}", file=sys.stderr)
+        sys.exit(2)
+
+
+def _parser() -> argparse.ArgumentParser:
+    parser = argparse.ArgumentParser(prog="physreal", description="From one RGB-D video to a simulatable twin.")
+    commands = parser.add_subparsers(required=True, metavar="command")
+
+    command = commands.add_parser("compose", help="write params.yaml from the option groups in pipeline/conf")
+    command.add_argument("options", nargs="*", help="group=option (fit_global=von_mises) or key=value")
+    command.add_argument("--check", action="store_true", help="write nothing; fail if params.yaml is not what they give")
+    command.set_defaults(command=_compose)
+
+    command = commands.add_parser("check", help="validate params.yaml and the captures, without running anything")
+    command.add_argument("captures", nargs="*", help="capture folders; default: those of the sequences in params.yaml")
+    command.set_defaults(command=_check)
+
+    command = commands.add_parser("import", help="turn a recording into a capture folder")
+    command.add_argument("kind", help="what it is; `physreal import list` says which there are")
+    command.add_argument("source", nargs="?", type=Path, help="the recording's folder or file")
+    command.add_argument("name", nargs="?", help="name of the new sequence")
+    command.add_argument("--clip", action="store_true", help="perception only: no model will be fitted")
+    command.set_defaults(command=_import)
+
+    command = commands.add_parser("models", help="fetch and convert the pretrained networks into data/models")
+    command.set_defaults(command=_models)
+
+    command = commands.add_parser("status", help="how far every sequence is, and where the report lies")
+    command.set_defaults(command=_status)
+
+    command = commands.add_parser("run", help="run one stage on one sequence, without DVC")
+    command.add_argument("stage")
+    command.add_argument("sequence")
+    command.set_defaults(command=_run)
+    return parser
+
+
+def _compose(parsed: argparse.Namespace) -> int:
+    from pipeline.compose import compose, options_in
+    from pipeline.project import Project
+
+    path = Project.find().parameters
+    if not parsed.check:
+        path.write_text(compose(parsed.options))
+        print(f"wrote {path}")
+        return 0
+    options = parsed.options or options_in(path)
+    command = " ".join(["physreal compose", *options])
+    if path.read_text() != compose(options):
+        print(f"{path} is not what `{command}` gives", file=sys.stderr)
+        return 1
+    print(f"{path} is what `{command}` gives")
+    return 0
+
+
+def _check(parsed: argparse.Namespace) -> int:
+    from pipeline.config import load_parameters
+    from pipeline.frames import check_capture
+    from pipeline.project import Project
+
+    project = Project.find()
+    parameters = load_parameters(project.parameters)
+    print(f"{project.parameters}: {len(parameters.sequences)} sequences, every key known and in range")
+    folders = [Path(name) for name in parsed.captures] or [project.capture(name) for name in parameters.sequences]
+    for folder in folders:
+        if not folder.exists() and folder.name in parameters.values.rigged:
+            print(f"{folder}: not there yet; `dvc repro` makes it")
+            continue
+        print(f"{folder}: {check_capture(folder)}")
+    return 0
+
+
+def _import(parsed: argparse.Namespace) -> int:
+    from pipeline.importing import import_capture, kinds
+
+    if parsed.kind == "list" or parsed.source is None or parsed.name is None:
+        print("\n".join(f"{name:12} {text}" for name, text in kinds().items()))
+        return 0 if parsed.kind == "list" else 2
+    print(import_capture(parsed.kind, parsed.source, parsed.name, clip=parsed.clip))
+    return 0
+
+
+def _models(_: argparse.Namespace) -> int:
+    from pipeline.models import fetch
+
+    fetch()
+    return 0
+
+
+def _status(_: argparse.Namespace) -> int:
+    from pipeline.status import print_status
+
+    print_status()
+    return 0
+
+
+def _run(parsed: argparse.Namespace) -> int:
+    import runpy
+
+    from pipeline.config import unknown_key
+    from pipeline.graph import STAGES
+
+    if parsed.stage not in STAGES:
+        raise unknown_key(parsed.stage, parsed.stage, list(STAGES), "physreal run")
+    sys.argv = [parsed.stage, parsed.sequence]
+    runpy.run_module(f"stages.{parsed.stage}", run_name="__main__")
+    return 0
+
+
+if __name__ == "__main__":
+    main()

@@ -1,0 +1,101 @@
+"""params.yaml out of the Hydra groups in pipeline/conf: every knob written out, its unit beside it.
+
+The only place that imports Hydra; stages read params.yaml and nothing else.
+"""
+
+from pathlib import Path
+from typing import Any
+
+import yaml
+from pydantic import BaseModel
+
+from physreal_core.errors import InputError
+from pipeline.config import Parameters, validate_parameters
+
+CONF = Path(__file__).parent / "conf"
+HEADER = """\
+# Every knob of the pipeline. Written by `physreal compose {given}` from pipeline/conf and pipeline/config;
+# edit it by hand as you like: it is the only truth when a stage runs. `physreal check` validates it.
+"""
+WIDTH = 120
+
+
+def compose(overrides: list[str], conf: Path = CONF) -> str:
+    """The text of params.yaml for a choice of options.
+
+    Args:
+        overrides: Hydra's own form: `group=option` (`fit_global=von_mises`) or `key=value` (`fit_global.iterations=20`).
+
+    Raises:
+        InputError: Hydra knows no such option, or the result does not validate.
+    """
+    parameters = validate_parameters(_compose_raw(overrides, conf) | {"composed_from": overrides}, "the composed parameters")
+    return HEADER.format(given=" ".join(overrides) or "(no options)") + "\n".join(_lines(parameters)) + "\n"
+
+
+def options_in(path: Path) -> list[str]:
+    """What the params.yaml at `path` was composed from."""
+    return (yaml.safe_load(path.read_text()) or {}).get("composed_from") or []
+
+
+def _compose_raw(overrides: list[str], conf: Path) -> dict[str, Any]:
+    from hydra import compose as hydra_compose
+    from hydra import initialize_config_dir
+    from hydra.errors import HydraException
+    from omegaconf import OmegaConf
+    from omegaconf.errors import OmegaConfBaseException
+
+    try:
+        with initialize_config_dir(str(conf), version_base=None):
+            return OmegaConf.to_container(hydra_compose("config", overrides=overrides), resolve=True)
+    except (HydraException, OmegaConfBaseException) as error:
+        raise InputError(str(error).strip(), where="physreal compose", remedy=f"see the options under {conf}") from None
+
+
+def _lines(parameters: Parameters) -> list[str]:
+    """The file's lines, a blank one between the blocks."""
+    lines: list[str] = []
+    values = parameters.values
+    for name, field in type(values).model_fields.items():
+        value = getattr(values, name)
+        if isinstance(value, (BaseModel, dict)):
+            lines.append("")
+        comment = f"  # {field.description}" if field.description else ""
+        lines += _entry(name, value, comment, indent=0)
+    return lines
+
+
+def _entry(name: str, value: Any, comment: str, indent: int) -> list[str]:
+    margin = " " * indent
+    if isinstance(value, BaseModel) and type(value).model_fields:
+        lines = [f"{margin}{name}:{comment}"]
+        for key, field in type(value).model_fields.items():
+            text = f"  # {_one_line(field.description)}" if field.description else ""
+            lines += _entry(key, getattr(value, key), text, indent + 2)
+        return lines
+    if isinstance(value, dict) and any(isinstance(part, (BaseModel, dict)) for part in value.values()):
+        lines = [f"{margin}{name}:{comment}"]
+        for key, part in value.items():
+            lines += _entry(key, part, "", indent + 2)
+        return lines
+    return [f"{margin}{name}: {_flow(value)}{comment}"]
+
+
+def _flow(value: Any) -> str:
+    """A value on one line."""
+    text = yaml.safe_dump(_plain(value), default_flow_style=True, width=10_000, sort_keys=False, allow_unicode=True)
+    return text.removesuffix("\n").removesuffix("\n...")
+
+
+def _plain(value: Any) -> Any:
+    if isinstance(value, (list, tuple)):
+        return [_plain(part) for part in value]
+    if isinstance(value, dict):
+        return {key: _plain(part) for key, part in value.items()}
+    if isinstance(value, BaseModel):
+        return value.model_dump(mode="json")
+    return value
+
+
+def _one_line(text: str) -> str:
+    return " ".join(text.split())

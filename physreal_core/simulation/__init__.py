@@ -1,0 +1,8 @@
+"""Differentiable MLS-MPM: a body, its material, grip, ground and loads to particle states, with exact gradients."""
+
+from physreal_core.simulation.body import Body, Clamp, Grip, PointLoad
+from physreal_core.simulation.config import SimulationConfig
+from physreal_core.simulation.parameters import Parameters, States
+from physreal_core.simulation.simulator import Simulator
+
+__all__ = ["Body", "Clamp", "Grip", "Parameters", "PointLoad", "SimulationConfig", "Simulator", "States"]

@@ -1,0 +1,119 @@
+"""What is simulated and what acts on it: initial particles, grip, clamps, point loads; checked numpy arrays in SI units."""
+
+from dataclasses import dataclass
+
+import numpy as np
+
+from physreal_core.array_types import Array, Float, Int
+from physreal_core.errors import InputError
+
+
+@dataclass(frozen=True)
+class Body:
+    """Particles in the undeformed configuration, which is where the rollout starts (F = 1).
+
+    Args:
+        x0: positions [m], shape [N, 3].
+        volume: particle volumes [m3], shape [N].
+        density: mass densities [kg/m3], shape [N].
+        spacing: particle spacing h [m]; the grid's cell is dx = 2 h (8 particles per cell).
+    """
+
+    x0: Float[Array, "particles 3"]
+    volume: Float[Array, "particles"]
+    density: Float[Array, "particles"]
+    spacing: float
+
+    def __post_init__(self) -> None:
+        count = len(self.x0)
+        for name, shape in (("x0", (count, 3)), ("volume", (count,)), ("density", (count,))):
+            array = np.ascontiguousarray(getattr(self, name), dtype=np.float64)
+            if array.shape != shape or count == 0 or not np.isfinite(array).all():
+                raise InputError(f"{name} has shape {array.shape}", where=f"Body.{name}", expected=f"finite, {shape}")
+            if name != "x0" and array.min() <= 0:
+                raise InputError(f"smallest {name} is {array.min():g}", where=f"Body.{name}", expected="positive values")
+            object.__setattr__(self, name, array)
+        if not self.spacing > 0:
+            raise InputError(f"spacing is {self.spacing}", where="Body.spacing", expected="a positive length [m]")
+
+    @property
+    def mass(self) -> Float[Array, "particles"]:
+        """Particle masses [kg], shape [N]."""
+        return self.volume * self.density
+
+    @property
+    def cell(self) -> float:
+        """Edge of a grid cell dx = 2 h [m]."""
+        return 2.0 * self.spacing
+
+
+@dataclass(frozen=True)
+class Grip:
+    """Compliant bonds between controller points and particles (paper, eq. interaction_force).
+
+    Args:
+        particles: bound particle of each bond, shape [B].
+        controllers: controller point of each bond, shape [B].
+        weights: bond weights w, shape [B].
+        rest_lengths: initial distances l0 [m], shape [B].
+    """
+
+    particles: Int[Array, "bonds"]
+    controllers: Int[Array, "bonds"]
+    weights: Float[Array, "bonds"]
+    rest_lengths: Float[Array, "bonds"]
+
+    def __post_init__(self) -> None:
+        count = len(self.particles)
+        for name, kind in (("particles", np.int32), ("controllers", np.int32), ("weights", float), ("rest_lengths", float)):
+            array = np.ascontiguousarray(getattr(self, name), dtype=kind)
+            if array.shape != (count,):
+                raise InputError(f"shape {array.shape}", where=f"Grip.{name}", expected=f"({count},), one entry per bond")
+            object.__setattr__(self, name, array)
+
+    def check(self, body: Body) -> None:
+        """Raise `InputError` where a bond does not fit the body."""
+        if len(self.particles) == 0:
+            return
+        if self.particles.min() < 0 or self.particles.max() >= len(body.x0):
+            raise InputError("a bond names a particle that is not there", where="Grip.particles", expected=f"0..{len(body.x0) - 1}")
+        if self.controllers.min() < 0:
+            raise InputError("a bond names a negative controller", where="Grip.controllers")
+        if self.weights.min() < 0 or not np.isfinite(self.weights).all():
+            raise InputError("a bond weight is negative or not finite", where="Grip.weights", expected="weights >= 0")
+        shortest = 0.05 * body.spacing
+        if not self.rest_lengths.min() >= shortest:
+            raise InputError(
+                f"shortest rest length is {self.rest_lengths.min():g} m",
+                where="Grip.rest_lengths",
+                expected=f"at least {shortest:g} m (a bond's stiffness grows with 1 / l0)",
+                remedy="leave out bonds to particles at the controller point itself, or lengthen them",
+            )
+
+
+@dataclass(frozen=True)
+class Clamp:
+    """Grid nodes inside this box (edges included) are held. lower, upper: corners [m], shape [3]."""
+
+    lower: Float[Array, "3"]
+    upper: Float[Array, "3"]
+
+
+@dataclass(frozen=True)
+class PointLoad:
+    """Constant force [N], shape [3], shared among `particles` [P] by `weights` [P] (made to sum to one)."""
+
+    particles: Int[Array, "loaded"]
+    weights: Float[Array, "loaded"]
+    force: Float[Array, "3"]
+
+
+def load_forces(body: Body, loads: tuple[PointLoad, ...]) -> Float[Array, "particles 3"]:
+    """Constant external force on every particle [N], shape [N, 3]."""
+    force = np.zeros_like(body.x0)
+    for load in loads:
+        weights = np.asarray(load.weights, dtype=np.float64)
+        if not weights.sum() > 0:
+            raise InputError("weights sum to zero", where="PointLoad.weights", expected="a positive sum")
+        np.add.at(force, np.asarray(load.particles), (weights / weights.sum())[:, None] * np.asarray(load.force))
+    return force

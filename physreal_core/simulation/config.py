@@ -1,0 +1,51 @@
+"""Settings of a simulation that stay fixed during a fit: laws, gravity, ground, time step, precision and device."""
+
+from dataclasses import dataclass
+from typing import TYPE_CHECKING
+
+from physreal_core.errors import InputError
+
+if TYPE_CHECKING:
+    from physreal_core.simulation.constitutive.residual import ResidualConfig
+
+ELASTIC_LAWS = ("fixed_corotated", "neo_hookean", "hencky")
+PLASTIC_LAWS = ("identity", "von_mises", "drucker_prager")
+
+
+@dataclass(frozen=True)
+class SimulationConfig:
+    """Fixed settings of a simulator.
+
+    Args:
+        fps: frames per second of the rollout.
+        elastic_law: expert elasticity, one of `ELASTIC_LAWS`.
+        plastic_law: expert plasticity, one of `PLASTIC_LAWS`.
+        gravity: acceleration [m/s2].
+        ground_height: z of the support plane [m]; None for no ground.
+        courant: Courant number of the elastic wave and of the grip's oscillation; above about 0.6 steps go unstable.
+        residual: neural residuals beside the expert laws; None for none.
+        dtype: "float32", or "float64" for gradient proofs.
+        device: "cpu" or "cuda:0".
+    """
+
+    fps: float
+    elastic_law: str = "fixed_corotated"
+    plastic_law: str = "identity"
+    gravity: tuple[float, float, float] = (0.0, 0.0, -9.81)
+    ground_height: float | None = 0.0
+    courant: float = 0.4
+    residual: "ResidualConfig | None" = None
+    dtype: str = "float32"
+    device: str = "cpu"
+
+    def __post_init__(self) -> None:
+        for name, known in (
+            ("elastic_law", ELASTIC_LAWS),
+            ("plastic_law", PLASTIC_LAWS),
+            ("dtype", ("float32", "float64")),
+        ):
+            if getattr(self, name) not in known:
+                raise InputError(f"{getattr(self, name)!r}", where=f"SimulationConfig.{name}", expected=" or ".join(known))
+        for name in ("fps", "courant"):
+            if not getattr(self, name) > 0:
+                raise InputError(f"{getattr(self, name)}", where=f"SimulationConfig.{name}", expected="a positive number")

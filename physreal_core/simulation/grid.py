@@ -1,0 +1,129 @@
+"""Node phase: momentum to velocity, gravity, clamps, Coulomb contact with the ground, and the adjoint of it.
+
+Contact acts on the nodes of the lattice layer k = 0 and below, after all forces. With v the free velocity of such a
+node and v_z < 0, the plane takes out the normal impulse m |v_z|, the tangential velocity loses at most mu_f |v_z| and
+sticks where that is more than it has. Nodes that leave the plane (v_z >= 0) are free.
+"""
+
+import functools
+from types import SimpleNamespace
+
+import warp as wp
+
+from physreal_core.simulation.scalars import kernel_module, scalar_types
+
+FREE, HELD, GROUND = wp.constant(0), wp.constant(1), wp.constant(2)
+
+
+@functools.cache
+def grid_kernels(dtype: str) -> SimpleNamespace:
+    """Kernels `mark_nodes`, `update_nodes`, `update_nodes_adjoint` over one scalar type."""
+    types = scalar_types(dtype)
+    scalar, vec3, vec4 = types.scalar, types.vec3, types.vec4
+    module = kernel_module("grid", dtype)
+    zero, one = scalar(0.0), scalar(1.0)
+
+    @wp.kernel(module=module)
+    def mark_nodes(
+        # Model:
+        offset: vec3,
+        cell: scalar,
+        box: wp.array(dtype=wp.int32),
+        has_ground: wp.int32,
+        clamp_lower: wp.array(dtype=vec3),
+        clamp_upper: wp.array(dtype=vec3),
+        # Data out:
+        kind_out: wp.array(dtype=wp.int32),
+        momentum_out: wp.array2d(dtype=vec4),
+    ):
+        n = wp.tid()
+        k = n % box[5] + box[2]
+        j = (n / box[5]) % box[4] + box[1]
+        i = n / (box[4] * box[5]) + box[0]
+        position = offset + cell * vec3(scalar(i), scalar(j), scalar(k))
+        kind = FREE
+        if has_ground != 0 and k <= 0:
+            kind = GROUND
+        for c in range(clamp_lower.shape[0]):
+            low = position - clamp_lower[c]
+            high = clamp_upper[c] - position
+            if wp.min(low) >= zero and wp.min(high) >= zero:
+                kind = HELD
+        kind_out[n] = kind
+        momentum_out[0, n] = vec4()
+
+    @wp.kernel(module=module)
+    def update_nodes(
+        grid_slot: wp.int32,
+        cleared_slot: wp.int32,
+        # Model:
+        timing: wp.array(dtype=scalar),
+        gravity: vec3,
+        mass_floor: scalar,
+        kind: wp.array(dtype=wp.int32),
+        friction: wp.array(dtype=scalar),
+        # Data in:
+        momentum_in: wp.array2d(dtype=vec4),
+        # Data out:
+        velocity_out: wp.array(dtype=vec4),
+        cleared_out: wp.array2d(dtype=vec4),
+    ):
+        n = wp.tid()
+        p = momentum_in[grid_slot, n]
+        v = vec3()
+        if p[3] > mass_floor and kind[n] != HELD:
+            v = vec3(p[0], p[1], p[2]) / p[3] + timing[0] * gravity
+            if kind[n] == GROUND and v[2] < zero:
+                speed = wp.sqrt(v[0] * v[0] + v[1] * v[1])
+                lost = -friction[0] * v[2]
+                kept = zero
+                if speed > lost:
+                    kept = one - lost / speed
+                v = vec3(kept * v[0], kept * v[1], zero)
+        velocity_out[n] = vec4(v[0], v[1], v[2], zero)
+        cleared_out[cleared_slot, n] = vec4()  # the array that the next phase scatters to
+
+    @wp.kernel(module=module)
+    def update_nodes_adjoint(
+        grid_slot: wp.int32,
+        # Model:
+        timing: wp.array(dtype=scalar),
+        gravity: vec3,
+        mass_floor: scalar,
+        kind: wp.array(dtype=wp.int32),
+        friction: wp.array(dtype=scalar),
+        # Data in:
+        momentum_in: wp.array2d(dtype=vec4),
+        # Data in and out: adjoint of the node's velocity becomes that of its (momentum, mass)
+        node_bar: wp.array(dtype=vec4),
+        friction_bar: wp.array(dtype=scalar),
+    ):
+        n = wp.tid()
+        p = momentum_in[grid_slot, n]
+        if p[3] <= mass_floor or kind[n] == HELD:
+            node_bar[n] = vec4()
+            return
+        b4 = node_bar[n]
+        b = vec3(b4[0], b4[1], b4[2])
+        free = vec3(p[0], p[1], p[2]) / p[3]
+        v = free + timing[0] * gravity
+        if kind[n] == GROUND and v[2] < zero:
+            speed = wp.sqrt(v[0] * v[0] + v[1] * v[1])
+            lost = -friction[0] * v[2]
+            if speed > lost:
+                tx = v[0] / speed
+                ty = v[1] / speed
+                along = b[0] * tx + b[1] * ty
+                ratio = lost / speed
+                friction_bar[n] = friction_bar[n] + v[2] * along
+                b = vec3(
+                    b[0] - ratio * (b[0] - along * tx),
+                    b[1] - ratio * (b[1] - along * ty),
+                    friction[0] * along,
+                )
+            else:
+                b = vec3()
+        inverse_mass = one / p[3]
+        node_bar[n] = inverse_mass * vec4(b[0], b[1], b[2], -wp.dot(b, free))
+
+    return SimpleNamespace(mark_nodes=mark_nodes, update_nodes=update_nodes, update_nodes_adjoint=update_nodes_adjoint)

@@ -2,5 +2,23 @@
 
 from physreal_core.simulation.constitutive.elasticity import ELASTIC_LAWS, elastic_functions
 from physreal_core.simulation.constitutive.plasticity import PLASTIC_LAWS, PLASTIC_PARAMETERS, plastic_functions
+from physreal_core.simulation.constitutive.residual import (
+    ResidualConfig,
+    ResidualFunctions,
+    initial_weights,
+    residual_functions,
+    split_weights,
+)
 
-__all__ = ["ELASTIC_LAWS", "PLASTIC_LAWS", "PLASTIC_PARAMETERS", "elastic_functions", "plastic_functions"]
+__all__ = [
+    "ELASTIC_LAWS",
+    "PLASTIC_LAWS",
+    "PLASTIC_PARAMETERS",
+    "ResidualConfig",
+    "ResidualFunctions",
+    "elastic_functions",
+    "initial_weights",
+    "plastic_functions",
+    "residual_functions",
+    "split_weights",
+]

@@ -1,0 +1,90 @@
+"""Size, bounds and flat weight layout of the neural residuals: one small network each for the elastic and the plastic law."""
+
+import math
+from dataclasses import dataclass
+
+import torch
+from torch import Tensor
+
+from physreal_core.array_types import Float
+from physreal_core.errors import InputError
+
+STRAIN_FEATURES = 10
+OUTPUTS = 6
+
+
+@dataclass(frozen=True)
+class ResidualConfig:
+    """Both residual networks: two hidden layers, shared by all particles, told apart by their latent codes.
+
+    Attributes:
+        latent_size: length L of a particle's latent code, 0 for none.
+        hidden: units in each of the two hidden layers.
+        beta_elastic: |delta tau| <= beta_elastic |tau_exp|.
+        beta_plastic: |delta F| <= beta_plastic |F_exp| per frame, the share of a substep in proportion.
+        strain_scale: strain that counts as one at the networks' input.
+
+    Raises:
+        InputError: for a size or bound out of range.
+    """
+
+    latent_size: int = 4
+    hidden: int = 16
+    beta_elastic: float = 0.5
+    beta_plastic: float = 0.1
+    strain_scale: float = 0.1
+
+    def __post_init__(self) -> None:
+        for name, value, valid, expected in (
+            ("latent_size", self.latent_size, self.latent_size >= 0, "0 or more"),
+            ("hidden", self.hidden, self.hidden >= 1, "1 or more"),
+            ("beta_elastic", self.beta_elastic, 0 <= self.beta_elastic < 1, "in [0, 1)"),
+            ("beta_plastic", self.beta_plastic, 0 <= self.beta_plastic < 1, "in [0, 1)"),
+            ("strain_scale", self.strain_scale, self.strain_scale > 0, "positive"),
+        ):
+            if not valid:
+                raise InputError(f"{name} = {value}", where="residual", expected=expected)
+
+    @property
+    def input_size(self) -> int:
+        """Strain features and latent code."""
+        return STRAIN_FEATURES + self.latent_size
+
+    @property
+    def weight_shapes(self) -> dict[str, tuple[int, ...]]:
+        """Shapes by name, in the order in which they lie in the flat vector, each row-major (one row per input unit)."""
+        inputs, hidden = self.input_size, self.hidden
+        return {
+            "weight_1": (inputs, hidden),
+            "bias_1": (hidden,),
+            "weight_2": (hidden, hidden),
+            "bias_2": (hidden,),
+            "weight_3": (hidden, OUTPUTS),
+            "bias_3": (OUTPUTS,),
+        }
+
+    @property
+    def weight_count(self) -> int:
+        """Length W of the flat vector."""
+        return sum(math.prod(shape) for shape in self.weight_shapes.values())
+
+
+def split_weights(config: ResidualConfig, weights: Float[Tensor, " weights"]) -> dict[str, Tensor]:
+    """Views of a flat weight vector by the names of `config.weight_shapes`."""
+    parts = weights.split([math.prod(shape) for shape in config.weight_shapes.values()])
+    return {name: part.view(shape) for (name, shape), part in zip(config.weight_shapes.items(), parts, strict=True)}
+
+
+def initial_weights(config: ResidualConfig, seed: int) -> tuple[Float[Tensor, " weights"], Float[Tensor, " weights"]]:
+    """Flat weights of the elastic and the plastic network [W] each, float64 on the CPU, with exactly zero output layers."""
+    generator = torch.Generator().manual_seed(seed)
+    return _one_network(config, generator), _one_network(config, generator)
+
+
+def _one_network(config: ResidualConfig, generator: torch.Generator) -> Float[Tensor, " weights"]:
+    weights = torch.zeros(config.weight_count, dtype=torch.float64)
+    for name, part in split_weights(config, weights).items():
+        if not name.endswith("_3"):
+            scale = part.shape[0] ** -0.5 if part.dim() == 2 else 0.5
+            part.copy_(scale * torch.randn(part.shape, generator=generator, dtype=torch.float64))
+    return weights

@@ -6,8 +6,8 @@ import numpy as np
 
 from data.rig import texture
 from data.rig.mesh import mesh_shape
-from data.rig.raycast import Raycaster
-from data.rig.scene import Scene, View
+from data.rig.raycast import Raycaster, pixel_rays
+from data.rig.scene import Scene
 from data.rig.simulate import Trajectory
 from physreal_core.array_types import Array, Float, Int, UInt8
 
@@ -60,7 +60,8 @@ class Stage:
         return Picture(rgb, depth.reshape(shape), label.reshape(shape), slope.reshape(shape))
 
     def _shade(self, caster: Raycaster, points: Array, normals: Array, shift: tuple[float, float]) -> tuple:
-        eye, directions, scale = _rays(self._scene.view, shift)
+        view = self._scene.view
+        eye, directions, scale = pixel_rays(view.intrinsics(), view.pose(), view.width, view.height, shift)
         hits = caster.cast(np.broadcast_to(eye, directions.shape), directions)
         hit = hits.triangle >= 0
         corners, weights = self._faces[hits.triangle[hit]], hits.weights[hit][..., None]
@@ -91,17 +92,6 @@ def _paint(points: Array, label: Array) -> Array:
     for value, paint in ((OBJECT, texture.plush), (HAND, texture.mitten), (TABLE, texture.table)):
         colour[label == value] = paint(points[label == value])
     return colour
-
-
-def _rays(view: View, shift: tuple[float, float]) -> tuple[Array, Array, Array]:
-    """Eye, unit directions in the world row by row, and their lengths before normalising (so that distance / length
-    is depth along the camera's z)."""
-    u, v = np.meshgrid(np.arange(view.width) + shift[0], np.arange(view.height) + shift[1])
-    pixels = np.stack([u.ravel(), v.ravel(), np.ones(u.size)], axis=1)
-    pose = view.pose()
-    directions = pixels @ np.linalg.inv(view.intrinsics()).T @ pose[:3, :3].T
-    length = np.linalg.norm(directions, axis=1)
-    return pose[:3, 3], directions / length[:, None], length
 
 
 def _vertex_normals(points: Array, faces: Array) -> Array:

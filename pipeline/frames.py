@@ -1,0 +1,190 @@
+"""The image files of a capture: listed, read one by one, every fault named by file and frame."""
+
+from collections.abc import Iterator
+from dataclasses import dataclass
+from pathlib import Path
+
+import numpy as np
+
+from physreal_core.errors import InputError
+from pipeline.capture import Capture, read_capture
+
+Array = np.ndarray  # physreal_core.array_types would bring torch along
+
+IMAGE_KINDS = (".png", ".jpg", ".jpeg")
+
+
+@dataclass(frozen=True)
+class FrameFiles:
+    """Where a capture's frames are.
+
+    Attributes:
+        colour: one image per frame, or a single video file.
+        depth: one 16-bit PNG per frame; empty where nothing measured depth.
+    """
+
+    colour: list[Path]
+    depth: list[Path]
+
+    @property
+    def is_video(self) -> bool:
+        return len(self.colour) == 1 and self.colour[0].suffix.lower() == ".mp4"
+
+
+def list_frames(folder: Path) -> FrameFiles:
+    """The frames of a capture folder, in order.
+
+    Raises:
+        InputError: there are none, a number is missing in between, or colour and depth differ in number.
+    """
+    depth = _numbered(folder / "depth", (".png",))
+    colour = _numbered(folder / "color", IMAGE_KINDS)
+    if not colour and (folder / "color.mp4").is_file():
+        return FrameFiles([folder / "color.mp4"], depth)
+    if not colour:
+        raise InputError("there are no frames", where=str(folder), expected="color/000000.png ... or color.mp4")
+    _same_count(folder, len(colour), len(depth))
+    return FrameFiles(colour, depth)
+
+
+def read_frames(folder: Path, capture: Capture, depth_range: tuple[float, float]) -> Iterator[tuple[Array, Array | None]]:
+    """Colour [height, width, 3] uint8 RGB and depth [height, width] uint16 mm (None without a sensor), frame by frame.
+
+    Args:
+        folder: the capture's folder.
+        capture: its capture.json.
+        depth_range: the nearest and the farthest plausible median of a depth image [m].
+
+    Raises:
+        InputError: naming the file that is truncated, of another size than capture.json says, or in the wrong unit.
+    """
+    files = list_frames(folder)
+    size = (capture.height, capture.width)
+    frames = _video_frames(files.colour[0]) if files.is_video else ((path, read_colour(path)) for path in files.colour)
+    count = 0
+    for count, (path, colour) in enumerate(frames, start=1):
+        _same_size(path, colour.shape[:2], size)
+        if not files.depth:
+            yield colour, None
+            continue
+        if count > len(files.depth):
+            break
+        depth = read_depth(files.depth[count - 1], depth_range)
+        _same_size(files.depth[count - 1], depth.shape, size)
+        yield colour, depth
+    if files.depth:
+        _same_count(folder, count, len(files.depth))
+
+
+def read_colour(path: Path) -> Array:
+    """[height, width, 3] uint8 RGB."""
+    image = _decode(path)
+    if image.mode not in ("RGB", "RGBA", "L", "P"):
+        raise InputError(f"a colour image of mode {image.mode}", where=str(path), expected="8 bits per channel, RGB")
+    return np.asarray(image.convert("RGB"))
+
+
+def read_depth(path: Path, plausible: tuple[float, float]) -> Array:
+    """[height, width] uint16 mm, 0 = no reading.
+
+    Raises:
+        InputError: not a 16-bit PNG, no reading at all, or a median that no depth in millimetres has.
+    """
+    image = _decode(path)
+    expected = "one 16-bit channel, depth in millimetres, 0 = no reading"
+    if not image.mode.startswith("I"):
+        raise InputError(f"a depth image of mode {image.mode}", where=str(path), expected=expected)
+    values = np.asarray(image)
+    if values.min() < 0 or values.max() > 65535:
+        raise InputError(f"depth values up to {values.max()}", where=str(path), expected=expected)
+    depth = values.astype(np.uint16)
+    readings = depth[depth > 0]
+    if readings.size == 0:
+        return depth
+    median = float(np.median(readings))
+    if not plausible[0] <= median / 1000 <= plausible[1]:
+        raise InputError(
+            f"median depth {median:g}, read as millimetres {median / 1000:g} m",
+            where=str(path),
+            expected=f"between {plausible[0]} m and {plausible[1]} m: {expected}",
+            remedy="convert the unit, or widen parse_video.min_depth / max_depth in params.yaml",
+        )
+    return depth
+
+
+def check_capture(folder: Path, depth_range: tuple[float, float] = (0.1, 8.0)) -> str:
+    """Read a whole capture without keeping anything; what it holds, in a line. InputError at its first fault."""
+    capture = read_capture(folder)
+    if capture.kind == "tracks":
+        return f"{count_track_frames(folder)} frames of tracked points, no images"
+    count = with_depth = 0
+    for _, depth in read_frames(folder, capture, depth_range):
+        count, with_depth = count + 1, with_depth + (depth is not None)
+    return f"{count} frames of {capture.width}x{capture.height} at {capture.fps:g} Hz, depth in {with_depth}"
+
+
+def count_track_frames(folder: Path) -> int:
+    """Frames in the tracks3d.npz of a capture without images.
+
+    Raises:
+        InputError: the file is missing or holds no `points3d` of shape [frames, points, 3].
+    """
+    path = folder / "tracks3d.npz"
+    if not path.is_file():
+        raise InputError("there is no tracks3d.npz", where=str(folder), remedy="a capture of kind tracks needs one")
+    with np.load(path, allow_pickle=False) as arrays:
+        shape = arrays["points3d"].shape if "points3d" in arrays else None
+    if shape is None or len(shape) != 3 or shape[2] != 3 or 0 in shape:
+        raise InputError(f"points3d has the shape {shape}", where=str(path), expected="[frames, points, 3] in metres")
+    return shape[0]
+
+
+def _numbered(folder: Path, suffixes: tuple[str, ...]) -> list[Path]:
+    files = sorted(path for path in folder.glob("*") if path.suffix.lower() in suffixes) if folder.is_dir() else []
+    others = [path for path in folder.glob("*") if path.suffix.lower() in (".npy", ".tif", ".tiff", ".exr")]
+    if others and not files:
+        raise InputError(
+            f"{others[0].name} is no image that captures hold", where=str(folder), expected="000000.png", remedy="import it"
+        )
+    for index, path in enumerate(files):
+        if not path.stem.isdigit() or int(path.stem) != index:
+            raise InputError(f"frame {index} is missing", where=str(folder), expected=f"{index:06d}{path.suffix}, not {path.name}")
+    return files
+
+
+def _decode(path: Path):
+    from PIL import Image
+
+    try:
+        image = Image.open(path)
+        image.load()
+    except (OSError, SyntaxError, ValueError) as error:
+        raise InputError(f"the image cannot be read, is it truncated? ({error})", where=str(path)) from None
+    return image
+
+
+def _video_frames(path: Path) -> Iterator[tuple[Path, Array]]:
+    import cv2
+
+    video = cv2.VideoCapture(str(path))
+    if not video.isOpened():
+        raise InputError("the video cannot be opened", where=str(path))
+    while True:
+        more, frame = video.read()
+        if not more:
+            return
+        yield path, np.ascontiguousarray(frame[..., ::-1])
+
+
+def _same_size(path: Path, got: tuple[int, ...], size: tuple[int, int]) -> None:
+    if tuple(got) != size:
+        raise InputError(
+            f"{got[1]}x{got[0]} pixels",
+            where=str(path),
+            expected=f"{size[1]}x{size[0]}, as width and height in capture.json say for colour and depth",
+        )
+
+
+def _same_count(folder: Path, colour: int, depth: int) -> None:
+    if depth and colour != depth:
+        raise InputError(f"{colour} colour frames but {depth} depth frames", where=str(folder), expected="one for each")

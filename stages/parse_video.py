@@ -1,0 +1,204 @@
+"""Stage parse_video: reads and checks the capture, scales the frames, sets the world on the support plane."""
+
+import json
+from dataclasses import dataclass, field
+from pathlib import Path
+
+import numpy as np
+
+from physreal_core.errors import InputError
+from pipeline.capture import Capture, Split, read_capture, write_capture
+from pipeline.frames import count_track_frames, list_frames, read_frames
+from pipeline.stage import StageContext, main
+
+DARK, BRIGHT = 20, 235  # mean grey level beyond which a frame shows little
+
+
+@dataclass
+class Quality:
+    """What a reader should know of the frames before trusting results; one entry per frame."""
+
+    brightness: list[float] = field(default_factory=list)  # mean grey level, 0-255
+    sharpness: list[float] = field(default_factory=list)  # variance of the Laplacian, grey levels squared
+    depth_share: list[float] = field(default_factory=list)  # pixels with a usable reading
+    repeated: list[int] = field(default_factory=list)  # frames with the same pixels as the one before
+
+    def warnings(self) -> list[str]:
+        """Sentences for the report."""
+        said = []
+        if self.repeated:
+            said.append(f"{len(self.repeated)} frames repeat the one before (first: {self.repeated[0]})")
+        if self.brightness and not DARK < np.median(self.brightness) < BRIGHT:
+            said.append(f"the frames' median grey level is {np.median(self.brightness):.0f} of 255")
+        if self.depth_share and min(self.depth_share) < 0.3:
+            frame = int(np.argmin(self.depth_share))
+            said.append(f"frame {frame} has depth in {self.depth_share[frame]:.0%} of its pixels only")
+        return said
+
+
+def run(context: StageContext) -> None:
+    """Frames at working size, camera.json, the normalised capture.json and quality.json."""
+    capture = read_capture(context.capture)
+    if capture.kind == "tracks":
+        _write(context, capture, count_track_frames(context.capture), Quality(), {})
+        return
+    scale = min(1.0, context.params.max_width / capture.width)
+    frames, quality, first_depth = _copy_frames(context, capture, scale)
+    scaled = scale_capture(capture, scale)
+    plane: dict = {}
+    if first_depth is not None:
+        with context.timed("support plane"):
+            scaled, plane = _set_world(scaled, first_depth, context)
+    elif scaled.T_world_camera is None:
+        raise InputError(
+            "neither depth nor T_world_camera is there, so the world cannot be set",
+            where=str(context.capture),
+            remedy="give T_world_camera in capture.json, or record depth",
+        )
+    _write(context, scaled, frames, quality, plane)
+
+
+def scale_capture(capture: Capture, scale: float) -> Capture:
+    """`capture` as a camera with `scale` times the pixels saw it; pixel centres lie at integers before and after."""
+    if scale == 1.0:
+        return capture
+    width, height = round(capture.width * scale), round(capture.height * scale)
+    ratio = np.array([width / capture.width, height / capture.height])
+    K = capture.K.copy()
+    K[:2] *= ratio[:, None]
+    K[:2, 2] += 0.5 * ratio - 0.5
+
+    def move(pixels: np.ndarray) -> np.ndarray:
+        return ((pixels.reshape(-1, 2) + 0.5) * ratio - 0.5).ravel()
+
+    hints = {
+        name: hint.model_copy(update={key: move(at) for key in ("point", "box") if (at := getattr(hint, key)) is not None})
+        for name, hint in capture.hints.items()
+    }
+    return capture.model_copy(update={"width": width, "height": height, "K": K, "hints": hints})
+
+
+def _copy_frames(context: StageContext, capture: Capture, scale: float) -> tuple[int, Quality, np.ndarray | None]:
+    """Write the frames at working size; their number, their quality, and the first depth image [mm]."""
+    from PIL import Image
+
+    limits, quality = (context.params.min_depth, context.params.max_depth), Quality()
+    size = (round(capture.width * scale), round(capture.height * scale))
+    (context.output / "color").mkdir()
+    first_depth, before, count = None, None, 0
+    total = context.params.max_frames or len(list_frames(context.capture).colour)
+    with context.progress("read and scale frames", total) as bar:
+        for colour, depth in read_frames(context.capture, capture, limits):
+            small = _resize(colour, size, smooth=True)
+            Image.fromarray(small).save(context.output / "color" / f"{count:06d}.png", compress_level=3)
+            _judge_colour(quality, small, before, count)
+            before = small
+            if depth is not None:
+                depth = _within(_resize(depth, size, smooth=False), limits)
+                quality.depth_share.append(round(float((depth > 0).mean()), 4))
+                (context.output / "depth").mkdir(exist_ok=True)
+                Image.fromarray(depth).save(context.output / "depth" / f"{count:06d}.png", compress_level=3)
+                first_depth = depth if first_depth is None else first_depth
+            count += 1
+            bar.advance()
+            if count == context.params.max_frames:
+                break
+    if count == 0:
+        raise InputError("there are no frames", where=str(context.capture))
+    return count, quality, first_depth
+
+
+def _resize(image: np.ndarray, size: tuple[int, int], *, smooth: bool) -> np.ndarray:
+    """Colour is averaged over pixels; depth is picked, since the mean of two depths lies on neither surface."""
+    if image.shape[1::-1] == size:
+        return image
+    import cv2
+
+    return cv2.resize(image, size, interpolation=cv2.INTER_AREA if smooth else cv2.INTER_NEAREST_EXACT)
+
+
+def _within(depth: np.ndarray, limits: tuple[float, float]) -> np.ndarray:
+    metres = depth / 1000
+    return np.where((metres >= limits[0]) & (metres <= limits[1]), depth, 0).astype(np.uint16)
+
+
+def _judge_colour(quality: Quality, colour: np.ndarray, before: np.ndarray | None, frame: int) -> None:
+    grey = colour.mean(axis=2)
+    laplacian = 4 * grey[1:-1, 1:-1] - grey[:-2, 1:-1] - grey[2:, 1:-1] - grey[1:-1, :-2] - grey[1:-1, 2:]
+    quality.brightness.append(round(float(grey.mean()), 2))
+    quality.sharpness.append(round(float(laplacian.var()), 2))
+    if before is not None and np.array_equal(colour, before):
+        quality.repeated.append(frame)
+
+
+def _set_world(capture: Capture, depth: np.ndarray, context: StageContext) -> tuple[Capture, dict]:
+    """The capture with T_world_camera, and how well the support plane supports it.
+
+    Where T_world_camera was given it stays; the plane then only says how far the given world is from it.
+    """
+    from physreal_core.geometry.plane import fit_plane, world_frame
+
+    points = backproject(depth, capture.K)
+    try:
+        plane = fit_plane(points, tolerance=context.params.plane_tolerance, seed=context.seed)
+    except InputError as error:
+        if capture.T_world_camera is None:
+            raise InputError(error.what, where=str(context.capture), expected=error.expected, remedy=error.remedy) from None
+        return capture, {"fitted": False, "why": error.what}
+    given = capture.T_world_camera is not None
+    T = capture.T_world_camera if given else world_frame(plane)
+    on_plane = points[plane.inliers] @ T[:3, :3].T + T[:3, 3]
+    facts = {
+        "fitted": True,
+        "defines_world": not given,
+        "share_of_points": round(float(plane.inliers.mean()), 4),
+        "tilt_deg": round(float(np.degrees(np.arccos(np.clip((T[:3, :3] @ plane.normal)[2], -1, 1)))), 3),
+        "height_m": round(float(on_plane[:, 2].mean()), 5),
+        "rms_m": round(float(np.sqrt(np.mean(plane.height(points[plane.inliers]) ** 2))), 5),
+    }
+    return capture.model_copy(update={"T_world_camera": T}), facts
+
+
+def backproject(depth: np.ndarray, K: np.ndarray) -> np.ndarray:
+    """Points [readings, 3] in the camera's frame [m] of a depth image [height, width] in mm."""
+    v, u = np.nonzero(depth)
+    z = depth[v, u] / 1000
+    return np.stack([(u - K[0, 2]) / K[0, 0] * z, (v - K[1, 2]) / K[1, 1] * z, z], axis=1)
+
+
+def _write(context: StageContext, capture: Capture, frames: int, quality: Quality, plane: dict) -> None:
+    split = _split(capture, frames, context.params.max_frames, context.capture / "capture.json")
+    capture = capture.model_copy(update={"frame_count": frames, "split": split})
+    write_capture(context.output, capture)
+    camera = capture.model_dump(mode="json", include={"fps", "width", "height", "K", "T_world_camera", "frame_count"})
+    _write_json(context.output / "camera.json", camera)
+    warnings = quality.warnings()
+    if plane.get("fitted") and (plane["tilt_deg"] > 3 or abs(plane["height_m"]) > 0.02):
+        warnings.append(f"the support plane is {plane['tilt_deg']:.1f} deg and {plane['height_m']:.3f} m off z = 0")
+    facts = {"kind": capture.kind, "frames": frames, "support_plane": plane, "warnings": warnings, **vars(quality)}
+    _write_json(context.output / "quality.json", facts)
+    for warning in warnings:
+        print(f"parse_video {context.sequence}: {warning}")
+
+
+def _split(capture: Capture, frames: int, limit: int | None, file: Path) -> Split:
+    """The split, cut to the frames that are used."""
+    if limit is None and capture.frame_count not in (None, frames):
+        raise InputError(f"frame_count = {capture.frame_count}, but there are {frames} frames", where=str(file))
+    split = capture.observed(frames)
+    last = split.train[1] if limit else split.test[1]
+    if last > frames:
+        raise InputError(
+            f"split {split.train} {split.test} reaches past the last of {frames} frames",
+            where=str(file),
+            remedy="change split in capture.json, or parse_video.max_frames in params.yaml",
+        )
+    return Split(train=split.train, test=(split.test[0], min(split.test[1], frames)))
+
+
+def _write_json(path: Path, value: dict) -> None:
+    path.write_text(json.dumps(value, indent=1) + "\n")
+
+
+if __name__ == "__main__":
+    main("parse_video", run)

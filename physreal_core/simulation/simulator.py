@@ -16,7 +16,7 @@ from physreal_core.simulation.box import GridBox, grid_box
 from physreal_core.simulation.config import SimulationConfig
 from physreal_core.simulation.parameters import PARAMETER_NAMES, Parameters, States, complete
 from physreal_core.simulation.stepper import Stepper
-from physreal_core.simulation.timestep import substeps_per_frame
+from physreal_core.simulation.timestep import grip_rates, substeps_per_frame
 
 Progress = Callable[[int, int], None]
 ATTEMPTS = 4  # a frame whose particles leave their box is run again in a larger one, this many times in all
@@ -44,12 +44,13 @@ class Simulator:
         if grip is not None:
             grip.check(body)
         self.body, self.config, self.grip = body, config, grip
+        self._grip_rates = grip_rates(body, grip)
         self._stepper = Stepper(body, config, grip, tuple(clamps), tuple(loads))
         self._x0 = torch.tensor(body.x0, dtype=self._stepper.types.torch_dtype, device=config.device)
 
     def substeps(self, parameters: Parameters) -> int:
         """Substeps per frame that a rollout with these parameters takes."""
-        return substeps_per_frame(self.body, self.config, self._complete(parameters), self.grip)
+        return substeps_per_frame(self.body, self.config, self._complete(parameters), self._grip_rates)
 
     def rollout(
         self, parameters: Parameters, controllers: Float[Tensor, "frames points 3"], progress: Progress | None = None
@@ -191,7 +192,7 @@ class _Rollout(torch.autograd.Function):
     def forward(ctx, simulator: Simulator, points: Tensor, progress: Progress | None, *tensors: Tensor | None):
         parameters = Parameters(*tensors)
         needs_gradient = any(ctx.needs_input_grad)
-        substeps = substeps_per_frame(simulator.body, simulator.config, parameters, simulator.grip)
+        substeps = substeps_per_frame(simulator.body, simulator.config, parameters, simulator._grip_rates)
         x, v, F, C, boxes = simulator._forward(parameters, substeps, points, progress, keep_affine=needs_gradient)
         ctx.set_materialize_grads(False)
         if needs_gradient:

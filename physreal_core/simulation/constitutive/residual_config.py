@@ -52,14 +52,14 @@ class ResidualConfig:
 
     @property
     def weight_shapes(self) -> dict[str, tuple[int, ...]]:
-        """Shapes by name, in the order in which they lie in the flat vector, each row-major (one row per input unit)."""
+        """Shapes by name, in the order in which they lie in the flat vector; y = x weight for 1 and 2, weight x for 3."""
         inputs, hidden = self.input_size, self.hidden
         return {
             "weight_1": (inputs, hidden),
             "bias_1": (hidden,),
             "weight_2": (hidden, hidden),
             "bias_2": (hidden,),
-            "weight_3": (hidden, OUTPUTS),
+            "weight_3": (OUTPUTS, hidden),
             "bias_3": (OUTPUTS,),
         }
 

@@ -38,11 +38,14 @@ def network_functions(config: ResidualConfig, scalar: type) -> Network:
     Outputs = wp.types.vector(OUTPUTS, scalar)
     Inputs = wp.types.vector(input_count, scalar)
     Hidden = wp.types.vector(hidden_count, scalar)
-    bias_1 = input_count * hidden_count
-    weight_2 = bias_1 + hidden_count
-    bias_2 = weight_2 + hidden_count * hidden_count
-    weight_3 = bias_2 + hidden_count
-    bias_3 = weight_3 + hidden_count * OUTPUTS
+    # The flat weights as rows of the hidden layers' width: weight_1, bias_1, weight_2, bias_2, weight_3; then bias_3.
+    # Whole rows at a time vectorise, single entries do not.
+    row_bias_1 = input_count
+    row_weight_2 = row_bias_1 + 1
+    row_bias_2 = row_weight_2 + hidden_count
+    row_weight_3 = row_bias_2 + 1
+    row_count = row_weight_3 + OUTPUTS
+    bias_3 = row_count * hidden_count
 
     @wp.struct
     class Activations:
@@ -50,21 +53,21 @@ def network_functions(config: ResidualConfig, scalar: type) -> Network:
         first: Hidden
         second: Hidden
 
-    # Loop bounds pass through int(): a bound that Warp knows while compiling would be unrolled into thousands of lines.
+    @wp.func
+    def rows_of(flat: wp.array(dtype=scalar)):
+        return wp.array(ptr=flat.ptr, shape=(row_count,), dtype=Hidden)
 
     @wp.func
     def activate(x: Hidden):
-        n = int(hidden_count)
         y = Hidden()
-        for i in range(n):
+        for i in range(hidden_count):
             y[i] = x[i] / wp.sqrt(one + x[i] * x[i])
         return y
 
     @wp.func
     def activate_adjoint(y: Hidden, y_bar: Hidden):
-        n = int(hidden_count)
         x_bar = Hidden()
-        for i in range(n):
+        for i in range(hidden_count):
             s = one - y[i] * y[i]  # 1 / (1 + x^2)
             x_bar[i] = y_bar[i] * s * wp.sqrt(s)
         return x_bar
@@ -73,40 +76,33 @@ def network_functions(config: ResidualConfig, scalar: type) -> Network:
     def activations(
         strains: Strains, particle: int, latent: wp.array2d(dtype=scalar), weights: wp.array(dtype=scalar)
     ):
+        # int(): a bound that Warp knows while compiling would be unrolled into thousands of lines
         inputs, hidden, strain_features = int(input_count), int(hidden_count), int(STRAIN_FEATURES)
+        rows = rows_of(weights)
         out = Activations()
         x = Inputs()
-        for j in range(strain_features):
+        for j in range(STRAIN_FEATURES):
             x[j] = inverse_scale * strains[j]
         for j in range(strain_features, inputs):
             x[j] = latent[particle, j - strain_features]
-        a = Hidden()
-        for i in range(hidden):
-            a[i] = weights[bias_1 + i]
+        a = rows[row_bias_1]
         for j in range(inputs):
-            for i in range(hidden):
-                a[i] += x[j] * weights[j * hidden + i]
-        first = activate(a)
-        for i in range(hidden):
-            a[i] = weights[bias_2 + i]
-        for j in range(hidden):
-            for i in range(hidden):
-                a[i] += first[j] * weights[weight_2 + j * hidden + i]
+            a += x[j] * rows[j]
         out.inputs = x
-        out.first = first
+        out.first = activate(a)
+        a = rows[row_bias_2]
+        for j in range(hidden):
+            a += out.first[j] * rows[row_weight_2 + j]
         out.second = activate(a)
         return out
 
     @wp.func
     def forward(strains: Strains, particle: int, latent: wp.array2d(dtype=scalar), weights: wp.array(dtype=scalar)):
-        hidden = int(hidden_count)
-        h = activations(strains, particle, latent, weights)
+        rows = rows_of(weights)
+        second = activations(strains, particle, latent, weights).second
         out = Outputs()
         for o in range(OUTPUTS):
-            out[o] = weights[bias_3 + o]
-        for j in range(hidden):
-            for o in range(OUTPUTS):
-                out[o] += h.second[j] * weights[weight_3 + j * OUTPUTS + o]
+            out[o] = weights[bias_3 + o] + wp.dot(rows[row_weight_3 + o], second)
         return out
 
     @wp.func
@@ -121,35 +117,27 @@ def network_functions(config: ResidualConfig, scalar: type) -> Network:
         row: int,
     ):
         inputs, hidden, strain_features = int(input_count), int(hidden_count), int(STRAIN_FEATURES)
+        rows, rows_bar = rows_of(weights), rows_of(weights_bar[row])
         h = activations(strains, particle, latent, weights)
-        second_bar = Hidden()
+        a_bar = Hidden()
         for o in range(OUTPUTS):
+            a_bar += out_bar[o] * rows[row_weight_3 + o]
+            wp.atomic_add(rows_bar, row_weight_3 + o, out_bar[o] * h.second)
             wp.atomic_add(weights_bar, row, bias_3 + o, out_bar[o])
-        for j in range(hidden):
-            for o in range(OUTPUTS):
-                k = weight_3 + j * OUTPUTS + o
-                second_bar[j] += weights[k] * out_bar[o]
-                wp.atomic_add(weights_bar, row, k, h.second[j] * out_bar[o])
-        a_bar = activate_adjoint(h.second, second_bar)
+        a_bar = activate_adjoint(h.second, a_bar)
         first_bar = Hidden()
-        for i in range(hidden):
-            wp.atomic_add(weights_bar, row, bias_2 + i, a_bar[i])
+        wp.atomic_add(rows_bar, row_bias_2, a_bar)
         for j in range(hidden):
-            for i in range(hidden):
-                k = weight_2 + j * hidden + i
-                first_bar[j] += weights[k] * a_bar[i]
-                wp.atomic_add(weights_bar, row, k, h.first[j] * a_bar[i])
+            first_bar[j] = wp.dot(rows[row_weight_2 + j], a_bar)
+            wp.atomic_add(rows_bar, row_weight_2 + j, h.first[j] * a_bar)
         a_bar = activate_adjoint(h.first, first_bar)
         inputs_bar = Inputs()
-        for i in range(hidden):
-            wp.atomic_add(weights_bar, row, bias_1 + i, a_bar[i])
+        wp.atomic_add(rows_bar, row_bias_1, a_bar)
         for j in range(inputs):
-            for i in range(hidden):
-                k = j * hidden + i
-                inputs_bar[j] += weights[k] * a_bar[i]
-                wp.atomic_add(weights_bar, row, k, h.inputs[j] * a_bar[i])
+            inputs_bar[j] = wp.dot(rows[j], a_bar)
+            wp.atomic_add(rows_bar, j, h.inputs[j] * a_bar)
         strains_bar = Strains()
-        for j in range(strain_features):
+        for j in range(STRAIN_FEATURES):
             strains_bar[j] = inverse_scale * inputs_bar[j]
         for j in range(strain_features, inputs):
             q = j - strain_features

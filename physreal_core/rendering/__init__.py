@@ -5,7 +5,7 @@ from physreal_core.rendering.camera import Camera
 from physreal_core.rendering.gaussians import Gaussians, quaternion_from_matrix, rotation_matrices
 from physreal_core.rendering.harmonics import colours_from_harmonics, harmonics_from_colours
 from physreal_core.rendering.ply import load_gaussians, save_gaussians
-from physreal_core.rendering.rasterise import Rendering, choose_backend, rasterise, render, render_carried
+from physreal_core.rendering.renderer import Rendering, choose_backend, rasterise, render, render_carried
 
 __all__ = [
     "Binding",

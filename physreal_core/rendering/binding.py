@@ -8,7 +8,7 @@ import numpy as np
 import torch
 from scipy.spatial import cKDTree
 
-from physreal_core.array_types import Array, Float, Int, Tensor
+from physreal_core.array_types import Array, Float, Tensor
 from physreal_core.errors import InputError
 from physreal_core.rendering.gaussians import Gaussians
 
@@ -22,8 +22,8 @@ class Binding:
         weights: shape [G, m], floating.
     """
 
-    neighbours: Int[Tensor, "points m"]
-    weights: Float[Tensor, "points m"]
+    neighbours: Tensor | Array
+    weights: Tensor | Array
 
     def __post_init__(self) -> None:
         object.__setattr__(self, "neighbours", torch.as_tensor(np.asarray(self.neighbours), dtype=torch.int64))
@@ -45,8 +45,8 @@ def bind(
 ) -> Binding:
     """Bind points to their nearest `count` particles in the initial configuration.
 
-    The weights fall off as (1 - (d / d_far)^2)^2 with d_far just beyond the farthest neighbour, so that a particle enters
-    and leaves a point's set with weight near zero and neighbouring points move alike.
+    The weights fall off as (1 - (d / d_far)^2)^2 with d_far just beyond the farthest neighbour, so that a particle
+    enters and leaves a point's set with weight near zero and neighbouring points move alike.
 
     Args:
         points: [m], shape [G, 3].
@@ -83,7 +83,7 @@ def carry_points(
     x: Float[Tensor, "particles 3"],
     F: Float[Tensor, "particles 3 3"],
 ) -> Float[Tensor, "points 3"]:
-    """Where the points are now [m]: sum_i w_i (x_i + F_i (p0 - x0_i)); exact for an affine motion, differentiable in x, F.
+    """Where the points are now [m]: sum_i w_i (x_i + F_i (p0 - x0_i)); exact for affine motion, differentiable in x, F.
 
     Args:
         points0, x0: points and particles in the initial configuration [m].

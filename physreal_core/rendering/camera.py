@@ -1,4 +1,4 @@
-"""Pinhole camera: OpenCV axes (x right, y down, z forward), pixel centres at integers, `T_world_camera` camera to world."""
+"""Pinhole camera: OpenCV axes (x right, y down, z forward), pixel centres at integers, poses as camera to world."""
 
 from __future__ import annotations
 
@@ -23,8 +23,8 @@ class Camera:
         InputError: for another shape, a focal length that is not positive, or a skew.
     """
 
-    K: Float[Tensor, "3 3"] | Float[Array, "3 3"]
-    T_world_camera: Float[Tensor, "4 4"] | Float[Array, "4 4"]
+    K: Tensor | Array
+    T_world_camera: Tensor | Array
     width: int
     height: int
 

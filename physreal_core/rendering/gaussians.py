@@ -8,7 +8,7 @@ import torch
 
 from physreal_core.array_types import Float, Tensor
 from physreal_core.errors import InputError
-from physreal_core.rendering.harmonics import colours_from_harmonics, harmonics_from_colours, rotate_harmonics
+from physreal_core.rendering.harmonics import C0, colours_from_harmonics, harmonics_from_colours, rotate_harmonics
 
 
 @dataclass
@@ -26,11 +26,12 @@ class Gaussians:
         InputError: if the shapes do not belong together.
     """
 
-    means: Float[Tensor, "gaussians 3"]
-    log_scales: Float[Tensor, "gaussians 3"]
-    rotations: Float[Tensor, "gaussians 4"]
-    opacity_logits: Float[Tensor, " gaussians"]
-    harmonics: Float[Tensor, "gaussians basis 3"]
+    # The shapes come from a user's file: checked below, with an error that says what to change.
+    means: Tensor
+    log_scales: Tensor
+    rotations: Tensor
+    opacity_logits: Tensor
+    harmonics: Tensor
 
     def __post_init__(self) -> None:
         count = len(self.means)
@@ -55,7 +56,7 @@ class Gaussians:
         opacity: float = 0.95,
         rotations: Float[Tensor, "gaussians 4"] | None = None,
     ) -> Gaussians:
-        """Gaussians of the given standard deviations [m] and RGB (0 to 1); without rotations, axes along the world's."""
+        """Gaussians of given standard deviations [m] and RGB (0 to 1); without rotations, axes along the world's."""
         count = len(means)
         scales = torch.as_tensor(scales, dtype=means.dtype, device=means.device).expand(count, 3)
         if rotations is None:
@@ -89,7 +90,7 @@ class Gaussians:
             turned: how they have turned since the harmonics were stored; the view direction is turned back by it.
         """
         if self.harmonics.shape[1] == 1:
-            return (harmonics_colour_of_degree_0(self.harmonics)).clamp(min=0.0)
+            return (C0 * self.harmonics[:, 0] + 0.5).clamp(min=0.0)
         means = self.means if means is None else means
         directions = torch.nn.functional.normalize(means - centre.to(means), dim=-1)
         if turned is not None:
@@ -97,14 +98,17 @@ class Gaussians:
         return colours_from_harmonics(self.harmonics, directions)
 
     def transformed(self, rotation: Tensor, translation: Tensor, scale: float | Tensor = 1.0) -> Gaussians:
-        """The object after p -> rotation @ (scale * p) + translation: axes, sizes and harmonics follow; differentiable
-        in all three except through the view dependence of the colour.
+        """The object after p -> rotation @ (scale * p) + translation: axes, sizes and harmonics follow.
+
+        Differentiable in all three, except through the view dependence of the colour.
 
         Args:
             rotation: [3, 3]; translation: [3] m; scale: > 0.
         """
-        rotation, translation = (torch.as_tensor(a).to(self.means) for a in (rotation, translation))
-        scale = torch.as_tensor(scale).to(self.means)
+        rotation, translation, scale = (
+            a.to(self.means) if isinstance(a, Tensor) else self.means.new_tensor(a)
+            for a in (rotation, translation, scale)
+        )
         turn = quaternion_from_matrix(rotation)
         return Gaussians(
             means=scale * self.means @ rotation.T + translation,
@@ -113,13 +117,6 @@ class Gaussians:
             opacity_logits=self.opacity_logits,
             harmonics=rotate_harmonics(self.harmonics, rotation),
         )
-
-
-def harmonics_colour_of_degree_0(harmonics: Float[Tensor, "gaussians 1 3"]) -> Float[Tensor, "gaussians 3"]:
-    """RGB of the constant term alone."""
-    from physreal_core.rendering.harmonics import C0
-
-    return harmonics[:, 0] * C0 + 0.5
 
 
 def rotation_matrices(quaternions: Float[Tensor, "*batch 4"]) -> Float[Tensor, "*batch 3 3"]:
@@ -133,7 +130,7 @@ def rotation_matrices(quaternions: Float[Tensor, "*batch 4"]) -> Float[Tensor, "
     return torch.stack(rows, dim=-1).unflatten(-1, (3, 3))
 
 
-def quaternion_product(a: Float[Tensor, "*batch 4"], b: Float[Tensor, "*batch 4"]) -> Float[Tensor, "*batch 4"]:
+def quaternion_product(a: Float[Tensor, "*#batch 4"], b: Float[Tensor, "*#batch 4"]) -> Float[Tensor, "*#batch 4"]:
     """Hamilton product wxyz: the rotation b followed by the rotation a."""
     aw, ax, ay, az = a.unbind(-1)
     bw, bx, by, bz = b.unbind(-1)
@@ -147,7 +144,7 @@ def quaternion_product(a: Float[Tensor, "*batch 4"], b: Float[Tensor, "*batch 4"
 
 
 def quaternion_from_matrix(rotation: Float[Tensor, "3 3"]) -> Float[Tensor, " 4"]:
-    """Quaternion wxyz of a rotation matrix, from the row of q q^T with the largest diagonal (Shepperd); differentiable."""
+    """Quaternion wxyz of a rotation matrix (Shepperd: the row of q q^T with the largest diagonal); differentiable."""
     m = rotation
     trace = m[0, 0] + m[1, 1] + m[2, 2]
     diagonal = torch.stack([1 + trace, *(1 - trace + 2 * m[i, i] for i in range(3))])

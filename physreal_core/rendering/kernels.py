@@ -31,13 +31,13 @@ def raster_kernels(scalar: type) -> SimpleNamespace:
 
     @wp.struct
     class Splat:
-        """A Gaussian on the image: the ellipse where its alpha reaches ALPHA_MIN has the half sizes `reach` [px]."""
+        """A Gaussian on the image: alpha = opacity * exp(power), power = a dx^2 + b dx dy + c dy^2 with (a, b, c) =
+        `falloff` [1/px^2]; below `power_min` alpha is under ALPHA_MIN."""
 
         centre: vec2
-        conic: vec3
+        falloff: vec3
         opacity: scalar
         power_min: scalar
-        reach: vec2
 
     @wp.func(module=module)
     def ewa_jacobian(mean: vec3, intrinsics: vec4, limits: vec4):
@@ -88,19 +88,20 @@ def raster_kernels(scalar: type) -> SimpleNamespace:
         u = intrinsics[0] * mean[0] / mean[2] + intrinsics[2]
         v = intrinsics[1] * mean[1] / mean[2] + intrinsics[3]
         splat.centre = vec2(u, v)
-        splat.conic = vec3(S[2] * inverse, -S[1] * inverse, S[0] * inverse)
+        splat.falloff = vec3(-half * S[2] * inverse, S[1] * inverse, -half * S[0] * inverse)
         splat.opacity = opacity
         splat.power_min = wp.log(alpha_min / opacity)
         spread = -two * splat.power_min
-        splat.reach = vec2(wp.sqrt(spread * S[0]), wp.sqrt(spread * S[2]))
+        # Half sizes [px] of the ellipse where alpha reaches ALPHA_MIN.
+        reach = vec2(wp.sqrt(spread * S[0]), wp.sqrt(spread * S[2]))
         splats[g] = splat
         width = scalar(tiles_x * tile)
         height = scalar(tiles_y * tile)
         # Clamped before the cast: a far-off centre must not overflow an integer.
-        left = int(wp.ceil(wp.clamp(u - splat.reach[0], zero, width)))
-        right = int(wp.floor(wp.clamp(u + splat.reach[0], -one, width - one)))
-        top = int(wp.ceil(wp.clamp(v - splat.reach[1], zero, height)))
-        bottom = int(wp.floor(wp.clamp(v + splat.reach[1], -one, height - one)))
+        left = int(wp.ceil(wp.clamp(u - reach[0], zero, width)))
+        right = int(wp.floor(wp.clamp(u + reach[0], -one, width - one)))
+        top = int(wp.ceil(wp.clamp(v - reach[1], zero, height)))
+        bottom = int(wp.floor(wp.clamp(v + reach[1], -one, height - one)))
         if left > right or top > bottom:
             return
         box = wp.vec4i(left / tile, right / tile, top / tile, bottom / tile)
@@ -145,7 +146,7 @@ def raster_kernels(scalar: type) -> SimpleNamespace:
         image: wp.array2d(dtype=vec4),
         transmittances: wp.array2d(dtype=scalar),
     ):
-        """One thread a pixel, 16 x 16 neighbours in a block: front to back until the pixel is opaque."""
+        """One thread a pixel, a tile a block: front to back until the pixel is opaque."""
         thread = wp.tid()
         index = thread / (tile * tile)
         local = thread % (tile * tile)
@@ -162,16 +163,14 @@ def raster_kernels(scalar: type) -> SimpleNamespace:
         while pair < end and transmittance > transmittance_min:
             g = pair_splats[pair]
             pair += 1
-            dy = y - splats[g].centre[1]
-            if wp.abs(dy) <= splats[g].reach[1]:
-                dx = x - splats[g].centre[0]
-                if wp.abs(dx) <= splats[g].reach[0]:
-                    conic = splats[g].conic
-                    power = -half * (conic[0] * dx * dx + conic[2] * dy * dy) - conic[1] * dx * dy
-                    if power >= splats[g].power_min:
-                        weight = wp.min(splats[g].opacity * wp.exp(power), alpha_max) * transmittance
-                        total += weight * features[g]
-                        transmittance -= weight
+            splat = splats[g]
+            dx = x - splat.centre[0]
+            dy = y - splat.centre[1]
+            power = dx * (splat.falloff[0] * dx + splat.falloff[1] * dy) + splat.falloff[2] * dy * dy
+            if power >= splat.power_min:
+                weight = wp.min(splat.opacity * wp.exp(power), alpha_max) * transmittance
+                total += weight * features[g]
+                transmittance -= weight
         image[py, px] = total
         transmittances[py, px] = transmittance
 
@@ -213,26 +212,24 @@ def raster_kernels(scalar: type) -> SimpleNamespace:
         while pair < end and transmittance > transmittance_min:
             g = pair_splats[pair]
             pair += 1
-            dy = y - splats[g].centre[1]
-            if wp.abs(dy) <= splats[g].reach[1]:
-                dx = x - splats[g].centre[0]
-                if wp.abs(dx) <= splats[g].reach[0]:
-                    conic = splats[g].conic
-                    power = -half * (conic[0] * dx * dx + conic[2] * dy * dy) - conic[1] * dx * dy
-                    if power >= splats[g].power_min:
-                        falloff = wp.exp(power)
-                        uncapped = splats[g].opacity * falloff
-                        alpha = wp.min(uncapped, alpha_max)
-                        weight = alpha * transmittance
-                        gain = wp.dot(features[g], bar)
-                        behind -= weight * gain
-                        wp.atomic_add(features_bar, g, weight * bar)
-                        if uncapped < alpha_max:
-                            q = falloff * (transmittance * gain - behind / (one - alpha))
-                            qx = q * dx
-                            qy = q * dy
-                            wp.atomic_add(moments, g, vec6(q, qx, qy, qx * dx, qx * dy, qy * dy))
-                        transmittance -= weight
+            splat = splats[g]
+            dx = x - splat.centre[0]
+            dy = y - splat.centre[1]
+            power = dx * (splat.falloff[0] * dx + splat.falloff[1] * dy) + splat.falloff[2] * dy * dy
+            if power >= splat.power_min:
+                falloff = wp.exp(power)
+                uncapped = splat.opacity * falloff
+                alpha = wp.min(uncapped, alpha_max)
+                weight = alpha * transmittance
+                gain = wp.dot(features[g], bar)
+                behind -= weight * gain
+                wp.atomic_add(features_bar, g, weight * bar)
+                if uncapped < alpha_max:
+                    q = falloff * (transmittance * gain - behind / (one - alpha))
+                    qx = q * dx
+                    qy = q * dy
+                    wp.atomic_add(moments, g, vec6(q, qx, qy, qx * dx, qx * dy, qy * dy))
+                transmittance -= weight
 
     @wp.kernel(module=module)
     def project_adjoint(
@@ -255,7 +252,8 @@ def raster_kernels(scalar: type) -> SimpleNamespace:
         inverse = one / mean[2]
         m = moments[g]
         o = splats[g].opacity
-        K = splats[g].conic
+        f = splats[g].falloff
+        K = vec3(-two * f[0], -f[1], -two * f[2])  # inverse of the footprint: xx, xy, yy
         opacities_bar[g] = m[0]
         u_bar = o * (K[0] * m[1] + K[1] * m[2])
         v_bar = o * (K[1] * m[1] + K[2] * m[2])
@@ -291,7 +289,9 @@ def raster_kernels(scalar: type) -> SimpleNamespace:
         j3 = two * (bx * C[0, 2] + by * C[1, 2] + bz * C[2, 2])
         x = mean[0] * inverse
         y = mean[1] * inverse
-        z_bar = -inverse * (j0 * J[0] + j1 * J[1] + j2 * J[2] + j3 * J[3] + u_bar * J[0] * mean[0] + v_bar * J[1] * mean[1])
+        z_bar = -inverse * (
+            j0 * J[0] + j1 * J[1] + j2 * J[2] + j3 * J[3] + u_bar * J[0] * mean[0] + v_bar * J[1] * mean[1]
+        )
         x_bar = u_bar * J[0]
         y_bar = v_bar * J[1]
         if x > limits[0] and x < limits[1]:
@@ -303,6 +303,7 @@ def raster_kernels(scalar: type) -> SimpleNamespace:
         means_bar[g] = vec3(x_bar, y_bar, z_bar)
 
     return SimpleNamespace(
-        Splat=Splat, scalar=scalar, vec3=vec3, vec4=vec4, vec6=vec6, mat33=mat33, project=project, list_tiles=list_tiles,
-        composite=composite, composite_adjoint=composite_adjoint, project_adjoint=project_adjoint,
+        Splat=Splat, scalar=scalar, vec3=vec3, vec4=vec4, vec6=vec6, mat33=mat33, project=project,
+        list_tiles=list_tiles, composite=composite, composite_adjoint=composite_adjoint,
+        project_adjoint=project_adjoint,
     )  # fmt: skip

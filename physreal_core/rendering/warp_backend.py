@@ -12,7 +12,8 @@ from physreal_core.rendering.camera import Camera
 from physreal_core.rendering.kernels import raster_kernels
 from physreal_core.rendering.reference import jacobian_limits
 
-TILE = 16  # [px]
+# [px] On a GPU a tile is a block of 256 threads; on the CPU (pixels one by one) smaller tiles test fewer Gaussians.
+TILE_CUDA, TILE_CPU = 16, 8
 _SCALARS = {torch.float32: wp.float32, torch.float64: wp.float64}
 
 
@@ -22,9 +23,10 @@ def rasterise_warp(
     opacities: Float[Tensor, " gaussians"],
     features: Float[Tensor, "gaussians 4"],
     camera: Camera,
-    tile: int = TILE,
+    tile: int | None = None,
 ) -> tuple[Float[Tensor, "height width 4"], Float[Tensor, "height width"]]:
     """Composite Gaussians given in the camera's frame [m]; the same result as `rasterise_reference`, with gradients."""
+    tile = tile or (TILE_CUDA if means.is_cuda else TILE_CPU)
     image, transmittance = _Rasterise.apply(means, covariances, opacities, features, camera, tile)
     return image, 1.0 - transmittance
 

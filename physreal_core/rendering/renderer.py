@@ -1,4 +1,4 @@
-"""The rasteriser's one public function: Gaussians in the world to RGB, depth and alpha, differentiable in all of them."""
+"""The rasteriser's one public function: Gaussians in the world to RGB, depth and alpha, all differentiable."""
 
 from __future__ import annotations
 
@@ -32,10 +32,10 @@ class Rendering:
 
 
 def rasterise(
-    means: Float[Tensor, "gaussians 3"],
-    covariances: Float[Tensor, "gaussians 3 3"],
-    opacities: Float[Tensor, " gaussians"],
-    colours: Float[Tensor, "gaussians 3"],
+    means: Tensor,
+    covariances: Tensor,
+    opacities: Tensor,
+    colours: Tensor,
     camera: Camera,
     T_world_camera: Float[Tensor, "4 4"] | None = None,
     background: tuple[float, float, float] | Tensor = (0.0, 0.0, 0.0),
@@ -45,10 +45,10 @@ def rasterise(
     """Render Gaussians front to back; gradients reach means, covariances, opacities, colours, the pose and background.
 
     Args:
-        means: centres in the world [m].
-        covariances: in the world [m^2]; only the symmetric part is used.
-        opacities: 0 to 1.
-        colours: RGB, 0 to 1.
+        means: centres in the world [m], shape [G, 3].
+        covariances: in the world [m^2], shape [G, 3, 3]; only the symmetric part is used.
+        opacities: 0 to 1, shape [G].
+        colours: RGB, 0 to 1, shape [G, 3].
         T_world_camera: pose used instead of the camera's own, for pose gradients.
         background: RGB.
         backend: "auto", "warp", "gsplat" (needs CUDA and the package) or "reference" (plain torch, slow).
@@ -92,7 +92,7 @@ def render_carried(
     *,
     backend: str = "auto",
 ) -> Rendering:
-    """Render a Gaussian model carried by its particles (eqs. gs_binding, physics_rendering); differentiable in x and F."""
+    """Render a model carried by its particles (eqs. gs_binding, physics_rendering); differentiable in x and F."""
     means, covariances = carry_gaussians(binding, gaussians, x0, x, F)
     turned = carried_rotations(binding, F) if gaussians.harmonics.shape[1] > 1 else None
     colours = gaussians.colours(camera.centre, means, turned).to(means)

@@ -1,0 +1,67 @@
+"""Binding to particles: affine motions are reproduced, and the carry functions differentiate."""
+
+from __future__ import annotations
+
+import torch
+
+from physreal_core.rendering import Gaussians, bind, carried_rotations, carry_gaussians, carry_points, rotation_matrices
+
+ROTATION = rotation_matrices(torch.tensor([0.3, -0.8, 0.5, 0.2], dtype=torch.float64))
+AFFINE = torch.tensor([[1.2, 0.3, -0.1], [0.0, 0.8, 0.4], [-0.2, 0.1, 1.1]], dtype=torch.float64)
+SHIFT = torch.tensor([0.4, -0.2, 0.9], dtype=torch.float64)
+
+
+def _scene(particles: int = 50, count: int = 30):
+    generator = torch.Generator().manual_seed(0)
+    x0 = torch.rand(particles, 3, generator=generator, dtype=torch.float64)
+    points = torch.rand(count, 3, generator=generator, dtype=torch.float64)
+    quaternions = torch.randn(count, 4, generator=generator, dtype=torch.float64)
+    scales = 0.02 + 0.05 * torch.rand(count, 3, generator=generator, dtype=torch.float64)
+    g = Gaussians.from_points(points, scales, torch.rand(count, 3, generator=generator), rotations=quaternions)
+    return x0, points, g, bind(points, x0, count=8)
+
+
+def test_weights() -> None:
+    x0, points, _, binding = _scene()
+    assert binding.neighbours.shape == (30, 8)
+    assert binding.weights.min() >= 0
+    torch.testing.assert_close(binding.weights.sum(dim=1), torch.ones(30))
+    nearest = torch.cdist(points, x0).argmin(dim=1)
+    assert torch.equal(binding.neighbours[:, 0], nearest)
+    assert torch.equal(binding.weights.argmax(dim=1), torch.zeros(30, dtype=torch.int64))
+
+
+def test_fewer_particles_than_neighbours() -> None:
+    x0, points, _, _ = _scene()
+    assert bind(points, x0[:3], count=8).neighbours.shape == (30, 3)
+
+
+def test_rigid_and_affine_motion_are_exact() -> None:
+    """x = A x0 + b with F = A: points land on A p0 + b and covariances become A C A^T, to rounding."""
+    x0, points, g, binding = _scene()
+    for A in (ROTATION, AFFINE):
+        x, F = x0 @ A.T + SHIFT, A.expand(len(x0), 3, 3)
+        expected = points @ A.T + SHIFT
+        torch.testing.assert_close(carry_points(binding, points, x0, x, F), expected, rtol=0, atol=1e-14)
+        means, covariances = carry_gaussians(binding, g, x0, x, F)
+        torch.testing.assert_close(means, expected, rtol=0, atol=1e-14)
+        torch.testing.assert_close(covariances, A @ g.covariances() @ A.T, rtol=0, atol=1e-15)
+
+
+def test_rotation_of_a_stretched_body() -> None:
+    """F = R U: the carried rotation is R (polar decomposition)."""
+    x0, _, _, binding = _scene()
+    U = torch.diag(torch.tensor([1.5, 0.7, 1.1], dtype=torch.float64))
+    turned = carried_rotations(binding, (ROTATION @ U).expand(len(x0), 3, 3))
+    torch.testing.assert_close(turned, ROTATION.expand(30, 3, 3), rtol=0, atol=1e-12)
+
+
+def test_gradients() -> None:
+    """gradcheck (float64) of both carry functions in x and F, at a motion that is not affine."""
+    x0, points, g, binding = _scene(particles=12, count=5)
+    generator = torch.Generator().manual_seed(1)
+    x = (x0 + 0.1 * torch.randn(12, 3, generator=generator, dtype=torch.float64)).requires_grad_(True)
+    F = torch.eye(3, dtype=torch.float64) + 0.2 * torch.randn(12, 3, 3, generator=generator, dtype=torch.float64)
+    F.requires_grad_(True)
+    assert torch.autograd.gradcheck(lambda x, F: carry_points(binding, points, x0, x, F), (x, F))
+    assert torch.autograd.gradcheck(lambda x, F: carry_gaussians(binding, g, x0, x, F), (x, F))

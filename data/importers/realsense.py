@@ -1,0 +1,81 @@
+"""A RealSense recording (.bag), read through Open3D: colour, depth aligned to it, intrinsics and frame rate."""
+
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+
+from data.importers._writing import new_capture, write_description, write_image
+from physreal_core.errors import InputError
+
+
+def import_capture(
+    source: Path, destination: Path, *, description: str = "", controller: str = "hand", frames: int | None = None
+) -> None:
+    """Writes the capture; `frames` limits how many are read.
+
+    Raises:
+        InputError: Open3D or its RealSense reader is missing, or the file cannot be read.
+    """
+    source = Path(source)
+    if not source.is_file():
+        raise InputError("no such recording", where=str(source), expected="a .bag file")
+    reader = open_bag(source)
+    try:
+        with new_capture(destination) as folder:
+            count = _write_frames(reader, folder, frames)
+            if count == 0:
+                raise InputError("the recording holds no frame", where=str(source))
+            write_description(folder, describe(reader.metadata, count) | _words(source, description, controller))
+    finally:
+        reader.close()
+
+
+def open_bag(source: Path) -> Any:
+    """An opened Open3D RSBagReader.
+
+    Raises:
+        InputError: as `import_capture`.
+    """
+    remedy = "install Open3D built with RealSense support (pip install open3d) or convert the recording to images"
+    try:
+        import open3d
+    except (ImportError, OSError) as error:
+        raise InputError(f"Open3D cannot be imported ({error})", where=str(source), remedy=remedy) from None
+    if not hasattr(open3d.t.io, "RSBagReader"):
+        raise InputError("this Open3D has no RealSense reader", where=str(source), remedy=remedy)
+    reader = open3d.t.io.RSBagReader()
+    if not reader.open(str(source)):
+        raise InputError("Open3D cannot read the recording", where=str(source), expected="a .bag of a RealSense camera")
+    return reader
+
+
+def describe(metadata: Any, frames: int) -> dict:
+    """capture.json from Open3D's RGBDVideoMetadata."""
+    return {
+        "fps": float(metadata.fps),
+        "width": int(metadata.width),
+        "height": int(metadata.height),
+        "K": np.asarray(metadata.intrinsics.intrinsic_matrix, float),
+        "frame_count": frames,
+    }
+
+
+def _words(source: Path, description: str, controller: str) -> dict:
+    return {"description": description, "controller": controller, "notes": {"source": source.name}}
+
+
+def _write_frames(reader: Any, folder: Path, limit: int | None) -> int:
+    """Reads to the end; depth counts become millimetres by the recording's `depth_scale` (counts per metre)."""
+    to_millimetres = 1000.0 / reader.metadata.depth_scale
+    count = 0
+    while not reader.is_eof() and (limit is None or count < limit):
+        image = reader.next_frame()
+        if image.is_empty():
+            break
+        colour, depth = np.asarray(image.color), np.asarray(image.depth).squeeze(-1)
+        write_image(folder / "color" / f"{count:06d}.png", colour.astype(np.uint8))
+        millimetres = np.clip(np.round(depth * to_millimetres), 0, 65535).astype(np.uint16)
+        write_image(folder / "depth" / f"{count:06d}.png", millimetres)
+        count += 1
+    return count

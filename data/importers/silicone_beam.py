@@ -1,0 +1,143 @@
+"""The silicone beam of Dubied et al. (sim-to-real for soft robots): motion capture of a cantilever let go, 100 Hz.
+
+World frame: x along the beam from the clamped face (x = 0) to the tip, y across, z up; the beam's axis lies at
+z = 0.5 m, so that the support plane z = 0 is out of reach. Beam: 30 x 30 x 100 mm.
+
+The recording's own frame has column 0 up and column 2 along the beam, tilted by 6.6 degrees against it. As its authors
+do, the six markers of frame 0 are laid rigidly onto the places where they were mounted (balls 6 mm off the tip's faces
+and on the clamp's block), and gravity is taken at right angles to the beam; along the beam it would add 0.02 mm.
+"""
+
+from pathlib import Path
+
+import numpy as np
+
+from data.importers._writing import first_part_observed, new_capture, rigid, write_description
+from physreal_core.array_types import Array, Float
+from physreal_core.errors import InputError
+
+LENGTH, WIDTH, AXIS_HEIGHT = 0.100, 0.030, 0.5  # [m]
+DENSITY = 1070.0  # [kg/m^3]
+MARKER_NOISE = 0.0003  # [m] a held beam's markers wander by this much
+_RELEASED = 0.0002  # [m] the tip has begun to fall
+
+# Mounting places of the markers [m], beam frame (clamped face at x = 0, centre of the cross-section at y = z = 0).
+MOUNTS = np.array(
+    [
+        [0.100, 0.000, 0.021],
+        [0.100, -0.021, 0.009],
+        [0.100, 0.021, -0.009],
+        [0.006, -0.025, -0.016],
+        [0.006, 0.025, 0.0125],
+        [0.006, 0.025, -0.015],
+    ]
+)
+TIP, BASE = slice(0, 3), slice(3, 6)
+
+
+def import_capture(source: Path, destination: Path, *, duration: float | None = 2.0, split: float = 0.5) -> None:
+    """One recording (gravity_V2_a.npz, load52_V2_b.npz, ...; beam.stl beside it) as a capture without images.
+
+    Its tracks are the three markers at the tip; those at the base sit on the clamp's block, not on the beam.
+
+    Args:
+        source: the recording's .npz.
+        destination: capture folder.
+        duration: time kept from the release on [s]; None keeps all.
+        split: share of it that fits may see.
+
+    Raises:
+        InputError: a file or field is missing, the markers do not fit their mounts, or the beam is never let go.
+    """
+    source = Path(source)
+    markers, fps, load = _read(source)
+    T_world_recording, misfit = _align(markers[0], source)
+    world = markers @ T_world_recording[:3, :3].T + T_world_recording[:3, 3]
+    first = _release(world, source)
+    last = len(world) if duration is None else min(len(world), first + round(duration * fps))
+    points = world[first:last, TIP]
+    with new_capture(destination) as folder:
+        _write_beam(source.with_name("beam.stl"), folder / "shape_prior.glb")
+        valid = np.ones(points.shape[:2], bool)
+        sigma = np.full(points.shape[:2], MARKER_NOISE, np.float32)
+        np.savez(folder / "tracks3d.npz", points3d=points.astype(np.float32), valid3d=valid, sigma3d=sigma)
+        settled = world[-round(0.3 * fps) :, TIP].mean(axis=(0, 1)) - points[0].mean(axis=0)
+        notes = {
+            "source": source.name,
+            "release_frame": first,
+            "marker_misfit_m": round(misfit, 5),
+            "static_tip_displacement_m": settled.round(5).tolist(),
+            "tip_load_newton": load,
+            "tip_load": "its force alone: the 52 g that hang there also slow the swing" if load else "none",
+        }
+        write_description(folder, describe(fps, len(points), load, split) | {"notes": notes})
+
+
+def describe(fps: float, frames: int, load: float, split: float) -> dict:
+    """capture.json; `load` is the weight at the tip [N]."""
+    below, above = AXIS_HEIGHT - WIDTH, AXIS_HEIGHT + WIDTH
+    edge = [LENGTH, 0.0, AXIS_HEIGHT + WIDTH / 2]
+    return {
+        "kind": "tracks",
+        "description": "a cantilever of cast silicone",
+        "fps": fps,
+        "frame_count": frames,
+        "density": DENSITY,
+        "T_world_object": np.eye(4),
+        "clamps": [{"lower": [-0.05, -WIDTH, below], "upper": [0.0, WIDTH, above]}],
+        "payloads": [{"point": edge, "radius": 0.6 * WIDTH, "force": [0.0, 0.0, -load]}] if load else [],
+        "split": first_part_observed(frames, split),
+    }
+
+
+def _read(source: Path) -> tuple[Float[Array, "T 6 3"], float, float]:
+    """Markers [m], frames per second, tip load [N]."""
+    if not source.is_file():
+        raise InputError("no such recording", where=str(source), expected="an .npz with markers, fps, tip_load_newton")
+    with np.load(source, allow_pickle=False) as file:
+        missing = {"markers", "fps", "tip_load_newton"} - set(file.files)
+        if missing:
+            raise InputError(f"no field {min(missing)!r}", where=str(source))
+        markers = np.asarray(file["markers"], float)
+        if markers.ndim != 3 or markers.shape[1:] != MOUNTS.shape or not np.isfinite(markers).all():
+            raise InputError(f"markers of shape {markers.shape}", where=str(source), expected="(T, 6, 3) finite [m]")
+        return markers, float(file["fps"]), float(file["tip_load_newton"])
+
+
+def _align(markers: Float[Array, "6 3"], source: Path) -> tuple[Float[Array, "4 4"], float]:
+    """The rigid motion that lays the markers onto their mounts, and its root-mean-square misfit [m]."""
+    from scipy.spatial.transform import Rotation
+
+    mounts = MOUNTS + [0, 0, AXIS_HEIGHT]
+    rotation, _ = Rotation.align_vectors(mounts - mounts.mean(axis=0), markers - markers.mean(axis=0))
+    turn = rotation.as_matrix()
+    shift = mounts.mean(axis=0) - turn @ markers.mean(axis=0)
+    misfit = float(np.sqrt(((markers @ turn.T + shift - mounts) ** 2).sum(axis=1).mean()))
+    if misfit > 0.003:
+        raise InputError(
+            f"the markers miss their mounts by {1000 * misfit:.1f} mm",
+            where=f"{source}, frame 0",
+            expected="markers 0-2 at the straight beam's tip, 3-5 at its base",
+        )
+    return rigid(turn, shift), misfit
+
+
+def _release(world: Float[Array, "T 6 3"], source: Path) -> int:
+    """The last frame before the tip falls."""
+    height = world[:, TIP, 2].mean(axis=1)
+    falling = np.flatnonzero(height < height[:10].mean() - _RELEASED)
+    if len(falling) == 0:
+        raise InputError("the beam is never let go", where=str(source))
+    return max(int(falling[0]) - 1, 0)
+
+
+def _write_beam(source: Path, path: Path) -> None:
+    """beam.stl (mm, its z from tip to clamp) in the world frame [m]."""
+    import trimesh
+
+    if not source.is_file():
+        raise InputError("the beam's mesh is missing", where=str(source), remedy="put beam.stl beside the recording")
+    mesh = trimesh.load(source)
+    turn = np.array([[0, 0, -1], [0, 1, 0], [1, 0, 0]]) / 1000
+    mesh.apply_transform(rigid(turn, [LENGTH, -WIDTH / 2, AXIS_HEIGHT - WIDTH / 2]))
+    mesh.export(path)

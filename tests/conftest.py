@@ -1,0 +1,29 @@
+"""Common to all tests: shapes of arrays checked at every call of the core, real recordings where they are to be had."""
+
+import os
+from pathlib import Path
+
+import pytest
+from jaxtyping import install_import_hook
+
+ROOT = Path(__file__).resolve().parent.parent
+
+
+def _checked_modules() -> list[str]:
+    """The core's modules without Warp in them: Warp compiles a function's source and must find it undecorated."""
+    files = (ROOT / "physreal_core").rglob("*.py")
+    plain = [file for file in files if file.stem != "__init__" and "import warp" not in file.read_text()]
+    return [".".join(file.relative_to(ROOT).with_suffix("").parts) for file in plain]
+
+
+_hook = install_import_hook(_checked_modules(), "beartype.beartype")
+_hook.__enter__()
+
+
+@pytest.fixture(scope="session")
+def real_data() -> Path:
+    """The folder of real recordings: $PHYSREAL_REAL_DATA, else ../shared/real beside the project."""
+    folder = Path(os.environ.get("PHYSREAL_REAL_DATA") or ROOT.parent / "shared" / "real")
+    if not folder.is_dir():
+        pytest.skip(f"no real recordings at {folder} (set PHYSREAL_REAL_DATA)")
+    return folder

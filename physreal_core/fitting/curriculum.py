@@ -20,10 +20,13 @@ from physreal_core.fitting.descent import Descent, DescentConfig, DescentResult,
 from physreal_core.fitting.model import PATCH_FIELDS, Model
 from physreal_core.fitting.objective import Objective
 from physreal_core.fitting.variables import Variable
-from physreal_core.simulation import ResidualConfig, initial_weights
+from physreal_core.simulation.constitutive.residual_config import ResidualConfig, initial_weights
 
 History = list[dict[str, Any]]
 NETWORK_FIELDS = ("latent_elastic", "latent_plastic", "network_elastic", "network_plastic")
+
+STABLE_COURANT = 0.6
+"""Largest Courant number at which the explicit steps are known to be stable (see `SimulationConfig`)."""
 
 
 @dataclass(frozen=True)
@@ -50,7 +53,9 @@ def fit_material(
     """
     moved = [variable for variable in variables if variable.rate > 0.0]
     if not moved:
-        raise InputError("every variable has rate 0", expected="at least one to fit", remedy="give one a rate above zero")
+        raise InputError(
+            "every variable has rate 0", expected="at least one to fit", remedy="give one a rate above zero"
+        )
     descent = Descent(
         moved,
         start,
@@ -97,7 +102,9 @@ def _total_at(objective: Objective, model: Model, modulus: float) -> float:
 
 def uniform_start(model: Model, variables: list[Variable]) -> Fields:
     """Stage 1's starting values: one row for each patch field, the model's mean."""
-    return {v.name: _one_row(model.fields[v.name]) if v.name in PATCH_FIELDS else model.fields[v.name] for v in variables}
+    return {
+        v.name: _one_row(model.fields[v.name]) if v.name in PATCH_FIELDS else model.fields[v.name] for v in variables
+    }
 
 
 def patch_start(model: Model, variables: list[Variable]) -> Fields:
@@ -106,11 +113,18 @@ def patch_start(model: Model, variables: list[Variable]) -> Fields:
 
 
 def with_residual(model: Model, config: ResidualConfig, seed: int) -> Model:
-    """Stage 3's starting model: zero latent codes and networks whose output layers are zero, so nothing changes yet."""
+    """Stage 3's starting model: zero latent codes and networks whose output layers are zero, so nothing changes yet.
+
+    The simulator shortens its time step for the stress the networks may add. What it takes is given back in the Courant number
+    (as far as stability allows), so that Stage 3 starts from the discretisation that Stage 2 was fitted in, to the last bit.
+    """
+    share = (1.0 + config.beta_elastic) ** 0.5
+    courant = min(model.simulation["courant"] * share, max(model.simulation["courant"], STABLE_COURANT))
     elastic, plastic = initial_weights(config, seed)
     latents = torch.zeros(model.patch_count, config.latent_size, dtype=torch.float64)
     fields = dict(zip(NETWORK_FIELDS, (latents, latents.clone(), elastic.double(), plastic.double()), strict=True))
-    return dataclasses.replace(model, residual=config, fields={**model.fields, **fields})
+    simulation = {**model.simulation, "courant": courant}
+    return dataclasses.replace(model, residual=config, simulation=simulation, fields={**model.fields, **fields})
 
 
 def _one_row(values: Tensor) -> Tensor:

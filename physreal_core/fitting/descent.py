@@ -4,7 +4,7 @@ import math
 from collections.abc import Callable
 from dataclasses import dataclass
 from pathlib import Path
-from typing import Any, Protocol
+from typing import Any
 
 import torch
 from torch import Tensor
@@ -15,12 +15,8 @@ from physreal_core.fitting.variables import Variable
 
 Fields = dict[str, Tensor]
 Terms = dict[str, float]
-
-
-class Evaluate(Protocol):
-    """The objective as the descent sees it: fields and a horizon in frames to a differentiable total and its terms."""
-
-    def __call__(self, fields: Fields, horizon: int) -> tuple[Tensor, Terms]: ...
+Evaluate = Callable[[Fields, int], tuple[Tensor, Terms]]
+"""The objective as the descent sees it: values and a horizon in frames to a differentiable total and its terms."""
 
 
 @dataclass(frozen=True)
@@ -149,7 +145,9 @@ class Descent:
 
     def _anchoring(self) -> Tensor:
         pulls = [
-            v.anchor * (self._free[v.name] - self._anchor[v.name]).square().mean() for v in self.variables if v.anchor > 0.0
+            v.anchor * (self._free[v.name] - self._anchor[v.name]).square().mean()
+            for v in self.variables
+            if v.anchor > 0.0
         ]
         return torch.stack(pulls).sum() if pulls else torch.zeros((), dtype=torch.float64)
 

@@ -15,7 +15,8 @@ from torch import Tensor
 
 from physreal_core.array_types import Float
 from physreal_core.errors import InputError
-from physreal_core.simulation import Parameters, ResidualConfig, SimulationConfig
+from physreal_core.simulation import Parameters, SimulationConfig
+from physreal_core.simulation.constitutive.residual_config import ResidualConfig
 
 FORMAT = 1
 
@@ -100,7 +101,10 @@ def uniform_model(
         simulation: see `Model`.
     """
     patches = patch_positions.to(torch.float64)
-    fields = {name: torch.full((len(patches),) if name in PATCH_FIELDS else (), v, dtype=torch.float64) for name, v in values.items()}
+    fields = {
+        name: torch.full((len(patches),) if name in PATCH_FIELDS else (), v, dtype=torch.float64)
+        for name, v in values.items()
+    }
     if plastic_law != "identity":
         fields["plastic"] = torch.tensor(plastic, dtype=torch.float64).expand(len(patches), 2).clone()
     return Model(elastic_law, plastic_law, {"patch_positions": patches, **fields}, simulation=simulation or {})

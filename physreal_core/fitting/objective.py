@@ -26,7 +26,13 @@ class Objective:
     """
 
     def __init__(
-        self, problem: Problem, model: Model, config: LossConfig, *, device: str = "cpu", rollout: Callable | None = None
+        self,
+        problem: Problem,
+        model: Model,
+        config: LossConfig,
+        *,
+        device: str = "cpu",
+        rollout: Callable | None = None,
     ) -> None:
         self.problem, self.config, self.device = problem, config, device
         simulation = model.simulation_config(problem.fps, device)

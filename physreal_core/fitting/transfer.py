@@ -11,8 +11,9 @@ from physreal_core.array_types import Array, Float, Int
 from physreal_core.fitting.model import Model
 from physreal_core.geometry import patch_weights
 
-_TIE = 1.05
-"""A turned start must be this much better than a smaller turn: a symmetric object keeps the orientation it is seen in."""
+_TIE = (1.05, 1e-4)
+"""A larger turn must beat a smaller one by this factor, and by this share of the target's variance: a symmetric object keeps the
+orientation it is seen in."""
 
 
 def transfer_model(
@@ -49,7 +50,7 @@ def register(
     starts = [np.eye(3), *(turn for turn in turns if np.linalg.det(turn) > 0.0)]
     tree = cKDTree(target)
     found = [_closest_points(source, target, tree, R, centres[1] - R @ centres[0], iterations) for R in starts]
-    limit = _TIE * min(cost for cost, _, _ in found)
+    limit = _TIE[0] * min(cost for cost, _, _ in found) + _TIE[1] * target.var(0).sum()
     _, rotation, translation = max((f for f in found if f[0] <= limit), key=lambda f: np.trace(f[1]))
     return rotation, translation
 

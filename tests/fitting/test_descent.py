@@ -10,6 +10,7 @@ import pytest
 import torch
 
 from physreal_core.errors import SimulationError
+from physreal_core.fitting.checkpoint import load_checkpoint, save_checkpoint
 from physreal_core.fitting.descent import Descent, DescentConfig
 from physreal_core.fitting.variables import Variable
 
@@ -49,7 +50,9 @@ def test_finds_both_values_with_a_growing_horizon():
 def test_keeps_the_best_iterate_at_the_full_horizon():
     wild = [Variable("youngs_modulus", "log", 3.0, 1e3, 1e7)]
     close = {"youngs_modulus": torch.tensor(5.5e4)}
-    history_of = Descent(wild, close, lambda v, h: spring({**v, "poissons_ratio": torch.tensor(0.3)}, h), FULL, DescentConfig(8))
+    history_of = Descent(
+        wild, close, lambda v, h: spring({**v, "poissons_ratio": torch.tensor(0.3)}, h), FULL, DescentConfig(8)
+    )
     result = history_of.run()
     totals = [row["total"] for row in result.history]
     assert max(totals) > 5.0 * totals[0], "the steps are meant to overshoot here"
@@ -107,42 +110,40 @@ def test_no_term_may_get_worse_where_every_term_counts():
 def test_an_anchor_holds_what_the_data_do_not_see():
     blind = [Variable("youngs_modulus", "log", 0.1, 1e3, 1e7, anchor=1.0)]
     tilted = Descent(
-        blind, {"youngs_modulus": torch.tensor(1e4)}, lambda v, h: (v["youngs_modulus"].log() * 1e-3, {}), FULL, DescentConfig(60)
+        blind,
+        {"youngs_modulus": torch.tensor(1e4)},
+        lambda v, h: (v["youngs_modulus"].log() * 1e-3, {}),
+        FULL,
+        DescentConfig(60),
     )
     assert tilted.run().values["youngs_modulus"].item() == pytest.approx(1e4, rel=5e-3)
 
 
-RUNNER = """
-import os, signal, sys, torch
-sys.path.insert(0, {tests!r})
-from pathlib import Path
-from test_descent import Descent, DescentConfig, FULL, VARIABLES, spring, start
-from physreal_core.fitting.checkpoint import save_checkpoint
-folder, kill_at = Path(sys.argv[1]), int(sys.argv[2])
-torch.manual_seed(0)
-def noisy(values, horizon):
-    total, terms = spring(values, horizon)
-    return total * (1.0 + 0.01 * torch.rand((), dtype=torch.float64)), terms
-def after(history):
-    if len(history) == kill_at:
-        os.kill(os.getpid(), signal.SIGKILL)
-result = Descent(VARIABLES, start(), noisy, FULL, DescentConfig(30, warmup=8, checkpoint_every=4)).run(
-    checkpoint=folder / "checkpoint.safetensors", on_iteration=after)
-save_checkpoint(folder / "result.safetensors", result.values, {{"total": result.total, "history": result.history}})
-"""
-
-
-def _run(folder: Path, kill_at: int) -> int:
+def _run(folder: Path, kill_at: int = 0) -> bytes:
+    """A fit whose objective draws random numbers, killed after `kill_at` evaluations if that is not 0; its result file."""
     folder.mkdir(exist_ok=True)
-    code = RUNNER.format(tests=str(Path(__file__).parent))
-    environment = {**os.environ, "OMP_NUM_THREADS": "1"}
-    return subprocess.run([sys.executable, "-c", code, str(folder), str(kill_at)], env=environment).returncode
+    torch.manual_seed(0)
+
+    def noisy(values, horizon):
+        total, terms = spring(values, horizon)
+        return total * (1.0 + 0.01 * torch.rand((), dtype=torch.float64)), terms
+
+    def after(history):
+        if len(history) == kill_at:
+            os.kill(os.getpid(), signal.SIGKILL)
+
+    descent = Descent(VARIABLES, start(), noisy, FULL, DescentConfig(30, warmup=8, checkpoint_every=4))
+    result = descent.run(checkpoint=folder / "checkpoint.safetensors", on_iteration=after)
+    save_checkpoint(folder / "result.safetensors", result.values, {"total": result.total, "history": result.history})
+    return (folder / "result.safetensors").read_bytes()
 
 
 def test_killed_and_rerun_gives_the_same_bytes_as_unbroken(tmp_path):
-    assert _run(tmp_path / "unbroken", 0) == 0
-    assert _run(tmp_path / "killed", 14) == -signal.SIGKILL
+    unbroken = _run(tmp_path / "unbroken")
+    script = f"from pathlib import Path; from tests.fitting.test_descent import _run; _run(Path({str(tmp_path)!r}) / 'killed', 14)"
+    root = Path(__file__).parents[2]
+    killed = subprocess.run([sys.executable, "-c", script], cwd=root, check=False).returncode
+    assert killed == -signal.SIGKILL
     assert not (tmp_path / "killed" / "result.safetensors").exists()
-    assert _run(tmp_path / "killed", 0) == 0
-    unbroken, resumed = ((tmp_path / name / "result.safetensors").read_bytes() for name in ("unbroken", "killed"))
-    assert unbroken == resumed
+    assert load_checkpoint(tmp_path / "killed" / "checkpoint.safetensors")[1]["iteration"] == 12
+    assert _run(tmp_path / "killed") == unbroken

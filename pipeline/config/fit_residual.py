@@ -1,0 +1,34 @@
+"""Parameters of `fit_residual` (Stage 3): sizes and bounds of the residual networks, and how fast they may move."""
+
+from pydantic import Field
+
+from pipeline.config._base import StageParameters
+from pipeline.config._fitting import Descent, Device, Losses, Masks, device_field
+
+
+class Residual(StageParameters):
+    """The networks N_e and N_p."""
+
+    latent_size: int = Field(4, ge=1, le=16, description="length of a patch's latent code")
+    hidden: int = Field(16, ge=1, le=64, description="units of the hidden layers")
+    beta_elastic: float = Field(
+        0.2, ge=0, lt=1, description="|residual stress| at most this share of the expert's; 0: off"
+    )
+    beta_plastic: float = Field(0.02, ge=0, lt=1, description="|residual F| a frame at most this share of |F|; 0: off")
+
+
+class Rate(StageParameters):
+    rate: float = Field(0.01, ge=0, description="Adam's step per iteration; 0: held")
+    anchor: float = Field(0.001, ge=0, description="weight of the mean squared distance from the start")
+
+
+class FitResidual(StageParameters):
+    """Stage 3: what no expert law explains; E and nu are held."""
+
+    residual: Residual = Field(Residual(), description="")
+    networks: Rate = Field(Rate(rate=0.01), description="the networks' weights")
+    latents: Rate = Field(Rate(rate=0.02), description="the patches' latent codes")
+    losses: Losses = Field(Losses(), description="")
+    masks: Masks = Field(Masks(), description="")
+    descent: Descent = Field(Descent(iterations=20, every_term=True), description="")
+    device: Device = device_field()

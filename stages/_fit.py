@@ -1,0 +1,121 @@
+"""What the three fit stages share: the descent with its bar and live loss curve, and the files a fit writes."""
+
+import csv
+import json
+import math
+from collections.abc import Callable
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+import torch
+
+from physreal_core.fitting.curriculum import History, fit_material
+from physreal_core.fitting.descent import DescentConfig, DescentResult, Fields
+from physreal_core.fitting.losses import LossConfig
+from physreal_core.fitting.model import UNITS, Model, save_model
+from physreal_core.fitting.objective import Objective
+from physreal_core.fitting.problem import Problem
+from physreal_core.fitting.variables import Variable
+from pipeline.config._base import StageParameters
+from pipeline.stage import StageContext
+
+
+def objective_of(context: StageContext, problem: Problem, model: Model) -> Objective:
+    """The training objective with the stage's own weights."""
+    return Objective(problem, model, LossConfig(**context.params.losses.model_dump()), device=context.params.device)
+
+
+def variable_of(name: str, transform: str, block: StageParameters) -> Variable:
+    """A variable of the core from its block in params.yaml."""
+    ranges = {key: getattr(block, key) for key in ("rate", "lower", "upper", "anchor") if hasattr(block, key)}
+    return Variable(name, transform, **ranges)
+
+
+def descend(
+    context: StageContext, objective: Objective, model: Model, variables: list[Variable], start: Fields
+) -> tuple[Model, DescentResult]:
+    """Runs the stage's descent with checkpoints and a live loss.csv in the scratch folder."""
+    config = DescentConfig(**context.params.descent.model_dump())
+    with context.progress("fit", config.iterations + 1) as bar:
+        return fit_material(
+            objective,
+            model,
+            variables,
+            start,
+            config,
+            checkpoint=context.scratch / "checkpoint.safetensors",
+            on_iteration=_follow(bar, context.scratch / "loss.csv"),
+        )
+
+
+def _follow(bar: Any, live: Path) -> Callable[[History], None]:
+    """Advances the bar and rewrites the live curve; a run that goes on from a checkpoint starts the bar there."""
+    started = False
+
+    def after(history: History) -> None:
+        nonlocal started
+        if not started:
+            bar.resume_at(len(history) - 1)
+            started = True
+        row = history[-1]
+        error = f", tracks {1e3 * row['track_error']:.1f} mm" if "track_error" in row else ""
+        bar.advance(note=f"loss {row['total']:.4f}{error}")
+        write_history(live, history)
+
+    return after
+
+
+def write_history(path: Path, history: History) -> None:
+    """The loss curve, one row per evaluation; terms are unweighted, means of variables in the units of `UNITS`."""
+    columns = list(dict.fromkeys(name for row in history for name in row))
+    with path.open("w", newline="") as handle:
+        writer = csv.DictWriter(handle, columns, restval="")
+        writer.writeheader()
+        writer.writerows(
+            {name: f"{v:.9g}" if isinstance(v, float) else v for name, v in row.items()} for row in history
+        )
+
+
+def write_fit(context: StageContext, objective: Objective, model: Model, result: DescentResult, **notes: Any) -> None:
+    """Model, loss curve, fit.json, and the rollout over the whole interval, observed and future."""
+    save_model(context.output, model)
+    write_history(context.output / "loss.csv", result.history)
+    with context.timed("rollout"):
+        write_rollout(context.output / "rollout.npz", objective, model)
+    record = {
+        "values": {name: _summary(name, tensor) for name, tensor in model.fields.items() if _is_material(name)},
+        "objective": result.total,
+        "iterations": len(result.history) - 1,
+        "observed_frames": objective.problem.observed,
+        "fitted_frames": objective.full_horizon,
+        "particles": len(objective.problem.body.x0),
+        "patches": model.patch_count,
+        **notes,
+    }
+    (context.output / "fit.json").write_text(json.dumps(record, indent=1) + "\n")
+
+
+def write_rollout(path: Path, objective: Objective, model: Model) -> None:
+    """x [T,N,3] m and F [T,N,3,3] of the whole interval, float32."""
+    with torch.no_grad():
+        states = objective.rollout(model.fields, objective.problem.frame_count)
+    np.savez(path, x=states.x.float().cpu().numpy(), F=states.F.float().cpu().numpy())
+
+
+def _is_material(name: str) -> bool:
+    return not name.startswith(("network", "latent", "patch"))
+
+
+def _summary(name: str, tensor: torch.Tensor) -> dict[str, Any]:
+    if tensor.ndim == 0:
+        return {"value": tensor.item(), "unit": UNITS[name]}
+    columns = tensor.reshape(len(tensor), -1)
+    numbers = {"mean": columns.mean(0), "min": columns.amin(0), "max": columns.amax(0)}
+    plain = {key: value.item() if len(value) == 1 else value.tolist() for key, value in numbers.items()}
+    return {**plain, "unit": UNITS[name]}
+
+
+def finite_or_none(value: float) -> float | None:
+    """For JSON, which knows no infinity."""
+    return value if math.isfinite(value) else None

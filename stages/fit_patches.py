@@ -1,0 +1,27 @@
+"""Stage 2: Young's modulus and Poisson's ratio per patch (Theta_2), from Stage 1's model."""
+
+from physreal_core.fitting.curriculum import patch_start
+from physreal_core.fitting.model import load_model
+from pipeline.config.fit_patches import FitPatches
+from pipeline.stage import StageContext, main
+from stages._fit import descend, objective_of, variable_of, write_fit
+from stages._problem import load_problem
+
+
+def run(context: StageContext) -> None:
+    """Fits a material per patch to the observed frames."""
+    params: FitPatches = context.params
+    problem = load_problem(context, params.masks if params.losses.mask > 0 else None)
+    model = load_model(context.input("fit_global"))
+    objective = objective_of(context, problem, model)
+    variables = [
+        variable_of("youngs_modulus", "log", params.youngs_modulus),
+        variable_of("poissons_ratio", "logit", params.poissons_ratio),
+    ]
+    variables = [variable for variable in variables if variable.rate > 0]
+    model, result = descend(context, objective, model, variables, patch_start(model, variables))
+    write_fit(context, objective, model, result)
+
+
+if __name__ == "__main__":
+    main("fit_patches", run)

@@ -1,0 +1,76 @@
+"""The whole objective's gradient, through losses, rendering, carrying and the rollout, against finite differences."""
+
+import pytest
+import torch
+
+from physreal_core.fitting.curriculum import with_residual
+from physreal_core.fitting.losses import LossConfig
+from physreal_core.fitting.objective import Objective
+from physreal_core.simulation.constitutive.residual_config import ResidualConfig
+from tests.fitting import scene
+
+TOLERANCE = 1e-5
+"""Relative error of a directional derivative: central differences in float64, step 1e-6 of the value (1e-5 for weights)."""
+
+EXPERTS = ("youngs_modulus", "poissons_ratio", "friction_coefficient", "grip_stiffness", "grip_damping")
+RESIDUALS = ("latent_elastic", "latent_plastic", "network_elastic", "network_plastic")
+
+
+@pytest.fixture(scope="module")
+def given():
+    return scene.problem(scene.model(dtype="float64"), frames=6, observed=6)
+
+
+def _model(residual: bool):
+    model = scene.model(dtype="float64", youngs_modulus=2e4, friction_coefficient=0.3, grip_stiffness=3.0)
+    if not residual:
+        return model
+    model = with_residual(model, ResidualConfig(latent_size=2, hidden=4), seed=1)
+    generator = torch.Generator().manual_seed(2)
+    shaken = {n: 0.3 * torch.randn(model.fields[n].shape, generator=generator, dtype=torch.float64) for n in RESIDUALS}
+    return model.with_fields(**shaken)
+
+
+@pytest.mark.parametrize(("names", "residual"), [(EXPERTS, False), (RESIDUALS, True)])
+def test_gradient_is_that_of_finite_differences(given, names, residual):
+    model = _model(residual)
+    objective = Objective(given, model, LossConfig())
+    generator = torch.Generator().manual_seed(3)
+    for name in names:
+        value = model.fields[name]
+        leaf = value.clone().requires_grad_()
+        objective({**model.fields, name: leaf}, 6)[0].backward()
+        direction = torch.randn(value.shape, generator=generator, dtype=torch.float64)
+        if not residual:
+            direction = (direction.abs() + 0.5) * value
+        step = 1e-5 if residual else 1e-6
+        with torch.no_grad():
+            ends = [objective({**model.fields, name: value + s * step * direction}, 6)[0] for s in (1.0, -1.0)]
+        numeric = ((ends[0] - ends[1]) / (2.0 * step)).item()
+        exact = (leaf.grad * direction).sum().item()
+        assert abs(numeric) > 1e-7, f"{name} has no effect here, so the check would prove nothing"
+        assert exact == pytest.approx(numeric, rel=TOLERANCE), name
+
+
+def test_weights_scale_their_terms(given):
+    model = _model(residual=False)
+    with torch.no_grad():
+        total, terms = Objective(given, model, LossConfig(motion=2.0, mask=3.0, motion_3d=0.7, motion_2d=0.4))(
+            model.fields, 6
+        )
+    expected = 2.0 * (0.7 * terms["track_3d"] + 0.4 * terms["track_2d"]) + 3.0 * terms["mask"]
+    assert total.item() == pytest.approx(expected, rel=1e-9) and min(terms.values()) > 0.0
+
+
+def test_frames_after_the_horizon_do_not_count(given):
+    model = _model(residual=False)
+    objective = Objective(given, model, LossConfig())
+    with torch.no_grad():
+        short, terms = objective(model.fields, 3)
+    assert "mask" in terms and torch.isfinite(short)
+    truncated = Objective(
+        scene.problem(scene.model(dtype="float64"), frames=6, observed=3), model, LossConfig(mask=0.0)
+    )
+    with torch.no_grad():
+        alone = Objective(given, model, LossConfig(mask=0.0))(model.fields, 3)[0]
+        assert alone.item() == pytest.approx(truncated(model.fields, 3)[0].item(), rel=1e-9)

@@ -1,0 +1,47 @@
+"""A material carried to the same object elsewhere."""
+
+import numpy as np
+import torch
+from scipy.spatial.transform import Rotation
+
+from physreal_core.fitting.model import particle_parameters
+from physreal_core.fitting.transfer import register, transfer_model
+from tests.fitting import scene
+
+
+def _shape(seed: int, count: int = 600) -> np.ndarray:
+    """Points in a body with no symmetry: a plate with a block on one corner; another seed samples other points."""
+    random = np.random.default_rng(seed)
+    plate = random.uniform([0, 0, 0], [0.24, 0.15, 0.04], (count, 3))
+    block = random.uniform([0.0, 0.0, 0.04], [0.06, 0.05, 0.10], (count // 4, 3))
+    return np.concatenate([plate, block])
+
+
+def test_registration_finds_a_turn_and_a_shift_of_other_samples_of_the_same_shape():
+    turn = Rotation.from_euler("zyx", [75, 20, -15], degrees=True).as_matrix()
+    target = _shape(1) @ turn.T + np.array([0.3, -0.2, 0.1])
+    R, t = register(_shape(0), target)
+    angle = np.degrees(Rotation.from_matrix(R @ turn.T).magnitude())
+    corner = np.array([0.0, 0.0, 0.1])
+    assert angle < 3.0
+    assert np.linalg.norm(R @ corner + t - (turn @ corner + [0.3, -0.2, 0.1])) < 0.005
+
+
+def test_a_symmetric_shape_keeps_the_orientation_it_is_seen_in():
+    box = np.random.default_rng(0).uniform([-0.1, -0.05, -0.02], [0.1, 0.05, 0.02], (800, 3))
+    R, t = register(box, box + np.array([0.05, 0.0, 0.0]))
+    assert np.trace(R) > 2.99 and np.allclose(t, [0.05, 0, 0], atol=1e-3)
+
+
+def test_the_soft_end_stays_the_soft_end():
+    model = scene.model().with_fields(youngs_modulus=torch.tensor([1e4, 2e4, 3e4, 4e4]))
+    source = scene.body().x0
+    turn = Rotation.from_euler("z", 30, degrees=True).as_matrix()
+    target = source @ turn.T + np.array([0.4, 0.1, 0.0])
+    moved, neighbours, weights = transfer_model(model, source, target, 3)
+    parameters = particle_parameters(
+        moved.fields, torch.from_numpy(neighbours), torch.from_numpy(weights), dtype=torch.float64, device="cpu"
+    )
+    patches = model.fields["patch_positions"].numpy()
+    at_patches = np.array([np.linalg.norm(source - patch, axis=1).argmin() for patch in patches])
+    np.testing.assert_allclose(parameters.youngs_modulus[at_patches], [1e4, 2e4, 3e4, 4e4], rtol=1e-6)

@@ -20,8 +20,8 @@ class Body:
     """
 
     x0: Float[Array, "particles 3"]
-    volume: Float[Array, "particles"]
-    density: Float[Array, "particles"]
+    volume: Float[Array, " particles"]
+    density: Float[Array, " particles"]
     spacing: float
 
     def __post_init__(self) -> None:
@@ -37,7 +37,7 @@ class Body:
             raise InputError(f"spacing is {self.spacing}", where="Body.spacing", expected="a positive length [m]")
 
     @property
-    def mass(self) -> Float[Array, "particles"]:
+    def mass(self) -> Float[Array, " particles"]:
         """Particle masses [kg], shape [N]."""
         return self.volume * self.density
 
@@ -58,10 +58,10 @@ class Grip:
         rest_lengths: initial distances l0 [m], shape [B].
     """
 
-    particles: Int[Array, "bonds"]
-    controllers: Int[Array, "bonds"]
-    weights: Float[Array, "bonds"]
-    rest_lengths: Float[Array, "bonds"]
+    particles: Int[Array, " bonds"]
+    controllers: Int[Array, " bonds"]
+    weights: Float[Array, " bonds"]
+    rest_lengths: Float[Array, " bonds"]
 
     def __post_init__(self) -> None:
         count = len(self.particles)
@@ -95,17 +95,17 @@ class Grip:
 class Clamp:
     """Grid nodes inside this box (edges included) are held. lower, upper: corners [m], shape [3]."""
 
-    lower: Float[Array, "3"]
-    upper: Float[Array, "3"]
+    lower: Float[Array, "3"] | tuple[float, float, float]
+    upper: Float[Array, "3"] | tuple[float, float, float]
 
 
 @dataclass(frozen=True)
 class PointLoad:
     """Constant force [N], shape [3], shared among `particles` [P] by `weights` [P] (made to sum to one)."""
 
-    particles: Int[Array, "loaded"]
-    weights: Float[Array, "loaded"]
-    force: Float[Array, "3"]
+    particles: Int[Array, " loaded"]
+    weights: Float[Array, " loaded"]
+    force: Float[Array, "3"] | tuple[float, float, float]
 
 
 def load_forces(body: Body, loads: tuple[PointLoad, ...]) -> Float[Array, "particles 3"]:

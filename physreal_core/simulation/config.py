@@ -1,15 +1,9 @@
 """Settings of a simulation that stay fixed during a fit: laws, gravity, ground, time step, precision and device."""
 
 from dataclasses import dataclass
-from typing import TYPE_CHECKING
 
 from physreal_core.errors import InputError
-
-if TYPE_CHECKING:
-    from physreal_core.simulation.constitutive.residual import ResidualConfig
-
-ELASTIC_LAWS = ("fixed_corotated", "neo_hookean", "hencky")
-PLASTIC_LAWS = ("identity", "von_mises", "drucker_prager")
+from physreal_core.simulation.constitutive import ELASTIC_LAWS, PLASTIC_LAWS, ResidualConfig
 
 
 @dataclass(frozen=True)
@@ -23,18 +17,18 @@ class SimulationConfig:
         gravity: acceleration [m/s2].
         ground_height: z of the support plane [m]; None for no ground.
         courant: Courant number of the elastic wave and of the grip's oscillation; above about 0.6 steps go unstable.
-        residual: neural residuals beside the expert laws; None for none.
+        residual: neural residuals beside the expert laws; None for none. A bound beta of zero leaves that one out.
         dtype: "float32", or "float64" for gradient proofs.
         device: "cpu" or "cuda:0".
     """
 
-    fps: float
+    fps: float | int
     elastic_law: str = "fixed_corotated"
     plastic_law: str = "identity"
     gravity: tuple[float, float, float] = (0.0, 0.0, -9.81)
     ground_height: float | None = 0.0
     courant: float = 0.4
-    residual: "ResidualConfig | None" = None
+    residual: ResidualConfig | None = None
     dtype: str = "float32"
     device: str = "cpu"
 
@@ -49,3 +43,13 @@ class SimulationConfig:
         for name in ("fps", "courant"):
             if not getattr(self, name) > 0:
                 raise InputError(f"{getattr(self, name)}", where=f"SimulationConfig.{name}", expected="a positive number")
+
+    @property
+    def elastic_residual(self) -> ResidualConfig | None:
+        """Residual of the stress, None if its bound leaves no room for one."""
+        return self.residual if self.residual is not None and self.residual.beta_elastic > 0 else None
+
+    @property
+    def plastic_residual(self) -> ResidualConfig | None:
+        """Residual of the plastic flow, None if its bound leaves no room for one."""
+        return self.residual if self.residual is not None and self.residual.beta_plastic > 0 else None

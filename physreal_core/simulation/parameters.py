@@ -18,8 +18,8 @@ class Parameters:
         friction_coefficient: Coulomb's mu_f of the ground, shape [].
         grip_stiffness: k_f [N] (force at unit strain of a bond of weight one), shape [].
         grip_damping: dashpot along the bond [N s/m], shape [].
-        plastic: the plastic law's own two numbers, shape [N, 2] (or [2]): von Mises yield stress and hardening modulus
-            [Pa]; Drucker-Prager friction angle [rad] and cohesion [Pa].
+        plastic: the plastic law's own two numbers (`constitutive.PLASTIC_PARAMETERS`), shape [N, 2] (or [2]): von Mises
+            yield stress [Pa] and viscosity [Pa s]; Drucker-Prager friction angle [rad] and cohesion [Pa].
         latent_elastic, latent_plastic: latent codes of the neural residuals, shape [N, L].
         network_elastic, network_plastic: flat weights of the neural residuals, shape [W].
         initial_velocity: [m/s], shape [N, 3] (or [3]).
@@ -33,8 +33,8 @@ class Parameters:
     plastic: Float[Tensor, "... 2"] | None = None
     latent_elastic: Float[Tensor, "particles latent"] | None = None
     latent_plastic: Float[Tensor, "particles latent"] | None = None
-    network_elastic: Float[Tensor, "weights"] | None = None
-    network_plastic: Float[Tensor, "weights"] | None = None
+    network_elastic: Float[Tensor, " weights"] | None = None
+    network_plastic: Float[Tensor, " weights"] | None = None
     initial_velocity: Float[Tensor, "... 3"] | None = None
 
 

@@ -1,8 +1,10 @@
 """One frame of substeps, forward and adjoint, as a fixed sequence of launches on arrays that stay where they are.
 
-A substep is: grip, stress, p2g, nodes, g2p. Nothing in it waits for the device or depends on values the host computes,
+A substep is: grip, stress, p2g, nodes, g2p, plastic flow. Nothing in it waits for the device or depends on values the host computes,
 so a frame can be captured in a CUDA graph: the grid's box, the time step and the controller points are device arrays.
 """
+
+from dataclasses import dataclass
 
 import numpy as np
 import torch
@@ -11,14 +13,34 @@ import warp as wp
 from physreal_core.simulation.body import Body, Clamp, Grip, PointLoad, load_forces
 from physreal_core.simulation.box import GridBox
 from physreal_core.simulation.config import SimulationConfig
+from physreal_core.simulation.constitutive import ResidualConfig
 from physreal_core.simulation.grid import grid_kernels
 from physreal_core.simulation.grip import bonds_by_particle, grip_kernels
-from physreal_core.simulation.material import stress_kernels
+from physreal_core.simulation.material import flow_kernels, stress_kernels
 from physreal_core.simulation.parameters import Parameters
 from physreal_core.simulation.scalars import scalar_types
 from physreal_core.simulation.transfers import transfer_kernels
 
 CONTACT_DEPTH = 0.0  # cells by which the topmost contact nodes lie below the ground plane
+
+
+WEIGHT_ROWS = 64  # copies of a network's weight adjoint on a GPU, so that its threads do not queue for one address
+
+
+@dataclass(frozen=True)
+class NetworkArrays:
+    """Latent codes [N, L] and weights [W] of one residual, and their adjoints [N, L] and [rows, W]."""
+
+    latent: torch.Tensor
+    weights: torch.Tensor
+    latent_bar: torch.Tensor
+    weights_bar: torch.Tensor
+
+    def inputs(self) -> list[wp.array]:
+        return [wp.from_torch(self.latent), wp.from_torch(self.weights)]
+
+    def adjoints(self) -> list[wp.array]:
+        return [wp.from_torch(self.latent_bar), wp.from_torch(self.weights_bar)]
 
 
 class Phase:
@@ -97,9 +119,27 @@ class Stepper:
             self.shapes |= {"grip_stiffness": (), "grip_damping": ()}
         self.E, self.nu, self.friction, self.grip = self._tensor(n), self._tensor(n), self._tensor(1), self._tensor(2)
         self.E_bar, self.nu_bar = self._tensor(n), self._tensor(n)
+        self.friction_bar = self._tensor(1)
+        self.plastic, self.plastic_bar = self._tensor(n, 2), self._tensor(n, 2)
+        if self.config.plastic_law != "identity":
+            self.shapes["plastic"] = (n, 2)
+        self.networks = {}
+        for kind, residual in (("elastic", self.config.elastic_residual), ("plastic", self.config.plastic_residual)):
+            if residual is not None:
+                self.shapes[f"network_{kind}"] = (residual.weight_count,)
+                if residual.latent_size:
+                    self.shapes[f"latent_{kind}"] = (n, residual.latent_size)
+                self.networks[kind] = self._network_arrays(residual)
         self.stiffness_bar, self.damping_bar = self._tensor(max(1, self.gripped)), self._tensor(max(1, self.gripped))
         self.x_bar, self.v_bar = self._tensor(n, 3), self._tensor(n, 3)
         self.F_bar, self.C_bar, self.tau_bar = (self._tensor(n, 3, 3) for _ in range(3))
+
+    def _network_arrays(self, residual: ResidualConfig) -> NetworkArrays:
+        latent, weights = (self.particles, max(1, residual.latent_size)), residual.weight_count
+        rows = 1 if self.device == "cpu" else WEIGHT_ROWS
+        return NetworkArrays(
+            self._tensor(*latent), self._tensor(weights), self._tensor(*latent), self._tensor(rows, weights)
+        )
 
     def _reserve(self, keep: bool, nodes: int) -> None:
         """Make room for a frame and record the launches anew where arrays had to move."""
@@ -117,7 +157,9 @@ class Stepper:
             self.momentum = self._tensor(self._grid_slots, self._nodes, 4)
             self.velocity, self.node_bar = self._tensor(self._nodes, 4), self._tensor(1, self._nodes, 4)
             self.kind = self._tensor(self._nodes, dtype=torch.int32)
+            summed = self.friction_bar.sum()  # a backward pass may be under way
             self.friction_bar = self._tensor(self._nodes)
+            self.friction_bar[0] = summed
             moved = True
         if moved:
             self._record()
@@ -140,7 +182,6 @@ class Stepper:
         place = [offset, cells_per_metre, timing, box]
         node_model = [timing, vec3(*self.config.gravity), self.mass_floor, kind, friction]
         transfer, grid = transfer_kernels(self.config.dtype), grid_kernels(self.config.dtype)
-        material = stress_kernels(self.config.elastic_law, self.config.dtype)
 
         def phase(kernel, count, indices, *arguments):
             return Phase(kernel, count, indices, list(arguments), self.device)
@@ -151,8 +192,23 @@ class Stepper:
             grid.mark_nodes, nodes, 0, offset, scalar(self.cell), box, has_ground, self.clamp_lower, self.clamp_upper, kind,
             momentum,
         )  # fmt: skip
-        self._stress = phase(material.stress, n, 1, E, nu, F, tau)
-        self._stress_adjoint = phase(material.stress_adjoint, n, 1, E, nu, F, tau_bar, F_bar, E_bar, nu_bar)
+        config = self.config
+        stress = stress_kernels(config.elastic_law, config.elastic_residual, config.dtype)
+        inputs, adjoints = self._network_launch_arrays("elastic")
+        self._stress = phase(stress.stress, n, 1, E, nu, *inputs, F, tau)
+        self._stress_adjoint = phase(
+            stress.stress_adjoint, n, 1, E, nu, *inputs, F, tau_bar, F_bar, E_bar, nu_bar, *adjoints
+        )
+        flow = flow_kernels(config.plastic_law, config.plastic_residual, config.dtype)
+        self._flow = None
+        if flow is not None:
+            plastic, plastic_bar = wrap(self.plastic, self.types.vec2), wrap(self.plastic_bar, self.types.vec2)
+            inputs, adjoints = self._network_launch_arrays("plastic")
+            model = [E, nu, plastic, *inputs, timing]
+            self._flow = phase(flow.flow, n, 1, *model, F)
+            self._flow_adjoint = phase(
+                flow.flow_adjoint, n, 2, *model, F, C, F_bar, E_bar, nu_bar, plastic_bar, *adjoints
+            )
         model = [self.mass, self.volume, *place]
         self._p2g = phase(transfer.p2g, n, 3, *model, x, v, C, tau, self.force, momentum, status)
         self._p2g_adjoint = phase(
@@ -176,6 +232,10 @@ class Stepper:
                 wrap(self.stiffness_bar), wrap(self.damping_bar),
             )  # fmt: skip
 
+    def _network_launch_arrays(self, kind: str) -> tuple[list[wp.array], list[wp.array]]:
+        arrays = self.networks.get(kind)
+        return ([], []) if arrays is None else (arrays.inputs(), arrays.adjoints())
+
     # --- one rollout --------------------------------------------------------------------------------------------
 
     def load_parameters(self, parameters: Parameters, substeps: int) -> None:
@@ -186,6 +246,12 @@ class Stepper:
         self.nu.copy_(parameters.poissons_ratio)
         if parameters.friction_coefficient is not None:
             self.friction[0] = parameters.friction_coefficient
+        if parameters.plastic is not None:
+            self.plastic.copy_(parameters.plastic)
+        for kind, arrays in self.networks.items():
+            arrays.weights.copy_(getattr(parameters, f"network_{kind}"))
+            if f"latent_{kind}" in self.shapes:
+                arrays.latent.copy_(getattr(parameters, f"latent_{kind}"))
         if self.gripped:
             self.grip[0], self.grip[1] = parameters.grip_stiffness, parameters.grip_damping
 
@@ -215,6 +281,8 @@ class Stepper:
             self._p2g(s, slot, grid_slot)
             self._update(grid_slot, next_grid)
             self._g2p(slot, following)
+            if self._flow is not None:
+                self._flow(following)
         self._check(self.substeps, following)
 
     def failures(self) -> tuple[tuple[int, int] | None, tuple[int, int] | None]:
@@ -226,6 +294,8 @@ class Stepper:
     def backward(self) -> None:
         """Adjoint of the kept frame: x_bar, v_bar, F_bar, C_bar go from its end to its start; parameters' bars grow."""
         for s in reversed(range(self.substeps)):
+            if self._flow is not None:
+                self._flow_adjoint(s, s + 1)
             self._update_again(s, 0)
             self._g2p_adjoint(s, s + 1)
             self._update_adjoint(s)
@@ -240,19 +310,23 @@ class Stepper:
         """Set all adjoints to zero."""
         for bar in (self.x_bar, self.v_bar, self.F_bar, self.C_bar, self.E_bar, self.nu_bar):
             bar.zero_()
-        for bar in (self.stiffness_bar, self.damping_bar):
+        for bar in (self.plastic_bar, self.stiffness_bar, self.damping_bar, self.friction_bar):
             bar.zero_()
-        if self._nodes:
-            self.friction_bar.zero_()
+        for arrays in self.networks.values():
+            arrays.latent_bar.zero_()
+            arrays.weights_bar.zero_()
 
     def gradients(self) -> dict[str, torch.Tensor]:
         """Adjoints of the parameters in use, by name."""
         bars = {
             "youngs_modulus": self.E_bar.clone(),
             "poissons_ratio": self.nu_bar.clone(),
+            "plastic": self.plastic_bar.clone(),
             "initial_velocity": self.v_bar.clone(),
             "friction_coefficient": self.friction_bar.sum(),
             "grip_stiffness": self.stiffness_bar.sum(),
             "grip_damping": self.damping_bar.sum(),
         }
+        for kind, arrays in self.networks.items():
+            bars[f"latent_{kind}"], bars[f"network_{kind}"] = arrays.latent_bar.clone(), arrays.weights_bar.sum(0)
         return {name: bars[name] for name in self.shapes}

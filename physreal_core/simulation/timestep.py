@@ -20,7 +20,7 @@ def elastic_step(body: Body, config: SimulationConfig, parameters: Parameters) -
     E, nu = parameters.youngs_modulus.detach().double(), parameters.poissons_ratio.detach().double()
     density = torch.as_tensor(body.density, device=E.device)
     p_wave_modulus = E * (1 - nu) / ((1 + nu) * (1 - 2 * nu))
-    share = 1.0 if config.residual is None else 1.0 + config.residual.beta_elastic
+    share = 1.0 if config.elastic_residual is None else 1.0 + config.residual.beta_elastic
     speed = math.sqrt(share * float((p_wave_modulus / density).max()))
     return config.courant * body.cell / speed
 

@@ -1,0 +1,68 @@
+"""Small bodies and a directional finite-difference check, shared by the simulator's tests."""
+
+from collections.abc import Callable
+from dataclasses import replace
+
+import numpy as np
+import torch
+from torch import Tensor
+
+from physreal_core.simulation import Body, Grip, Parameters, Simulator, States
+
+SPACING = 0.01
+
+
+def block(
+    counts: tuple[int, int, int], spacing: float = SPACING, density: float = 300.0, corner: tuple = (0.0, 0.0, 0.0)
+) -> Body:
+    """A box of particles on a lattice, half a spacing inside its faces."""
+    index = np.stack(np.meshgrid(*[np.arange(n) for n in counts], indexing="ij"), -1).reshape(-1, 3)
+    x0 = (index + 0.5) * spacing + np.asarray(corner)
+    return Body(x0, np.full(len(x0), spacing**3), np.full(len(x0), density), spacing)
+
+
+def two_point_grip(body: Body, points: np.ndarray, bonds: int) -> Grip:
+    """The first particles of a body bound to two controller points by turns."""
+    particles = np.arange(bonds)
+    controllers = particles % 2
+    lengths = np.linalg.norm(body.x0[particles] - points[controllers], axis=1)
+    return Grip(particles, controllers, np.linspace(0.5, 1.5, bonds), lengths)
+
+
+def random_loss(frames: list[int], seed: int = 0) -> Callable[[States], Tensor]:
+    """A loss that weighs every entry of x, v and F of some frames at random."""
+
+    def loss(states: States) -> Tensor:
+        generator = torch.Generator().manual_seed(seed)
+        total = states.x.new_zeros(())
+        for values, scale in ((states.x, 1.0), (states.v, 0.1), (states.F, 0.1)):
+            weights = torch.randn(values.shape[1:], generator=generator, dtype=torch.float64).to(values)
+            for frame in frames:
+                total = total + scale * (values[frame] * weights).sum()
+        return total
+
+    return loss
+
+
+def directional_errors(
+    simulator: Simulator, parameters: Parameters, controllers: Tensor, loss: Callable[[States], Tensor], steps: dict
+) -> dict[str, tuple[float, float]]:
+    """Adjoint and central-difference derivative of a loss along one random direction per parameter in `steps`.
+
+    Args:
+        steps: half the difference's width by parameter name, in the parameter's unit.
+    """
+    tensors = {name: getattr(parameters, name).detach().clone().requires_grad_() for name in steps}
+    loss(simulator.rollout(replace(parameters, **tensors), controllers)).backward()
+    generator = torch.Generator().manual_seed(1)
+    results = {}
+    for name, step in steps.items():
+        value = tensors[name].detach()
+        direction = torch.randn(value.shape, generator=generator, dtype=value.dtype)
+        with torch.no_grad():
+            ahead, behind = (
+                loss(simulator.rollout(replace(parameters, **{name: value + sign * step * direction}), controllers))
+                for sign in (1, -1)
+            )
+        results[name] = (float((tensors[name].grad * direction).sum()), float((ahead - behind) / (2 * step)))
+    return results

@@ -1,0 +1,86 @@
+"""Scores per frame and per interval, and how they are written (JSON, CSV); a score that does not apply is absent."""
+
+from __future__ import annotations
+
+import csv
+from collections.abc import Mapping, Sequence
+from dataclasses import dataclass, fields
+from pathlib import Path
+
+import numpy as np
+
+
+@dataclass(frozen=True)
+class FrameScores:
+    """Scores of one frame; None where there was nothing to compare with.
+
+    Args:
+        frame: number from 0.
+        track_error: mean over the annotated tracks [m]; track_count: how many there are.
+        cd_l1_oneway, cd_l2_twoway: Chamfer distances [m].
+        iou: 0 to 1; psnr: [dB]; ssim: -1 to 1.
+    """
+
+    frame: int
+    track_error: float | None = None
+    track_count: int = 0
+    cd_l1_oneway: float | None = None
+    cd_l2_twoway: float | None = None
+    iou: float | None = None
+    psnr: float | None = None
+    ssim: float | None = None
+
+
+@dataclass(frozen=True)
+class IntervalScores:
+    """Means over the frames [first, last): of the track error over all annotated entries, of the others over frames."""
+
+    first: int
+    last: int
+    track_error: float | None
+    cd_l1_oneway: float | None
+    cd_l2_twoway: float | None
+    iou: float | None
+    psnr: float | None
+    ssim: float | None
+
+    @classmethod
+    def over(cls, scores: Sequence[FrameScores], first: int, last: int) -> IntervalScores:
+        """Gather the scores of the frames from `first` to before `last`."""
+        chosen = [score for score in scores if first <= score.frame < last]
+
+        def mean(name: str) -> float | None:
+            values = [value for score in chosen if (value := getattr(score, name)) is not None]
+            return float(np.mean(values)) if values else None
+
+        tracked = [score for score in chosen if score.track_count]
+        total = sum(score.track_error * score.track_count for score in tracked)
+        track_error = total / sum(score.track_count for score in tracked) if tracked else None
+        others = {name: mean(name) for name in ("cd_l1_oneway", "cd_l2_twoway", "iou", "psnr", "ssim")}
+        return cls(first, last, track_error, **others)
+
+    def to_json(self) -> dict[str, float | list[int]]:
+        """What metrics.json holds: SI units, IoU as 0 to 1, `frames` = [first, last); absent scores left out."""
+        values = {f.name: getattr(self, f.name) for f in fields(self)}
+        first, last = values.pop("first"), values.pop("last")
+        return {"frames": [first, last], **{name: value for name, value in values.items() if value is not None}}
+
+
+def split_scores(scores: Sequence[FrameScores], observed: int) -> dict[str, IntervalScores]:
+    """The benchmark's two intervals: observed [1, n), future [n, T); an interval without frames is left out."""
+    count = 1 + max(score.frame for score in scores)
+    intervals = {"observed": (1, observed), "future": (observed, count)}
+    return {name: IntervalScores.over(scores, *span) for name, span in intervals.items() if span[0] < span[1]}
+
+
+def write_frames_csv(path: Path, scores: Mapping[str, Sequence[FrameScores]], observed: int) -> None:
+    """One row per model and frame; an empty cell where a score does not apply."""
+    names = [f.name for f in fields(FrameScores)]
+    with path.open("w", newline="") as file:
+        writer = csv.writer(file)
+        writer.writerow(["stage", "interval", *names])
+        for stage, rows in scores.items():
+            for row in rows:
+                cells = [getattr(row, name) for name in names]
+                shown = ["" if v is None else f"{v:.6g}" if isinstance(v, float) else v for v in cells]
+                writer.writerow([stage, "observed" if row.frame < observed else "future", *shown])

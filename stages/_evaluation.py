@@ -1,0 +1,189 @@
+"""What evaluate reads: the measurement frame by frame, a model's rollout as carried points and pictures."""
+
+import json
+from dataclasses import dataclass
+from pathlib import Path
+
+import numpy as np
+import torch
+from safetensors.numpy import load_file
+
+from physreal_core.errors import InputError
+from physreal_core.geometry.mesh import load_mesh
+from physreal_core.geometry.surface import SurfacePoints, sample_surface
+from physreal_core.rendering import Binding, Camera, Gaussians, bind, carry_points, load_gaussians, render_carried
+from pipeline.capture import Capture, read_capture
+from pipeline.frames import read_colour, read_depth
+from pipeline.stage import StageContext
+
+Array = np.ndarray
+_MEASURED, _SIMULATED = (255, 255, 255), (255, 60, 60)
+
+
+@dataclass(frozen=True)
+class Measured:
+    """One frame: colour [H, W, 3] 0 to 1, depth [H, W] m or None, masks of the object and of the hand [H, W] bool."""
+
+    colour: Array
+    depth: Array | None
+    mask: Array
+    hand: Array
+
+
+@dataclass(frozen=True)
+class Sequence:
+    """The measurement, and the model at frame 0 (world frame).
+
+    Args:
+        observed: frames [0, observed) were seen by the fit.
+        tracks3d: [T, J, 3] m, NaN where unknown; tracks_valid [T, J]; track_points0 [J, 3] m, those on the object.
+        surface: points on the mesh.
+        gaussians: appearance model, None without a camera.
+        truth: contents of truth.npz, empty for a capture without.
+    """
+
+    capture: Capture
+    frame_count: int
+    observed: int
+    particles: dict[str, Array]
+    tracks3d: Array
+    tracks_valid: Array
+    track_points0: Array
+    surface: SurfacePoints
+    camera: Camera | None
+    gaussians: Gaussians | None
+    video: Path
+    masks: Path
+    truth: dict[str, Array]
+
+    @property
+    def K(self) -> Array:
+        return self.camera.K.numpy()
+
+    @property
+    def T_world_camera(self) -> Array:
+        return self.camera.T_world_camera.numpy()
+
+    def measured(self, frame: int) -> Measured:
+        """Reads one frame."""
+        name = f"{frame:06d}.png"
+        depth = self.video / "depth" / name
+        return Measured(
+            colour=read_colour(self.video / "color" / name).astype(np.float64) / 255,
+            depth=read_depth(depth, (0.0, np.inf)).astype(np.float64) / 1000 if depth.is_file() else None,
+            mask=read_colour(self.masks / "object" / name)[..., 0] > 127,
+            hand=read_colour(self.masks / "controller" / name)[..., 0] > 127,
+        )
+
+
+def load_sequence(context: StageContext) -> Sequence:
+    """Reads what does not depend on a model. truth.npz is read here and in no fit."""
+    video, perceived = context.input("parse_video"), context.input("segment_and_track")
+    posed = context.input("fit_pose")
+    capture = read_capture(video)
+    with np.load(context.input("sample_particles") / "particles.npz") as file:
+        particles = dict(file)
+    with np.load(perceived / "tracks.npz") as file:
+        tracks3d = file["points3d"][:, particles["track_ids"]].astype(np.float64)
+        valid = file["valid3d"][:, particles["track_ids"]] & np.isfinite(tracks3d).all(axis=-1)
+    surface = sample_surface(load_mesh(posed / "mesh.glb"), context.params.surface_points, seed=context.seed)
+    truth = context.capture / "truth.npz"
+    is_video = capture.kind == "video"
+    return Sequence(
+        capture=capture,
+        frame_count=len(tracks3d),
+        observed=capture.observed(len(tracks3d)).train[1],
+        particles=particles,
+        tracks3d=tracks3d,
+        tracks_valid=valid,
+        track_points0=particles["track_points0"].astype(np.float64),
+        surface=surface,
+        camera=_camera(video) if is_video else None,
+        gaussians=load_gaussians(posed / "gaussians.ply") if is_video else None,
+        video=video,
+        masks=perceived / "masks",
+        truth=_read_truth(truth) if truth.is_file() else {},
+    )
+
+
+def _camera(folder: Path) -> Camera:
+    record = json.loads((folder / "camera.json").read_text())
+    return Camera(np.array(record["K"]), np.array(record["T_world_camera"]), record["width"], record["height"])
+
+
+def _read_truth(path: Path) -> dict[str, Array]:
+    with np.load(path, allow_pickle=False) as file:
+        truth = dict(file)
+    return truth if "vertices" in truth else {}
+
+
+class Replay:
+    """One model's rollout: where points of frame 0 are in every frame, and what the camera would see."""
+
+    def __init__(self, sequence: Sequence, folder: Path, device: str = "cpu") -> None:
+        with np.load(folder / "rollout.npz") as file:
+            x, F = (torch.from_numpy(file[name]).double() for name in ("x", "F"))
+        if len(x) != sequence.frame_count or x.shape[1] != len(sequence.particles["x0"]):
+            raise InputError(
+                f"{len(x)} frames of {x.shape[1]} particles",
+                where=str(folder / "rollout.npz"),
+                expected=f"{sequence.frame_count} frames of {len(sequence.particles['x0'])} particles",
+                remedy="run the fit stage again",
+            )
+        self.sequence, self.device, self.x, self.F = sequence, device, x, F
+        self.x0 = torch.from_numpy(sequence.particles["x0"]).double()
+        self.surface, self.tracks = self.bind(sequence.surface.points), self._stored("track")
+        self.gaussians = self._stored("gaussian").to(device) if sequence.gaussians else None
+
+    def bind(self, points: Array) -> Binding:
+        """Points [m] of frame 0 bound to the particles around them."""
+        return bind(points, self.x0, self.sequence.particles["gaussian_neighbours"].shape[1] or 8)
+
+    def _stored(self, name: str) -> Binding:
+        return Binding(self.sequence.particles[f"{name}_neighbours"], self.sequence.particles[f"{name}_weights"])
+
+    def carry(self, frame: int, points0: Array, binding: Binding) -> Array:
+        """Where points [m] of frame 0 are at `frame` [m]."""
+        return carry_points(binding, torch.from_numpy(points0), self.x0, self.x[frame], self.F[frame]).numpy()
+
+    def render(self, frame: int) -> tuple[Array, Array]:
+        """RGB [H, W, 3] over black and alpha [H, W], both 0 to 1."""
+        x0, x, F = (a.to(self.device, torch.float32) for a in (self.x0, self.x[frame], self.F[frame]))
+        gaussians = self.sequence.gaussians.to(self.device)
+        with torch.no_grad():
+            out = render_carried(gaussians, self.gaussians, x0, x, F, self.sequence.camera)
+        return out.rgb.clamp(0, 1).double().cpu().numpy(), out.alpha.double().cpu().numpy()
+
+    @staticmethod
+    def mean_modulus(folder: Path) -> float:
+        """Young's modulus [Pa], mean over the patches, which lie evenly in the body."""
+        return float(load_file(folder / "model.safetensors")["youngs_modulus"].mean())
+
+
+def side_by_side(
+    sequence: Sequence, measured: Measured, replay: Replay, rgb: Array, alpha: Array, frame: int, scale: int
+) -> Array:
+    """[H, 3 W, 3] uint8: measured; rendered; the rendering over the measurement with measured tracks (white) joined to
+    where the simulation has their material points (red)."""
+    import cv2
+
+    covered = (alpha * ~measured.hand)[..., None]
+    overlay = measured.colour * (1 - 0.6 * covered) + 0.6 * covered * rgb
+    panels = [_enlarged(picture, scale) for picture in (measured.colour, rgb, overlay)]
+    ours = replay.carry(frame, sequence.track_points0, replay.tracks)
+    pixels = [sequence.camera.project(torch.from_numpy(p))[0].numpy() for p in (ours, sequence.tracks3d[frame])]
+    for j in np.flatnonzero(sequence.tracks_valid[frame])[:: max(1, len(ours) // 80)]:
+        here, there = (
+            tuple(np.rint((p[j] + 0.5) * scale - 0.5).clip(-9999, 9999).astype(int).tolist()) for p in pixels
+        )
+        cv2.line(panels[2], here, there, _SIMULATED, 1, cv2.LINE_AA)
+        cv2.circle(panels[2], there, 1, _MEASURED, -1, cv2.LINE_AA)
+    interval = "observed" if frame < sequence.observed else "future"
+    for panel, title in zip(panels, ("measured", "simulated", f"overlay, {interval} frame {frame}"), strict=True):
+        cv2.putText(panel, title, (6, 14), cv2.FONT_HERSHEY_SIMPLEX, 0.4, (0, 0, 0), 3, cv2.LINE_AA)
+        cv2.putText(panel, title, (6, 14), cv2.FONT_HERSHEY_SIMPLEX, 0.4, (255, 255, 255), 1, cv2.LINE_AA)
+    return np.concatenate(panels, axis=1)
+
+
+def _enlarged(picture: Array, scale: int) -> Array:
+    return np.ascontiguousarray((picture * 255).round().astype(np.uint8).repeat(scale, axis=0).repeat(scale, axis=1))

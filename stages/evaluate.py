@@ -1,0 +1,135 @@
+"""Stage evaluate: every model's rollout against the measurement, frame by frame, observed and future."""
+
+import json
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+
+from physreal_core.evaluation import (
+    FrameScores,
+    cd_l1_oneway,
+    cd_l2_twoway,
+    equivalent_modulus,
+    iou,
+    lift_object,
+    mean_sag,
+    on_black,
+    psnr,
+    seen_points,
+    split_scores,
+    ssim,
+    track_errors,
+    vertex_errors,
+    windowed_mean,
+    write_frames_csv,
+)
+from physreal_core.perception.overlay import write_video
+from pipeline.stage import StageContext, main
+from stages._evaluation import Measured, Replay, Sequence, load_sequence, side_by_side
+
+
+def run(context: StageContext) -> None:
+    """metrics.json, frames.csv, and per model a video: measured, rendered, overlay with tracks."""
+    with context.timed("read"):
+        sequence = load_sequence(context)
+    metrics, table = {}, {}
+    for stage, folder in context.models().items():
+        replay = Replay(sequence, folder, context.params.device)
+        with context.progress(f"score {stage}", sequence.frame_count) as bar:
+            scores, pictures = _score_frames(sequence, replay, context.params, bar)
+        if pictures:
+            with context.timed("video"):
+                write_video(context.output / f"{stage}.mp4", pictures, sequence.capture.fps)
+        intervals = split_scores(scores, sequence.observed)
+        metrics[stage] = {name: interval.to_json() for name, interval in intervals.items()}
+        if not sequence.camera:
+            metrics[stage]["tip"] = _tip_deflection(sequence, replay, context.params.swing_frames)
+        if sequence.truth:
+            metrics[stage]["truth"] = _against_truth(sequence, replay, folder, context.params)
+        table[stage] = scores
+    (context.output / "metrics.json").write_text(json.dumps(metrics, indent=1) + "\n")
+    write_frames_csv(context.output / "frames.csv", table, sequence.observed)
+
+
+def _score_frames(sequence: Sequence, replay: Replay, params: Any, bar: Any) -> tuple[list[FrameScores], list]:
+    """Scores of every frame, and its picture if the capture is a video."""
+    surface = np.stack([replay.carry(t, sequence.surface.points, replay.surface) for t in range(sequence.frame_count)])
+    errors = track_errors(surface, sequence.tracks3d, sequence.tracks_valid)
+    scores, pictures = [], []
+    for t in range(sequence.frame_count):
+        annotated = errors[t][np.isfinite(errors[t])]
+        found = {"track_count": len(annotated)}
+        if len(annotated):
+            found["track_error"] = float(annotated.mean())
+        if sequence.camera:
+            measured = sequence.measured(t)
+            found |= _distances(sequence, measured, surface[t], params)
+            rgb, alpha = replay.render(t)
+            found |= _image_scores(measured, rgb, alpha)
+            pictures.append(side_by_side(sequence, measured, replay, rgb, alpha, t, params.video_scale))
+        scores.append(FrameScores(frame=t, **found))
+        bar.advance()
+    return scores, pictures
+
+
+def _distances(sequence: Sequence, measured: Measured, surface: np.ndarray, params: Any) -> dict[str, float | None]:
+    if measured.depth is None:
+        return {}
+    view = sequence.K, sequence.T_world_camera
+    points = lift_object(measured.depth, measured.mask, *view, edge=params.depth_edge, margin=params.mask_margin)
+    seen = surface[seen_points(surface, sequence.surface.spacing, measured.hand, *view)]
+    return {"cd_l1_oneway": cd_l1_oneway(points, surface), "cd_l2_twoway": cd_l2_twoway(points, seen)}
+
+
+def _image_scores(measured: Measured, rgb: np.ndarray, alpha: np.ndarray) -> dict[str, float]:
+    rendered, target = on_black(rgb, ~measured.hand), on_black(measured.colour, measured.mask)
+    return {
+        "iou": iou(alpha, measured.mask, measured.hand),
+        "psnr": psnr(rendered, target),
+        "ssim": ssim(rendered, target),
+    }
+
+
+def _tip_deflection(sequence: Sequence, replay: Replay, frames: int) -> dict[str, Any]:
+    """Displacement of the tracked points since frame 0 [m], mean under a Hann window over the last frames, so that what
+    remains of the swing averages out; measured and simulated alike, over the entries that were measured."""
+    span = slice(max(1, sequence.frame_count - frames), None)
+    valid = sequence.tracks_valid[span] & sequence.tracks_valid[0]
+    points = [replay.carry(t, sequence.track_points0, replay.tracks) for t in range(sequence.frame_count)[span]]
+    simulated = np.stack(points) - sequence.track_points0
+
+    def at_rest(moved: np.ndarray) -> np.ndarray:
+        kept = np.where(valid[..., None], moved, 0.0).sum(axis=1) / np.maximum(valid.sum(axis=1), 1)[:, None]
+        return windowed_mean(kept[valid.any(axis=1)])
+
+    if not valid.any():
+        return {}
+    there, ours = at_rest(sequence.tracks3d[span] - sequence.tracks3d[0]), at_rest(simulated)
+    return {"measured": there.tolist(), "simulated": ours.tolist(), "error": float(np.linalg.norm(ours - there))}
+
+
+def _against_truth(sequence: Sequence, replay: Replay, folder: Path, params: Any) -> dict[str, Any]:
+    """Vertex error [m] over both intervals, and the static deflection's equivalent of the fitted modulus [Pa]."""
+    truth = sequence.truth
+    true = truth["vertices"][: sequence.frame_count].astype(np.float64)
+    binding = replay.bind(true[0])
+    ours = np.stack([replay.carry(t, true[0], binding) for t in range(len(true))])
+    errors = vertex_errors(ours, true)
+    spans = {"observed": errors[1 : sequence.observed], "future": errors[sequence.observed :]}
+    block: dict[str, Any] = {name: {"vertex_error": float(e.mean())} for name, e in spans.items() if len(e)}
+    if {"E", "hand", "gripped"} <= truth.keys():
+        free = np.ones(true.shape[1], bool)
+        free[truth["gripped"]] = False
+        hand = truth["hand"][: len(true)]
+        sag, true_sag = (mean_sag(v, hand, params.settled_frames, free) for v in (ours, true))
+        youngs_modulus = replay.mean_modulus(folder)
+        block["statics"] = {"sag": sag, "true_sag": true_sag, "youngs_modulus": youngs_modulus}
+        block["statics"]["true_youngs_modulus"] = float(truth["E"])
+        if true_sag >= params.min_sag:
+            block["statics"]["equivalent_youngs_modulus"] = equivalent_modulus(youngs_modulus, sag, true_sag)
+    return block
+
+
+if __name__ == "__main__":
+    main("evaluate", run)

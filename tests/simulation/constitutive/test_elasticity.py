@@ -3,11 +3,11 @@
 import numpy as np
 import pytest
 import torch
-from tests.simulation.constitutive.kernels import elastic
-from tests.simulation.constitutive.points import directional, generic_points, inner, rotations, special_points
 
 from physreal_core.errors import InputError
 from physreal_core.simulation.constitutive import ELASTIC_LAWS, elastic_functions, reference
+from tests.simulation.constitutive.kernels import elastic
+from tests.simulation.constitutive.points import directional, generic_points, inner, rotations, special_points
 
 LAWS = sorted(ELASTIC_LAWS)
 E0, NU0 = 3.0, 0.3

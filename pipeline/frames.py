@@ -1,5 +1,6 @@
 """The image files of a capture: listed, read one by one, every fault named by file and frame."""
 
+import io
 from collections.abc import Iterator
 from dataclasses import dataclass
 from pathlib import Path
@@ -12,6 +13,7 @@ from pipeline.capture import Capture, read_capture
 Array = np.ndarray  # physreal_core.array_types would bring torch along
 
 IMAGE_KINDS = (".png", ".jpg", ".jpeg")
+PNG_START, PNG_END = b"\x89PNG", b"IEND\xaeB`\x82"
 
 
 @dataclass(frozen=True)
@@ -156,7 +158,10 @@ def _decode(path: Path):
     from PIL import Image
 
     try:
-        image = Image.open(path)
+        data = path.read_bytes()
+        if data.startswith(PNG_START) and PNG_END not in data[-64:]:
+            raise OSError("its end is missing")
+        image = Image.open(io.BytesIO(data))
         image.load()
     except (OSError, SyntaxError, ValueError) as error:
         raise InputError(f"the image cannot be read, is it truncated? ({error})", where=str(path)) from None

@@ -1,0 +1,131 @@
+"""DVC on a tiny repository of toy stages: one parameter changed, and only its stage and what follows run again."""
+
+import json
+import os
+import shutil
+import subprocess
+import sys
+from pathlib import Path
+
+import pytest
+
+from pipeline.project import CODE_ROOT
+from tests.pipeline import toy
+
+STAGES = {"load": ["data/captures/${item.seq}"], "descend": ["data/artifacts/load/${item.seq}"]}
+STAGES["tell"] = ["data/artifacts/descend/${item.seq}"]
+PARAMETERS = {
+    "seed": 0,
+    "load": {"points": 30},
+    "descend": {"iterations": 60},
+    "tell": {"digits": 3},
+    "sequences": {name: {stage: {} for stage in STAGES} for name in ("a", "b")},
+}
+
+
+class Repository:
+    """A git and DVC repository with two sequences and three stages, laid out as the project's own."""
+
+    def __init__(self, root: Path) -> None:
+        self.root = root
+        for name, slope in (("a", "2.0"), ("b", "3.0")):
+            (root / "data/captures" / name).mkdir(parents=True)
+            (root / "data/captures" / name / "slope.txt").write_text(slope)
+        self.write_parameters(PARAMETERS)
+        for stage, inputs in STAGES.items():
+            self._write_stage(stage, inputs)
+        aggregate = {"cmd": "cat data/artifacts/tell/*/words.txt > all.txt", "deps": ["data/artifacts/tell"], "outs": ["all.txt"]}
+        (root / "dvc.yaml").write_text(json.dumps({"stages": {"all": aggregate}}))
+        subprocess.run(["git", "init", "-q"], cwd=root, check=True)
+        self.dvc("init", "-q")
+        self.dvc("config", "core.analytics", "false")
+
+    def _write_stage(self, stage: str, inputs: list[str]) -> None:
+        (self.root / "pipeline" / stage).mkdir(parents=True)
+        block = {
+            "wdir": "../..",
+            "matrix": {"seq": "${sequences}"},
+            "cmd": f"{sys.executable} {toy.__file__} {stage} ${{item.seq}}",
+            "params": ["seed", stage, f"sequences.${{item.seq}}.{stage}"],
+            "deps": inputs,
+            "outs": [f"data/artifacts/{stage}/${{item.seq}}", f"data/runs/{stage}/${{item.seq}}.json"],
+        }
+        text = json.dumps({"vars": ["../../params.yaml"], "stages": {stage: block}})
+        (self.root / "pipeline" / stage / "dvc.yaml").write_text(text)
+
+    def write_parameters(self, values: dict) -> None:
+        (self.root / "params.yaml").write_text(json.dumps(values))
+
+    def dvc(self, *arguments: str, **environment: str) -> subprocess.CompletedProcess:
+        env = {**os.environ, **environment, "PYTHONPATH": str(CODE_ROOT)}
+        command = [sys.executable, "-m", "dvc", *arguments]
+        return subprocess.run(command, cwd=self.root, env=env, capture_output=True, text=True, check=False)
+
+    def repro(self, *options: str, **environment: str) -> tuple[int, set[str]]:
+        """Exit code and the stages that ran."""
+        result = self.dvc("repro", *options, **environment)
+        lines = [line for line in result.stdout.splitlines() if line.startswith("Running stage")]
+        return result.returncode, {line.split("'")[1].rpartition(":")[2] for line in lines}
+
+
+@pytest.fixture(scope="module")
+def repository(tmp_path_factory) -> Repository:
+    repository = Repository(tmp_path_factory.mktemp("repository"))
+    code, ran = repository.repro()
+    assert code == 0 and len(ran) == 7
+    return repository
+
+
+def changed(**blocks: dict) -> dict:
+    return {**PARAMETERS, **blocks}
+
+
+def test_nothing_changed_nothing_runs(repository):
+    assert repository.repro() == (0, set())
+
+
+def test_one_parameter_of_one_stage_reruns_it_and_what_follows(repository):
+    repository.write_parameters(changed(descend={"iterations": 61}))
+    assert repository.repro() == (0, {"descend@a", "descend@b", "tell@a", "tell@b", "all"})
+    repository.write_parameters(PARAMETERS)
+    assert repository.repro()[0] == 0
+
+
+def test_one_sequence_own_value_reruns_that_sequence_only(repository):
+    sequences = {**PARAMETERS["sequences"], "b": {**PARAMETERS["sequences"]["b"], "descend": {"rate": 0.04}}}
+    repository.write_parameters(changed(sequences=sequences))
+    assert repository.repro() == (0, {"descend@b", "tell@b", "all"})
+    repository.write_parameters(PARAMETERS)
+    assert repository.repro()[0] == 0
+
+
+def test_the_same_result_stops_the_chain(repository):
+    """A stage that runs again and writes the same bytes makes nothing after it run: its record lies elsewhere."""
+    forget(repository, "data/runs/load/a.json")
+    assert repository.repro("--no-run-cache") == (0, {"load@a"})
+
+
+def test_killed_under_dvc_and_started_again(repository):
+    whole = (repository.root / "data/artifacts/descend/a/coefficients.npy").read_bytes()
+    forget(repository, "data/artifacts/descend/a", "data/runs/descend/a.json", ".dvc/cache")
+    code, _ = repository.repro(PHYSREAL_KILL_AT="33")
+    assert code != 0
+    assert not (repository.root / "data/artifacts/descend/a").exists()
+    code, ran = repository.repro()
+    assert code == 0 and "descend@a" in ran
+    assert (repository.root / "data/artifacts/descend/a/coefficients.npy").read_bytes() == whole
+
+
+def test_a_clone_without_data_sees_whether_the_lock_is_fresh(repository):
+    """What CI runs: only the exit code can be relied on."""
+    forget(repository, "data", ".dvc/cache", "all.txt")
+    check = ("repro", "--allow-missing", "--dry")
+    assert repository.dvc(*check).returncode == 0
+    repository.write_parameters(changed(descend={"iterations": 59}))
+    assert repository.dvc(*check).returncode != 0
+
+
+def forget(repository: Repository, *paths: str) -> None:
+    for path in paths:
+        target = repository.root / path
+        target.unlink() if target.is_file() else shutil.rmtree(target)

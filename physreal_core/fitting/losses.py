@@ -30,8 +30,9 @@ class LossConfig:
             (quadratic below s, linear above).
         track_scale: [m] expected model error; each 3D entry's scale is sqrt(track_scale² + sigma3d²).
         pixel_scale: [px] the same in the image, at the camera's full resolution.
-        settled: weight of the settled term, which replaces L_3D and L_2D where it is above zero: simulated tracks averaged
-            over `settled_simulated` frames against measured ones averaged over the last `settled_measured` observed frames.
+        settled: weight of the settled term (see `settled_loss`), which replaces L_3D and L_2D where it is above zero.
+        settled_simulated: frames from the release on over which the simulated tracks are averaged; several periods.
+        settled_measured: last observed frames over which the measured ones are; several periods.
     """
 
     motion: float = 1.0
@@ -126,25 +127,31 @@ def mask_loss(masks: MaskObservations, body: Body, x: Tensor, F: Tensor) -> Tens
 
 
 def settled_loss(carried: Tensor, tracks: TrackObservations, observed: int, config: LossConfig) -> Tensor:
-    """The mean position an elastic body swings about, against the position the measured one came to rest at.
+    """The mean position an elastic body swings about, against the one that the measured body settles to.
 
-    A purely elastic model rings for ever where the measured body settles, but both about (nearly) the same static equilibrium:
-    a Hann-weighted mean over several periods takes the ringing out of the simulated tracks (side lobes below 3 % of the
-    amplitude), the last `settled_measured` observed frames show the measured ones at rest. Needs no damping in the model and no
-    exact release time.
+    A purely elastic model rings for ever where the measured body comes to rest, but both swing about (nearly) the same static
+    equilibrium. Means under a Hann window, which over more than two periods leaves less than 3 % of the swing, take the ringing
+    out of both: of the simulation from the release on, of the measurement over its last observed frames, where any slow
+    approach to rest has ended. Needs neither damping in the model nor the exact moment of release.
     """
-    frames = len(carried)
-    window = torch.hann_window(frames + 1, periodic=False, dtype=torch.float64)[1:].to(carried)
-    mean = (window[:, None, None] * carried).sum(0) / window.sum()
+    mean, _ = windowed_mean(carried, torch.ones(carried.shape[:2], dtype=torch.bool))
     rest, known = settled_positions(tracks, observed, config.settled_measured)
     squared = (mean - rest.to(carried)).square().sum(-1) / config.track_scale**2
     return _mean_over(robust(squared, config.penalty), known)
 
 
 def settled_positions(tracks: TrackObservations, observed: int, frames: int) -> tuple[Tensor, Tensor]:
-    """Mean measured position [J,3] m over the last `frames` observed ones, and which tracks [J] have one."""
+    """Windowed mean of the measured positions [J,3] m over the last `frames` observed ones, and the tracks [J] that have one."""
     last = slice(max(0, observed - frames), observed)
-    valid = tracks.valid3d[last]
-    points = torch.where(valid[..., None], tracks.points3d[last], torch.zeros_like(tracks.points3d[last]))
-    count = valid.sum(0)
-    return points.sum(0) / count.clamp_min(1)[:, None], count > 0
+    return windowed_mean(tracks.points3d[last], tracks.valid3d[last])
+
+
+def windowed_mean(
+    points: Float[Tensor, "frames tracks 3"], valid: Bool[Tensor, "frames tracks"]
+) -> tuple[Tensor, Tensor]:
+    """Hann-weighted mean over the valid frames [J,3], and which tracks [J] have any."""
+    # two samples longer, so that neither end has weight zero
+    window = torch.hann_window(len(points) + 2, periodic=False, dtype=torch.float64)[1:-1].to(points)
+    weights = window[:, None] * valid
+    total = torch.where(valid[..., None], points, torch.zeros_like(points)).mul(weights[..., None]).sum(0)
+    return total / weights.sum(0).clamp_min(1e-12)[:, None], valid.any(0)

@@ -93,7 +93,11 @@ class Grip:
 
 @dataclass(frozen=True)
 class Clamp:
-    """Grid nodes inside this box (edges included) are held. lower, upper: corners [m], shape [3]."""
+    """A box in which the body is held: its grid nodes do not move. lower, upper: corners [m], shape [3].
+
+    A face that cuts the body holds it there exactly along axes where the grid is free to follow it, else to within half
+    a cell (`box.lattice_offset`).
+    """
 
     lower: Float[Array, "3"] | tuple[float, float, float]
     upper: Float[Array, "3"] | tuple[float, float, float]

@@ -11,7 +11,7 @@ import torch
 import warp as wp
 
 from physreal_core.simulation.body import Body, Clamp, Grip, PointLoad, load_forces
-from physreal_core.simulation.box import GridBox
+from physreal_core.simulation.box import GridBox, held_boxes, lattice_offset
 from physreal_core.simulation.config import SimulationConfig
 from physreal_core.simulation.constitutive import ResidualConfig
 from physreal_core.simulation.grid import grid_kernels
@@ -20,9 +20,6 @@ from physreal_core.simulation.material import flow_kernels, stress_kernels
 from physreal_core.simulation.parameters import Parameters
 from physreal_core.simulation.scalars import scalar_types
 from physreal_core.simulation.transfers import transfer_kernels
-
-CONTACT_DEPTH = 0.0  # cells by which the topmost contact nodes lie below the ground plane
-
 
 WEIGHT_ROWS = 64  # copies of a network's weight adjoint on a GPU, so that its threads do not queue for one address
 
@@ -69,9 +66,7 @@ class Stepper:
         self.types = scalar_types(config.dtype)
         self.device, self.config = config.device, config
         self.particles, self.cell = len(body.x0), body.cell
-        self.offset = np.zeros(3)
-        if config.ground_height is not None:
-            self.offset[2] = config.ground_height - CONTACT_DEPTH * body.cell
+        self.offset = lattice_offset(body, config.ground_height, clamps)
         self.substeps = self._particle_slots = self._grid_slots = self._nodes = 0
         self._constants(body, grip, clamps, loads)
         self._parameter_arrays()
@@ -91,8 +86,8 @@ class Stepper:
         self.mass_floor = scalar(rounding**2 * body.mass.min())
         self.load = self._upload(load_forces(body, loads), vec3)
         self.force = self._upload(load_forces(body, loads), vec3)
-        self.clamp_lower = self._upload(np.array([c.lower for c in clamps]).reshape(-1, 3) - 1e-6 * self.cell, vec3)
-        self.clamp_upper = self._upload(np.array([c.upper for c in clamps]).reshape(-1, 3) + 1e-6 * self.cell, vec3)
+        lower, upper = held_boxes(clamps, self.cell)
+        self.clamp_lower, self.clamp_upper = self._upload(lower, vec3), self._upload(upper, vec3)
         self.timing = self._tensor(3)  # dt, 1 / substeps, 1 / frame time
         self.box = self._tensor(6, dtype=torch.int32)
         self.status = self._tensor(2, dtype=torch.int64)
@@ -241,7 +236,8 @@ class Stepper:
     def load_parameters(self, parameters: Parameters, substeps: int) -> None:
         """Take over a rollout's parameters (complete, of this stepper's type) and its number of substeps."""
         self.substeps = substeps
-        self.timing.copy_(torch.tensor([1.0 / (self.config.fps * substeps), 1.0 / substeps, self.config.fps]))
+        timing = [1.0 / (self.config.fps * substeps), 1.0 / substeps, self.config.fps]
+        self.timing.copy_(torch.tensor(timing, dtype=torch.float64))
         self.E.copy_(parameters.youngs_modulus)
         self.nu.copy_(parameters.poissons_ratio)
         if parameters.friction_coefficient is not None:

@@ -1,0 +1,176 @@
+"""Motion against closed forms and conservation laws."""
+
+import numpy as np
+import pytest
+import torch
+
+from physreal_core.simulation import Body, Clamp, Grip, Parameters, SimulationConfig, Simulator, States
+from tests.simulation.scenes import block
+
+GRAVITY = 9.81
+
+
+def rollout(simulator: Simulator, frames: int, controllers=None, **parameters) -> States:
+    values = {name: torch.as_tensor(value, dtype=torch.float64) for name, value in parameters.items()}
+    points = torch.zeros(frames, 0, 3) if controllers is None else controllers
+    with torch.no_grad():
+        return simulator.rollout(Parameters(**values), points)
+
+
+def test_free_fall_is_exact():
+    """All particles move as x0 + v0 t + g t (t + dt) / 2, the symplectic Euler sum, to rounding."""
+    body = block((3, 4, 3), corner=(0.1, 0.2, 5.0))
+    simulator = Simulator(body, SimulationConfig(fps=30, ground_height=None, dtype="float64"))
+    velocity = torch.tensor([0.3, -0.2, 1.0], dtype=torch.float64)
+    states = rollout(simulator, 11, youngs_modulus=1e4, poissons_ratio=0.3, initial_velocity=velocity)
+    substeps = simulator.substeps(Parameters(torch.tensor(1e4), torch.tensor(0.3)))
+    t = torch.arange(11, dtype=torch.float64)[:, None, None] / 30
+    fall = torch.tensor([0.0, 0.0, -GRAVITY], dtype=torch.float64) * t * (t + 1 / (30 * substeps)) / 2
+    assert (states.x - torch.as_tensor(body.x0) - velocity * t - fall).abs().max() < 1e-12
+    assert (states.F - torch.eye(3)).abs().max() < 1e-11
+
+
+@pytest.mark.parametrize("friction", [0.3, 0.6])
+def test_sliding_block_stops_after_v2_over_2_mu_g(friction):
+    body = block((10, 10, 4), spacing=0.008)
+    simulator = Simulator(body, SimulationConfig(fps=60))
+    frames = int(60 * 1.3 / (friction * GRAVITY)) + 3
+    states = rollout(
+        simulator, frames, youngs_modulus=6e4, poissons_ratio=0.3, friction_coefficient=friction,
+        initial_velocity=[1.0, 0.0, 0.0],
+    )  # fmt: skip
+    distance = float((states.x[-1] - states.x[0])[:, 0].mean())
+    assert distance == pytest.approx(1.0 / (2 * friction * GRAVITY), rel=0.03)
+
+
+@pytest.mark.parametrize("friction", [0.2, 0.8])
+def test_block_on_a_slope_slides_or_stays(friction):
+    """Gravity tilted by 30 degrees: acceleration g (sin a - mu cos a) below tan a, none above."""
+    body = block((8, 8, 4), spacing=0.008)
+    sine, cosine = 0.5, np.sqrt(0.75)
+    config = SimulationConfig(fps=60, gravity=(GRAVITY * sine, 0.0, -GRAVITY * cosine))
+    frames = 25
+    states = rollout(
+        Simulator(body, config), frames, youngs_modulus=6e4, poissons_ratio=0.3, friction_coefficient=friction
+    )
+    travelled = (states.x - states.x[0])[:, :, 0].mean(1)
+    time = (frames - 1) / 60
+    if friction < sine / cosine:
+        assert float(travelled[-1]) == pytest.approx(GRAVITY * (sine - friction * cosine) * time**2 / 2, rel=0.03)
+    else:  # it moves while its weight settles on the plane, then not any more
+        assert abs(float(travelled[8])) < 4e-3
+        assert abs(float(travelled[-1] - travelled[8])) < 5e-5
+
+
+def test_block_lands_near_the_plane():
+    """The gap that contact through grid nodes leaves: a fifth of a cell after a fall, a few hundredths at rest."""
+    cell = 0.016
+    for corner, low, high in ((0.0, -0.05, 0.0), (0.03, 0.0, 0.3)):
+        body = block((10, 10, 8), spacing=0.008, corner=(0.0, 0.0, corner))
+        states = rollout(
+            Simulator(body, SimulationConfig(fps=30)), 30, youngs_modulus=6e4, poissons_ratio=0.3, friction_coefficient=0.5
+        )
+        gap = float(states.x[-10:, :, 2].amin(1).mean()) - 0.004
+        assert low * cell <= gap <= high * cell
+
+
+def test_hanging_bar_stretches_by_rho_g_l2_over_2e():
+    """Ten cells long and clamped at the top; it swings about the static stretch, which the mean over two periods gives."""
+    E, density, spacing, cells = 2e4, 1000.0, 0.01, 10
+    length = 2 * cells * spacing
+    body = block((4, 4, 2 * cells + 2), spacing, density, corner=(0.0, 0.0, -length))
+    fps, period = 200, 4 * length / np.sqrt(E / density)
+    simulator = Simulator(
+        body, SimulationConfig(fps=fps, ground_height=None), clamps=(Clamp((-1.0, -1.0, 0.0), (1.0, 1.0, 1.0)),)
+    )
+    states = rollout(simulator, round(2 * period * fps) + 1, youngs_modulus=E, poissons_ratio=0.0)
+    tip = body.x0[:, 2] < body.x0[:, 2].min() + 1e-9
+    stretch = float((states.x[0] - states.x[1:])[:, tip, 2].mean())
+    assert stretch == pytest.approx(density * GRAVITY * length**2 / (2 * E), rel=0.05)
+
+
+def test_cantilever_tip_and_first_period():
+    """Three cells thick, fifteen long: Timoshenko's static tip and first period under own weight, both within 5 %.
+
+    The period is Euler-Bernoulli's with the shear mode added in squares (Dunkerley).
+    """
+    E, density, spacing, gravity = 2e5, 1000.0, 0.01, 0.5
+    length, thickness, fps = 0.3, 0.06, 100
+    body = block((34, 6, 6), spacing, density, corner=(-0.04, 0.0, 0.0))
+    config = SimulationConfig(fps=fps, ground_height=None, gravity=(0.0, 0.0, -gravity))
+    simulator = Simulator(body, config, clamps=(Clamp((-1.0, -1.0, -1.0), (0.0, 1.0, 1.0)),))
+    area, inertia, shear = thickness**2, thickness**4 / 12, 5 / 6 * E / 2
+    load = density * area * gravity
+    static = load * length**4 / (8 * E * inertia) + load * length**2 / (2 * shear * area)
+    bending = 2 * np.pi / 3.516 * length**2 * np.sqrt(density * area / (E * inertia))
+    period = np.hypot(bending, 4 * length / np.sqrt(shear / density))
+
+    states = rollout(simulator, round(2 * period * fps) + 1, youngs_modulus=E, poissons_ratio=0.0)
+    end = body.x0[:, 0] > body.x0[:, 0].max() - 1e-9
+    deflection = (states.x[0] - states.x)[:, end, 2].mean(1).double().numpy()
+    mean = deflection[1:].mean()
+    assert mean == pytest.approx(static, rel=0.05)
+    crossing = np.flatnonzero(np.diff(np.sign(deflection - mean)))
+    times = (crossing + (mean - deflection[crossing]) / (deflection[crossing + 1] - deflection[crossing])) / fps
+    assert 2 * (times[-1] - times[0]) / (len(times) - 1) == pytest.approx(period, rel=0.05)
+
+
+def test_body_hangs_from_its_grip_where_the_forces_balance():
+    """Settled by the dashpot, sum of w k (l / l0 - 1) is the weight."""
+    body = block((4, 4, 4))
+    points = torch.tensor([[0.02, 0.02, 0.24]], dtype=torch.float64)
+    top = np.flatnonzero(body.x0[:, 2] > 0.03)
+    lengths = np.linalg.norm(body.x0[top] - points.numpy(), axis=1)
+    grip = Grip(top, np.zeros(len(top), dtype=int), np.ones(len(top)), lengths)
+    simulator = Simulator(body, SimulationConfig(fps=30, ground_height=None), grip)
+    stiffness = 0.2
+    states = rollout(
+        simulator, 60, points.expand(60, 1, 3), youngs_modulus=2e4, poissons_ratio=0.3, grip_stiffness=stiffness,
+        grip_damping=0.02,
+    )  # fmt: skip
+    assert states.v[-1].abs().max() < 2e-3
+    arms = states.x[-1, top].double() - points
+    stretch = arms.norm(dim=1) / torch.as_tensor(lengths) - 1
+    lift = -(stiffness * stretch[:, None] * arms / arms.norm(dim=1, keepdim=True)).sum(0)
+    assert float(lift[2]) == pytest.approx(body.mass.sum() * GRAVITY, rel=0.01)
+
+
+def test_transfers_keep_linear_and_angular_momentum():
+    """Without outer forces, to rounding; angular momentum counts the particles' affine velocities C dx^2 / 4."""
+    body = block((4, 4, 4))
+    config = SimulationConfig(fps=200, gravity=(0.0, 0.0, 0.0), ground_height=None, dtype="float64")
+    simulator = Simulator(body, config)
+    velocity = np.random.default_rng(0).normal(0, 0.3, body.x0.shape)
+    states = rollout(simulator, 6, youngs_modulus=5e3, poissons_ratio=0.3, initial_velocity=velocity)
+    mass = torch.as_tensor(body.mass)[:, None]
+    linear = (mass * states.v).sum(1)
+    assert (linear[1:] - linear[0]).norm(dim=1).max() < 1e-12 * float((mass * states.v[0].abs()).sum())
+    C = simulator._stepper.C[0]
+    spin = torch.stack([C[:, 2, 1] - C[:, 1, 2], C[:, 0, 2] - C[:, 2, 0], C[:, 1, 0] - C[:, 0, 1]], 1)
+    angular = [(mass * torch.linalg.cross(states.x[f], states.v[f])).sum(0) for f in (0, -1)]
+    angular[1] = angular[1] + (mass * spin).sum(0) * body.cell**2 / 4
+    assert (angular[1] - angular[0]).norm() < 1e-11 * float(angular[0].norm())
+
+
+def elastic_energy(body: Body, F: torch.Tensor, E: float, nu: float) -> torch.Tensor:
+    """Fixed corotated energy of every frame [J]."""
+    mu, lam = E / (2 * (1 + nu)), E * nu / ((1 + nu) * (1 - 2 * nu))
+    stretches = torch.linalg.svdvals(F)
+    density = mu * ((stretches - 1) ** 2).sum(-1) + lam / 2 * (stretches.prod(-1) - 1) ** 2
+    return (density * torch.as_tensor(body.volume)).sum(-1)
+
+
+def test_energy_does_not_grow():
+    """A block thrown with a stretching velocity field swings freely: kinetic plus elastic energy only falls."""
+    body = block((4, 6, 4))
+    config = SimulationConfig(fps=200, gravity=(0.0, 0.0, 0.0), ground_height=None, dtype="float64")
+    centred = body.x0 - body.x0.mean(0)
+    E, nu = 5e3, 0.3
+    states = rollout(
+        Simulator(body, config), 60, youngs_modulus=E, poissons_ratio=nu,
+        initial_velocity=centred * np.array([-8.0, 15.0, -8.0]),
+    )  # fmt: skip
+    kinetic = (0.5 * torch.as_tensor(body.mass)[:, None] * states.v**2).sum((1, 2))
+    energy = kinetic + elastic_energy(body, states.F, E, nu)
+    assert energy.max() <= 1.001 * energy[0]
+    assert elastic_energy(body, states.F, E, nu).max() > 0.3 * energy[0]  # it does swing

@@ -1,0 +1,203 @@
+"""Stage evaluate on a synthetic sequence whose scores are known: a box that is lifted and shears under its weight."""
+
+from __future__ import annotations
+
+import csv
+import json
+from contextlib import contextmanager
+from pathlib import Path
+from types import SimpleNamespace
+
+import numpy as np
+import pytest
+import torch
+from safetensors.numpy import save_file
+
+from physreal_core.errors import InputError
+from physreal_core.rendering import Camera, bind, load_gaussians, render_carried, save_gaussians
+
+FRAMES, OBSERVED, LIFT, SHEAR = 6, 4, 0.01, 0.04
+SHIFT = np.array([0.005, 0.0, 0.0])
+CAMERA = {"fps": 30.0, "width": 80, "height": 60, "K": [[90.0, 0, 39.5], [0, 90.0, 29.5], [0, 0, 1.0]]}
+
+
+def _motion(shear: float, shift: tuple[float, ...] | np.ndarray = (0.0, 0.0, 0.0)):
+    """x [T, N, 3] and F [T, 3, 3] of points: every frame LIFT higher, hanging by shear * (distance from x = 0)."""
+    F = np.tile(np.eye(3), (FRAMES, 1, 1))
+    F[:, 2, 0] = -shear * np.arange(FRAMES) / (FRAMES - 1)
+    up = np.arange(FRAMES)[:, None] * [0, 0, LIFT] + np.where(np.arange(FRAMES)[:, None] > 0, shift, 0.0)
+    return lambda points: np.einsum("tij,nj->tni", F, points) + up[:, None], F
+
+
+class Context:
+    """What the stage asks of its context, over folders made here."""
+
+    def __init__(self, root: Path) -> None:
+        from pipeline.config.evaluate import Evaluate
+
+        self.root, self.capture, self.output, self.seed = root, root / "capture", root / "out", 0
+        self.params = Evaluate(surface_points=400, settled_frames=1, min_sag=1e-4, swing_frames=5)
+        self.fitted = {"fit_global": root / "fit_global", "fit_patches": root / "fit_patches"}
+        self.timed = self._quiet
+
+    def input(self, stage: str) -> Path:
+        return self.root / stage
+
+    def models(self) -> dict[str, Path]:
+        return self.fitted
+
+    @contextmanager
+    def progress(self, description: str, total: int):
+        yield SimpleNamespace(advance=lambda n=1: None)
+
+    @contextmanager
+    def _quiet(self, label: str):
+        yield
+
+
+def _write_png(path: Path, image: np.ndarray) -> None:
+    from PIL import Image
+
+    path.parent.mkdir(parents=True, exist_ok=True)
+    Image.fromarray(image).save(path)
+
+
+@pytest.fixture(scope="module")
+def context(tmp_path_factory) -> Context:
+    trimesh = pytest.importorskip("trimesh")
+    for package in ("plyfile", "PIL", "cv2", "imageio_ffmpeg"):
+        pytest.importorskip(package)
+    from physreal_core.geometry.mesh import Mesh, save_mesh
+    from physreal_core.geometry.surface import sample_surface, surface_gaussians
+
+    root = tmp_path_factory.mktemp("evaluate")
+    for name in ("capture", "out", "parse_video", "segment_and_track", "fit_pose", "sample_particles"):
+        (root / name).mkdir()
+    box = trimesh.creation.box(bounds=[[0, -0.04, 0], [0.12, 0.04, 0.05]]).subdivide().subdivide()
+    mesh = Mesh(np.asarray(box.vertices), np.asarray(box.faces), np.random.default_rng(0).random(box.vertices.shape))
+    save_mesh(root / "fit_pose" / "mesh.glb", mesh)
+    surface = sample_surface(mesh, 400, seed=0)
+    save_gaussians(root / "fit_pose" / "gaussians.ply", surface_gaussians(surface, inset=0.004))
+    x0 = np.stack(np.meshgrid(*(np.arange(a, b, 0.01) + 0.005 for a, b in ((0, 0.12), (-0.04, 0.04), (0, 0.05)))), -1)
+    x0 = x0.reshape(-1, 3)
+    _write_particles(root, x0, surface.points)
+    carried, F = _motion(SHEAR)
+    _write_capture(root, mesh.vertices, carried)
+    np.savez(
+        root / "segment_and_track" / "tracks.npz",
+        points3d=carried(surface.points).astype(np.float32),
+        valid3d=np.ones((FRAMES, 400), bool),
+    )
+    _write_frames(root, x0, carried(x0), F)
+    _write_model(root / "fit_global", x0, SHEAR, np.zeros(3))
+    _write_model(root / "fit_patches", x0, 2 * SHEAR, SHIFT)
+    return Context(root)
+
+
+def _write_particles(root: Path, x0: np.ndarray, points: np.ndarray) -> None:
+    gaussians = load_gaussians(root / "fit_pose" / "gaussians.ply")
+    arrays = {"x0": x0, "track_ids": np.arange(0, 400, 8), "track_points0": points[::8]}
+    for name, at in (("gaussian", gaussians.means), ("track", points[::8])):
+        binding = bind(at, x0)
+        arrays |= {f"{name}_neighbours": binding.neighbours.numpy(), f"{name}_weights": binding.weights.numpy()}
+    np.savez(root / "sample_particles" / "particles.npz", **arrays)
+
+
+def _write_capture(root: Path, vertices: np.ndarray, carried) -> None:
+    pose = np.array([[1.0, 0, 0, 0.06], [0, -0.8, 0.6, -0.24], [0, -0.6, -0.8, 0.37], [0, 0, 0, 1]])
+    described = CAMERA | {"T_world_camera": pose.tolist(), "frame_count": FRAMES}
+    (root / "parse_video" / "camera.json").write_text(json.dumps(described))
+    split = {"train": [0, OBSERVED], "test": [OBSERVED, FRAMES]}
+    (root / "parse_video" / "capture.json").write_text(json.dumps(described | {"kind": "video", "split": split}))
+    hand = np.arange(FRAMES)[:, None] * [0, 0, LIFT]
+    truth = {"vertices": carried(vertices), "hand": hand, "gripped": np.flatnonzero(vertices[:, 0] == 0), "E": 5e4}
+    np.savez(root / "capture" / "truth.npz", **truth)
+
+
+def _write_frames(root: Path, x0: np.ndarray, x: np.ndarray, F: np.ndarray) -> None:
+    """The film of the true motion, through the same renderer; a strip of the image is the hand."""
+    record = json.loads((root / "parse_video" / "camera.json").read_text())
+    camera = Camera(np.array(record["K"]), np.array(record["T_world_camera"]), 80, 60)
+    gaussians = load_gaussians(root / "fit_pose" / "gaussians.ply")
+    binding = bind(gaussians.means, x0)
+    for t in range(FRAMES):
+        now, stretch = torch.from_numpy(x[t]).float(), torch.from_numpy(F[t]).float().expand(len(x0), 3, 3)
+        out = render_carried(gaussians, binding, torch.from_numpy(x0).float(), now, stretch, camera)
+        hand = np.zeros((60, 80), bool)
+        hand[:, :10] = True
+        mask = (out.alpha.numpy() > 0) & ~hand
+        name = f"{t:06d}.png"
+        _write_png(root / "parse_video/color" / name, (out.rgb.clamp(0, 1).numpy() * 255).round().astype(np.uint8))
+        _write_png(root / "parse_video/depth" / name, (out.depth.numpy() * 1000).round().astype(np.uint16))
+        _write_png(root / "segment_and_track/masks/object" / name, mask.astype(np.uint8) * 255)
+        _write_png(root / "segment_and_track/masks/controller" / name, hand.astype(np.uint8) * 255)
+
+
+def _write_model(folder: Path, x0: np.ndarray, shear: float, shift: np.ndarray) -> None:
+    folder.mkdir()
+    carried, F = _motion(shear, shift)
+    F = np.broadcast_to(F[:, None], (FRAMES, len(x0), 3, 3))
+    np.savez(folder / "rollout.npz", x=carried(x0).astype(np.float32), F=F.astype(np.float32))
+    save_file({"youngs_modulus": np.array([3e4, 5e4])}, folder / "model.safetensors")
+
+
+def test_scores_of_a_known_motion(context: Context) -> None:
+    from stages.evaluate import run
+
+    run(context)
+    metrics = json.loads((context.output / "metrics.json").read_text())
+    exact, off = metrics["fit_global"], metrics["fit_patches"]
+    assert exact["observed"]["frames"] == [1, OBSERVED] and exact["future"]["frames"] == [OBSERVED, FRAMES]
+    for interval in ("observed", "future"):
+        assert exact[interval]["iou"] == 1.0
+        assert exact[interval]["psnr"] > 50  # 8-bit colours: 58.9 dB at best
+        assert exact[interval]["ssim"] > 0.999
+        assert exact[interval]["track_error"] < 1e-6  # tracks start on surface points
+        assert exact[interval]["cd_l1_oneway"] < 0.010  # surface points lie 9 mm apart
+        assert exact["truth"][interval]["vertex_error"] < 1e-6
+        assert off[interval]["iou"] < 0.99 and off[interval]["psnr"] < exact[interval]["psnr"] - 10
+    times = np.arange(1, OBSERVED)[:, None] / (FRAMES - 1)
+    tracks = np.load(context.root / "sample_particles" / "particles.npz")["track_points0"]
+    errors = np.hypot(SHIFT[0], SHEAR * times * tracks[:, 0])
+    assert off["observed"]["track_error"] == pytest.approx(errors.mean(), rel=1e-4)
+    statics = off["truth"]["statics"]
+    assert statics["true_youngs_modulus"] == 5e4 and statics["youngs_modulus"] == 4e4
+    assert statics["equivalent_youngs_modulus"] == pytest.approx(2 * 4e4, rel=1e-4)
+
+
+def test_files(context: Context) -> None:
+    rows = list(csv.DictReader((context.output / "frames.csv").open()))
+    assert len(rows) == 2 * FRAMES and float(rows[0]["iou"]) == 1.0
+    for stage in ("fit_global", "fit_patches"):
+        assert (context.output / f"{stage}.mp4").stat().st_size > 1000
+
+
+def test_tracks_without_images(context: Context, tmp_path) -> None:
+    """No image scores and no video; track error, and the deflection of the tracked points."""
+    from stages.evaluate import run
+
+    described = json.loads((context.root / "parse_video" / "capture.json").read_text())
+    (context.root / "parse_video" / "capture.json").write_text(json.dumps(described | {"kind": "tracks"}))
+    try:
+        context.output = tmp_path
+        run(context)
+    finally:
+        (context.root / "parse_video" / "capture.json").write_text(json.dumps(described))
+    metrics = json.loads((tmp_path / "metrics.json").read_text())
+    assert set(metrics["fit_global"]["observed"]) == {"frames", "track_error"}
+    assert metrics["fit_global"]["tip"]["error"] < 1e-6
+    tip = metrics["fit_patches"]["tip"]
+    weights = np.array([1, 3, 4, 3, 1]) / 12  # Hann over frames 1 to 5
+    mean_time = weights @ np.arange(1, 6) / (FRAMES - 1)
+    tracks = np.load(context.root / "sample_particles" / "particles.npz")["track_points0"]
+    down = SHEAR * mean_time * tracks[:, 0].mean()
+    assert tip["error"] == pytest.approx(np.hypot(SHIFT[0], down), rel=1e-4)
+    assert not list(tmp_path.glob("*.mp4"))
+
+
+def test_rollout_of_another_body(context: Context, tmp_path) -> None:
+    from stages._evaluation import Replay, load_sequence
+
+    np.savez(tmp_path / "rollout.npz", x=np.zeros((FRAMES, 3, 3)), F=np.zeros((FRAMES, 3, 3, 3)))
+    with pytest.raises(InputError, match="6 frames of 3 particles"):
+        Replay(load_sequence(context), tmp_path)

@@ -15,10 +15,11 @@ def main(arguments: Sequence[str] | None = None) -> None:
     """Run one command; exit code 2 and one plain sentence for what the user can mend."""
     parsed = _parser().parse_args(arguments)
     try:
-        sys.exit(parsed.command(parsed))
+        code = parsed.command(parsed)
     except InputError as error:
         print(f"physreal: {error}", file=sys.stderr)
-        sys.exit(2)
+        code = 2
+    sys.exit(code)
 
 
 def _parser() -> argparse.ArgumentParser:

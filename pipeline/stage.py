@@ -207,10 +207,17 @@ def main(stage: str, run: Callable[[StageContext], None], graph: Graph = STAGES)
     parser = argparse.ArgumentParser(prog=f"python -m stages.{stage}", description=inspect.getdoc(run))
     parser.add_argument("sequence", help="a name under `sequences` in params.yaml")
     arguments = parser.parse_args()
-    try:
+    with exit_on_input_error(f"{stage} {arguments.sequence}"):
         run_stage(stage, arguments.sequence, run, graph=graph)
+
+
+@contextmanager
+def exit_on_input_error(who: str) -> Iterator[None]:
+    """Ends the process with exit code 2 and one sentence, no traceback, for what the user can mend."""
+    try:
+        yield
     except (InputError, SimulationError) as error:
-        print(f"{stage} {arguments.sequence}: {error}", file=sys.stderr)
+        print(f"{who}: {error}", file=sys.stderr)
         sys.exit(2)
 
 

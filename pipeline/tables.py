@@ -1,0 +1,115 @@
+"""Tables of scores: averaged as the benchmark does, written as Markdown and CSV."""
+
+import csv
+from collections.abc import Iterable
+from dataclasses import dataclass
+from pathlib import Path
+
+from pipeline.graph import FIT_STAGES
+from pipeline.results import IMAGE_METRICS, INTERVALS, METRICS, Results
+
+# Heading, factor from SI, digits.
+SHOWN = {
+    "track_error": ("track error [mm]", 1e3, 2),
+    "cd_l1_oneway": ("CD, L1 one-way [mm]", 1e3, 2),
+    "cd_l2_twoway": ("CD, L2 two-way [mm]", 1e3, 2),
+    "iou": ("IoU [%]", 1e2, 1),
+    "psnr": ("PSNR [dB]", 1.0, 2),
+}
+
+
+@dataclass(frozen=True)
+class Table:
+    """A caption, headings, and rows of ready text."""
+
+    caption: str
+    headings: list[str]
+    rows: list[list[str]]
+
+    def markdown(self) -> str:
+        lines = [self.headings, ["---"] * len(self.headings), *self.rows]
+        return f"{self.caption}\n\n" + "\n".join(f"| {' | '.join(line)} |" for line in lines) + "\n"
+
+    def write(self, folder: Path, name: str) -> None:
+        """<name>.md and <name>.csv."""
+        (folder / f"{name}.md").write_text(self.markdown())
+        with (folder / f"{name}.csv").open("w", newline="") as file:
+            csv.writer(file).writerows([self.headings, *self.rows])
+
+
+def tables(results: Results) -> dict[str, Table]:
+    """Name → table: every sequence, the mean by fit stage, the mean by object geometry; fitted and predicted apart."""
+    return {"by_sequence": _by_sequence(results), "by_stage": _by_stage(results), "by_geometry": _by_geometry(results)}
+
+
+def mean_scores(results: Results, sequences: Iterable[str], fit_stage: str, interval: str) -> dict[str, float]:
+    """As the benchmark averages: distances per sequence and then over sequences, image scores over all frames."""
+    collected: dict[str, list[tuple[float, float]]] = {name: [] for name in METRICS}
+    for sequence in sequences:
+        block = results.metrics[sequence].get(fit_stage, {}).get(interval, {})
+        first, last = block.get("frames", (0, 1))
+        for name, value in results.scores(sequence, fit_stage, interval).items():
+            collected[name].append((value, last - first if name in IMAGE_METRICS else 1))
+    return {
+        name: sum(value * weight for value, weight in pairs) / sum(weight for _, weight in pairs)
+        for name, pairs in collected.items()
+        if pairs
+    }
+
+
+def cells(scores: dict[str, float]) -> list[str]:
+    """The scores as text, an empty cell where one does not apply."""
+    return [f"{scores[name] * factor:.{digits}f}" if name in scores else "" for name, (_, factor, digits) in SHOWN.items()]
+
+
+def _headings() -> list[str]:
+    return [heading for heading, _, _ in SHOWN.values()]
+
+
+def _kind(results: Results, sequence: str) -> str:
+    source = results.model_from(sequence)
+    return f"predicted from {source}" if source else "fitted"
+
+
+def _by_sequence(results: Results) -> Table:
+    rows = [
+        [sequence, _kind(results, sequence), stage, interval, *cells(scores)]
+        for sequence in results.sequences
+        for interval in INTERVALS
+        for stage in FIT_STAGES
+        if (scores := results.scores(sequence, stage, interval))
+    ]
+    return Table("Every sequence.", ["sequence", "model", "fit stage", "frames", *_headings()], rows)
+
+
+def _by_stage(results: Results) -> Table:
+    rows = [row for names in _fitted_and_predicted(results) for row in _mean_rows(results, names)]
+    return Table("Mean over sequences, by fit stage.", [*_MEAN_HEADINGS, *_headings()], rows)
+
+
+def _by_geometry(results: Results) -> Table:
+    rows = [
+        [geometry, *row]
+        for names in _fitted_and_predicted(results)
+        for geometry in sorted({results.geometry(name) for name in names})
+        for row in _mean_rows(results, [name for name in names if results.geometry(name) == geometry])
+    ]
+    return Table("Mean over sequences, by geometry of the object.", ["geometry", *_MEAN_HEADINGS, *_headings()], rows)
+
+
+_MEAN_HEADINGS = ["model", "fit stage", "frames", "sequences"]
+
+
+def _mean_rows(results: Results, names: list[str]) -> list[list[str]]:
+    kind = "predicted" if names and results.model_from(names[0]) else "fitted"
+    return [
+        [kind, stage, interval, str(len(names)), *cells(scores)]
+        for interval in INTERVALS
+        for stage in FIT_STAGES
+        if (scores := mean_scores(results, names, stage, interval))
+    ]
+
+
+def _fitted_and_predicted(results: Results) -> tuple[list[str], list[str]]:
+    predicted = [name for name in results.sequences if results.model_from(name)]
+    return [name for name in results.sequences if name not in predicted], predicted

@@ -1,0 +1,77 @@
+"""Stage summarise: one summary.json for `dvc metrics`, tables as Markdown and CSV, curves for `dvc plots`."""
+
+import csv
+import json
+from collections import defaultdict
+from collections.abc import Iterable
+from pathlib import Path
+
+from pipeline.graph import FIT_STAGES
+from pipeline.results import INTERVALS, Results
+from pipeline.stage import exit_on_input_error
+from pipeline.tables import tables
+
+
+def run(results: Results) -> None:
+    """Write results/summary.json, results/tables and results/plots."""
+    folder = results.project.results
+    for name in ("tables", "plots"):
+        (folder / name).mkdir(parents=True, exist_ok=True)
+    (folder / "summary.json").write_text(json.dumps(summary(results), indent=1) + "\n")
+    for name, table in tables(results).items():
+        table.write(folder / "tables", name)
+    _write_curves(folder / "plots" / "loss.csv", "iteration", _losses(results))
+    _write_curves(folder / "plots" / "frames.csv", "frame", _track_errors(results))
+
+
+def summary(results: Results) -> dict:
+    """sequences.<name>.<fit stage>.<interval>.<metric>, SI units; a metric that does not apply is absent."""
+    return {
+        "sequences": {
+            sequence: {
+                stage: {interval: results.scores(sequence, stage, interval) for interval in INTERVALS}
+                for stage in FIT_STAGES
+                if stage in results.metrics[sequence]
+            }
+            for sequence in results.sequences
+        }
+    }
+
+
+Curves = dict[str, dict[int, list[float]]]  # fit stage → iteration or frame → one value per sequence
+
+
+def _losses(results: Results) -> Curves:
+    """The objective of every fitted sequence."""
+    rows = ((stage, row) for name in results.sequences for stage, loss in results.losses(name).items() for row in loss)
+    return _collect((stage, int(row["iteration"]), row["total"]) for stage, row in rows)
+
+
+def _track_errors(results: Results) -> Curves:
+    """The track error of every fitted sequence, per frame [m]."""
+    fitted = (name for name in results.sequences if results.model_from(name) is None)
+    rows = (row for name in fitted for row in results.frames(name))
+    return _collect((row["stage"], int(row["frame"]), row["track_error"]) for row in rows)
+
+
+def _collect(entries: Iterable[tuple[str, int, str]]) -> Curves:
+    curves: Curves = {stage: defaultdict(list) for stage in FIT_STAGES}
+    for stage, at, value in entries:
+        if value:
+            curves[stage][at].append(float(value))
+    return curves
+
+
+def _write_curves(path: Path, axis: str, curves: Curves) -> None:
+    """One column per fit stage, the mean over sequences."""
+    with path.open("w", newline="") as file:
+        writer = csv.writer(file)
+        writer.writerow([axis, *curves])
+        for at in sorted({at for curve in curves.values() for at in curve}):
+            values = [curve.get(at) for curve in curves.values()]
+            writer.writerow([at, *(f"{sum(value) / len(value):.6g}" if value else "" for value in values)])
+
+
+if __name__ == "__main__":
+    with exit_on_input_error("summarise"):
+        run(Results.open())

@@ -76,18 +76,18 @@ def _fill_with_cubes(shape: RoundedShape, spacing: float) -> tuple[Array, Array]
 
 
 def _fit_boundary(shape: RoundedShape, vertices: Array, tets: Array, boundary: Array, relaxations: int) -> Array:
-    """Newton steps of the boundary onto distance 0 mixed with Laplacian smoothing; a step that would flatten a
-    tetrahedron below a third of a cube's fifth is taken back for its nodes."""
+    """Newton steps of the boundary onto distance 0 mixed with Laplacian smoothing, which fades because it shrinks the
+    body; a step that would flatten a tetrahedron below a third of what it was is taken back for its nodes."""
     edges = np.unique(np.sort(tets[:, _EDGES].reshape(-1, 2), axis=1), axis=0)
     ends = np.concatenate([edges, edges[:, ::-1]])
     degree = np.bincount(ends[:, 0], minlength=len(vertices))[:, None]
     least = 0.33 * tet_volumes(vertices, tets)
-    for _ in range(relaxations):
+    for smoothing in np.linspace(0.15, 0.0, relaxations):
         moved = vertices.copy()
-        moved[boundary] -= 0.35 * shape.distance(moved[boundary])[:, None] * shape.gradient(moved[boundary])
+        moved[boundary] -= 0.4 * shape.distance(moved[boundary])[:, None] * shape.gradient(moved[boundary])
         total = np.zeros_like(vertices)
         np.add.at(total, ends[:, 0], vertices[ends[:, 1]])
-        moved += 0.12 * (total / degree - vertices)
+        moved += smoothing * (total / degree - vertices)
         flat = tets[tet_volumes(moved, tets) < least]
         while len(flat):
             moved[np.unique(flat)] = vertices[np.unique(flat)]

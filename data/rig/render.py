@@ -14,7 +14,7 @@ from physreal_core.array_types import Array, Float, Int, UInt8
 BACKGROUND, OBJECT, HAND, TABLE = -1, 0, 1, 2
 _LAMP = np.array([-0.35, -0.45, 0.82]) / np.linalg.norm([-0.35, -0.45, 0.82])
 _AMBIENT, _DIFFUSE = 0.42, 0.72
-_HAND_SPACING, _TABLE_HALF, _HORIZON = 0.006, 1.5, 0.30
+_HAND_SPACING, _TABLE_HALF, _HORIZON = 0.009, 1.5, 0.30
 
 
 @dataclass(frozen=True)

@@ -48,7 +48,7 @@ def simulate(scene: Scene, *, timestep: float = 0.001, settle: float = 0.3) -> T
     import mujoco
 
     mesh = mesh_shape(scene.body, scene.mesh_spacing)
-    mesh.vertices[:, 2] += _NODE_RADIUS - mesh.vertices[:, 2].min()
+    mesh.vertices[:, 2] += max(0.0, _NODE_RADIUS - mesh.vertices[:, 2].min())  # on the table, not in it
     gripped = np.flatnonzero(scene.hand.distance(mesh.vertices) < scene.grip_reach)
     steps = int(np.ceil(1 / (scene.fps * timestep)))
     model = mujoco.MjModel.from_xml_string(_describe(scene, mesh, gripped, 1 / (scene.fps * steps)))

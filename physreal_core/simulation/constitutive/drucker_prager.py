@@ -13,14 +13,14 @@ from functools import cache
 import warp as wp
 
 from physreal_core.simulation.constitutive.lame import lame_functions
+from physreal_core.simulation.constitutive.law_types import law_types
 from physreal_core.simulation.constitutive.return_map import return_structs
-from physreal_core.simulation.constitutive.scalar_types import scalar_types
 
 
 @cache
 def drucker_prager(scalar: type) -> tuple[wp.Function, wp.Function]:
     """`(radial, radial_adjoint)` over `scalar`, for `return_functions`; 0 <= phi < pi/2, c >= 0."""
-    vec2 = scalar_types(scalar).vec2
+    vec2 = law_types(scalar).vec2
     zero, one, two, three, six = scalar(0.0), scalar(1.0), scalar(2.0), scalar(3.0), scalar(6.0)
     root = scalar(math.sqrt(2.0 / 3.0))
     lame, structs = lame_functions(scalar), return_structs(scalar)

@@ -10,14 +10,14 @@ from functools import cache
 import warp as wp
 
 from physreal_core.simulation.constitutive.lame import lame_functions
+from physreal_core.simulation.constitutive.law_types import adjoint_struct, law_types
 from physreal_core.simulation.constitutive.linear_algebra import linear_algebra
-from physreal_core.simulation.constitutive.scalar_types import adjoint_struct, scalar_types
 
 
 @cache
 def fixed_corotated(scalar: type) -> tuple[wp.Function, wp.Function]:
     """`(stress, stress_adjoint)` over `scalar`; det F > 0, stress [Pa]."""
-    t = scalar_types(scalar)
+    t = law_types(scalar)
     vec3, mat33 = t.vec3, t.mat33
     one, two = scalar(1.0), scalar(2.0)
     algebra, lame = linear_algebra(scalar), lame_functions(scalar)

@@ -10,15 +10,15 @@ from functools import cache
 import warp as wp
 
 from physreal_core.simulation.constitutive.lame import lame_functions
+from physreal_core.simulation.constitutive.law_types import adjoint_struct, law_types
 from physreal_core.simulation.constitutive.linear_algebra import linear_algebra
 from physreal_core.simulation.constitutive.log_strain import log_strain
-from physreal_core.simulation.constitutive.scalar_types import adjoint_struct, scalar_types
 
 
 @cache
 def hencky(scalar: type) -> tuple[wp.Function, wp.Function]:
     """`(stress, stress_adjoint)` over `scalar`; det F > 0, stress [Pa]."""
-    t = scalar_types(scalar)
+    t = law_types(scalar)
     vec3, mat33 = t.vec3, t.mat33
     two = scalar(2.0)
     algebra, lame, strain = linear_algebra(scalar), lame_functions(scalar), log_strain(scalar)

@@ -5,7 +5,7 @@ from functools import cache
 
 import warp as wp
 
-from physreal_core.simulation.constitutive.scalar_types import scalar_types
+from physreal_core.simulation.constitutive.law_types import law_types
 
 
 @dataclass(frozen=True)
@@ -25,7 +25,7 @@ class LameFunctions:
 @cache
 def lame_functions(scalar: type) -> LameFunctions:
     """The functions over `scalar`."""
-    vec2 = scalar_types(scalar).vec2
+    vec2 = law_types(scalar).vec2
     half, one, two = scalar(0.5), scalar(1.0), scalar(2.0)
 
     @wp.func

@@ -8,7 +8,7 @@ from functools import cache
 
 import warp as wp
 
-from physreal_core.simulation.constitutive.scalar_types import scalar_types
+from physreal_core.simulation.constitutive.law_types import law_types
 
 NEWTON_STEPS = wp.constant(16)
 
@@ -35,7 +35,7 @@ class LinearAlgebra:
 @cache
 def linear_algebra(scalar: type) -> LinearAlgebra:
     """The functions over `scalar`; the same objects at every call, so that Warp compiles nothing twice."""
-    t = scalar_types(scalar)
+    t = law_types(scalar)
     vec3, mat33 = t.vec3, t.mat33
     half = scalar(0.5)
     newton_tolerance = scalar(t.tolerance * t.tolerance)

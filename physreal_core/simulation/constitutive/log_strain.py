@@ -11,8 +11,8 @@ from functools import cache
 
 import warp as wp
 
+from physreal_core.simulation.constitutive.law_types import law_types
 from physreal_core.simulation.constitutive.linear_algebra import linear_algebra
-from physreal_core.simulation.constitutive.scalar_types import scalar_types
 
 JACOBI_SWEEPS = wp.constant(10)
 
@@ -37,7 +37,7 @@ class LogStrain:
 @cache
 def log_strain(scalar: type) -> LogStrain:
     """The functions over `scalar`."""
-    t = scalar_types(scalar)
+    t = law_types(scalar)
     vec3, mat33 = t.vec3, t.mat33
     zero, half, one, two = scalar(0.0), scalar(0.5), scalar(1.0), scalar(2.0)
     small, sixth = scalar(1e-3), scalar(1.0 / 6.0)

@@ -49,7 +49,7 @@ def hencky(F: Float[Tensor, "... 3 3"], E: Tensor, nu: Tensor) -> Float[Tensor, 
     return U @ torch.diag_embed(principal) @ U.mT
 
 
-def von_mises(F: Float[Tensor, "... 3 3"], E: Tensor, nu: Tensor, y: Float[Tensor, "... 2"], dt: float) -> Tensor:
+def von_mises(F: Float[Tensor, "... 3 3"], E: Tensor, nu: Tensor, y: Float[Tensor, "... 2"], dt: Tensor) -> Tensor:
     """Return map; y = (yield stress [Pa], viscosity [Pa s])."""
     two_mu = 2 * lame(E, nu)[0]
     U, sigma, Vt = torch.linalg.svd(F)
@@ -61,7 +61,7 @@ def von_mises(F: Float[Tensor, "... 3 3"], E: Tensor, nu: Tensor, y: Float[Tenso
     return U @ torch.diag_embed((mean + scale[..., None] * (eps - mean)).exp()) @ Vt
 
 
-def drucker_prager(F: Float[Tensor, "... 3 3"], E: Tensor, nu: Tensor, y: Float[Tensor, "... 2"], dt: float) -> Tensor:
+def drucker_prager(F: Float[Tensor, "... 3 3"], E: Tensor, nu: Tensor, y: Float[Tensor, "... 2"], dt: Tensor) -> Tensor:
     """Return map; y = (friction angle [rad], cohesion [Pa])."""
     two_mu, bulk = 2 * lame(E, nu)[0], E / (1 - 2 * nu)
     sine = y[..., 0].sin()
@@ -131,7 +131,7 @@ def plastic_residual(
     config: ResidualConfig,
     F_trial: Float[Tensor, "... 3 3"],
     F_exp: Float[Tensor, "... 3 3"],
-    share: float,
+    share: Float[Tensor, "..."],
     latent: Float[Tensor, "... latent"],
     weights: Float[Tensor, " weights"],
 ) -> Float[Tensor, "... 3 3"]:

@@ -14,6 +14,7 @@ from functools import cache
 
 import warp as wp
 
+from physreal_core.simulation.constitutive.law_types import law_types
 from physreal_core.simulation.constitutive.linear_algebra import linear_algebra
 from physreal_core.simulation.constitutive.residual_config import (
     OUTPUTS,
@@ -23,7 +24,6 @@ from physreal_core.simulation.constitutive.residual_config import (
 )
 from physreal_core.simulation.constitutive.residual_features import feature_functions
 from physreal_core.simulation.constitutive.residual_network import network_functions
-from physreal_core.simulation.constitutive.scalar_types import scalar_types
 
 __all__ = ["ResidualConfig", "ResidualFunctions", "initial_weights", "residual_functions", "split_weights"]
 
@@ -93,7 +93,7 @@ class _Direction:
 
 @cache
 def _direction(scalar: type) -> _Direction:
-    mat33 = scalar_types(scalar).mat33
+    mat33 = law_types(scalar).mat33
     one, root = scalar(1.0), scalar(math.sqrt(0.5))
     Outputs = wp.types.vector(OUTPUTS, scalar)
 
@@ -127,7 +127,7 @@ def _direction(scalar: type) -> _Direction:
 
 
 def _stress_functions(config: ResidualConfig, scalar: type) -> tuple[wp.Function, wp.Function]:
-    mat33 = scalar_types(scalar).mat33
+    mat33 = law_types(scalar).mat33
     one, two = scalar(1.0), scalar(2.0)
     beta, small_stress = scalar(config.beta_elastic), scalar(SMALL_STRESS)
     algebra, features, network = linear_algebra(scalar), feature_functions(scalar), network_functions(config, scalar)
@@ -199,7 +199,7 @@ def _stress_functions(config: ResidualConfig, scalar: type) -> tuple[wp.Function
 
 
 def _plastic_functions(config: ResidualConfig, scalar: type) -> tuple[wp.Function, wp.Function]:
-    mat33 = scalar_types(scalar).mat33
+    mat33 = law_types(scalar).mat33
     quarter, half, one = scalar(0.25), scalar(0.5), scalar(1.0)
     beta, small = scalar(config.beta_plastic), scalar(SMALL_STRAIN)
     algebra, features, network = linear_algebra(scalar), feature_functions(scalar), network_functions(config, scalar)

@@ -9,9 +9,9 @@ from functools import cache
 
 import warp as wp
 
+from physreal_core.simulation.constitutive.law_types import law_types
 from physreal_core.simulation.constitutive.linear_algebra import linear_algebra
 from physreal_core.simulation.constitutive.residual_config import STRAIN_FEATURES
-from physreal_core.simulation.constitutive.scalar_types import scalar_types
 
 
 @dataclass(frozen=True)
@@ -30,7 +30,7 @@ class Features:
 @cache
 def feature_functions(scalar: type) -> Features:
     """The features over `scalar`."""
-    mat33 = scalar_types(scalar).mat33
+    mat33 = law_types(scalar).mat33
     half, one, two = scalar(0.5), scalar(1.0), scalar(2.0)
     algebra = linear_algebra(scalar)
     identity_times, symmetric, cofactor = algebra.identity_times, algebra.symmetric, algebra.cofactor

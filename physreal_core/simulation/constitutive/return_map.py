@@ -12,9 +12,9 @@ from functools import cache
 
 import warp as wp
 
+from physreal_core.simulation.constitutive.law_types import law_types
 from physreal_core.simulation.constitutive.linear_algebra import linear_algebra
 from physreal_core.simulation.constitutive.log_strain import log_strain
-from physreal_core.simulation.constitutive.scalar_types import scalar_types
 
 
 @dataclass(frozen=True)
@@ -35,7 +35,7 @@ class ReturnStructs:
 @cache
 def return_structs(scalar: type) -> ReturnStructs:
     """The structs over `scalar`."""
-    t = scalar_types(scalar)
+    t = law_types(scalar)
     vec2, mat33 = t.vec2, t.mat33
 
     @wp.struct
@@ -75,7 +75,7 @@ def return_functions(law: RadialLaw, scalar: type) -> tuple[wp.Function, wp.Func
             `radial_adjoint(q, t, E, nu, y, dt, q_new_bar, t_new_bar) -> RadialAdjoint`, the latter called when it yields.
         scalar: `wp.float32` or `wp.float64`.
     """
-    types = scalar_types(scalar)
+    types = law_types(scalar)
     vec2, vec3, mat33 = types.vec2, types.vec3, types.mat33
     zero, one, third = scalar(0.0), scalar(1.0), scalar(1.0 / 3.0)
     algebra, strain, structs = linear_algebra(scalar), log_strain(scalar), return_structs(scalar)

@@ -13,14 +13,14 @@ from functools import cache
 import warp as wp
 
 from physreal_core.simulation.constitutive.lame import lame_functions
+from physreal_core.simulation.constitutive.law_types import law_types
 from physreal_core.simulation.constitutive.return_map import return_structs
-from physreal_core.simulation.constitutive.scalar_types import scalar_types
 
 
 @cache
 def von_mises(scalar: type) -> tuple[wp.Function, wp.Function]:
     """`(radial, radial_adjoint)` over `scalar`, for `return_functions`."""
-    vec2 = scalar_types(scalar).vec2
+    vec2 = law_types(scalar).vec2
     one, two, root = scalar(1.0), scalar(2.0), scalar(math.sqrt(2.0 / 3.0))
     lame, structs = lame_functions(scalar), return_structs(scalar)
     shear_modulus, lame_adjoint = lame.shear_modulus, lame.adjoint

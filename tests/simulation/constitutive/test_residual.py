@@ -42,11 +42,11 @@ def delta(kind: str, args: tuple[np.ndarray, ...], dtype: str = "float64") -> np
     return evaluator(kind, dtype)(*args, args[0]).delta
 
 
-def twin(kind: str, args: list[torch.Tensor]) -> torch.Tensor:
+def twin(kind: str, *args: torch.Tensor) -> torch.Tensor:
     if kind == "stress":
         return reference.stress_residual(CONFIG, *args)
     F, F_exp, share, latent, weights = args
-    return reference.plastic_residual(CONFIG, F, F_exp, share[0].item(), latent, weights)
+    return reference.plastic_residual(CONFIG, F, F_exp, share, latent, weights)
 
 
 def bound(kind: str, args: tuple[np.ndarray, ...]) -> np.ndarray:
@@ -57,7 +57,7 @@ def bound(kind: str, args: tuple[np.ndarray, ...]) -> np.ndarray:
 @pytest.mark.parametrize("kind", KINDS)
 def test_values_are_those_of_the_torch_twin(kind):
     args = arguments(kind, points())
-    expected = twin(kind, [torch.tensor(a) for a in args]).numpy()
+    expected = twin(kind, *(torch.tensor(a) for a in args)).numpy()
     # the reference's sqrt(a^2 + e^2) - e loses what the kernel's form keeps
     np.testing.assert_allclose(delta(kind, args), expected, atol=1e-12 * abs(expected).max())
 
@@ -168,7 +168,7 @@ def test_gradients_are_those_of_torch_where_singular_values_differ(kind):
     seed = rng.normal(size=args[0].shape)
     out = evaluator(kind)(*args, seed)
     leaves = [torch.tensor(a, requires_grad=True) for a in args]
-    twin(kind, leaves).backward(torch.tensor(seed))
+    twin(kind, *leaves).backward(torch.tensor(seed))
     names = ("F_bar", "tau_exp_bar", "E_bar") if kind == "stress" else ("F_trial_bar", "F_exp_bar", None)
     for name, leaf in zip((*names, "latent_bar"), leaves[:4], strict=True):
         if name:

@@ -1,4 +1,4 @@
-"""The Warp vector and matrix types of one scalar type, so that every law is written once for float32 and float64."""
+"""Warp types and rounding tolerances of one scalar type, so that every law is written once for float32 and float64."""
 
 from dataclasses import dataclass
 from functools import cache
@@ -7,7 +7,7 @@ import warp as wp
 
 
 @dataclass(frozen=True)
-class ScalarTypes:
+class LawTypes:
     """Warp types over one scalar.
 
     Attributes:
@@ -26,12 +26,12 @@ class ScalarTypes:
 
 
 _TYPES = {
-    wp.float32: ScalarTypes(wp.float32, wp.vec2f, wp.vec3f, wp.mat33f, 2e-4, 2e-7),
-    wp.float64: ScalarTypes(wp.float64, wp.vec2d, wp.vec3d, wp.mat33d, 1e-8, 4e-16),
+    wp.float32: LawTypes(wp.float32, wp.vec2f, wp.vec3f, wp.mat33f, 2e-4, 2e-7),
+    wp.float64: LawTypes(wp.float64, wp.vec2d, wp.vec3d, wp.mat33d, 1e-8, 4e-16),
 }
 
 
-def scalar_types(scalar: type) -> ScalarTypes:
+def law_types(scalar: type) -> LawTypes:
     """Types over `scalar` (`wp.float32` or `wp.float64`; `KeyError` for any other)."""
     return _TYPES[scalar]
 
@@ -39,7 +39,7 @@ def scalar_types(scalar: type) -> ScalarTypes:
 @cache
 def adjoint_struct(scalar: type) -> type:
     """Struct that `stress_adjoint` returns: adjoints of `F`, `E`, `nu`, and the stress `tau` itself, free by then."""
-    t = scalar_types(scalar)
+    t = law_types(scalar)
     mat33 = t.mat33
 
     @wp.struct

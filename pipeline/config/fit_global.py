@@ -51,14 +51,14 @@ class Material(StageParameters):
     elastic_law: Literal["fixed_corotated", "neo_hookean", "hencky"] = Field("fixed_corotated", description="C_e")
     plastic_law: Literal["identity", "von_mises", "drucker_prager"] = Field("identity", description="C_p")
     yield_stress: float = Field(5e3, gt=0, description="von_mises: stress at which it flows [Pa]")
-    hardening: float = Field(0.0, ge=0, description="von_mises: hardening modulus [Pa]")
+    viscosity: float = Field(0.0, ge=0, description="von_mises: viscosity of the flow, 0 for perfectly plastic [Pa s]")
     friction_angle: float = Field(0.6, gt=0, lt=1.57, description="drucker_prager: angle of internal friction [rad]")
     cohesion: float = Field(0.0, ge=0, description="drucker_prager: cohesion [Pa]")
 
     def plastic(self) -> tuple[float, float] | None:
         """The plastic law's two numbers, None for `identity`."""
         pairs = {
-            "von_mises": (self.yield_stress, self.hardening),
+            "von_mises": (self.yield_stress, self.viscosity),
             "drucker_prager": (self.friction_angle, self.cohesion),
         }
         return pairs.get(self.plastic_law)

@@ -1,0 +1,132 @@
+"""Pictures of the report: curves as SVG, the material field on the particles, strips of video frames; all as data URIs."""
+
+import base64
+import io
+from pathlib import Path
+
+import matplotlib
+import numpy as np
+
+matplotlib.use("agg")
+from matplotlib import pyplot  # noqa: E402 (the backend is chosen first)
+
+COLOURS = {"fit_global": "#0f766e", "fit_patches": "#c2410c", "fit_residual": "#4338ca"}
+MEDIA = {".png": "image/png", ".jpg": "image/jpeg", ".svg": "image/svg+xml", ".mp4": "video/mp4"}
+pyplot.rcParams.update(
+    {
+        "font.size": 9,
+        "axes.spines.top": False,
+        "axes.spines.right": False,
+        "axes.grid": True,
+        "grid.alpha": 0.25,
+        "svg.hashsalt": "physreal",
+        "figure.constrained_layout.use": True,
+    }
+)
+
+
+def embed(path: Path) -> str:
+    """A file as a data URI."""
+    return _uri(path.read_bytes(), MEDIA[path.suffix])
+
+
+def loss_curves(losses: dict[str, list[dict[str, str]]]) -> str:
+    """The objective over iterations of every fit stage, one after the other."""
+    figure, axes = pyplot.subplots(figsize=(5.2, 2.7))
+    start = 0
+    for stage, rows in losses.items():
+        values = [float(row["total"]) for row in rows if row["total"]]
+        axes.plot(range(start, start + len(values)), values, color=COLOURS[stage], label=stage, lw=1.6)
+        start += len(values)
+    axes.set(xlabel="evaluation", ylabel="objective", yscale="log")
+    axes.legend(frameon=False)
+    return _svg(figure)
+
+
+def frame_errors(frames: list[dict[str, str]], metric: str, label: str, scale: float) -> str | None:
+    """A score per frame and fit stage, the future frames shaded; None where the score does not apply."""
+    rows = [row for row in frames if row.get(metric)]
+    if not rows:
+        return None
+    figure, axes = pyplot.subplots(figsize=(5.2, 2.7))
+    for stage, colour in COLOURS.items():
+        pairs = [(int(row["frame"]), scale * float(row[metric])) for row in rows if row["stage"] == stage]
+        if pairs:
+            axes.plot(*zip(*pairs, strict=True), color=colour, label=stage, lw=1.6)
+    future = [int(row["frame"]) for row in rows if row["interval"] == "future"]
+    if future:
+        axes.axvspan(min(future), max(future), color="#64748b", alpha=0.12, lw=0)
+        axes.text(min(future), axes.get_ylim()[1], " future", va="top", color="#475569")
+    axes.set(xlabel="frame", ylabel=label)
+    axes.set_ylim(bottom=0)
+    axes.legend(frameon=False)
+    return _svg(figure)
+
+
+def material_field(x0: np.ndarray, values: np.ndarray, label: str) -> str:
+    """A value on every particle, seen from the front and from above.
+
+    Args:
+        x0: particles [N, 3] m, z up.
+        values: [N].
+    """
+    low, high = float(values.min()), float(values.max())
+    margin = max(0.02 * abs(high), 1e-9) if high - low < 1e-6 * abs(high) else 0.0
+    figure, (front, above) = pyplot.subplots(1, 2, figsize=(8, 3.0))
+    for axes, (i, j, depth, sign) in ((front, (0, 2, 1, -1)), (above, (0, 1, 2, 1))):
+        order = np.argsort(sign * x0[:, depth])
+        points = axes.scatter(
+            x0[order, i], x0[order, j], c=values[order], s=14, cmap="viridis", vmin=low - margin, vmax=high + margin, lw=0
+        )
+        axes.set(xlabel=f"{'xyz'[i]} [m]", ylabel=f"{'xyz'[j]} [m]", aspect="equal")
+    figure.colorbar(points, ax=(front, above), label=label, shrink=0.9)
+    return _png(figure)
+
+
+def frame_strip(video: Path, count: int = 6) -> str:
+    """`count` frames of a video, evenly spaced from first to last, one below the other as one picture."""
+    import cv2
+
+    reader = cv2.VideoCapture(str(video))
+    frames = []
+    while (read := reader.read())[0]:
+        frames.append(read[1])
+    chosen = [frames[index] for index in np.linspace(0, len(frames) - 1, count).round().astype(int)]
+    for index, frame in zip(np.linspace(0, len(frames) - 1, count).round().astype(int), chosen, strict=True):
+        cv2.putText(frame, str(index), (6, 16), cv2.FONT_HERSHEY_SIMPLEX, 0.45, (0, 0, 0), 3, cv2.LINE_AA)
+        cv2.putText(frame, str(index), (6, 16), cv2.FONT_HERSHEY_SIMPLEX, 0.45, (255, 255, 255), 1, cv2.LINE_AA)
+    return _uri(cv2.imencode(".jpg", np.concatenate(chosen), [cv2.IMWRITE_JPEG_QUALITY, 82])[1].tobytes(), MEDIA[".jpg"])
+
+
+def time_bars(seconds: dict[str, dict[str, float]]) -> str:
+    """Horizontal bars: seconds per stage, one colour per sequence."""
+    sequences = list(dict.fromkeys(name for parts in seconds.values() for name in parts))
+    figure, axes = pyplot.subplots(figsize=(8, 0.32 * len(seconds) + 0.9))
+    left = np.zeros(len(seconds))
+    for index, sequence in enumerate(sequences):
+        widths = np.array([parts.get(sequence, 0.0) for parts in seconds.values()])
+        colour = list(COLOURS.values())[index % len(COLOURS)]
+        axes.barh(list(seconds), widths, left=left, label=sequence, color=colour, alpha=0.85)
+        left += widths
+    axes.invert_yaxis()
+    axes.set(xlabel="seconds")
+    axes.legend(frameon=False)
+    return _svg(figure)
+
+
+def _svg(figure: pyplot.Figure) -> str:
+    stream = io.BytesIO()
+    figure.savefig(stream, format="svg", metadata={"Date": None})
+    pyplot.close(figure)
+    return _uri(stream.getvalue(), MEDIA[".svg"])
+
+
+def _png(figure: pyplot.Figure) -> str:
+    stream = io.BytesIO()
+    figure.savefig(stream, format="png", dpi=130)
+    pyplot.close(figure)
+    return _uri(stream.getvalue(), MEDIA[".png"])
+
+
+def _uri(data: bytes, kind: str) -> str:
+    return f"data:{kind};base64,{base64.b64encode(data).decode()}"

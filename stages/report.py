@@ -1,0 +1,142 @@
+"""Stage report: one self-contained HTML page with videos, curves, tables, where the time went and what it was made from."""
+
+import json
+from pathlib import Path
+from typing import Any
+
+import jinja2
+import numpy as np
+
+from pipeline.capture import read_capture
+from pipeline.graph import FIT_STAGES, STAGES
+from pipeline.provenance import read_provenance
+from pipeline.results import Results
+from pipeline.stage import exit_on_input_error
+from pipeline.status import stages_of
+from pipeline.tables import SHOWN, tables
+from stages._report_pictures import (
+    embed,
+    frame_errors,
+    frame_strip,
+    loss_curves,
+    material_field,
+    time_bars,
+)
+
+TEMPLATE = Path(__file__).with_name("report.html.jinja")
+
+
+def run(results: Results) -> Path:
+    """Write results/report.html and say where it is."""
+    environment = jinja2.Environment(autoescape=True, undefined=jinja2.StrictUndefined, trim_blocks=True, lstrip_blocks=True)
+    page = environment.from_string(TEMPLATE.read_text()).render(
+        sequences=[describe_sequence(results, name) for name in results.sequences],
+        tables=tables(results),
+        time=describe_time(results),
+        fit_stages=FIT_STAGES,
+        shown=SHOWN,
+        seed=results.parameters.seed,
+    )
+    path = results.project.results / "report.html"
+    path.parent.mkdir(parents=True, exist_ok=True)
+    path.write_text(page)
+    print(f"report: {path}")
+    return path
+
+
+def describe_sequence(results: Results, name: str) -> dict[str, Any]:
+    """All that the page shows of one sequence; what does not apply to it is None."""
+    parsed, evaluated = results.artifact("parse_video", name), results.artifact("evaluate", name)
+    losses, frames = results.losses(name), results.frames(name)
+    last = FIT_STAGES[-1]
+    video = evaluated / f"{last}.mp4"
+    return {
+        "name": name,
+        "capture": read_capture(parsed),
+        "geometry": results.geometry(name),
+        "model_from": results.model_from(name),
+        "warnings": json.loads((parsed / "quality.json").read_text())["warnings"],
+        "scores": {stage: {part: results.scores(name, stage, part) for part in ("observed", "future")} for stage in FIT_STAGES},
+        "videos": {stage: embed(path) for stage in FIT_STAGES if (path := evaluated / f"{stage}.mp4").is_file()},
+        "strip": frame_strip(video) if video.is_file() else None,
+        "loss": loss_curves(losses) if losses else None,
+        "track_error": frame_errors(frames, "track_error", "track error [mm]", 1e3),
+        "iou": frame_errors(frames, "iou", "IoU [%]", 1e2),
+        "field": _field(results, name),
+        "fits": _fits(results, name),
+        "segmentation": _embedded(results.artifact("segment_and_track", name) / "overlay.mp4"),
+        "pose": _embedded(results.artifact("fit_pose", name) / "overlay.png"),
+        "others": {stage: _other_numbers(results.metrics[name].get(stage, {})) for stage in FIT_STAGES},
+        "provenance": _provenance(results, name),
+    }
+
+
+def describe_time(results: Results) -> dict[str, Any]:
+    """Seconds and peak memory per stage and sequence, as the stages recorded them."""
+    records = [
+        json.loads(path.read_text())
+        for sequence in results.sequences
+        for stage in stages_of(results.parameters, sequence)
+        if (path := results.project.record(stage, sequence)).is_file()
+    ]
+    seconds: dict[str, dict[str, float]] = {stage: {} for stage in STAGES}
+    for record in records:
+        seconds[record["stage"]][record["sequence"]] = record["seconds"]
+    seconds = {stage: parts for stage, parts in seconds.items() if parts}
+    return {
+        "records": sorted(records, key=lambda record: list(STAGES).index(record["stage"])),
+        "total": sum(record["seconds"] for record in records),
+        "peak": max((record["peak_memory_mb"] for record in records), default=0.0),
+        "bars": time_bars(seconds) if seconds else None,
+    }
+
+
+def _field(results: Results, name: str) -> dict[str, Any] | None:
+    """Young's modulus over the particles, from the patches of the last expert stage."""
+    from safetensors.numpy import load_file
+
+    if results.model_from(name):
+        return None
+    patches = load_file(results.model("fit_patches", name) / "model.safetensors")["youngs_modulus"]
+    with np.load(results.artifact("sample_particles", name) / "particles.npz") as particles:
+        modulus = (patches[particles["patch_neighbours"]] * particles["patch_weights"]).sum(axis=1)
+        picture = material_field(particles["x0"], modulus / 1e3, "Young's modulus [kPa]")
+        return {"picture": picture, "particles": len(modulus), "low": modulus.min(), "high": modulus.max()}
+
+
+def _fits(results: Results, name: str) -> dict[str, dict[str, Any]]:
+    """Fit stage → name of a quantity → its mean, range and unit, from fit.json."""
+    if results.model_from(name):
+        return {}
+    files = {stage: results.artifact(stage, name) / "fit.json" for stage in FIT_STAGES}
+    return {stage: json.loads(path.read_text())["values"] for stage, path in files.items()}
+
+
+def _embedded(path: Path) -> str | None:
+    return embed(path) if path.is_file() else None
+
+
+def _other_numbers(block: dict[str, Any]) -> dict[str, float]:
+    """What evaluate says beside the benchmark's numbers (truth, tip), flattened to "truth: observed: vertex_error"."""
+    flat: dict[str, float] = {}
+
+    def collect(prefix: str, value: Any) -> None:
+        if isinstance(value, dict):
+            for key, part in value.items():
+                collect(f"{prefix}: {key}" if prefix else key, part)
+        elif isinstance(value, (int, float)):
+            flat[prefix] = value
+
+    collect("", {key: value for key, value in block.items() if key not in ("observed", "future")})
+    return flat
+
+
+def _provenance(results: Results, name: str) -> dict[str, str]:
+    """Stage → its provenance.json as text."""
+    stages = [stage for stage in stages_of(results.parameters, name) if not STAGES[stage].makes_capture]
+    return {stage: json.dumps(read_provenance(results.artifact(stage, name)), indent=1) for stage in stages}
+
+
+if __name__ == "__main__":
+    with exit_on_input_error("report"):
+        run(Results.open())

@@ -1,0 +1,79 @@
+"""summarise and report on a finished project: the numbers that evaluate wrote, averaged as the benchmark does."""
+
+import csv
+import json
+import re
+
+import pytest
+
+from physreal_core.errors import InputError
+from pipeline.graph import FIT_STAGES
+from pipeline.results import METRICS, Results
+from pipeline.tables import mean_scores
+from stages import report, summarise
+from tests.pipeline.finished import FRAMES, OBSERVED, finished_project, scores
+
+
+@pytest.fixture(scope="module")
+def results(tmp_path_factory) -> Results:
+    return Results.open(finished_project(tmp_path_factory.mktemp("finished")))
+
+
+def test_summary_has_the_agreed_form(results):
+    summarise.run(results)
+    summary = json.loads((results.project.results / "summary.json").read_text())
+    assert set(summary) == {"sequences"} and set(summary["sequences"]) == {"lift", "push"}
+    for sequence, stages in summary["sequences"].items():
+        assert tuple(stages) == FIT_STAGES
+        for stage, intervals in stages.items():
+            for interval in ("observed", "future"):
+                assert set(intervals[interval]) == set(METRICS)
+                assert intervals[interval] == pytest.approx(scores(sequence, stage, interval))
+
+
+def test_means_weigh_images_by_frames_and_distances_by_sequence(results):
+    metrics = results.metrics
+    metrics["push"]["fit_global"]["observed"] |= {"iou": 0.5, "frames": [1, 4]}
+    mean = mean_scores(results, ["lift", "push"], "fit_global", "observed")
+    assert mean["iou"] == pytest.approx((0.9 * (OBSERVED - 1) + 0.5 * 3) / (OBSERVED - 1 + 3))
+    assert mean["track_error"] == pytest.approx((0.004 + 0.006) / 2)
+
+
+def test_a_metric_that_does_not_apply_is_absent(results):
+    block = results.metrics["lift"]["fit_global"]["future"]
+    kept = {key: block.pop(key) for key in ("iou", "psnr")}
+    assert set(summarise.summary(results)["sequences"]["lift"]["fit_global"]["future"]) == set(METRICS) - {"iou", "psnr"}
+    block |= kept
+
+
+def test_tables_and_curves(results):
+    summarise.run(results)
+    folder = results.project.results
+    with (folder / "tables/by_geometry.csv").open() as file:
+        rows = list(csv.DictReader(file))
+    assert {(row["geometry"], row["model"]) for row in rows} == {("volumetric", "fitted"), ("linear", "predicted")}
+    future = next(row for row in rows if row["geometry"] == "volumetric" and row["frames"] == "future")
+    assert float(future["track error [mm]"]) == pytest.approx(8.0)
+    assert (folder / "tables/by_stage.md").read_text().count("|\n") == 2 + 12
+    with (folder / "plots/frames.csv").open() as file:
+        frames = list(csv.DictReader(file))
+    assert len(frames) == FRAMES - 1 and float(frames[0]["fit_residual"]) == pytest.approx(0.8 * 0.004)
+
+
+def test_report_is_one_page_with_everything_inside(results):
+    page = report.run(results).read_text()
+    assert not re.search(r'(src|href)="(?!data:|#)', page), "nothing outside the file is referred to"
+    assert page.count("data:video/mp4") == 2 * len(FIT_STAGES)
+    assert "data:image/svg+xml" in page and "Young&#39;s modulus" in page.replace("Young's", "Young&#39;s")
+    assert "nothing refitted" in page and "vertex_error" in page and "descent" in page
+
+
+def test_results_made_with_other_parameters_are_refused(results, tmp_path):
+    raw = json.loads(results.project.parameters.read_text())
+    text = results.project.parameters.read_text()
+    results.project.parameters.write_text(json.dumps({**raw, "seed": 5}))
+    try:
+        with pytest.raises(InputError, match="seed = 0 where 5 is wanted"):
+            summarise.summary(Results.open(results.project))
+    finally:
+        results.project.parameters.write_text(text)

@@ -7,7 +7,7 @@ from typing import Any
 import torch
 import warp as wp
 
-wp.config.quiet = True  # Warp's compile notes would run through every progress bar
+wp.config.log_level = wp.LOG_WARNING  # else compile notes run through every progress bar
 
 
 @dataclass(frozen=True)

@@ -4,10 +4,12 @@ The forward pass keeps particle states at frame times only; the backward pass re
 and runs their adjoint. Memory grows with frames and with substeps per frame, not with their product.
 """
 
-from collections.abc import Callable
+from collections.abc import Callable, Iterator
+from contextlib import contextmanager
 
 import numpy as np
 import torch
+import warp as wp
 
 from physreal_core.array_types import Array, Float, Tensor
 from physreal_core.errors import InputError, SimulationError
@@ -44,9 +46,11 @@ class Simulator:
         if grip is not None:
             grip.check(body)
         self.body, self.config, self.grip = body, config, grip
+        self._side_stream: torch.cuda.Stream | None = None
         self._grip_rates = grip_rates(body, grip)
-        self._stepper = Stepper(body, config, grip, tuple(clamps), tuple(loads))
-        self._x0 = torch.tensor(body.x0, dtype=self._stepper.types.torch_dtype, device=config.device)
+        with self._stream():
+            self._stepper = Stepper(body, config, grip, tuple(clamps), tuple(loads))
+            self._x0 = torch.tensor(body.x0, dtype=self._stepper.types.torch_dtype, device=config.device)
 
     def substeps(self, parameters: Parameters) -> int:
         """Substeps per frame that a rollout with these parameters takes."""
@@ -83,6 +87,20 @@ class Simulator:
             frame = int((~torch.isfinite(points)).flatten(1).any(1).nonzero()[0])
             raise InputError("a point is not finite", where=f"controllers, frame {frame}")
         return points
+
+    @contextmanager
+    def _stream(self) -> Iterator[None]:
+        """Run torch and Warp on one side stream of the GPU, in order with the caller's; the caller's own may not allow graphs."""
+        if self.config.device == "cpu":
+            yield
+            return
+        if self._side_stream is None:
+            self._side_stream = torch.cuda.Stream(self.config.device)
+        side, caller = self._side_stream, torch.cuda.current_stream(self.config.device)
+        side.wait_stream(caller)
+        with torch.cuda.stream(side), wp.ScopedStream(wp.stream_from_torch(side)):
+            yield
+        caller.wait_stream(side)
 
     # --- forward ------------------------------------------------------------------------------------------------
 
@@ -193,7 +211,8 @@ class _Rollout(torch.autograd.Function):
         parameters = Parameters(*tensors)
         needs_gradient = any(ctx.needs_input_grad)
         substeps = substeps_per_frame(simulator.body, simulator.config, parameters, simulator._grip_rates)
-        x, v, F, C, boxes = simulator._forward(parameters, substeps, points, progress, keep_affine=needs_gradient)
+        with simulator._stream():
+            x, v, F, C, boxes = simulator._forward(parameters, substeps, points, progress, keep_affine=needs_gradient)
         ctx.set_materialize_grads(False)
         if needs_gradient:
             ctx.save_for_backward(points, x, v, F, *(t for t in tensors if t is not None))
@@ -207,7 +226,7 @@ class _Rollout(torch.autograd.Function):
         points, x, v, F, *saved = ctx.saved_tensors
         given = iter(saved)
         parameters = Parameters(*(next(given) if present else None for present in ctx.present))
-        gradients = simulator._backward(
-            parameters, substeps, points, (x, v, F, C), boxes, (x_bar, v_bar, F_bar), progress
-        )
+        bars = (x_bar, v_bar, F_bar)
+        with simulator._stream():
+            gradients = simulator._backward(parameters, substeps, points, (x, v, F, C), boxes, bars, progress)
         return (None, None, None, *(gradients.get(name) for name in PARAMETER_NAMES))

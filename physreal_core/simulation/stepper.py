@@ -1,9 +1,10 @@
 """One frame of substeps, forward and adjoint, as a fixed sequence of launches on arrays that stay where they are.
 
 A substep is: grip, stress, p2g, nodes, g2p, plastic flow. Nothing in it waits for the device or depends on values the host computes,
-so a frame can be captured in a CUDA graph: the grid's box, the time step and the controller points are device arrays.
+so on a GPU a frame runs as one CUDA graph: the grid's box, the time step and the controller points are device arrays.
 """
 
+from collections.abc import Callable
 from dataclasses import dataclass
 
 import numpy as np
@@ -67,6 +68,7 @@ class Stepper:
         self.device, self.config = config.device, config
         self.particles, self.cell = len(body.x0), body.cell
         self.offset = lattice_offset(body, config.ground_height, clamps)
+        self._graphs: dict[str, wp.Graph] = {}
         self.substeps = self._particle_slots = self._grid_slots = self._nodes = 0
         self._constants(body, grip, clamps, loads)
         self._parameter_arrays()
@@ -147,7 +149,7 @@ class Stepper:
             moved = True
         if grid_slots > self._grid_slots or nodes > self._nodes:
             if nodes > self._nodes:
-                self._nodes = nodes if self._nodes == 0 else int(1.2 * nodes)
+                self._nodes = int(1.2 * nodes)
             self._grid_slots = max(grid_slots, self._grid_slots)
             self.momentum = self._tensor(self._grid_slots, self._nodes, 4)
             self.velocity, self.node_bar = self._tensor(self._nodes, 4), self._tensor(1, self._nodes, 4)
@@ -162,6 +164,7 @@ class Stepper:
     # --- launches -----------------------------------------------------------------------------------------------
 
     def _record(self) -> None:
+        self._graphs.clear()
         scalar, vec3, vec4, mat33 = self.types.scalar, self.types.vec3, self.types.vec4, self.types.mat33
         wrap = wp.from_torch
         x, v = wrap(self.x, vec3), wrap(self.v, vec3)
@@ -235,6 +238,8 @@ class Stepper:
 
     def load_parameters(self, parameters: Parameters, substeps: int) -> None:
         """Take over a rollout's parameters (complete, of this stepper's type) and its number of substeps."""
+        if substeps != self.substeps:
+            self._graphs.clear()
         self.substeps = substeps
         timing = [1.0 / (self.config.fps * substeps), 1.0 / substeps, self.config.fps]
         self.timing.copy_(torch.tensor(timing, dtype=torch.float64))
@@ -265,8 +270,26 @@ class Stepper:
         for slots, value in ((self.x, x), (self.v, v), (self.F, F), (self.C, C)):
             slots[0].copy_(value)
 
+    def _run(self, name: str, launches: Callable[[], None]) -> None:
+        """Launch a frame's phases: one by one on the CPU, on a GPU as a CUDA graph captured when first needed."""
+        if self.device == "cpu":
+            launches()
+            return
+        if name not in self._graphs:
+            with wp.ScopedCapture(device=self.device, force_module_load=False) as capture:
+                launches()
+            self._graphs[name] = capture.graph
+        wp.capture_launch(self._graphs[name])
+
     def forward(self, keep: bool) -> None:
         """All substeps of a frame, from slot 0 to slot 0, or to slot `substeps` with every state and grid kept."""
+        self._run(f"forward, keep={keep}", lambda: self._forward(keep))
+
+    def backward(self) -> None:
+        """Adjoint of the kept frame: x_bar, v_bar, F_bar, C_bar go from its end to its start; parameters' bars grow."""
+        self._run("backward", self._backward)
+
+    def _forward(self, keep: bool) -> None:
         following = 0
         for s in range(self.substeps):
             slot, following = (s, s + 1) if keep else (0, 0)
@@ -287,8 +310,7 @@ class Stepper:
         none = torch.iinfo(torch.int64).max
         return tuple(None if key == none else divmod(key, self.particles) for key in keys)
 
-    def backward(self) -> None:
-        """Adjoint of the kept frame: x_bar, v_bar, F_bar, C_bar go from its end to its start; parameters' bars grow."""
+    def _backward(self) -> None:
         for s in reversed(range(self.substeps)):
             if self._flow is not None:
                 self._flow_adjoint(s, s + 1)

@@ -1,0 +1,136 @@
+"""Does the simulator give the same states and gradients on CUDA as on the CPU? `python -m benchmarks.agreement`
+
+Prints relative differences and exits with 1 above the tolerances. The CPU's numbers are computed on the spot with
+`--live`, or come from a file, so that a GPU machine needs no CPU compiler; `--write` makes that file anew.
+"""
+
+from __future__ import annotations
+
+import argparse
+import sys
+from dataclasses import dataclass
+from pathlib import Path
+
+import numpy as np
+import torch
+
+from physreal_core.simulation import Body, Grip, Parameters, SimulationConfig, Simulator
+from physreal_core.simulation.constitutive import ResidualConfig, initial_weights
+
+REFERENCE = Path(__file__).parent / "results" / "agreement_cpu.npz"
+# Sums over threads come in another order on a GPU: rounding (1e-16, 6e-8) grows over some fifty substeps, and float32
+# nodes may change from sticking to slipping a substep earlier or later.
+TOLERANCES = {"float64": 1e-8, "float32": 5e-3}
+FRAMES = 4
+
+
+@dataclass(frozen=True)
+class Case:
+    """A material of the little scene."""
+
+    elastic_law: str = "fixed_corotated"
+    plastic_law: str = "identity"
+    residual: ResidualConfig | None = None
+
+
+CASES = {
+    "fixed corotated": Case(),
+    "neo-Hookean": Case("neo_hookean"),
+    "Hencky, von Mises": Case("hencky", "von_mises"),
+    "Drucker-Prager": Case(plastic_law="drucker_prager"),
+    "residuals": Case(plastic_law="von_mises", residual=ResidualConfig(latent_size=2, hidden=4)),
+}
+PLASTIC = {"identity": (0.0, 0.0), "von_mises": (20.0, 1.0), "drucker_prager": (0.4, 5.0)}
+
+
+def run(case: Case, device: str, dtype: str) -> dict[str, np.ndarray]:
+    """States at the last frame and gradients of a random loss: a soft block thrown over the ground and pulled at."""
+    index = np.stack(np.meshgrid(np.arange(5), np.arange(6), np.arange(4), indexing="ij"), -1).reshape(-1, 3)
+    x0, count = (index + 0.5) * 0.01, len(index)
+    body = Body(x0, np.full(count, 1e-6), np.full(count, 300.0), 0.01)
+    points = np.array([[0.0, 0.0, 0.06], [0.02, 0.0, 0.06]])
+    particles = np.arange(10)
+    lengths = np.linalg.norm(x0[particles] - points[particles % 2], axis=1)
+    config = SimulationConfig(
+        fps=60.0, elastic_law=case.elastic_law, plastic_law=case.plastic_law, residual=case.residual, dtype=dtype,
+        device=device,
+    )  # fmt: skip
+    simulator = Simulator(body, config, Grip(particles, particles % 2, np.ones(10), lengths))
+    generator = torch.Generator().manual_seed(0)
+
+    def leaf(value) -> torch.Tensor:
+        return torch.as_tensor(value, dtype=torch.float64).clone().requires_grad_()
+
+    leaves = {
+        "youngs_modulus": leaf(2e3 * (1 + 0.2 * torch.rand(count, generator=generator, dtype=torch.float64))),
+        "poissons_ratio": leaf(torch.full((count,), 0.3)),
+        "friction_coefficient": leaf(0.3),
+        "grip_stiffness": leaf(0.3),
+        "grip_damping": leaf(0.005),
+        "initial_velocity": leaf(torch.tensor([0.5, 0.2, 0.0]).expand(count, 3)),
+    }
+    if case.plastic_law != "identity":
+        leaves["plastic"] = leaf(torch.tensor(PLASTIC[case.plastic_law]).expand(count, 2))
+    if case.residual is not None:
+        for name, weights in zip(("elastic", "plastic"), initial_weights(case.residual, 0), strict=True):
+            noise = torch.randn(weights.shape, generator=generator, dtype=torch.float64)
+            leaves[f"network_{name}"] = leaf(weights + 0.3 * noise)
+            leaves[f"latent_{name}"] = leaf(torch.randn(count, 2, generator=generator, dtype=torch.float64))
+    time = torch.linspace(0, 1, FRAMES, dtype=torch.float64)[:, None, None]
+    controllers = torch.as_tensor(points) + time * torch.tensor([0.01, 0.005, 0.01])
+    states = simulator.rollout(Parameters(**leaves), controllers)
+    loss = 0.0
+    for values, scale in ((states.x, 1.0), (states.v, 0.1), (states.F, 0.1)):
+        loss = loss + scale * (values * torch.randn(values.shape, generator=generator).to(values)).sum()
+    loss.backward()
+    numbers = {"x": states.x[-1], "v": states.v[-1], "F": states.F[-1]}
+    numbers |= {f"gradient {name}": tensor.grad for name, tensor in leaves.items()}
+    return {name: tensor.detach().double().cpu().numpy() for name, tensor in numbers.items()}
+
+
+def reference(name: str, dtype: str, live: bool) -> dict[str, np.ndarray]:
+    """The CPU's numbers: computed now, or as `--write` left them (float64, the truth for both widths)."""
+    if live:
+        return run(CASES[name], "cpu", dtype)
+    with np.load(REFERENCE) as stored:
+        return {key.split("/")[1]: stored[key].astype(float) for key in stored.files if key.split("/")[0] == name}
+
+
+def differences(name: str, device: str, dtype: str, live: bool) -> dict[str, float]:
+    """Relative difference of every number (Euclidean norm of the difference over that of the reference)."""
+    ours, theirs = run(CASES[name], device, dtype), reference(name, dtype, live)
+    return {key: float(np.linalg.norm(ours[key] - theirs[key]) / np.linalg.norm(theirs[key])) for key in theirs}
+
+
+def write() -> None:
+    """Store the CPU's float64 numbers."""
+    arrays = {f"{name}/{key}": value for name, case in CASES.items() for key, value in run(case, "cpu", "float64").items()}
+    REFERENCE.parent.mkdir(exist_ok=True)
+    np.savez_compressed(REFERENCE, **arrays)
+
+
+def main() -> None:
+    parser = argparse.ArgumentParser(description=__doc__)
+    parser.add_argument("--device", default="cuda:0")
+    parser.add_argument("--live", action="store_true", help="compute the CPU's numbers here instead of reading them")
+    parser.add_argument("--write", action="store_true", help="store the CPU's numbers and stop")
+    args = parser.parse_args()
+    if args.write:
+        write()
+        return
+    card = torch.cuda.get_device_name(args.device) if args.device.startswith("cuda") else "CPU"
+    print(f"{card} against the CPU, relative differences\n\n| scene | width | states | gradients | worst |\n|---|---|--:|--:|---|")
+    failed = False
+    for dtype, tolerance in TOLERANCES.items():
+        for name in CASES:
+            found = differences(name, args.device, dtype, args.live)
+            worst = max(found, key=found.get)
+            states, gradients = (max(v for k, v in found.items() if k.startswith("gradient") == g) for g in (False, True))
+            failed |= not max(states, gradients) <= tolerance
+            print(f"| {name} | {dtype} | {states:.1e} | {gradients:.1e} | {worst} |", flush=True)
+    print("\nAbove the tolerances" if failed else "\nWithin the tolerances", TOLERANCES)
+    sys.exit(1 if failed else 0)
+
+
+if __name__ == "__main__":
+    main()

@@ -1,0 +1,196 @@
+"""The fit stages and predict on artifacts of the tiny scene: files written, order kept, killed and rerun to the same bytes."""
+
+import json
+import os
+import signal
+import subprocess
+import sys
+import time
+from pathlib import Path
+
+import cv2
+import numpy as np
+import pytest
+import yaml
+
+from physreal_core.errors import InputError
+from physreal_core.fitting.model import load_model
+from physreal_core.fitting.problem import Problem
+from physreal_core.rendering import save_gaussians
+from pipeline.config import load_parameters
+from pipeline.project import Project
+from pipeline.provenance import digest_folder, write_provenance
+from pipeline.stage import run_stage
+from stages import fit_global, fit_patches, fit_residual, predict
+from tests.fitting import scene
+
+ROOT = Path(__file__).parents[2]
+RUNS = {"fit_global": fit_global.run, "fit_patches": fit_patches.run, "fit_residual": fit_residual.run}
+FILES = {"model.safetensors", "model.json", "rollout.npz", "loss.csv", "fit.json", "provenance.json"}
+UPSTREAM = {
+    "parse_video": (),
+    "segment_and_track": ("parse_video",),
+    "build_object": ("parse_video", "segment_and_track"),
+    "fit_pose": ("parse_video", "segment_and_track", "build_object"),
+    "sample_particles": ("parse_video", "segment_and_track", "fit_pose"),
+}
+
+
+@pytest.fixture(scope="module")
+def project(tmp_path_factory) -> Project:
+    """A project with the upstream artifacts of two sequences of the same scene."""
+    return _project(tmp_path_factory.mktemp("project"))
+
+
+def _project(root: Path) -> Project:
+    root.mkdir(exist_ok=True)
+    descent = {"iterations": 4, "checkpoint_every": 1}
+    blocks = {
+        "fit_global": {
+            "youngs_modulus": {"initial": 1.2e4},
+            "grip_stiffness": {"initial": scene.MATERIAL["grip_stiffness"], "rate": 0.0},
+            "scan": {"count": 3, "factor": 3.0},
+            "masks": {"frames": 2, "reduction": 1, "hidden_margin": 0},
+            "descent": {**descent, "warmup": 1},
+        },
+        "fit_patches": {"descent": descent, "masks": {"frames": 2, "reduction": 2}},
+        "fit_residual": {"descent": descent, "residual": {"latent_size": 2, "hidden": 4}, "losses": {"mask": 0.0}},
+    }
+    roles = {
+        "sequences": {"lift": {}, "push": {}},
+        "fits": {"lift": {}},
+        "predictions": {"push": {"model_from": "lift"}},
+    }
+    (root / "params.yaml").write_text(yaml.safe_dump({"seed": 0, **roles, **blocks}))
+    given = scene.problem(scene.model(), frames=8, observed=6)
+    for sequence in ("lift", "push"):
+        _write_artifacts(Project(root), sequence, given)
+    return Project(root)
+
+
+def _write_artifacts(project: Project, sequence: str, given: Problem) -> None:
+    folders = {stage: project.artifact(stage, sequence) for stage in UPSTREAM}
+    for folder in folders.values():
+        folder.mkdir(parents=True)
+    camera = given.camera
+    shape = {"width": camera.width, "height": camera.height}
+    matrices = {"K": camera.K.tolist(), "T_world_camera": camera.T_world_camera.tolist()}
+    frames = {"fps": given.fps, "frame_count": given.frame_count}
+    split = {"train": [0, given.observed], "test": [given.observed, given.frame_count]}
+    (folders["parse_video"] / "camera.json").write_text(json.dumps({**shape, **matrices, **frames}))
+    (folders["parse_video"] / "capture.json").write_text(json.dumps({**shape, **matrices, **frames, "split": split}))
+    _write_perception(folders["segment_and_track"], given)
+    save_gaussians(folders["fit_pose"] / "gaussians.ply", given.masks.gaussians)
+    _write_particles(folders["sample_particles"] / "particles.npz", given)
+    parameters = load_parameters(project.parameters)
+    for stage, upstream in UPSTREAM.items():
+        inputs = {name: digest_folder(folders[name]) for name in upstream}
+        used = {"parameters": parameters.stage(stage, sequence).model_dump(mode="json"), "seed": parameters.seed}
+        write_provenance(folders[stage], {"stage": stage, "sequence": sequence, "inputs": inputs, **used})
+
+
+def _write_perception(folder: Path, given: Problem) -> None:
+    tracks = given.tracks
+    names = ("points3d", "valid3d", "sigma3d", "points2d", "visible")
+    # one track more, off the object, as the tracker gives them
+    arrays = {name: getattr(tracks, name).numpy() for name in names}
+    arrays = {name: np.concatenate([array[:, :1], array], axis=1) for name, array in arrays.items()}
+    np.savez(folder / "tracks.npz", **{n: a.astype(np.float32) if a.dtype != bool else a for n, a in arrays.items()})
+    np.savez(folder / "controllers.npz", points=given.controllers.numpy().astype(np.float32))
+    masks = {
+        int(frame): coverage.numpy() for frame, coverage in zip(given.masks.frames, given.masks.coverage, strict=True)
+    }
+    for kind in ("object", "controller"):
+        (folder / "masks" / kind).mkdir(parents=True)
+        for frame in range(given.frame_count):
+            full = masks.get(frame, next(iter(masks.values()))) > 0.5 if kind == "object" else np.zeros((48, 64), bool)
+            cv2.imwrite(str(folder / "masks" / kind / f"{frame:06d}.png"), full.astype(np.uint8) * 255)
+
+
+def _write_particles(path: Path, given: Problem) -> None:
+    body, tracks, grip = given.body, given.tracks, given.grip
+    bindings = {"gaussian": given.masks.binding, "track": tracks.binding}
+    np.savez(
+        path,
+        x0=body.x0.astype(np.float32),
+        volume=body.volume.astype(np.float32),
+        spacing=body.spacing,
+        density=scene.DENSITY,
+        patches=np.arange(0, len(body.x0), len(body.x0) // 4)[:4],
+        patch_neighbours=given.patch_neighbours.numpy(),
+        patch_weights=given.patch_weights.numpy().astype(np.float32),
+        track_ids=np.arange(1, 1 + tracks.points3d.shape[1]),
+        track_points0=tracks.points0.numpy().astype(np.float32),
+        **{f"{name}_neighbours": binding.neighbours.numpy() for name, binding in bindings.items()},
+        **{f"{name}_weights": binding.weights.numpy() for name, binding in bindings.items()},
+        grip_particles=grip.particles,
+        grip_controllers=grip.controllers,
+        grip_weights=grip.weights,
+        grip_rest_lengths=grip.rest_lengths,
+    )
+
+
+def test_the_three_stages_follow_each_other_and_none_ends_worse(project):
+    objectives = {}
+    for stage, run in RUNS.items():
+        folder = run_stage(stage, "lift", run, project)
+        assert {path.name for path in folder.iterdir()} == FILES
+        rollout = np.load(folder / "rollout.npz")
+        assert rollout["x"].shape == (8, 42, 3) and rollout["F"].shape == (8, 42, 3, 3)
+        record = json.loads((folder / "fit.json").read_text())
+        assert record["values"]["youngs_modulus"]["unit"] == "Pa" and record["observed_frames"] == 6
+        objectives[stage] = record
+    modulus = objectives["fit_global"]["values"]["youngs_modulus"]
+    assert modulus["min"] == modulus["max"] and 1.5e4 < modulus["mean"] < 6e4  # the masks are coarse, the iterations few
+    assert objectives["fit_patches"]["objective"] <= objectives["fit_global"]["objective"] * 1.001
+    final = load_model(project.artifact("fit_residual", "lift"))
+    assert final.residual.hidden == 4 and final.fields["network_elastic"].abs().sum() > 0
+
+
+def test_predict_rolls_another_sequence_out_with_every_model(project):
+    for stage, run in RUNS.items():
+        if not project.artifact(stage, "lift").is_dir():
+            run_stage(stage, "lift", run, project)
+    folder = run_stage("predict", "push", predict.run, project)
+    for stage in RUNS:
+        given, taken = (
+            np.load(path / "rollout.npz")["x"] for path in (project.artifact(stage, "lift"), folder / stage)
+        )
+        # Same scene, so the same rollout, but for the registration of the patches.
+        assert np.abs(given - taken).max() < 1e-3
+
+
+def test_a_fit_killed_at_any_moment_and_rerun_writes_the_same_bytes(tmp_path):
+    whole, killed = (_project(tmp_path / name) for name in ("whole", "killed"))
+    run_stage("fit_global", "lift", fit_global.run, whole)
+    command = [sys.executable, "-m", "stages.fit_global", "lift"]
+    process = subprocess.Popen(command, cwd=killed.root, env={**os.environ, "PYTHONPATH": str(ROOT)})
+    live = killed.root / ".scratch"
+    while process.poll() is None and not any(len(f.read_text().splitlines()) > 3 for f in live.rglob("loss.csv")):
+        time.sleep(0.01)
+    process.send_signal(signal.SIGKILL)
+    assert process.wait() == -signal.SIGKILL
+    assert not killed.artifact("fit_global", "lift").exists()
+    assert len(list(live.rglob("checkpoint.safetensors"))) == 1
+    run_stage("fit_global", "lift", fit_global.run, killed)
+    folders = [p.artifact("fit_global", "lift") for p in (whole, killed)]
+    for name in sorted(FILES - {"provenance.json"}):
+        assert (folders[0] / name).read_bytes() == (folders[1] / name).read_bytes(), name
+
+
+def test_artifacts_that_disagree_are_named(tmp_path):
+    project = _project(tmp_path)
+    path = project.artifact("segment_and_track", "lift") / "controllers.npz"
+    np.savez(path, points=np.load(path)["points"][:-1])
+    _refresh(project, "lift")
+    with pytest.raises(InputError, match="controllers over 7 frames, tracks over 8"):
+        run_stage("fit_global", "lift", fit_global.run, project)
+
+
+def _refresh(project: Project, sequence: str) -> None:
+    """New provenance after an artifact was changed by hand."""
+    for stage, upstream in UPSTREAM.items():
+        path = project.artifact(stage, sequence) / "provenance.json"
+        record = json.loads(path.read_text())
+        record["inputs"] = {name: digest_folder(project.artifact(name, sequence)) for name in upstream}
+        path.write_text(json.dumps(record))

@@ -37,7 +37,7 @@ def linear_algebra(scalar: type) -> LinearAlgebra:
     """The functions over `scalar`; the same objects at every call, so that Warp compiles nothing twice."""
     t = law_types(scalar)
     vec3, mat33 = t.vec3, t.mat33
-    half = scalar(0.5)
+    half, one, far = scalar(0.5), scalar(1.0), scalar(0.1)
     newton_tolerance = scalar(t.tolerance * t.tolerance)
 
     @wp.func
@@ -58,19 +58,24 @@ def linear_algebra(scalar: type) -> LinearAlgebra:
     @wp.func
     def polar_rotation(F: mat33):
         # Newton's iteration X <- (g X + X^-T / g) / 2 with Higham's Frobenius scaling g (SIAM J. Sci. Stat. Comput.
-        # 7(4), 1986): at most about nine steps however ill-conditioned F is, about four at moderate strain.
+        # 7(4), 1986) until it is near: at most about nine steps however ill-conditioned F is, four at moderate strain.
         X = F
+        # sqrt(J) is not a number for det F < 0: an inverted particle has no rotation that a law could use, and the
+        # rollout is to stop there instead of pulling the particle to a reflected rest shape.
+        J = wp.determinant(F)
+        X *= wp.sqrt(J) / wp.sqrt(J)
+        change = far
         for _ in range(NEWTON_STEPS):
             C = cofactor(X)
-            J = X[0, 0] * C[0, 0] + X[1, 0] * C[1, 0] + X[2, 0] * C[2, 0]
-            # sqrt(J) is not a number for det F < 0: an inverted particle has no rotation that a law could use, and the
-            # rollout is to stop there instead of pulling the particle to a reflected rest shape.
-            root = wp.sqrt(J)
-            g = wp.sqrt(wp.sqrt(wp.ddot(C, C) / wp.ddot(X, X))) / root
-            Y = (half * g) * X + (half / (g * root * root)) * C
+            J = wp.dot(vec3(X[0, 0], X[1, 0], X[2, 0]), vec3(C[0, 0], C[1, 0], C[2, 0]))
+            g = one
+            if change >= far:
+                g = wp.sqrt(wp.sqrt(wp.ddot(C, C) / wp.ddot(X, X)) / J)
+            Y = (half * g) * X + (half / (g * J)) * C
             D = Y - X
             X = Y
-            if wp.ddot(D, D) < newton_tolerance:
+            change = wp.ddot(D, D)
+            if change < newton_tolerance:
                 break
         return X
 

@@ -1,10 +1,10 @@
 """Common to all tests: shapes of arrays checked at every call of the core, real recordings where they are to be had."""
 
+import importlib.util
 import os
 from pathlib import Path
 
 import pytest
-from jaxtyping import install_import_hook
 
 ROOT = Path(__file__).resolve().parent.parent
 
@@ -16,8 +16,11 @@ def _checked_modules() -> list[str]:
     return [".".join(file.relative_to(ROOT).with_suffix("").parts) for file in plain]
 
 
-_hook = install_import_hook(_checked_modules(), "beartype.beartype")
-_hook.__enter__()
+if all(importlib.util.find_spec(name) for name in ("jaxtyping", "beartype")):  # a bare GPU machine has neither
+    from jaxtyping import install_import_hook
+
+    _hook = install_import_hook(_checked_modules(), "beartype.beartype")
+    _hook.__enter__()
 
 
 @pytest.fixture(scope="session")

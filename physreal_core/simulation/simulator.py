@@ -95,6 +95,7 @@ class Simulator:
             yield
             return
         if self._side_stream is None:
+            wp.init()  # `stream_from_torch` does not do so itself
             self._side_stream = torch.cuda.Stream(self.config.device)
         side, caller = self._side_stream, torch.cuda.current_stream(self.config.device)
         side.wait_stream(caller)

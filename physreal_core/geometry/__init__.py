@@ -1,20 +1,45 @@
-"""Geometry: support plane, meshes, filling, patches, alignment, Gaussians on a surface."""
+"""Geometry: support plane, meshes, filling, patches, grip, localisation, and Gaussians on a surface."""
 
+from physreal_core.geometry.alignment import Alignment, AlignmentSettings, align
 from physreal_core.geometry.filling import fill_mesh
+from physreal_core.geometry.grip import GripPairs, bind_grip
 from physreal_core.geometry.mesh import Mesh, close_mesh, load_mesh, require_closed, save_mesh
+from physreal_core.geometry.observation import Observation
+from physreal_core.geometry.painting import paint, visible_points
 from physreal_core.geometry.patches import farthest_points, patch_weights
 from physreal_core.geometry.plane import Plane, fit_plane, world_frame
+from physreal_core.geometry.pose_search import SearchSettings
+from physreal_core.geometry.reconstruction import mesh_from_gaussians, mesh_from_view
+from physreal_core.geometry.similarity import Similarity, pose_error
+from physreal_core.geometry.surface import SurfacePoints, edge_inset, sample_surface, surface_gaussians
 
 __all__ = [
+    "Alignment",
+    "AlignmentSettings",
+    "GripPairs",
     "Mesh",
+    "Observation",
     "Plane",
+    "SearchSettings",
+    "Similarity",
+    "SurfacePoints",
+    "align",
+    "bind_grip",
     "close_mesh",
+    "edge_inset",
     "farthest_points",
     "fill_mesh",
     "fit_plane",
     "load_mesh",
+    "mesh_from_gaussians",
+    "mesh_from_view",
+    "paint",
     "patch_weights",
+    "pose_error",
     "require_closed",
+    "sample_surface",
     "save_mesh",
+    "surface_gaussians",
+    "visible_points",
     "world_frame",
 ]

@@ -92,7 +92,7 @@ def close_mesh(mesh: Mesh) -> Mesh:
     colours = mesh.colours
     if colours is not None:
         colours = np.concatenate([colours, [colours[rim].mean(axis=0) for rim in _rims(mesh.faces)]])
-    return _oriented(np.array(vertices), faces, colours)
+    return oriented(np.array(vertices), faces, colours)
 
 
 def _rims(faces: Array) -> list[Array]:
@@ -142,7 +142,7 @@ def load_mesh(path: str | Path) -> Mesh:
     )
     faces = inverse.ravel()[np.asarray(loaded.faces)]
     faces = faces[(faces != np.roll(faces, 1, axis=1)).all(axis=1)]
-    return _oriented(vertices, faces, None if colours is None else colours[index])
+    return oriented(vertices, faces, None if colours is None else colours[index])
 
 
 def save_mesh(path: str | Path, mesh: Mesh) -> None:
@@ -162,7 +162,7 @@ def _vertex_colours(loaded) -> Array | None:
     return np.asarray(visual.vertex_colors, float)[:, :3] / 255
 
 
-def _oriented(vertices: Array, faces: Array, colours: Array | None) -> Mesh:
+def oriented(vertices: Array, faces: Array, colours: Array | None) -> Mesh:
     """Faces turned so that neighbours agree and the enclosed volume is positive."""
     mesh = Mesh(vertices, np.asarray(faces, np.int64), colours)
     if mesh.open_edges():

@@ -44,15 +44,20 @@ class Observation:
 
     @property
     def pixel_size(self) -> float:
-        """Width [m] of a pixel at the object's distance (median of its readings)."""
-        return float(np.median(self.depth[self.measured])) / self.camera.intrinsics[0]
+        """Width [m] of a pixel at the object's distance (median over its points)."""
+        local = self.camera.to_camera(torch.as_tensor(self.points()))
+        return float(local[:, 2].median()) / self.camera.intrinsics[0]
 
     def points(self) -> Float[Array, "n 3"]:
         """World positions [m] of the `measured` pixels, row by row.
 
+        Without any depth in the whole image (a colour camera) the mask's pixels are laid onto the plane z = 0.
+
         Raises:
             InputError: fewer than 20 of them.
         """
+        if not (self.depth > 0).any():
+            return self._on_plane()
         v, u = np.nonzero(self.measured)
         if len(u) < 20:
             raise InputError(
@@ -63,6 +68,14 @@ class Observation:
             )
         pixels = torch.as_tensor(np.stack([u, v], axis=1).astype(float))
         return self.camera.unproject(pixels, torch.as_tensor(self.depth[v, u].astype(float))).numpy()
+
+    def _on_plane(self) -> Array:
+        v, u = np.nonzero(self.mask)
+        pixels = torch.as_tensor(np.stack([u, v], axis=1).astype(float))
+        eye = self.camera.centre.numpy()
+        directions = self.camera.unproject(pixels, torch.ones(len(u), dtype=torch.float64)).numpy() - eye
+        down = directions[:, 2] < -1e-3
+        return eye + directions[down] * (eye[2] / -directions[down, 2:])
 
     def reduced(self, factor: float, share: float = 0.5) -> "Observation":
         """The view at `factor` times the resolution: colours and depths are means over the object's pixels, depth over

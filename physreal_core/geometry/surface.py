@@ -31,6 +31,11 @@ class SurfacePoints:
     colours: Float[Array, "n 3"] | None
     spacing: float
 
+    @staticmethod
+    def spacing_of(gaussians: Gaussians) -> float:
+        """The spacing that `surface_gaussians` sized these Gaussians for [m]."""
+        return float(gaussians.log_scales.max(dim=1).values.median().exp()) / ALONG
+
 
 def sample_surface(mesh: Mesh, count: int, *, seed: int = 0, oversampling: int = 5) -> SurfacePoints:
     """Evenly spread points: the farthest ones among `oversampling` times as many drawn uniformly by area."""

@@ -1,0 +1,86 @@
+"""Which particles a controller holds, and how firmly (eq. interaction_force)."""
+
+from dataclasses import dataclass
+
+import numpy as np
+
+from physreal_core.array_types import Array, Float, Int
+from physreal_core.errors import InputError
+
+NEAREST = 0.25  # pairs nearer than this share of the spacing are left out: the force divides by their length
+
+
+@dataclass(frozen=True)
+class GripPairs:
+    """Bound pairs; all arrays of shape [pairs].
+
+    Attributes:
+        particles, controllers: indices.
+        weights: w of eq. interaction_force; those of one particle sum to at most one.
+        rest_lengths: initial distances l_0 [m].
+    """
+
+    particles: Int[Array, " pairs"]
+    controllers: Int[Array, " pairs"]
+    weights: Float[Array, " pairs"]
+    rest_lengths: Float[Array, " pairs"]
+
+
+def bind_grip(
+    x0: Float[Array, "particles 3"],
+    controllers: Float[Array, "frames controllers 3"],
+    *,
+    radius: float,
+    spacing: float,
+    per_particle: int = 4,
+) -> GripPairs:
+    """Binds particles to the controller points within `radius` of them in frame 0.
+
+    A particle is bound to its `per_particle` nearest ones: several springs in different directions also hold it against
+    turning. The weight of a pair, (1 - (d / radius)^2)^2 / per_particle, falls smoothly to zero at the radius.
+
+    The pairs are those of frame 0, so a hand that only comes to the object later cannot be bound.
+
+    Args:
+        x0: particles [m].
+        controllers: controller points [m]; NaN where unknown.
+        radius: [m].
+        spacing: of the particles [m].
+
+    Raises:
+        InputError: there are controllers, but none is near any particle in frame 0.
+    """
+    from scipy.spatial import cKDTree
+
+    known = np.flatnonzero(np.isfinite(controllers[0]).all(axis=1)) if len(controllers) else np.empty(0, int)
+    if controllers.shape[1] == 0:
+        return GripPairs(np.empty(0, np.int32), np.empty(0, np.int32), np.empty(0), np.empty(0))
+    if len(known) == 0:
+        raise InputError("no controller point is known in frame 0", where="controllers.npz", expected="positions [m]")
+    k = min(per_particle, len(known))
+    distance, nearest = cKDTree(controllers[0][known]).query(x0, k=np.arange(1, k + 1))
+    bound = (distance < radius) & (distance > NEAREST * spacing)
+    if not bound.any():
+        raise InputError(
+            f"the controller grips nothing in frame 0: nearest distance {distance.min():.4f} m",
+            where="sample_particles.grip",
+            expected=f"a particle within grip.radius = {radius} m; {_first_contact(x0, controllers, radius)}",
+            remedy="raise sample_particles.grip.radius, or begin the capture where the hand holds the object",
+        )
+    particle, slot = np.nonzero(bound)
+    lengths = distance[particle, slot]
+    weights = (1 - (lengths / radius) ** 2) ** 2 / per_particle
+    pairs = particle.astype(np.int32), known[nearest[particle, slot]].astype(np.int32)
+    return GripPairs(*pairs, weights, lengths)
+
+
+def _first_contact(x0: Array, controllers: Array, radius: float) -> str:
+    """When the controller comes near the object's place in frame 0, in words."""
+    from scipy.spatial import cKDTree
+
+    tree = cKDTree(x0)
+    for frame, points in enumerate(controllers):
+        points = points[np.isfinite(points).all(axis=1)]
+        if len(points) and tree.query(points)[0].min() < radius:
+            return f"it comes that near in frame {frame}"
+    return "it never comes that near to where the object lies in frame 0"

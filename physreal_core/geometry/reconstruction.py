@@ -1,0 +1,210 @@
+"""Closed meshes where no mesh was given: from one RGB-D view and the support plane, or from a cloud of Gaussians."""
+
+import numpy as np
+import torch
+
+from physreal_core.array_types import Array, Bool, Float
+from physreal_core.errors import InputError
+from physreal_core.geometry.mesh import Mesh, oriented, require_closed
+from physreal_core.geometry.observation import Observation
+from physreal_core.rendering import Gaussians
+
+SEAL = 2.5  # [voxels] gaps in a shell of Gaussians up to twice as wide are closed
+HAND_WIDTH = 0.05  # [m] gaps in the seen surface up to twice as wide are bridged where the hand is in front
+PAD = 3  # empty voxels around everything, and below the support plane
+
+
+def mesh_from_view(observation: Observation, *, voxel: float = 0.004, underside: str = "round") -> Mesh:
+    """Closes the surface seen in frame 0 down to the support plane z = 0; world frame.
+
+    The thickness rule, column by column over the plane: the body reaches from the seen top z_top down to
+    max(0, H - z_top), where H is the greatest seen height within the distance z_top. A body that lies on the plane with
+    a section as round as it is high is met exactly, and so is a box. What the body hides behind itself is filled by
+    balls: under every ridge (z_top = H) the ball of diameter H, if all of it lies behind the seen surface and inside the
+    silhouette, and if the surface is seen as far past the ridge as that of a round body would be. With underside = "flat" columns go down to the plane and there are no balls.
+
+    Args:
+        observation: frame 0 with depth; the object touches the plane z = 0.
+        voxel: edge [m] of the voxels that the mesh is drawn around.
+
+    Raises:
+        InputError: too little depth, or nothing above the plane.
+    """
+    if not (observation.depth > 0).any():
+        raise InputError(
+            "frame 0 has no depth to build a shape from",
+            where="build_object",
+            remedy="add depth/ or a shape_prior.glb to the capture",
+        )
+    points = observation.points()
+    points = points[points[:, 2] > 0.5 * voxel]
+    if len(points) < 20:
+        raise InputError(
+            f"{len(points)} object points lie above the support plane in frame 0",
+            where="build_object",
+            expected="at least 20",
+            remedy="check the depth scale and T_world_camera in capture.json",
+        )
+    low, high = np.percentile(points, [0.2, 99.8], axis=0)
+    margin = np.array([high[2], high[2], 0.0])
+    low = np.array([low[0], low[1], 0.0]) - margin - PAD * voxel
+    shape = np.ceil((high + margin + PAD * voxel - low) / voxel).astype(int)
+    free = _known_empty(observation, low, voxel, shape)
+    top = _seen_tops(points, low, voxel, shape)
+    top = _bridged(top, observation, low, voxel)
+    ridge = _local_height(top, voxel)
+    solid = _columns(top, ridge if underside == "round" else None, low, voxel, shape)
+    if underside == "round":
+        solid |= _balls(top, ridge, free, low, voxel, -float(observation.camera.T_world_camera[2, 2]))
+    return _mesh_around(_main_body(solid & ~free), low, voxel)
+
+
+def mesh_from_gaussians(gaussians: Gaussians, voxels_across: int = 64) -> Mesh:
+    """Closed mesh around a hollow cloud of Gaussians: voxels with an opaque centre, gaps closed, inside filled.
+
+    Raises:
+        InputError: the cloud does not enclose anything at this resolution.
+    """
+    from scipy import ndimage
+
+    points = gaussians.means[gaussians.opacities() > 0.3].detach().double().numpy()
+    if len(points) < 100:
+        raise InputError(f"{len(points)} opaque Gaussians", where="shape_prior.ply", expected="at least 100")
+    low, high = np.percentile(points, [0.1, 99.9], axis=0)
+    voxel = float((high - low).max()) / voxels_across
+    points = points[((points > low - 2 * voxel) & (points < high + 2 * voxel)).all(axis=1)]
+    low = low - (PAD + 6) * voxel
+    shape = np.ceil((high + (PAD + 6) * voxel - low) / voxel).astype(int)
+    shell = np.zeros(shape, bool)
+    shell[tuple(((points - low) / voxel).astype(int).T)] = True
+    # Closing by a ball: thick enough to seal the gaps, filled, and taken off again.
+    thick = ndimage.binary_fill_holes(ndimage.distance_transform_edt(~shell) <= SEAL)
+    solid = _main_body(ndimage.distance_transform_edt(thick) > SEAL)
+    if (ndimage.distance_transform_edt(solid) > 2).sum() < 0.1 * solid.sum():
+        raise InputError(
+            "the Gaussians do not enclose a volume",
+            where="shape_prior.ply",
+            expected="a closed shell of Gaussians",
+            remedy="add shape_prior.glb, or lower build_object.voxels_across",
+        )
+    # The Gaussians' centres lie in the middle of the outermost voxels on average, half a voxel inside the solid's edge.
+    return _mesh_around(solid, low, voxel, inside=0.5)
+
+
+def _known_empty(observation: Observation, low: Array, voxel: float, shape: Array) -> Bool[Array, "X Y Z"]:
+    """Voxels below the plane, outside the silhouette, or in front of the seen surface."""
+    from scipy import ndimage
+
+    centres = low + (np.stack(np.indices(shape), axis=-1) + 0.5) * voxel
+    pixels, z = observation.camera.project(torch.as_tensor(centres))
+    u, v = np.rint(pixels.numpy()).astype(int).transpose(3, 0, 1, 2)
+    height, width = observation.mask.shape
+    inside = (u >= 0) & (u < width) & (v >= 0) & (v < height) & (z.numpy() > 0)
+    u, v = np.clip(u, 0, width - 1), np.clip(v, 0, height - 1)
+    # Missing readings take the nearest one of the object.
+    nearest = ndimage.distance_transform_edt(~observation.measured, return_distances=False, return_indices=True)
+    depth = ndimage.median_filter(observation.depth[tuple(nearest)], 3)
+    background = ~observation.mask & ~observation.hidden
+    in_front = observation.mask[v, u] & (z.numpy() < depth[v, u] - 0.5 * voxel)
+    return (inside & (background[v, u] | in_front)) | (centres[..., 2] < 0)
+
+
+def _seen_tops(points: Array, low: Array, voxel: float, shape: Array) -> Float[Array, "X Y"]:
+    """Greatest seen height [m] per column, 0 where nothing is seen; single gaps closed."""
+    from scipy import ndimage
+
+    top = np.zeros(shape[:2])
+    x, y = ((points[:, :2] - low[:2]) / voxel).astype(int).T
+    inside = (x >= 0) & (x < shape[0]) & (y >= 0) & (y < shape[1])
+    np.maximum.at(top, (x[inside], y[inside]), points[inside, 2])
+    return np.where(top > 0, top, ndimage.grey_closing(top, size=(3, 3)))
+
+
+def _bridged(top: Float[Array, "X Y"], observation: Observation, low: Array, voxel: float) -> Float[Array, "X Y"]:
+    """Columns that the hand hides between seen ones take the height of the nearest seen one.
+
+    "Between" is the closing of the seen columns by a disc that a hand's width fits into.
+    """
+    from scipy import ndimage
+
+    seen = top > 0
+    if not observation.hidden.any():
+        return top
+    reach = HAND_WIDTH / voxel
+    padded = np.pad(seen, int(reach) + 1)
+    wide = ndimage.distance_transform_edt(~padded) <= reach
+    closed = (ndimage.distance_transform_edt(wide) > reach)[tuple(slice(int(reach) + 1, -int(reach) - 1) for _ in "xy")]
+    nearest = ndimage.distance_transform_edt(~seen, return_distances=False, return_indices=True)
+    height = top[tuple(nearest)]
+    x, y = low[:2, None, None] + (np.indices(top.shape) + 0.5) * voxel
+    pixels, _ = observation.camera.project(torch.as_tensor(np.stack([x, y, height / 2], axis=-1)))
+    u, v = np.rint(pixels.numpy()).astype(int).transpose(2, 0, 1)
+    rows, columns = observation.hidden.shape
+    hidden = observation.hidden[np.clip(v, 0, rows - 1), np.clip(u, 0, columns - 1)]
+    return np.where(seen, top, np.where(closed & hidden, height, 0))
+
+
+def _local_height(top: Float[Array, "X Y"], voxel: float) -> Float[Array, "X Y"]:
+    """H: the greatest height within the distance of each column's own height."""
+    from scipy import ndimage
+
+    radius = np.rint(top / voxel).astype(int)
+    height = np.zeros_like(top)
+    for r in np.unique(radius[top > 0]):
+        disc = np.hypot(*np.mgrid[-r : r + 1, -r : r + 1]) <= r
+        height = np.where(radius == r, ndimage.maximum_filter(top, footprint=disc), height)
+    return np.where(top > 0, height, 0)
+
+
+def _columns(top: Array, ridge: Array | None, low: Array, voxel: float, shape: Array) -> Bool[Array, "X Y Z"]:
+    z = low[2] + (np.arange(shape[2]) + 0.5) * voxel
+    bottom = np.zeros_like(top) if ridge is None else np.maximum(ridge - top, 0)
+    return (z < top[..., None]) & (z > bottom[..., None])
+
+
+def _balls(top: Array, ridge: Array, free: Array, low: Array, voxel: float, down: float) -> Bool[Array, "X Y Z"]:
+    """Balls between plane and ridge that hold no empty voxel; `down` is the sine of the camera's tilt.
+
+    A ball of radius r is seen until r sin(tilt) past its top; a top much nearer to unseen columns is the edge of a flat one.
+    """
+    from scipy import ndimage
+
+    room = ndimage.distance_transform_edt(~free) * voxel
+    x, y = np.nonzero((top > 2 * voxel) & (top > 0.95 * ridge))
+    radius = top[x, y] / 2
+    z = ((radius - low[2]) / voxel).astype(int)
+    seen_past = ndimage.distance_transform_edt(top > 0)[x, y] * voxel
+    fits = (room[x, y, z] > radius - 0.75 * voxel) & (seen_past > 0.5 * down * radius)
+    x, y, z, radius = x[fits], y[fits], z[fits], radius[fits]
+    solid = np.zeros_like(free)
+    rounded = np.rint(radius / voxel * 2) / 2
+    for r in np.unique(rounded):
+        centres = np.ones_like(free)
+        chosen = rounded == r
+        centres[x[chosen], y[chosen], z[chosen]] = False
+        solid |= ndimage.distance_transform_edt(centres) < r
+    return solid
+
+
+def _main_body(solid: Bool[Array, "X Y Z"]) -> Bool[Array, "X Y Z"]:
+    """The largest connected part, without cavities."""
+    from scipy import ndimage
+
+    label, count = ndimage.label(solid)
+    if count == 0:
+        raise InputError("nothing solid is left of the object", where="build_object", remedy="lower build_object.voxel")
+    largest = 1 + int(np.argmax(np.bincount(label.ravel())[1:]))
+    return ndimage.binary_fill_holes(label == largest)
+
+
+def _mesh_around(solid: Bool[Array, "X Y Z"], low: Array, voxel: float, inside: float = 0.0) -> Mesh:
+    """Marching cubes (Lewiner) on the smoothed signed distance to the solid's edge, `inside` voxels within it."""
+    from scipy import ndimage
+    from skimage.measure import marching_cubes
+
+    solid = np.pad(solid, PAD)
+    distance = ndimage.distance_transform_edt(solid) - ndimage.distance_transform_edt(~solid)
+    distance -= 0.5 * np.sign(distance)
+    vertices, faces, _, _ = marching_cubes(ndimage.gaussian_filter(distance, 0.8), inside)
+    vertices = low + (vertices + 0.5 - PAD) * voxel
+    return require_closed(oriented(vertices, faces, None), where="build_object")

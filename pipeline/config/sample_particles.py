@@ -1,0 +1,27 @@
+"""Parameters of `sample_particles`: particles, patches, and what is bound to them."""
+
+from pydantic import Field
+
+from pipeline.config._base import StageParameters
+
+
+class GripParameters(StageParameters):
+    """Which particles the controller holds."""
+
+    radius: float = Field(0.03, gt=0, description="particles nearer than this to a controller point in frame 0 are held [m]")
+    per_particle: int = Field(4, ge=1, description="controller points a particle is bound to at most")
+
+
+class SampleParticles(StageParameters):
+    """Material particles in the mesh, patches of the material field, bindings of Gaussians, tracks and grip."""
+
+    spacing: float = Field(0.008, gt=0, description="particle spacing h; the grid's cells are 2 h [m]")
+    jitter: float = Field(0.0, ge=0, le=1, description="random displacement of the particles [fraction of h]")
+    density: float = Field(300.0, gt=0, description="used where capture.json gives none [kg/m3]")
+    patches: int = Field(12, ge=1, description="patches K of the material field")
+    patch_neighbours: int = Field(4, ge=1, description="patches that a particle takes its material from")
+    binding_neighbours: int = Field(8, ge=1, description="particles that carry a Gaussian or a track")
+    track_distance: float = Field(
+        0.01, gt=0, description="a track belongs to the object if it lies this near to its surface in frame 0 [m]"
+    )
+    grip: GripParameters = Field(default_factory=GripParameters)

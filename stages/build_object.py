@@ -1,0 +1,94 @@
+"""build_object: mesh and Gaussians of the object in a canonical frame, from a shape prior or from frame 0."""
+
+import json
+from pathlib import Path
+
+import numpy as np
+import torch
+
+from physreal_core.errors import InputError
+from physreal_core.geometry import (
+    Mesh,
+    close_mesh,
+    load_mesh,
+    mesh_from_gaussians,
+    mesh_from_view,
+    require_closed,
+    sample_surface,
+    save_mesh,
+    surface_gaussians,
+)
+from physreal_core.rendering import Gaussians, load_gaussians, save_gaussians
+from pipeline.capture import read_capture
+from pipeline.stage import StageContext, main
+from stages._observation import first_frame
+
+
+def run(context: StageContext) -> None:
+    """Import shape_prior.glb and / or shape_prior.ply, or build a mesh from frame 0; write object.glb, gaussians.ply.
+
+    A prior is moved into a canonical frame (centroid at the origin, longest side of its box 1; `T_object_prior`);
+    what is built from frame 0 stays in the world frame.
+    """
+    glb, ply = context.capture / "shape_prior.glb", context.capture / "shape_prior.ply"
+    gaussians = load_gaussians(ply) if ply.exists() else None
+    if glb.exists():
+        mesh, source = _closed(load_mesh(glb), glb, context.params.close_holes), "prior mesh"
+    elif gaussians is not None:
+        mesh, source = mesh_from_gaussians(gaussians, context.params.voxels_across), "prior Gaussians"
+    else:
+        mesh, source = _from_view(context), "frame 0"
+    T = np.eye(4) if source == "frame 0" else canonical_frame(mesh)
+    mesh = mesh.transformed(T)
+    if gaussians is None:
+        surface = sample_surface(mesh, context.params.gaussians, seed=context.seed)
+        gaussians, drawn = surface_gaussians(surface), "surface"
+    else:
+        gaussians, drawn = _moved(gaussians, T), "prior"
+    save_mesh(context.output / "object.glb", mesh)
+    save_gaussians(context.output / "gaussians.ply", gaussians)
+    facts = {
+        "source": source,
+        "frame": "world" if source == "frame 0" else "canonical",
+        "gaussians": drawn,
+        "coloured": mesh.colours is not None,
+        "watertight": mesh.open_edges() == 0,
+        "volume": mesh.volume,
+        "extents": np.ptp(mesh.vertices, axis=0).tolist(),
+        "T_object_prior": T.tolist(),
+    }
+    (context.output / "object.json").write_text(json.dumps(facts, indent=1) + "\n")
+
+
+def canonical_frame(mesh: Mesh) -> np.ndarray:
+    """T_object_prior: centroid to the origin, longest side of the box to 1, axes as they are."""
+    scale = 1.0 / np.ptp(mesh.vertices, axis=0).max()
+    T = np.eye(4)
+    T[:3, :3] *= scale
+    T[:3, 3] = -scale * mesh.centroid
+    return T
+
+
+def _closed(mesh: Mesh, path: Path, close_holes: bool) -> Mesh:
+    mesh = close_mesh(mesh) if close_holes else mesh
+    return require_closed(mesh, where=str(path), remedy="mend the mesh, or set build_object.close_holes: true")
+
+
+def _from_view(context: StageContext) -> Mesh:
+    if read_capture(context.input("parse_video")).kind != "video":
+        raise InputError(
+            "a capture without images needs a shape",
+            where=str(context.capture),
+            expected="shape_prior.glb or shape_prior.ply",
+            remedy="add one",
+        )
+    return mesh_from_view(first_frame(context), voxel=context.params.voxel, underside=context.params.underside)
+
+
+def _moved(gaussians: Gaussians, T: np.ndarray) -> Gaussians:
+    scale = float(np.cbrt(np.linalg.det(T[:3, :3])))
+    return gaussians.transformed(torch.as_tensor(T[:3, :3] / scale), torch.as_tensor(T[:3, 3]), scale)
+
+
+if __name__ == "__main__":
+    main("build_object", run)

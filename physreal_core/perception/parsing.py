@@ -1,0 +1,333 @@
+"""Interactive video parsing (paper, III-B): object and controller masks, tracks, their lift to 3D, controller points."""
+
+from collections.abc import Callable, Mapping, Sequence
+from dataclasses import dataclass, field, replace
+from typing import Any
+
+import numpy as np
+
+from physreal_core.array_types import Array, Bool, Float, UInt8
+from physreal_core.errors import InputError
+from physreal_core.perception.association import Thing, follow_masks, signed_distance
+from physreal_core.perception.chooser import TargetChooser
+from physreal_core.perception.controllers import ControllerMotion, move_controllers, pick_controllers
+from physreal_core.perception.flow import pixel_grid, sample
+from physreal_core.perception.flow_tracker import FlowTracker
+from physreal_core.perception.frame_zero import Choice, find_controllers, find_object
+from physreal_core.perception.hand_finder import HandFinder
+from physreal_core.perception.lifting import DepthNoise, LiftedTracks, depth_at, lift_tracks
+from physreal_core.perception.onnx_tracker import inside_masks
+from physreal_core.perception.segmenter import Segmenter
+from physreal_core.perception.tracker import Tracker, Tracks
+
+
+@dataclass(frozen=True)
+class Video:
+    """RGB frames [T, H, W, 3] and what is known of them.
+
+    Attributes:
+        depth: [T, H, W] m along the camera's z, 0 = no reading; None for a colour video.
+        K, T_world_camera: intrinsics [px], camera to world.
+        hints: {"object": {...}, "controller": {...}}, see `chooser.hint_prompts`.
+        masks: given masks [T, H, W] by "object" or "controller"; they replace the segmentation.
+        tracks: given tracks of the object; they replace the tracker.
+    """
+
+    frames: Sequence[UInt8[Array, "H W 3"]]
+    depth: Float[Array, "T H W"] | None
+    K: Float[Array, "3 3"]
+    T_world_camera: Float[Array, "4 4"]
+    description: str = ""
+    hints: Mapping[str, Mapping[str, Any]] = field(default_factory=dict)
+    masks: Mapping[str, Bool[Array, "T H W"]] = field(default_factory=dict)
+    tracks: Tracks | None = None
+
+
+@dataclass(frozen=True)
+class Networks:
+    """What does the seeing. `flow` carries masks between keyframes and is the tracker unless another one is given."""
+
+    segmenter: Segmenter | None
+    flow: FlowTracker
+    tracker: Tracker | None = None
+    hand_finder: HandFinder | None = None
+    chooser: TargetChooser | None = None
+
+
+@dataclass(frozen=True)
+class Settings:
+    """Numbers of the parsing; see pipeline/config/segment_and_track.py for what they mean."""
+
+    keyframe_stride: int = 3
+    track_count: int = 400
+    hand_track_count: int = 200
+    max_depth_edge: float = 0.02
+    max_stray: float = 0.02
+    noise: DepthNoise = field(default_factory=DepthNoise)
+    controller_count: int = 30
+    controller_reach: float = 0.05
+    smoothing: float = 1.0
+
+
+@dataclass(frozen=True)
+class Parsed:
+    """Masks [T, H, W], tracks and their lift, controller motion (None without depth), and a report of how it went."""
+
+    object_masks: Bool[Array, "T H W"]
+    controller_masks: Bool[Array, "T H W"]
+    tracks: Tracks
+    lifted: LiftedTracks
+    controllers: ControllerMotion | None
+    report: dict[str, Any]
+
+
+def parse_video(
+    video: Video, networks: Networks, settings: Settings, tick: Callable[[str], None] = lambda step: None
+) -> Parsed:
+    """Everything that the video says about the object and what moves it.
+
+    Args:
+        tick: called with the name of the step whenever a part of the work is done.
+
+    Raises:
+        InputError: no controller found, an empty object mask in frame 0, masks of another size.
+    """
+    frames, report = video.frames, {}
+    choices = _frame_zero(video, networks, tick)
+    report["chosen_by"] = {name: choice.how for name, choice in choices.items()}
+    tracker = networks.tracker or networks.flow
+    first = {name: choice.mask for name, choice in choices.items()}
+    masks = _all_masks(video, networks, settings, tracker, first, report, tick)
+    hands = [name for name in first if name != "object"]
+    queries = {name: _queries(name, {n: m[0] for n, m in masks.items()}, settings) for name in first}
+    tracks = video.tracks or _tracks_on(masks["object"], tracker, frames, queries["object"])
+    tick("tracks")
+    lifted = lift(video, tracks, settings)
+    if video.depth is not None:  # a depth that jumps is an occlusion or a loss
+        tracks = Tracks(tracks.points, tracks.visible & ~_jumped(video.depth, tracks, lifted, settings))
+    controllers = None
+    if video.depth is not None:
+        motions = [_controller(video, masks, n, queries[n], len(hands), tracker, settings) for n in hands]
+        controllers = _together(motions)
+        report["controller_interpolated_frames"] = controllers.interpolated
+    else:
+        report["controller"] = "no depth: controller points cannot be placed in 3D"
+    report["visible_share"] = [round(float(v), 4) for v in tracks.visible.mean(1)] if tracks.visible.size else []
+    hand_masks = np.any([masks[n] for n in hands], axis=0) if hands else np.zeros_like(masks["object"])
+    return Parsed(masks["object"], hand_masks, tracks, lifted, controllers, report)
+
+
+def lift(video: Video, tracks: Tracks, settings: Settings) -> LiftedTracks:
+    """Tracks to 3D; without depth nothing is known."""
+    if video.depth is None:
+        shape = tracks.visible.shape
+        unknown = np.full((*shape, 3), np.nan, np.float32)
+        return LiftedTracks(unknown, np.zeros(shape, bool), unknown[..., 0])
+    return lift_tracks(
+        tracks.points,
+        tracks.visible,
+        video.depth,
+        video.K,
+        video.T_world_camera,
+        max_edge=settings.max_depth_edge,
+        max_stray=settings.max_stray,
+        noise=settings.noise,
+    )
+
+
+def motion_map(frames: Sequence[Array], flow_between: Callable[[int, int], Array]) -> Float[Array, "H W"]:
+    """How far [px] each pixel of frame 0 gets from its place in the video, along the flow."""
+    height, width = frames[0].shape[:2]
+    start = pixel_grid(height, width)
+    where, farthest = start.copy(), np.zeros((height, width))
+    for t in range(1, len(frames)):
+        where = where + sample(flow_between(t - 1, t), where)
+        farthest = np.maximum(farthest, np.linalg.norm(where - start, axis=-1))
+    return farthest
+
+
+def _frame_zero(video: Video, networks: Networks, tick: Callable[[str], None]) -> dict[str, Choice]:
+    """The object's mask and the controllers' in frame 0; "object" first."""
+    image, given = video.frames[0], video.masks
+    if "controller" in given:
+        hands = [Choice(part, "given masks/controller") for part in _large_parts(given["controller"][0])]
+        if not hands:
+            raise InputError(
+                "no controller found", where="masks/controller, frame 0", expected="a mask that is not empty"
+            )
+    else:
+        hands = find_controllers(
+            image, video.hints.get("controller"), networks.hand_finder, _needed(networks.segmenter)
+        )
+    tick("controller in frame 0")
+    if "object" in given:
+        target = Choice(given["object"][0], "given masks/object")
+        if not target.mask.any():
+            raise InputError("the object's mask is empty", where="masks/object, frame 0", expected="a mask with pixels")
+    else:
+        hint = video.hints.get("object")
+        target = find_object(
+            image,
+            hint,
+            [h.mask for h in hands],
+            _needed(networks.segmenter),
+            description=video.description,
+            chooser=networks.chooser,
+            motion=None if hint else motion_map(video.frames, _flow_between(video, networks)),
+        )
+    tick("object in frame 0")
+    names = ["controller"] if len(hands) == 1 else [f"controller {i}" for i in range(len(hands))]
+    return {"object": target} | dict(zip(names, hands, strict=True))
+
+
+def _all_masks(
+    video: Video,
+    networks: Networks,
+    settings: Settings,
+    tracker: Tracker,
+    first: Mapping[str, Array],
+    report: dict[str, Any],
+    tick: Callable[[str], None],
+) -> dict[str, Array]:
+    if set(video.masks) >= {"object", "controller"}:
+        hands = [n for n in first if n != "object"]
+        parts = _split_between(video.masks["controller"], [first[n] for n in hands])
+        return {"object": video.masks["object"], **dict(zip(hands, parts, strict=True))}
+    things = [Thing(n, first[n], tracker.track(video.frames, _queries(n, first, settings))) for n in first]
+    still = replace(networks.flow, anchored=False)  # what stands still does not drift
+    background = still.track(video.frames, _background_queries(np.any(list(first.values()), axis=0)))
+    tick("votes")
+    masks, unanswered = follow_masks(
+        video.frames,
+        things,
+        background,
+        _needed(networks.segmenter),
+        _flow_between(video, networks),
+        stride=settings.keyframe_stride,
+        tick=lambda: tick("keyframe"),
+    )
+    report["keyframes_without_vote"] = {n: frames for n, frames in unanswered.items() if frames}
+    masks = dict(masks)
+    if "object" in video.masks:
+        masks["object"] = video.masks["object"]
+    return masks
+
+
+def _controller(
+    video: Video,
+    masks: Mapping[str, Array],
+    name: str,
+    queries: Array,
+    hand_count: int,
+    tracker: Tracker,
+    settings: Settings,
+) -> ControllerMotion:
+    surfaces = {n: _surface(video, masks[n][0], settings) for n in ("object", name)}
+    count = max(settings.controller_count // hand_count, 3)
+    start = pick_controllers(surfaces[name], surfaces["object"], count, settings.controller_reach)
+    lifted = lift(video, _tracks_on(masks[name], tracker, video.frames, queries), settings)
+    return move_controllers(start, lifted.points, lifted.valid, smoothing=settings.smoothing)
+
+
+def _together(motions: Sequence[ControllerMotion]) -> ControllerMotion:
+    interpolated = sorted({t for m in motions for t in m.interpolated})
+    return ControllerMotion(np.concatenate([m.points for m in motions], 1), motions[0].poses, interpolated)
+
+
+def _surface(video: Video, mask: Array, settings: Settings) -> Float[Array, "P 3"]:
+    """World points of a mask of frame 0 with trustworthy depth."""
+    pixels = np.argwhere(mask)[:, ::-1].astype(np.float64)
+    visible = np.ones((1, len(pixels)), bool)
+    z = depth_at(video.depth[0], pixels, settings.max_depth_edge)
+    pixels, visible = pixels[z > 0], visible[:, z > 0]
+    lifted = lift_tracks(
+        pixels[None], visible, video.depth[:1], video.K, video.T_world_camera, max_edge=settings.max_depth_edge
+    )
+    return lifted.points[0][lifted.valid[0]]
+
+
+def _tracks_on(masks: Array, tracker: Tracker, frames: Sequence[Array], queries: Array) -> Tracks:
+    """Tracks that are only seen on their own mask (two pixels of tolerance)."""
+    near = np.stack([signed_distance(m) > -2 for m in masks])
+    tracks = tracker.track(frames, queries, ~near)
+    return Tracks(tracks.points, tracks.visible & inside_masks(tracks.points, near))
+
+
+def _jumped(depth: Array, tracks: Tracks, lifted: LiftedTracks, settings: Settings) -> Array:
+    """Visible points that have a depth reading which does not fit their neighbours' motion."""
+    z = np.stack([depth_at(d, p, settings.max_depth_edge) for d, p in zip(depth, tracks.points, strict=True)])
+    return tracks.visible & (z > 0) & ~lifted.valid
+
+
+def _queries(name: str, first: Mapping[str, Array], settings: Settings) -> Float[Array, "J 2"]:
+    mask = first[name]
+    if name == "object":
+        return spread_over(mask, settings.track_count)
+    reach = 0.25 * np.hypot(*mask.shape)  # the part of the hand near the object moves as the grip does
+    near = mask & (signed_distance_far(first["object"]) < reach)
+    return spread_over(near if near.sum() >= 50 else mask, settings.hand_track_count)
+
+
+def signed_distance_far(mask: Bool[Array, "H W"]) -> Float[Array, "H W"]:
+    """Distance [px] to a mask, 0 on it."""
+    import cv2
+
+    return cv2.distanceTransform((~mask).astype(np.uint8), cv2.DIST_L2, 5)
+
+
+def spread_over(mask: Bool[Array, "H W"], count: int) -> Float[Array, "J 2"]:
+    """About `count` pixels (u, v), evenly spread over a mask a pixel away from its edge."""
+    inner = signed_distance(mask) > 1.5
+    inner = inner if inner.sum() >= 20 else mask
+    pixels = np.argwhere(inner)[:, ::-1]
+    if len(pixels) <= count:
+        return pixels.astype(np.float32)
+    cell = np.sqrt(len(pixels) / count)
+    cells = np.floor(pixels / cell).astype(int)
+    centre = np.abs((pixels + 0.5) / cell - cells - 0.5).sum(1)
+    order = np.lexsort((centre, cells[:, 0], cells[:, 1]))
+    keep = np.r_[True, (np.diff(cells[order], axis=0) != 0).any(1)]
+    return pixels[order][keep].astype(np.float32)
+
+
+def _background_queries(things: Bool[Array, "H W"]) -> Float[Array, "J 2"]:
+    """Points off the things: a grid over the image, denser in their neighbourhood."""
+    away = signed_distance_far(things)
+    near = 0.12 * np.hypot(*things.shape)
+    return np.concatenate([spread_over((away > 3) & (away < near), 600), spread_over(away > near, 200)])
+
+
+def _large_parts(mask: Array) -> list[Array]:
+    import cv2
+
+    _, labels, stats, _ = cv2.connectedComponentsWithStats(mask.astype(np.uint8), connectivity=8)
+    areas = stats[1:, cv2.CC_STAT_AREA]
+    return [labels == 1 + i for i in range(len(areas)) if areas[i] >= max(30, 0.1 * areas.max())]
+
+
+def _split_between(masks: Array, first: Sequence[Array]) -> list[Array]:
+    """Given controller masks shared out among the hands of frame 0: each pixel to the hand nearest in the frame before."""
+    if len(first) == 1:
+        return [masks]
+    parts = [np.zeros_like(masks) for _ in first]
+    before = list(first)
+    for t, mask in enumerate(masks):
+        nearest = np.argmin([signed_distance_far(b) for b in before], axis=0)
+        for i, part in enumerate(parts):
+            part[t] = mask & (nearest == i)
+            before[i] = part[t] if part[t].any() else before[i]
+    return parts
+
+
+def _flow_between(video: Video, networks: Networks) -> Callable[[int, int], Array]:
+    return lambda source, target: networks.flow.flow_between(video.frames, source, target)
+
+
+def _needed(segmenter: Segmenter | None) -> Segmenter:
+    if segmenter is None:
+        raise InputError(
+            "no segmenter is configured and the capture gives no masks",
+            where="params.yaml, segment_and_track.segmenter",
+            remedy="set it to sam2 (and run `physreal models`), or give masks/object/ and masks/controller/",
+        )
+    return segmenter

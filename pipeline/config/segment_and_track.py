@@ -1,0 +1,60 @@
+"""Parameters of `segment_and_track`: which networks see, how densely, and how tracks become 3D points."""
+
+from typing import Literal
+
+from pydantic import Field
+
+from pipeline.config._base import StageParameters
+
+
+class SegmentAndTrack(StageParameters):
+    """Masks, tracks and controller points."""
+
+    segmenter: Literal["sam2", "candidates", "none"] = Field(
+        "sam2",
+        description="sam2: SAM 2, prompted; candidates: an entity segmenter, segmenter_onnx; none: the capture gives masks",
+    )
+    segmenter_onnx: str | None = Field(
+        None, description="own entity segmenter (.onnx): image [1,3,H,W] in 0-1 -> masks [1,N,h,w], scores [1,N]"
+    )
+    sam2_encoder_onnx: str | None = Field(None, description="own SAM 2 encoder; null: the one of `physreal models`")
+    sam2_decoder_onnx: str | None = Field(None, description="own SAM 2 decoder; null: the one of `physreal models`")
+    min_candidate_score: float = Field(0.5, ge=0, le=1, description="least score of an entity segmenter's mask")
+    keyframe_stride: int = Field(4, ge=1, description="masks are proposed and voted on every so many frames [frames]")
+
+    hand_finder: Literal["mediapipe", "none"] = Field(
+        "mediapipe", description="who finds the controller where the capture has no hint for it"
+    )
+
+    tracker: Literal["flow", "onnx"] = Field("flow", description="flow: chained optical flow; onnx: tracker_onnx")
+    tracker_onnx: str | None = Field(
+        None, description="own tracker (CoTracker3): video [1,T,3,H,W], queries [1,J,3] -> tracks [1,T,J,2], visibility"
+    )
+    flow: Literal["dis", "gmflow"] = Field(
+        "dis",
+        description="dis: to about 10 px a frame; gmflow: large motion, seconds a pair (`physreal models gmflow`)",
+    )
+    track_count: int = Field(400, ge=10, description="points tracked on the object, about")
+    hand_track_count: int = Field(200, ge=4, description="points tracked on the controller, about")
+    max_round_trip: float = Field(1.0, gt=0, description="flow there and back misses by more: the point is lost [px]")
+    min_likeness: float = Field(
+        0.75, gt=0, lt=1, description="patch correlation with frame 0 that recognises a lost point (0 to 1)"
+    )
+
+    max_depth_edge: float = Field(
+        0.02, gt=0, description="depth spread in 3 x 3 pixels beyond which a point is on an edge, not lifted [m]"
+    )
+    max_stray: float = Field(0.02, gt=0, description="motion unlike the neighbours' by more: misread or occluded [m]")
+    depth_noise: float = Field(0.001, gt=0, description="standard deviation of a depth reading, constant part [m]")
+    depth_noise_quadratic: float = Field(0.0015, ge=0, description="and the part that grows with depth squared [1/m]")
+    pixel_noise: float = Field(0.3, gt=0, description="standard deviation of a track [px]")
+
+    controller_count: int = Field(30, ge=3, description="controller points")
+    controller_reach: float = Field(
+        0.05, gt=0, description="they lie on the hand within this distance of the object [m]"
+    )
+    controller_smoothing: float = Field(
+        1.0, ge=0, description="standard deviation of the temporal smoothing of the hand's motion [frames]"
+    )
+    overlay_scale: int = Field(2, ge=1, le=4, description="enlargement of overlay.mp4")
+    threads: int = Field(0, ge=0, description="threads of ONNX Runtime; 0: as many as there are cores")

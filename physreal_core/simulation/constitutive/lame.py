@@ -1,4 +1,4 @@
-"""Lame's parameters from Young's modulus and Poisson's ratio: mu = E / (2 (1 + nu)), lambda = E nu / ((1 + nu)(1 - 2 nu))."""
+"""Lame's parameters from Young's and Poisson's: mu = E / (2 (1 + nu)), lambda = E nu / ((1 + nu)(1 - 2 nu))."""
 
 from dataclasses import dataclass
 from functools import cache

@@ -1,7 +1,7 @@
 """The logarithmic (Hencky) strain eps = log V of F = V R in its principal frame, and isotropic functions of it.
 
 The principal frame comes from one-sided Jacobi rotations of the rows of F (Hestenes 1958): nothing is squared, small
-singular values keep their relative accuracy, and repeated ones need no special case. Derivatives of the matrix logarithm
+singular values keep their relative accuracy, and repeated ones need no special case. Derivatives of matrix logarithm
 and exponential follow Daleckii and Krein: in the principal frame, entries times divided differences. Written through
 d / sinh(d) these have no cancellation and the right limit where two values meet.
 """
@@ -101,7 +101,7 @@ def log_strain(scalar: type) -> LogStrain:
 
     @wp.func
     def adjoint(F: mat33, p: Principal, eps_bar: mat33):
-        # eps = log(b) / 2: the divided difference is (e_i - e_j) / (s_i^2 - s_j^2) = d/sinh(d) / (2 s_i s_j), d = e_i - e_j
+        # eps = log(b) / 2: the divided difference is d / (s_i^2 - s_j^2) = d / sinh(d) / (2 s_i s_j), d = e_i - e_j
         inverse = vec3(wp.exp(-p.eps[0]), wp.exp(-p.eps[1]), wp.exp(-p.eps[2]))
         d01 = over_sinh(p.eps[0] - p.eps[1])
         d02 = over_sinh(p.eps[0] - p.eps[2])

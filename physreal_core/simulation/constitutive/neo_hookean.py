@@ -1,6 +1,6 @@
 """Compressible neo-Hookean elasticity: tau = mu (b - I) + lambda log J I, with b = F F^T.
 
-Source: Bonet and Wood, "Nonlinear Continuum Mechanics for Finite Element Analysis", 2nd ed. 2008, eq. 6.28, with energy
+Source: Bonet and Wood, "Nonlinear Continuum Mechanics for Finite Element Analysis", 2nd ed. 2008, ch. 6, with energy
 mu/2 (tr b - 3) - mu log J + lambda/2 (log J)^2 per undeformed volume.
 """
 

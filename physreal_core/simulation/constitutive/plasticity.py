@@ -28,8 +28,8 @@ def plastic_functions(law: str, scalar: type) -> tuple[wp.Function, wp.Function]
     `F_trial` itself, bit for bit, inside the yield surface. y holds `PLASTIC_PARAMETERS[law]`.
     `return_map_adjoint(F_trial, E, nu, y, dt, F_bar: mat33) -> struct` with the adjoints `F`, `E`, `nu`, `y`.
 
-    The yield criterion is measured in the Hencky stress of (E, nu), exact together with "hencky" elasticity and equal to
-    first order in strain with the other elastic laws.
+    The yield criterion is measured in the Hencky stress of (E, nu): exact with "hencky" elasticity, and right to first
+    order in strain with the other elastic laws.
 
     Args:
         law: a key of `PLASTIC_LAWS`.

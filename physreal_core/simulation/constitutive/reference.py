@@ -1,5 +1,7 @@
-"""Plain torch twins of every law and residual, by singular value decomposition: what tests hold the Warp functions to,
-and what a notebook plots. Values are right everywhere in det F > 0; torch's derivatives only where singular values differ.
+"""Plain torch twins of every law and residual: what tests hold the Warp functions to, and what a notebook plots.
+
+Made of singular value decompositions: values are right in all of det F > 0, torch's derivatives of them only where
+singular values differ.
 """
 
 import math

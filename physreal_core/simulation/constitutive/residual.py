@@ -1,11 +1,13 @@
 """Neural residuals beside the expert laws (paper, "Hybrid Expert-Neural Constitutive Model"), as Warp functions.
 
-Elastic: delta tau = beta_e n(tau_exp) R S R^T, with S = s / sqrt(1 + |s|^2), s the network's symmetric output on psi(F) and
-the latent code, and n = sqrt(|tau|^2 + e^2) - e, e = 1e-4 E: smooth at zero stress and never above |tau_exp|.
-Plastic: delta F = beta_p (dt / frame dt) |F_exp| r(C) R S, with r in [0, 1) growing from zero with the strain C - I of the
-trial F, so that an unstrained particle does not flow. S symmetric keeps the rotation R of F, as the experts do.
-Both are objective, bounded (|delta tau| <= beta_e |tau_exp|, |delta F| <= beta_p |F_exp| per frame), exactly zero with zero
-output weights, and differentiable wherever det F > 0.
+Elastic: delta tau = beta_e n(tau_exp) R S R^T, with S = s / sqrt(1 + |s|^2), s the network's symmetric output on
+psi(F) and the latent code, and n = sqrt(|tau|^2 + e^2) - e, e = 1e-4 E: smooth at zero stress and never above
+|tau_exp|.
+Plastic: delta F = beta_p (dt / frame dt) |F_exp| r(C) R S, with r in [0, 1) growing from zero with the strain C - I
+of the trial F, so that an unstrained particle does not flow. S symmetric keeps the rotation R of F, as the experts
+do.
+Both are objective, bounded (|delta tau| <= beta_e |tau_exp|, |delta F| <= beta_p |F_exp| per frame), exactly zero
+with zero output weights, and differentiable wherever det F > 0.
 """
 
 import math
@@ -45,8 +47,8 @@ class ResidualFunctions:
         plastic_adjoint: `(F_trial, F_exp, share, particle, latent, weights, delta_F_bar, latent_bar, weights_bar, row)
             -> struct(F_trial, F_exp)`.
 
-    Arrays: latent [N, L] (any width where L = 0), weights [W] and their adjoints latent_bar [N, L], weights_bar [rows, W],
-    to which the adjoints add. Weights are shared by all particles: more than one row (row = particle % rows, rows summed
+    Arrays: latent [N, L] (any width where L = 0), contiguous weights [W], and latent_bar [N, L], weights_bar [rows, W],
+    to which the adjoints add. All particles share the weights: more than one row (row = particle % rows, rows summed
     afterwards) keeps GPU threads from queueing for one address; one row is enough on one CPU thread.
 
     In a kernel, forward then backward::

@@ -1,4 +1,4 @@
-"""Size, bounds and flat weight layout of the neural residuals: one small network each for the elastic and the plastic law."""
+"""Sizes, bounds and flat weight layout of the neural residuals: one network each for elasticity and plasticity."""
 
 import math
 from dataclasses import dataclass
@@ -52,7 +52,7 @@ class ResidualConfig:
 
     @property
     def weight_shapes(self) -> dict[str, tuple[int, ...]]:
-        """Shapes by name, in the order in which they lie in the flat vector; y = x weight for 1 and 2, weight x for 3."""
+        """Shapes by name, in the order of the flat vector; y = x weight for 1 and 2, y = weight x for 3."""
         inputs, hidden = self.input_size, self.hidden
         return {
             "weight_1": (inputs, hidden),
@@ -76,7 +76,7 @@ def split_weights(config: ResidualConfig, weights: Float[Tensor, " weights"]) ->
 
 
 def initial_weights(config: ResidualConfig, seed: int) -> tuple[Float[Tensor, " weights"], Float[Tensor, " weights"]]:
-    """Flat weights of the elastic and the plastic network [W] each, float64 on the CPU, with exactly zero output layers."""
+    """Flat weights [W] of the elastic and the plastic network, float64 on the CPU; output layers exactly zero."""
     generator = torch.Generator().manual_seed(seed)
     return _one_network(config, generator), _one_network(config, generator)
 

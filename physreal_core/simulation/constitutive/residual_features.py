@@ -1,7 +1,7 @@
 """Rotation-invariant strain features psi(F) of the residuals, smooth everywhere in det F > 0, and their adjoint.
 
-With F = R U: the three elementary symmetric functions of (singular values - 1), that is of U - I (sorted singular values
-themselves have no derivative where two meet); the six entries 00, 11, 22, 01, 02, 12 of F^T F - I; and J - 1.
+With F = R U: the three elementary symmetric functions of (singular values - 1), that is of U - I (sorted singular
+values themselves have no derivative where two meet); the six entries 00, 11, 22, 01, 02, 12 of F^T F - I; and J - 1.
 """
 
 from dataclasses import dataclass

@@ -1,8 +1,9 @@
-"""The shared half of every plastic expert: an isotropic return map in logarithmic strain, F_new = exp(delta eps) F_trial.
+"""The shared half of every plastic expert: an isotropic return map in log strain, F_new = exp(delta eps) F_trial.
 
-With eps = log V of the trial F = V R, split into its deviator of norm q and its trace t, an isotropic law only has to say
-where (q, t) goes; direction of the deviator, principal frame and rotation R stay. Inside the yield surface F is returned
-untouched. At the surface the map has a kink: values join, derivatives jump, and exactly on it the elastic side's hold.
+With eps = log V of the trial F = V R, split into its deviator of norm q and its trace t, an isotropic law only has to
+say where (q, t) goes; direction of the deviator, principal frame and rotation R stay. Inside the yield surface F is
+returned untouched. At the surface the map has a kink: values join, derivatives jump, and exactly on it the elastic
+side's hold.
 Exponential return in log strain: Simo, CMAME 99 (1992).
 """
 
@@ -72,7 +73,7 @@ def return_functions(law: RadialLaw, scalar: type) -> tuple[wp.Function, wp.Func
     Args:
         law: `law(scalar) -> (radial, radial_adjoint)` with
             `radial(q, t, E, nu, y: vec2, dt) -> Radial` and
-            `radial_adjoint(q, t, E, nu, y, dt, q_new_bar, t_new_bar) -> RadialAdjoint`, the latter called when it yields.
+            `radial_adjoint(q, t, E, nu, y, dt, q_new_bar, t_new_bar) -> RadialAdjoint`, called only when it yields.
         scalar: `wp.float32` or `wp.float64`.
     """
     types = law_types(scalar)
@@ -124,7 +125,7 @@ def return_functions(law: RadialLaw, scalar: type) -> tuple[wp.Function, wp.Func
             scale = ratio(new.q, q)
             change = third * (new.t - t)
             delta = (scale - one) * deviator + vec3(change, change, change)
-            H_bar = wp.transpose(p.Q) * F_bar * wp.transpose(F_trial) * p.Q  # in the principal frame, as all that follows
+            H_bar = wp.transpose(p.Q) * F_bar * wp.transpose(F_trial) * p.Q  # in the principal frame, as what follows
             delta_bar = exponential_adjoint(delta, H_bar)
             scale_bar = wp.dot(wp.get_diag(delta_bar), deviator)
             t_bar = third * wp.trace(delta_bar)

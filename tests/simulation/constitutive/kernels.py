@@ -114,7 +114,7 @@ def plastic(law: str, dtype: str = "float64", device: str = "cpu") -> Evaluate:
 
 @cache
 def stress_residual(dtype: str = "float64", device: str = "cpu") -> Evaluate:
-    """`(F, tau_exp, E, latent, weights, delta_bar) -> delta, F_bar, tau_exp_bar, E_bar, latent_bar, weights_bar`."""
+    """`(F, tau_exp, E, latent, weights, seed) -> delta, F_bar, tau_exp_bar, E_bar, latent_bar, weights_bar`."""
     scalar, _, mat33, _ = warp_types(dtype)
     functions = residual_functions(CONFIG, scalar)
     forward, backward = functions.stress, functions.stress_adjoint
@@ -146,7 +146,7 @@ def stress_residual(dtype: str = "float64", device: str = "cpu") -> Evaluate:
 
 @cache
 def plastic_residual(dtype: str = "float64", device: str = "cpu") -> Evaluate:
-    """`(F_trial, F_exp, share, latent, weights, delta_bar) -> delta, F_trial_bar, F_exp_bar, latent_bar, weights_bar`."""
+    """`(F_trial, F_exp, share, latent, weights, seed) -> delta, F_trial_bar, F_exp_bar, latent_bar, weights_bar`."""
     scalar, _, mat33, _ = warp_types(dtype)
     functions = residual_functions(CONFIG, scalar)
     forward, backward = functions.plastic, functions.plastic_adjoint

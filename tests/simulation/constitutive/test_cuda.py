@@ -1,4 +1,4 @@
-"""The same sources on a GPU: every law and residual, values and adjoints, against the torch twins (no CPU compiler needed)."""
+"""The same sources on a GPU: values and adjoints against the torch twins, so that no CPU compiler is needed."""
 
 from functools import partial
 

@@ -1,4 +1,4 @@
-"""Plastic experts: the elastic domain untouched, the surface reached, objectivity, adjoints on both sides of the kink."""
+"""Plastic experts: elastic domain untouched, surface reached, objectivity, adjoints on both sides of the kink."""
 
 import math
 
@@ -177,7 +177,7 @@ def test_gradients_are_those_of_torch_where_singular_values_differ(law):
 
 @pytest.mark.parametrize("law", LAWS)
 def test_the_kink_values_join_and_the_derivative_jumps_as_documented(law):
-    """Across the surface F_new is continuous, inside the adjoint is the identity, outside it loses the flow direction."""
+    """F_new is continuous across the surface; inside the adjoint is the identity, outside it is not."""
     E, nu, y = 3.0, 0.3, PARAMETERS[law]
     direction = np.array([0.5, 0.1, -0.6])
 

@@ -1,4 +1,4 @@
-"""Neural residuals: exactly zero at the start, bounded for any weights, objective, with the adjoints of a torch twin."""
+"""Neural residuals: exactly zero at the start, bounded for any weights, objective, with the right adjoints."""
 
 import dataclasses
 

@@ -9,8 +9,7 @@ import torch
 from safetensors.numpy import load_file
 
 from physreal_core.errors import InputError
-from physreal_core.geometry.mesh import load_mesh
-from physreal_core.geometry.surface import SurfacePoints, sample_surface
+from physreal_core.geometry.mesh import Mesh, load_mesh
 from physreal_core.rendering import Binding, Camera, Gaussians, bind, carry_points, load_gaussians, render_carried
 from pipeline.capture import Capture, read_capture
 from pipeline.frames import read_colour, read_depth
@@ -37,7 +36,7 @@ class Sequence:
     Args:
         observed: frames [0, observed) were seen by the fit.
         tracks3d: [T, J, 3] m, NaN where unknown; tracks_valid [T, J]; track_points0 [J, 3] m, those on the object.
-        surface: points on the mesh.
+        surface: points all over the mesh [m], shape [S, 3]; spacing: their mean distance from one another [m].
         gaussians: appearance model, None without a camera.
         truth: contents of truth.npz, empty for a capture without.
     """
@@ -49,7 +48,8 @@ class Sequence:
     tracks3d: Array
     tracks_valid: Array
     track_points0: Array
-    surface: SurfacePoints
+    surface: Array
+    spacing: float
     camera: Camera | None
     gaussians: Gaussians | None
     video: Path
@@ -86,7 +86,7 @@ def load_sequence(context: StageContext) -> Sequence:
     with np.load(perceived / "tracks.npz") as file:
         tracks3d = file["points3d"][:, particles["track_ids"]].astype(np.float64)
         valid = file["valid3d"][:, particles["track_ids"]] & np.isfinite(tracks3d).all(axis=-1)
-    surface = sample_surface(load_mesh(posed / "mesh.glb"), context.params.surface_points, seed=context.seed)
+    surface, spacing = _scatter(load_mesh(posed / "mesh.glb"), context.params.surface_points, context.seed)
     truth = context.capture / "truth.npz"
     is_video = capture.kind == "video"
     return Sequence(
@@ -98,12 +98,23 @@ def load_sequence(context: StageContext) -> Sequence:
         tracks_valid=valid,
         track_points0=particles["track_points0"].astype(np.float64),
         surface=surface,
+        spacing=spacing,
         camera=_camera(video) if is_video else None,
         gaussians=load_gaussians(posed / "gaussians.ply") if is_video else None,
         video=video,
         masks=perceived / "masks",
         truth=_read_truth(truth) if truth.is_file() else {},
     )
+
+
+def _scatter(mesh: Mesh, count: int, seed: int) -> tuple[Array, float]:
+    """Points drawn uniformly by area, and the side of the square that each would have to itself [m]."""
+    random = np.random.default_rng(seed)
+    areas = np.linalg.norm(mesh.area_vectors, axis=1)
+    face = random.choice(len(areas), count, p=areas / areas.sum())
+    root, along = np.sqrt(random.random(count)), random.random(count)
+    weights = np.stack([1 - root, root * (1 - along), root * along], axis=1)
+    return np.einsum("pck,pc->pk", mesh.corners[face], weights), float(np.sqrt(areas.sum() / count))
 
 
 def _camera(folder: Path) -> Camera:
@@ -132,7 +143,7 @@ class Replay:
             )
         self.sequence, self.device, self.x, self.F = sequence, device, x, F
         self.x0 = torch.from_numpy(sequence.particles["x0"]).double()
-        self.surface, self.tracks = self.bind(sequence.surface.points), self._stored("track")
+        self.surface, self.tracks = self.bind(sequence.surface), self._stored("track")
         self.gaussians = self._stored("gaussian").to(device) if sequence.gaussians else None
 
     def bind(self, points: Array) -> Binding:
@@ -180,8 +191,8 @@ def side_by_side(
         cv2.circle(panels[2], there, 1, _MEASURED, -1, cv2.LINE_AA)
     interval = "observed" if frame < sequence.observed else "future"
     for panel, title in zip(panels, ("measured", "simulated", f"overlay, {interval} frame {frame}"), strict=True):
-        cv2.putText(panel, title, (6, 14), cv2.FONT_HERSHEY_SIMPLEX, 0.4, (0, 0, 0), 3, cv2.LINE_AA)
-        cv2.putText(panel, title, (6, 14), cv2.FONT_HERSHEY_SIMPLEX, 0.4, (255, 255, 255), 1, cv2.LINE_AA)
+        for at, ink in (((7, 15), (0, 0, 0)), ((6, 14), (255, 255, 255))):  # white over its own shadow
+            cv2.putText(panel, title, at, cv2.FONT_HERSHEY_SIMPLEX, 0.4, ink, 1, cv2.LINE_AA)
     return np.concatenate(panels, axis=1)
 
 

@@ -54,7 +54,7 @@ def run(context: StageContext) -> None:
 
 def _score_frames(sequence: Sequence, replay: Replay, params: Any, bar: Any) -> tuple[list[FrameScores], list]:
     """Scores of every frame, and its picture if the capture is a video."""
-    surface = np.stack([replay.carry(t, sequence.surface.points, replay.surface) for t in range(sequence.frame_count)])
+    surface = np.stack([replay.carry(t, sequence.surface, replay.surface) for t in range(sequence.frame_count)])
     errors = track_errors(surface, sequence.tracks3d, sequence.tracks_valid)
     scores, pictures = [], []
     for t in range(sequence.frame_count):
@@ -77,8 +77,9 @@ def _distances(sequence: Sequence, measured: Measured, surface: np.ndarray, para
     if measured.depth is None:
         return {}
     view = sequence.K, sequence.T_world_camera
+    spacing = 2 * sequence.spacing  # drawn at random, the points leave gaps of about twice their spacing
     points = lift_object(measured.depth, measured.mask, *view, edge=params.depth_edge, margin=params.mask_margin)
-    seen = surface[seen_points(surface, sequence.surface.spacing, measured.hand, *view)]
+    seen = surface[seen_points(surface, spacing, measured.hand, *view)]
     return {"cd_l1_oneway": cd_l1_oneway(points, surface), "cd_l2_twoway": cd_l2_twoway(points, seen)}
 
 

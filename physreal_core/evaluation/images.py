@@ -14,7 +14,7 @@ def iou(alpha: Float[Array, "H W"], mask: Bool[Array, "H W"], hand: Bool[Array, 
     """Rendered alpha > 0, without the hand's pixels, against the measured object mask: 0 to 1.
 
     A Gaussian is drawn to where its alpha falls to 1/255, about 3.3 standard deviations from its centre: a model whose
-    centres lie on the surface is too large by that much; `geometry.surface.silhouette_inset` says how far to move them.
+    centres lie on the surface is too large by that much; `geometry.surface.edge_inset` says how far to move them.
     """
     drawn = (alpha > 0) & ~hand
     union = np.count_nonzero(drawn | mask)

@@ -11,7 +11,9 @@ class Evaluate(StageParameters):
     """Scoring every fitted model on observed and future frames."""
 
     device: Literal["cpu", "cuda:0"] = Field("cpu", description="where frames are rendered")
-    surface_points: int = Field(4000, ge=100, description="points on the simulated surface that distances are taken to")
+    surface_points: int = Field(
+        20_000, ge=100, description="points on the simulated surface that distances are taken to"
+    )
     depth_edge: float = Field(
         0.02, gt=0, description="measured pixels with a larger spread of depth around are left out [m]"
     )

@@ -67,8 +67,9 @@ def context(tmp_path_factory) -> Context:
     trimesh = pytest.importorskip("trimesh")
     for package in ("plyfile", "PIL", "cv2", "imageio_ffmpeg"):
         pytest.importorskip(package)
-    from physreal_core.geometry.mesh import Mesh, save_mesh
+    from physreal_core.geometry.mesh import Mesh, load_mesh, save_mesh
     from physreal_core.geometry.surface import sample_surface, surface_gaussians
+    from stages._evaluation import _scatter
 
     root = tmp_path_factory.mktemp("evaluate")
     for name in ("capture", "out", "parse_video", "segment_and_track", "fit_pose", "sample_particles"):
@@ -80,12 +81,13 @@ def context(tmp_path_factory) -> Context:
     save_gaussians(root / "fit_pose" / "gaussians.ply", surface_gaussians(surface, inset=0.004))
     x0 = np.stack(np.meshgrid(*(np.arange(a, b, 0.01) + 0.005 for a, b in ((0, 0.12), (-0.04, 0.04), (0, 0.05)))), -1)
     x0 = x0.reshape(-1, 3)
-    _write_particles(root, x0, surface.points)
+    points = _scatter(load_mesh(root / "fit_pose" / "mesh.glb"), 400, 0)[0]  # the very points that evaluate draws
+    _write_particles(root, x0, points)
     carried, F = _motion(SHEAR)
     _write_capture(root, mesh.vertices, carried)
     np.savez(
         root / "segment_and_track" / "tracks.npz",
-        points3d=carried(surface.points).astype(np.float32),
+        points3d=carried(points).astype(np.float32),
         valid3d=np.ones((FRAMES, 400), bool),
     )
     _write_frames(root, x0, carried(x0), F)
@@ -153,7 +155,7 @@ def test_scores_of_a_known_motion(context: Context) -> None:
         assert exact[interval]["psnr"] > 50  # 8-bit colours: 58.9 dB at best
         assert exact[interval]["ssim"] > 0.999
         assert exact[interval]["track_error"] < 1e-6  # tracks start on surface points
-        assert exact[interval]["cd_l1_oneway"] < 0.010  # surface points lie 9 mm apart
+        assert exact[interval]["cd_l1_oneway"] < 0.010  # surface points are 10 mm apart
         assert exact["truth"][interval]["vertex_error"] < 1e-6
         assert off[interval]["iou"] < 0.99 and off[interval]["psnr"] < exact[interval]["psnr"] - 10
     times = np.arange(1, OBSERVED)[:, None] / (FRAMES - 1)

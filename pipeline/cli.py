@@ -35,14 +35,16 @@ def _parser() -> argparse.ArgumentParser:
     command.add_argument("captures", nargs="*", help="capture folders; default: those of the sequences in params.yaml")
     command.set_defaults(command=_check)
 
-    command = commands.add_parser("import", help="turn a recording into a capture folder")
-    command.add_argument("kind", help="what it is; `physreal import list` says which there are")
+    command = commands.add_parser("import", help="turn a recording into a capture; without arguments: which kinds")
+    command.add_argument("kind", nargs="?")
     command.add_argument("source", nargs="?", type=Path, help="the recording's folder or file")
     command.add_argument("name", nargs="?", help="name of the new sequence")
+    command.add_argument("options", nargs="*", help="key=value for the importer, e.g. fps=30 camera=1")
     command.add_argument("--clip", action="store_true", help="perception only: no model will be fitted")
     command.set_defaults(command=_import)
 
     command = commands.add_parser("models", help="fetch and convert the pretrained networks into data/models")
+    command.add_argument("names", nargs="*", help="which; default: those the default configuration needs; all: all")
     command.set_defaults(command=_models)
 
     command = commands.add_parser("status", help="how far every sequence is, and where the report lies")
@@ -92,18 +94,20 @@ def _check(parsed: argparse.Namespace) -> int:
 
 def _import(parsed: argparse.Namespace) -> int:
     from pipeline.importing import import_capture, kinds
+    from pipeline.project import Project
 
-    if parsed.kind == "list" or parsed.source is None or parsed.name is None:
-        print("\n".join(f"{name:12} {text}" for name, text in kinds().items()))
-        return 0 if parsed.kind == "list" else 2
-    print(import_capture(parsed.kind, parsed.source, parsed.name, clip=parsed.clip))
+    if parsed.name is None:
+        print("\n".join(f"{name:14} {text}" for name, text in kinds().items()))
+        return 0 if parsed.kind is None else 2
+    role = "clips" if parsed.clip else "fits"
+    print(import_capture(parsed.kind, parsed.source, parsed.name, parsed.options, role, Project.find()))
     return 0
 
 
-def _models(_: argparse.Namespace) -> int:
+def _models(parsed: argparse.Namespace) -> int:
     from pipeline.models import fetch
 
-    fetch()
+    fetch(parsed.names)
     return 0
 
 

@@ -14,7 +14,7 @@ from pipeline.config import Parameters, validate_parameters
 
 CONF = Path(__file__).parent / "conf"
 HEADER = """\
-# Every knob of the pipeline. Written by `physreal compose {given}` from pipeline/conf and pipeline/config;
+# Every knob of the pipeline. Written by `{command}` from pipeline/conf and pipeline/config;
 # edit it by hand as you like: it is the only truth when a stage runs. `physreal check` validates it.
 """
 WIDTH = 120
@@ -29,8 +29,14 @@ def compose(overrides: list[str], conf: Path = CONF) -> str:
     Raises:
         InputError: Hydra knows no such option, or the result does not validate.
     """
-    parameters = validate_parameters(_compose_raw(overrides, conf) | {"composed_from": overrides}, "the composed parameters")
-    return HEADER.format(given=" ".join(overrides) or "(no options)") + "\n".join(_lines(parameters)) + "\n"
+    raw = _compose_raw(overrides, conf) | {"composed_from": overrides}
+    return render(validate_parameters(raw, "the composed parameters"))
+
+
+def render(parameters: Parameters) -> str:
+    """The text of params.yaml for validated values: each key with its meaning and unit beside it."""
+    given = " ".join(["physreal compose", *parameters.values.composed_from])
+    return HEADER.format(command=given) + "\n".join(_lines(parameters)) + "\n"
 
 
 def options_in(path: Path) -> list[str]:

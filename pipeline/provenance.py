@@ -34,7 +34,11 @@ def _digest_file(path: Path, _modified: int, _size: int) -> bytes:
 
 
 def project_modules(source: Path, roots: tuple[Path, ...] = (CODE_ROOT,)) -> list[Path]:
-    """`source` and every project file that it imports, directly or through others, packages' __init__ included."""
+    """`source` and every project file that it imports, directly or through others.
+
+    What a package's __init__ imports counts where names are taken from the package itself, and not where one of its
+    modules is named: `from a.b import c` follows a/b.py, not a/__init__.py.
+    """
     found: set[Path] = set()
     waiting = [source.resolve()]
     while waiting:
@@ -42,7 +46,7 @@ def project_modules(source: Path, roots: tuple[Path, ...] = (CODE_ROOT,)) -> lis
         if path in found:
             continue
         found.add(path)
-        waiting += [file for name in _imported_names(path, roots) for file in _files_of(name, roots)]
+        waiting += [file for name in _imported_names(path, roots) if (file := _file_of(name, roots))]
     return sorted(found)
 
 
@@ -77,15 +81,14 @@ def _imported_names(path: Path, roots: tuple[Path, ...]) -> list[str]:
     return names
 
 
-def _files_of(name: str, roots: tuple[Path, ...]) -> list[Path]:
-    parts = name.split(".")
+def _file_of(name: str, roots: tuple[Path, ...]) -> Path | None:
+    """The file of a module or package; None if the project has none of that name."""
     for root in roots:
-        inits = [root.joinpath(*parts[:count], "__init__.py") for count in range(1, len(parts) + 1)]
-        module = root.joinpath(*parts).with_suffix(".py")
-        files = [path for path in (*inits, module) if path.is_file()]
-        if files:
-            return files
-    return []
+        plain = root.joinpath(*name.split("."))
+        for path in (plain.with_suffix(".py"), plain / "__init__.py"):
+            if path.is_file():
+                return path
+    return None
 
 
 def _without_docstrings(tree: ast.Module) -> str:

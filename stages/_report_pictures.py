@@ -8,7 +8,7 @@ import matplotlib
 import numpy as np
 
 matplotlib.use("agg")
-from matplotlib import pyplot  # noqa: E402 (the backend is chosen first)
+from matplotlib import pyplot
 
 COLOURS = {"fit_global": "#0f766e", "fit_patches": "#c2410c", "fit_residual": "#4338ca"}
 MEDIA = {".png": "image/png", ".jpg": "image/jpeg", ".svg": "image/svg+xml", ".mp4": "video/mp4"}

@@ -29,6 +29,7 @@ TEMPLATE = Path(__file__).with_name("report.html.jinja")
 def run(results: Results) -> Path:
     """Write results/report.html and say where it is."""
     environment = jinja2.Environment(autoescape=True, undefined=jinja2.StrictUndefined, trim_blocks=True, lstrip_blocks=True)
+    environment.filters["quantity"] = lambda value: f"{value:,.0f}" if abs(value) >= 1000 else f"{value:.4g}"
     page = environment.from_string(TEMPLATE.read_text()).render(
         sequences=[describe_sequence(results, name) for name in results.sequences],
         tables=tables(results),

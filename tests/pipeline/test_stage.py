@@ -12,7 +12,7 @@ import pytest
 from physreal_core.errors import InputError
 from pipeline.progress import Progress
 from pipeline.project import CODE_ROOT, Project
-from pipeline.provenance import digest_code, digest_folder
+from pipeline.provenance import digest_code, digest_folder, project_modules
 from pipeline.stage import run_stage
 from tests.pipeline import toy
 
@@ -149,6 +149,18 @@ def test_comments_and_docstrings_do_not_count_as_code(tmp_path):
     assert digest_code(main, (tmp_path,)) == before
     (tmp_path / "helper.py").write_text("def f(x):\n    return x + 2\n")
     assert digest_code(main, (tmp_path,)) != before
+
+
+def test_code_is_what_is_imported_and_not_what_lies_beside_it(tmp_path):
+    (tmp_path / "box").mkdir()
+    (tmp_path / "box/__init__.py").write_text("from box import lid, key\n")
+    for name in ("lid", "key"):
+        (tmp_path / "box" / f"{name}.py").write_text("value = 1\n")
+    main = tmp_path / "main.py"
+    main.write_text("from box.lid import value\n")
+    assert [path.name for path in project_modules(main, (tmp_path,))] == ["lid.py", "main.py"]
+    main.write_text("from box import lid\n")
+    assert [path.name for path in project_modules(main, (tmp_path,))] == ["__init__.py", "key.py", "lid.py", "main.py"]
 
 
 def test_progress_without_a_terminal_prints_few_lines(capsys):

@@ -37,7 +37,10 @@ def open_bag(source: Path) -> Any:
     Raises:
         InputError: as `import_capture`.
     """
-    remedy = "install Open3D built with RealSense support (pip install open3d) or convert the recording to images"
+    remedy = (
+        "install Open3D with RealSense support (pip install open3d; on a bare Linux libusb-1.0-0 and libgl1 besides), "
+        "or convert the recording to a folder of images"
+    )
     try:
         import open3d
     except (ImportError, OSError) as error:

@@ -92,3 +92,13 @@ def test_without_open3d(monkeypatch, path, tmp_path):
 def test_recording_that_is_not_there(tmp_path):
     with pytest.raises(InputError, match="no such recording"):
         realsense.import_capture(tmp_path / "none.bag", tmp_path / "capture")
+
+
+def test_real_open3d_refuses_what_is_no_recording(tmp_path):
+    try:
+        import open3d  # noqa: F401
+    except (ImportError, OSError) as error:
+        pytest.skip(f"Open3D cannot be imported here: {error}")
+    (tmp_path / "garbage.bag").write_bytes(b"not a bag")
+    with pytest.raises(InputError, match="cannot read|no RealSense reader"):
+        realsense.import_capture(tmp_path / "garbage.bag", tmp_path / "capture")

@@ -85,7 +85,8 @@ class Descent:
         self._previous = {name: free.detach().clone() for name, free in self._free.items()}
         self._best = {name: free.detach().clone() for name, free in self._free.items()}
         groups = [{"params": [self._free[v.name]], "lr": v.rate} for v in variables]
-        self._adam = torch.optim.Adam(groups, betas=(0.9, 0.95))
+        # Short memories: the objective has no noise and the runs few steps, so old gradients only make them overshoot.
+        self._adam = torch.optim.Adam(groups, betas=(0.5, 0.9))
         self.iteration, self._shrink, self._best_total = 0, 1.0, math.inf
         self._start_terms: Terms | None = None
         self.history: list[dict[str, Any]] = []

@@ -32,7 +32,11 @@ def scalar_types(dtype: str) -> ScalarTypes:
 
 
 def kernel_module(family: str, dtype: str) -> wp.Module:
-    """Warp module of one kernel family and width: compiled by itself, and without Warp's own adjoints (ours are by hand)."""
+    """Warp module of one kernel family and width: compiled by itself, and without Warp's own adjoints (ours are by hand).
+
+    On the CPU products and sums may fuse, as they do on CUDA by default: a tenth faster.
+    """
     module = wp.get_module(f"physreal_{family}_{dtype}")
-    wp.set_module_options({"enable_backward": False}, module=module)
+    flags = f"{wp.config.cpu_compiler_flags} -ffp-contract=fast"
+    wp.set_module_options({"enable_backward": False, "cpu_compiler_flags": flags}, module=module)
     return module

@@ -53,6 +53,10 @@ class Phase:
             self._launch.set_param_at_index_from_ctype(position, index)
         self._launch.launch()
 
+    def resize(self, count: int) -> None:
+        """Launch this many threads from now on."""
+        self._launch.set_dim(count)
+
 
 class Stepper:
     """Arrays and launches of one body; `Simulator` decides which frames run.
@@ -263,6 +267,9 @@ class Stepper:
         self.status.fill_(torch.iinfo(torch.int64).max)
         if self.gripped:
             self.controllers.copy_(controllers[:, : self.controllers.shape[1]])
+        if self.device == "cpu":  # a captured graph launches over all nodes there is room for
+            for phase in (self._mark, self._update, self._update_again, self._update_adjoint):
+                phase.resize(box.nodes)
         self._mark()
 
     def set_state(self, x: torch.Tensor, v: torch.Tensor, F: torch.Tensor, C: torch.Tensor) -> None:

@@ -34,6 +34,32 @@ def transfer_kernels(dtype: str) -> SimpleNamespace:
     def affine_momentum(m: scalar, volume: scalar, C: mat33, tau: mat33, dt: scalar, cells_per_metre: scalar):
         return (m / cells_per_metre) * C - (four * dt * volume * cells_per_metre) * tau
 
+    @wp.struct
+    class Plane:
+        sum: vec4
+        moment_y: vec4
+        moment_z: vec4
+
+    @wp.func
+    def gather_plane(grid: wp.array(dtype=vec4), n: int, row: int, w: mat33):
+        """Weighted sum over the 3 x 3 nodes of one x, and its first moments along y and z in cells from the base."""
+        a0 = w[0, 2] * grid[n]
+        a1 = w[1, 2] * grid[n + 1]
+        a2 = w[2, 2] * grid[n + 2]
+        b0 = w[0, 2] * grid[n + row]
+        b1 = w[1, 2] * grid[n + row + 1]
+        b2 = w[2, 2] * grid[n + row + 2]
+        c0 = w[0, 2] * grid[n + 2 * row]
+        c1 = w[1, 2] * grid[n + 2 * row + 1]
+        c2 = w[2, 2] * grid[n + 2 * row + 2]
+        b = w[1, 1] * (b0 + b1 + b2)
+        c = w[2, 1] * (c0 + c1 + c2)
+        out = Plane()
+        out.sum = w[0, 1] * (a0 + a1 + a2) + b + c
+        out.moment_y = b + two * c
+        out.moment_z = w[0, 1] * (a1 + two * a2) + w[1, 1] * (b1 + two * b2) + w[2, 1] * (c1 + two * c2)
+        return out
+
     @wp.kernel(module=module)
     def p2g(
         substep: wp.int32,
@@ -73,20 +99,23 @@ def transfer_kernels(dtype: str) -> SimpleNamespace:
         w = weights(f)
         q3 = momentum - A * f
         q = vec4(q3[0], q3[1], q3[2], m)
-        steps = vec3(zero, one, two)
         ax = column(A, 0)
         ay = column(A, 1)
         az = column(A, 2)
         first = node(base, box)
         grid = momentum_out[grid_slot]
+        qi = q
         for i in range(3):
+            q0 = qi
             for j in range(3):
-                qij = q + steps[i] * ax + steps[j] * ay
+                q1 = q0 + az
                 wij = w[i, 0] * w[j, 1]
                 n = first + (i * box[4] + j) * box[5]
-                grid[n] += (wij * w[0, 2]) * qij
-                grid[n + 1] += (wij * w[1, 2]) * (qij + az)
-                grid[n + 2] += (wij * w[2, 2]) * (qij + two * az)
+                grid[n] += (wij * w[0, 2]) * q0
+                grid[n + 1] += (wij * w[1, 2]) * q1
+                grid[n + 2] += (wij * w[2, 2]) * (q1 + az)
+                q0 += ay
+            qi += ax
 
     @wp.kernel(module=module)
     def g2p(
@@ -121,16 +150,12 @@ def transfer_kernels(dtype: str) -> SimpleNamespace:
         BY = vec4()
         BZ = vec4()
         for i in range(3):
-            for j in range(3):
-                n = first + (i * box[4] + j) * box[5]
-                wij = w[i, 0] * w[j, 1]
-                z1 = w[1, 2] * velocity_in[n + 1]
-                z2 = w[2, 2] * velocity_in[n + 2]
-                s = wij * (w[0, 2] * velocity_in[n] + z1 + z2)
-                V += s
-                BX += steps[i] * s
-                BY += steps[j] * s
-                BZ += wij * (z1 + two * z2)
+            n = first + i * box[4] * box[5]
+            plane = gather_plane(velocity_in, n, box[5], w)
+            V += w[i, 0] * plane.sum
+            BX += (w[i, 0] * steps[i]) * plane.sum
+            BY += w[i, 0] * plane.moment_y
+            BZ += w[i, 0] * plane.moment_z
         v1 = vec3(V[0], V[1], V[2])
         C1 = (four * cells_per_metre) * wp.matrix_from_cols(
             vec3(BX[0], BX[1], BX[2]) - f[0] * v1,
@@ -180,31 +205,35 @@ def transfer_kernels(dtype: str) -> SimpleNamespace:
         A = (four * cells_per_metre) * (C_bar_in[p] + dt * F1_bar * wp.transpose(F_in[slot, p]))
         q3 = v_bar_in[p] + dt * x_bar[p] - A * f
         q = vec4(q3[0], q3[1], q3[2], zero)
-        steps = vec3(zero, one, two)
         ax = column(A, 0)
         ay = column(A, 1)
         az = column(A, 2)
-        fx = scalar(0.0)
-        fy = scalar(0.0)
-        fz = scalar(0.0)
+        slope = vec3()
+        qi = q
         for i in range(3):
+            q0 = qi
+            sum = zero
+            sum_y = zero
+            sum_z = zero
             for j in range(3):
-                q0 = q + steps[i] * ax + steps[j] * ay
                 q1 = q0 + az
                 q2 = q1 + az
+                wij = w[i, 0] * w[j, 1]
                 n = first + (i * box[4] + j) * box[5]
                 z0 = wp.dot(velocity_in[n], q0)
                 z1 = wp.dot(velocity_in[n + 1], q1)
                 z2 = wp.dot(velocity_in[n + 2], q2)
                 z = w[0, 2] * z0 + w[1, 2] * z1 + w[2, 2] * z2
-                wij = w[i, 0] * w[j, 1]
-                fx += dw[i, 0] * w[j, 1] * z
-                fy += w[i, 0] * dw[j, 1] * z
-                fz += wij * (dw[0, 2] * z0 + dw[1, 2] * z1 + dw[2, 2] * z2)
+                sum += w[j, 1] * z
+                sum_y += dw[j, 1] * z
+                sum_z += w[j, 1] * (dw[0, 2] * z0 + dw[1, 2] * z1 + dw[2, 2] * z2)
                 velocity_bar_out[n] += (wij * w[0, 2]) * q0
                 velocity_bar_out[n + 1] += (wij * w[1, 2]) * q1
                 velocity_bar_out[n + 2] += (wij * w[2, 2]) * q2
-        x_bar[p] = x_bar[p] + cells_per_metre * (vec3(fx, fy, fz) - wp.transpose(A) * v_in[slot_next, p])
+                q0 += ay
+            slope += vec3(dw[i, 0] * sum, w[i, 0] * sum_y, w[i, 0] * sum_z)
+            qi += ax
+        x_bar[p] = x_bar[p] + cells_per_metre * (slope - wp.transpose(A) * v_in[slot_next, p])
         F_bar[p] = F1_bar + dt * wp.transpose(C_in[slot_next, p]) * F1_bar
 
     @wp.kernel(module=module)
@@ -253,40 +282,48 @@ def transfer_kernels(dtype: str) -> SimpleNamespace:
         BX = vec4()
         BY = vec4()
         BZ = vec4()
-        fx = scalar(0.0)
-        fy = scalar(0.0)
-        fz = scalar(0.0)
+        slope = vec3()
+        qi = q
         for i in range(3):
+            q0 = qi
+            sum = zero
+            sum_y = zero
+            sum_z = zero
+            P = vec4()
+            PY = vec4()
+            PZ = vec4()
             for j in range(3):
                 n = first + (i * box[4] + j) * box[5]
                 g0 = momentum_bar_in[n]
                 g1 = momentum_bar_in[n + 1]
                 g2 = momentum_bar_in[n + 2]
-                q0 = q + steps[i] * ax + steps[j] * ay
                 q1 = q0 + az
-                q2 = q1 + az
                 z0 = wp.dot(g0, q0)
                 z1 = wp.dot(g1, q1)
-                z2 = wp.dot(g2, q2)
-                z = w[0, 2] * z0 + w[1, 2] * z1 + w[2, 2] * z2
-                wij = w[i, 0] * w[j, 1]
-                fx += dw[i, 0] * w[j, 1] * z
-                fy += w[i, 0] * dw[j, 1] * z
-                fz += wij * (dw[0, 2] * z0 + dw[1, 2] * z1 + dw[2, 2] * z2)
-                t1 = w[1, 2] * g1
-                t2 = w[2, 2] * g2
-                s = wij * (w[0, 2] * g0 + t1 + t2)
-                V += s
-                BX += steps[i] * s
-                BY += steps[j] * s
-                BZ += wij * (t1 + two * t2)
+                z2 = wp.dot(g2, q1 + az)
+                sum += w[j, 1] * (w[0, 2] * z0 + w[1, 2] * z1 + w[2, 2] * z2)
+                sum_y += dw[j, 1] * (w[0, 2] * z0 + w[1, 2] * z1 + w[2, 2] * z2)
+                sum_z += w[j, 1] * (dw[0, 2] * z0 + dw[1, 2] * z1 + dw[2, 2] * z2)
+                s1 = (w[j, 1] * w[1, 2]) * g1
+                s2 = (w[j, 1] * w[2, 2]) * g2
+                s = (w[j, 1] * w[0, 2]) * g0 + s1 + s2
+                P += s
+                PY += steps[j] * s
+                PZ += s1 + two * s2
+                q0 += ay
+            slope += vec3(dw[i, 0] * sum, w[i, 0] * sum_y, w[i, 0] * sum_z)
+            V += w[i, 0] * P
+            BX += (w[i, 0] * steps[i]) * P
+            BY += w[i, 0] * PY
+            BZ += w[i, 0] * PZ
+            qi += ax
         q_bar = vec3(V[0], V[1], V[2])
         A_bar = wp.matrix_from_cols(
             vec3(BX[0], BX[1], BX[2]) - f[0] * q_bar,
             vec3(BY[0], BY[1], BY[2]) - f[1] * q_bar,
             vec3(BZ[0], BZ[1], BZ[2]) - f[2] * q_bar,
         )
-        x_bar[p] = x_bar[p] + cells_per_metre * (vec3(fx, fy, fz) - wp.transpose(A) * q_bar)
+        x_bar[p] = x_bar[p] + cells_per_metre * (slope - wp.transpose(A) * q_bar)
         v_bar_out[p] = m * q_bar
         C_bar_out[p] = (m / cells_per_metre) * A_bar
         tau_bar_out[p] = (-four * dt * volume[p] * cells_per_metre) * A_bar

@@ -9,7 +9,7 @@ from scipy.spatial import cKDTree
 
 from physreal_core.array_types import Array, Float, Int
 from physreal_core.fitting.model import Model
-from physreal_core.geometry import patch_weights
+from physreal_core.geometry.patches import patch_weights
 
 _TIE = (1.05, 1e-4)
 """A larger turn must beat a smaller one by this factor, and by this share of the target's variance: a symmetric object keeps the

@@ -139,14 +139,20 @@ def plush_lift() -> Scene:
 
 
 def plush_push() -> Scene:
-    """The same animal held at its hips and pushed over the ground, forwards and to both sides."""
+    """The same animal held at its hips: pressed down and pushed over the table, then raised, the head dragging."""
     grasp = (-0.045, 0.0, 0.030)
     return Scene(
         name="plush_push",
         description="a stuffed animal",
         body=plush_body(),
         hand=mitten(grasp, (-0.45, 0.45, 0.8)),
-        motion=Motion(((0.15, 0.75, (0.05, 0.06, 0.0)), (0.8, 1.5, (-0.03, -0.10, 0.0)))),
+        motion=Motion(
+            (
+                (0.1, 0.4, (0.0, 0.0, -0.006)),
+                (0.25, 0.8, (0.04, 0.05, 0.0)),
+                (0.8, 1.35, (-0.05, -0.07, 0.036)),
+            )
+        ),
         view=View(target=(0.01, 0.0, 0.04)),
     )
 

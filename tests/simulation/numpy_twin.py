@@ -1,0 +1,86 @@
+"""One substep of MLS-MPM written out in numpy, node by node, for comparison with the kernels (fixed corotated)."""
+
+from dataclasses import dataclass
+
+import numpy as np
+from scipy.linalg import polar
+
+from physreal_core.simulation import Body, Grip
+
+
+@dataclass
+class Twin:
+    """State of a body and the scene's constants; `step` advances it by dt."""
+
+    body: Body
+    offset: np.ndarray
+    E: np.ndarray
+    nu: np.ndarray
+    friction: float
+    gravity: np.ndarray
+    x: np.ndarray
+    v: np.ndarray
+
+    def __post_init__(self) -> None:
+        self.F = np.tile(np.eye(3), (len(self.x), 1, 1))
+        self.C = np.zeros_like(self.F)
+
+    def weights(self, p: int) -> list[tuple[tuple[int, int, int], float, np.ndarray]]:
+        """(node, weight, node position - particle position) of the 27 nodes around particle p."""
+        dx = self.body.cell
+        cells = (self.x[p] - self.offset) / dx
+        base = np.floor(cells - 0.5).astype(int)
+        out = []
+        for step in np.ndindex(3, 3, 3):
+            node = base + step
+            distance = np.abs(cells - node)
+            along = np.where(distance < 0.5, 0.75 - distance**2, 0.5 * (1.5 - distance) ** 2)
+            out.append((tuple(node), along.prod(), self.offset + dx * node - self.x[p]))
+        return out
+
+    def stress(self, p: int) -> np.ndarray:
+        """Kirchhoff stress of the fixed corotated law."""
+        E, nu, F = self.E[p], self.nu[p], self.F[p]
+        mu, lam = E / (2 * (1 + nu)), E * nu / ((1 + nu) * (1 - 2 * nu))
+        J = np.linalg.det(F)
+        return 2 * mu * (F - polar(F)[0]) @ F.T + lam * J * (J - 1) * np.eye(3)
+
+    def step(self, dt: float, force: np.ndarray) -> None:
+        """One substep under forces on the particles [N, 3]."""
+        dx, mass = self.body.cell, self.body.mass
+        momentum, nodal_mass = {}, {}
+        for p in range(len(self.x)):
+            tau = self.stress(p)
+            for node, w, d in self.weights(p):
+                internal = -4 / dx**2 * self.body.volume[p] * tau @ d
+                push = mass[p] * (self.v[p] + self.C[p] @ d) + dt * (internal + force[p])
+                momentum[node] = momentum.get(node, 0.0) + w * push
+                nodal_mass[node] = nodal_mass.get(node, 0.0) + w * mass[p]
+        velocity = {node: self.contact(node, p / nodal_mass[node] + dt * self.gravity) for node, p in momentum.items()}
+        for p in range(len(self.x)):
+            near = [(w, d, velocity[node]) for node, w, d in self.weights(p)]
+            self.v[p] = sum(w * v for w, _, v in near)
+            self.C[p] = 4 / dx**2 * sum(w * np.outer(v, d) for w, d, v in near)
+            self.F[p] = (np.eye(3) + dt * self.C[p]) @ self.F[p]
+        self.x = self.x + dt * self.v
+
+    def contact(self, node: tuple[int, int, int], v: np.ndarray) -> np.ndarray:
+        """Coulomb contact of the nodes of layer 0 and below."""
+        if node[2] > 0 or v[2] >= 0:
+            return v
+        tangential = np.array([v[0], v[1], 0.0])
+        speed = np.linalg.norm(tangential)
+        return max(0.0, 1 - self.friction * -v[2] / speed) * tangential if speed > 0 else tangential
+
+
+def grip_force(
+    grip: Grip, stiffness: float, damping: float, x: np.ndarray, v: np.ndarray, points: np.ndarray, point_velocity: np.ndarray
+) -> np.ndarray:
+    """Force of every bond on its particle, summed, [N, 3]."""
+    force = np.zeros_like(x)
+    for p, c, w, rest in zip(grip.particles, grip.controllers, grip.weights, grip.rest_lengths, strict=True):
+        arm = x[p] - points[c]
+        d = arm / np.linalg.norm(arm)
+        pull = stiffness * (np.linalg.norm(arm) / rest - 1) + damping * (v[p] - point_velocity[c]) @ d
+        force[p] -= w * pull * d
+    return force

@@ -32,12 +32,17 @@ def bind_grip(
     *,
     radius: float,
     spacing: float,
+    thickness: float = 0.0,
+    eye: Float[Array, " 3"] | None = None,
     per_particle: int = 4,
 ) -> GripPairs:
-    """Binds particles to the controller points within `radius` of them in frame 0.
+    """Binds particles to the controller points that hold them in frame 0.
 
-    A particle is bound to its `per_particle` nearest ones: several springs in different directions also hold it against
-    turning. The weight of a pair, (1 - (d / radius)^2)^2 / per_particle, falls smoothly to zero at the radius.
+    A camera sees only the face of a hand that is turned to it. So each controller point stands for the piece of hand
+    behind it: the segment from it along the line of sight, `thickness` long. A particle within `radius` of such a segment
+    is bound to the controller point, and to no more than the `per_particle` nearest ones; several springs in different
+    directions also hold it against turning. The weight of a pair, (1 - (d / radius)^2)^2 / per_particle, falls smoothly
+    to zero at the radius; its rest length is the distance to the controller point itself.
 
     The pairs are those of frame 0, so a hand that only comes to the object later cannot be bound.
 
@@ -46,20 +51,23 @@ def bind_grip(
         controllers: controller points [m]; NaN where unknown.
         radius: [m].
         spacing: of the particles [m].
+        thickness: of the hand behind its seen face [m]; needs `eye`.
+        eye: optical centre of the camera [m]; None where the points were not seen by one (motion capture).
 
     Raises:
         InputError: there are controllers, but none is near any particle in frame 0.
     """
-    from scipy.spatial import cKDTree
-
-    known = np.flatnonzero(np.isfinite(controllers[0]).all(axis=1)) if len(controllers) else np.empty(0, int)
     if controllers.shape[1] == 0:
         return GripPairs(np.empty(0, np.int32), np.empty(0, np.int32), np.empty(0), np.empty(0))
+    known = np.flatnonzero(np.isfinite(controllers[0]).all(axis=1))
     if len(known) == 0:
         raise InputError("no controller point is known in frame 0", where="controllers.npz", expected="positions [m]")
-    k = min(per_particle, len(known))
-    distance, nearest = cKDTree(controllers[0][known]).query(x0, k=np.arange(1, k + 1))
-    bound = (distance < radius) & (distance > NEAREST * spacing)
+    points = controllers[0][known].astype(float)
+    offset = x0[:, None] - points[None]  # [N, C, 3]
+    length = np.linalg.norm(offset, axis=2)
+    distance = length if eye is None else _to_segments(offset, points - eye, thickness)
+    nearest = np.argsort(distance, axis=1, kind="stable")[:, :per_particle]
+    bound = np.take_along_axis((distance < radius) & (length > NEAREST * spacing), nearest, axis=1)
     if not bound.any():
         raise InputError(
             f"the controller grips nothing in frame 0: nearest distance {distance.min():.4f} m",
@@ -68,10 +76,17 @@ def bind_grip(
             remedy="raise sample_particles.grip.radius, or begin the capture where the hand holds the object",
         )
     particle, slot = np.nonzero(bound)
-    lengths = distance[particle, slot]
-    weights = (1 - (lengths / radius) ** 2) ** 2 / per_particle
-    pairs = particle.astype(np.int32), known[nearest[particle, slot]].astype(np.int32)
-    return GripPairs(*pairs, weights, lengths)
+    chosen = nearest[particle, slot]
+    weights = (1 - (distance[particle, chosen] / radius) ** 2) ** 2 / per_particle
+    pairs = particle.astype(np.int32), known[chosen].astype(np.int32)
+    return GripPairs(*pairs, weights, length[particle, chosen])
+
+
+def _to_segments(offset: Array, sight: Array, thickness: float) -> Array:
+    """Distance [m] of `offset` [N, C, 3] to segments of the given length from the origin along `sight` [C, 3]."""
+    direction = sight / np.linalg.norm(sight, axis=1, keepdims=True)
+    along = np.clip((offset * direction).sum(axis=2), 0, thickness)
+    return np.linalg.norm(offset - along[..., None] * direction, axis=2)
 
 
 def _first_contact(x0: Array, controllers: Array, radius: float) -> str:

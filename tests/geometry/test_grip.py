@@ -1,0 +1,60 @@
+"""Grip pairs against their definition, on a lattice."""
+
+import numpy as np
+import pytest
+
+from physreal_core.errors import InputError
+from physreal_core.geometry import bind_grip
+
+
+def lattice():
+    return np.stack(np.meshgrid(*[np.arange(10) * 0.01] * 3, indexing="ij"), -1).reshape(-1, 3)
+
+
+def over_time(points, frames=3):
+    return np.repeat(np.asarray(points, np.float32)[None], frames, axis=0)
+
+
+def test_pairs_lie_within_the_radius_and_weights_fall():
+    x0, hand = lattice(), np.array([[0.045, 0.045, 0.102], [0.065, 0.045, 0.102], [0.045, 0.065, 0.102]])
+    grip = bind_grip(x0, over_time(hand), radius=0.03, spacing=0.01, per_particle=2)
+    lengths = np.linalg.norm(x0[grip.particles] - hand[grip.controllers], axis=1)
+    np.testing.assert_allclose(grip.rest_lengths, lengths, rtol=1e-5)
+    assert lengths.max() < 0.03
+    assert np.bincount(grip.particles).max() == 2
+    order = np.argsort(lengths)
+    assert (np.diff(grip.weights[order]) <= 1e-6).all() and grip.weights.min() >= 0
+    assert np.bincount(grip.particles, grip.weights).max() <= 1
+    within = np.linalg.norm(x0[:, None] - hand, axis=2).min(axis=1) < 0.03 - 1e-6
+    np.testing.assert_array_equal(np.unique(grip.particles), np.flatnonzero(within))
+
+
+def test_no_pair_is_shorter_than_a_quarter_of_the_spacing():
+    x0 = lattice()
+    grip = bind_grip(x0, over_time(x0[[555]]), radius=0.02, spacing=0.01)
+    assert 555 not in grip.particles
+    assert grip.rest_lengths.min() >= 0.0099
+
+
+def test_hand_reaches_behind_its_seen_face():
+    x0, hand, eye = lattice(), np.array([[0.045, -0.01, 0.045]]), np.array([0.045, -1.0, 0.045])
+    face = bind_grip(x0, over_time(hand), radius=0.02, spacing=0.01)
+    deep = bind_grip(x0, over_time(hand), radius=0.02, spacing=0.01, thickness=0.04, eye=eye)
+    assert x0[face.particles, 1].max() < 0.011
+    assert x0[deep.particles, 1].max() == pytest.approx(0.04)
+    beside = x0[deep.particles] - [0.045, 0, 0.045]
+    assert np.hypot(beside[:, 0], beside[:, 2]).max() < 0.02  # a tube along the line of sight, not a larger ball
+    np.testing.assert_allclose(deep.rest_lengths, np.linalg.norm(x0[deep.particles] - hand[0], axis=1), rtol=1e-5)
+
+
+def test_no_controller_no_pairs():
+    assert len(bind_grip(lattice(), np.zeros((5, 0, 3), np.float32), radius=0.02, spacing=0.01).particles) == 0
+
+
+def test_hand_out_of_reach_says_how_far_and_when_it_comes():
+    path = over_time([[0.0, 0.0, 0.2]])
+    path[2, 0, 2] = 0.1
+    with pytest.raises(InputError, match=r"nearest distance 0.11\d+ m.*in frame 2.*raise sample_particles.grip.radius"):
+        bind_grip(lattice(), path, radius=0.02, spacing=0.01)
+    with pytest.raises(InputError, match="no controller point is known"):
+        bind_grip(lattice(), np.full((2, 3, 3), np.nan), radius=0.02, spacing=0.01)

@@ -10,6 +10,26 @@ import warp as wp
 
 from physreal_core.rendering.reference import ALPHA_MAX, ALPHA_MIN, LOW_PASS, NEAR, TRANSMITTANCE_MIN
 
+# On a GPU the 32 threads of a warp walk through the same list of Gaussians: their contributions to a Gaussian are summed
+# in registers and added once. All of them must get here together. On the CPU a thread is alone.
+_ANY_OF_WARP = """
+#if defined(__CUDA_ARCH__)
+    return __any_sync(0xffffffffu, mine);
+#else
+    return mine;
+#endif
+"""
+_ADD_OVER_WARP = """
+    auto sum = value;
+#if defined(__CUDA_ARCH__)
+    for (int i = 0; i < LENGTH; ++i)
+        for (int offset = 16; offset > 0; offset /= 2)
+            sum[i] += __shfl_down_sync(0xffffffffu, sum[i], offset);
+    if (threadIdx.x % 32 != 0) return;
+#endif
+    wp::atomic_add(target, index, sum);
+"""
+
 
 @cache
 def raster_kernels(scalar: type) -> SimpleNamespace:
@@ -28,6 +48,15 @@ def raster_kernels(scalar: type) -> SimpleNamespace:
     zero, half, one, two = (wp.constant(scalar(v)) for v in (0.0, 0.5, 1.0, 2.0))
     module = wp.get_module(f"{__name__}.{scalar.__name__}")
     module.options["enable_backward"] = False
+
+    @wp.func_native(_ANY_OF_WARP)
+    def any_of_warp(mine: bool) -> bool: ...
+
+    @wp.func_native(_ADD_OVER_WARP.replace("LENGTH", "6"))
+    def add_over_warp(target: wp.array(dtype=vec6), index: int, value: vec6): ...
+
+    @wp.func_native(_ADD_OVER_WARP.replace("LENGTH", "4"))
+    def add_over_warp(target: wp.array(dtype=vec4), index: int, value: vec4): ...  # noqa: F811
 
     @wp.struct
     class Splat:
@@ -194,42 +223,46 @@ def raster_kernels(scalar: type) -> SimpleNamespace:
     ):
         """Front to back again. `behind` is the loss carried by all that lies behind the current Gaussian, so
         d loss / d alpha = T * (feature . bar) - behind / (1 - alpha). `moments` sums q, q dx, q dy, q dx^2, q dx dy,
-        q dy^2 with q = exp(power) * d loss / d alpha."""
+        q dy^2 with q = exp(power) * d loss / d alpha. Opaque pixels and those outside the image go along idly."""
         thread = wp.tid()
         index = thread / (tile * tile)
         local = thread % (tile * tile)
         px = (index % tiles_x) * tile + local % tile
         py = (index / tiles_x) * tile + local / tile
-        if px >= width or py >= height:
-            return
         x = scalar(px)
         y = scalar(py)
-        bar = image_bar[py, px]
-        behind = wp.dot(image[py, px], bar) + transmittances[py, px] * transmittances_bar[py, px]
-        transmittance = scalar(1.0)
+        bar = vec4()
+        behind = scalar(0.0)
+        transmittance = scalar(0.0)
+        if px < width and py < height:
+            bar = image_bar[py, px]
+            behind = wp.dot(image[py, px], bar) + transmittances[py, px] * transmittances_bar[py, px]
+            transmittance = scalar(1.0)
         pair = starts[index]
         end = starts[index + 1]
-        while pair < end and transmittance > transmittance_min:
+        while pair < end and any_of_warp(transmittance > transmittance_min):
             g = pair_splats[pair]
             pair += 1
             splat = splats[g]
             dx = x - splat.centre[0]
             dy = y - splat.centre[1]
             power = dx * (splat.falloff[0] * dx + splat.falloff[1] * dy) + splat.falloff[2] * dy * dy
-            if power >= splat.power_min:
-                falloff = wp.exp(power)
-                uncapped = splat.opacity * falloff
-                alpha = wp.min(uncapped, alpha_max)
-                weight = alpha * transmittance
-                gain = wp.dot(features[g], bar)
-                behind -= weight * gain
-                wp.atomic_add(features_bar, g, weight * bar)
-                if uncapped < alpha_max:
-                    q = falloff * (transmittance * gain - behind / (one - alpha))
-                    qx = q * dx
-                    qy = q * dy
-                    wp.atomic_add(moments, g, vec6(q, qx, qy, qx * dx, qx * dy, qy * dy))
-                transmittance -= weight
+            drawn = power >= splat.power_min and transmittance > transmittance_min
+            if any_of_warp(drawn):
+                weight = scalar(0.0)
+                q = scalar(0.0)
+                if drawn:
+                    falloff = wp.exp(power)
+                    uncapped = splat.opacity * falloff
+                    alpha = wp.min(uncapped, alpha_max)
+                    weight = alpha * transmittance
+                    gain = wp.dot(features[g], bar)
+                    behind -= weight * gain
+                    if uncapped < alpha_max:
+                        q = falloff * (transmittance * gain - behind / (one - alpha))
+                    transmittance -= weight
+                add_over_warp(features_bar, g, weight * bar)
+                add_over_warp(moments, g, vec6(q, q * dx, q * dy, q * dx * dx, q * dx * dy, q * dy * dy))
 
     @wp.kernel(module=module)
     def project_adjoint(

@@ -32,7 +32,7 @@ class Tolerance:
 
 TOLERANCES = {
     torch.float64: Tolerance(image=1e-10, share=0.0, jump=0.0, gradient=1e-9),
-    torch.float32: Tolerance(image=1e-4, share=2e-3, jump=3 / 255, gradient=2e-3),
+    torch.float32: Tolerance(image=1e-5, share=1e-3, jump=3 / 255, gradient=5e-4),
 }
 
 

@@ -32,10 +32,10 @@ class FrictionCoefficient(Variable):
 
 
 class GripStiffness(Variable):
-    initial: float = Field(2.0, gt=0, description="k_f: force of a bond of weight one at unit strain, start [N]")
+    initial: float = Field(4.0, gt=0, description="k_f: force of a bond of weight one at unit strain, start [N]")
     lower: float = Field(0.01, gt=0, description="[N]")
     upper: float = Field(1e3, gt=0, description="[N]")
-    rate: float = Field(0.0, ge=0, description=_RATE.format("logarithm"))
+    rate: float = Field(0.1, ge=0, description=_RATE.format("logarithm"))
 
 
 class GripDamping(Variable):
@@ -99,7 +99,7 @@ class FitGlobal(StageParameters):
     losses: Losses = Field(Losses(), description="")
     masks: Masks = Field(Masks(), description="")
     scan: Scan = Field(Scan(), description="")
-    descent: Descent = Field(Descent(iterations=20, warmup=6), description="")
+    descent: Descent = Field(Descent(iterations=14, warmup=3), description="")
     device: Device = device_field()
 
     @model_validator(mode="after")

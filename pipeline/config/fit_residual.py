@@ -26,9 +26,9 @@ class FitResidual(StageParameters):
     """Stage 3: what no expert law explains; E and nu are held."""
 
     residual: Residual = Field(Residual(), description="")
-    networks: Rate = Field(Rate(rate=0.01), description="the networks' weights")
-    latents: Rate = Field(Rate(rate=0.02), description="the patches' latent codes")
+    networks: Rate = Field(Rate(rate=0.02), description="the networks' weights")
+    latents: Rate = Field(Rate(rate=0.04), description="the patches' latent codes")
     losses: Losses = Field(Losses(), description="")
     masks: Masks = Field(Masks(), description="")
-    descent: Descent = Field(Descent(iterations=20, every_term=True), description="")
+    descent: Descent = Field(Descent(iterations=12, every_term=True), description="")
     device: Device = device_field()

@@ -14,10 +14,14 @@ HAND_MARGIN = 2  # [px] around the hand's mask where its edge may hide the objec
 
 
 def first_frame(context: StageContext) -> Observation:
+    """Frame 0 from the outputs of parse_video and segment_and_track."""
+    return read_first_frame(context.input("parse_video"), context.input("segment_and_track") / "masks")
+
+
+def read_first_frame(video: Path, masks: Path) -> Observation:
     """Colour, depth (zeros where the capture has none), masks and camera of frame 0."""
     import cv2
 
-    video, masks = context.input("parse_video"), context.input("segment_and_track") / "masks"
     record = json.loads((video / "camera.json").read_text())
     camera = Camera(np.array(record["K"]), np.array(record["T_world_camera"]), record["width"], record["height"])
     rgb = _read(video / "color" / "000000.png", cv2.IMREAD_COLOR)[..., ::-1] / 255.0

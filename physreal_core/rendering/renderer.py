@@ -124,3 +124,8 @@ def _check(means: Tensor, covariances: Tensor, opacities: Tensor, colours: Tenso
     got = [tuple(a.shape) for a in (means, covariances, opacities, colours)]
     if got != [(count, 3), (count, 3, 3), (count,), (count, 3)]:
         raise InputError(f"shapes {got}", where="rasterise", expected="[G, 3], [G, 3, 3], [G], [G, 3]")
+    kinds = {(a.dtype, a.device) for a in (means, covariances, opacities, colours)}
+    if len(kinds) > 1 or means.dtype not in (torch.float32, torch.float64):
+        raise InputError(
+            f"{sorted(map(str, kinds))}", where="rasterise", expected="all float32 or float64, on one device"
+        )

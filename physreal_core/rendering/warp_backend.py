@@ -6,6 +6,7 @@ from contextlib import nullcontext
 
 import torch
 import warp as wp
+from torch.autograd.function import once_differentiable
 
 from physreal_core.array_types import Float, Tensor
 from physreal_core.rendering.camera import Camera
@@ -51,6 +52,7 @@ class _Rasterise(torch.autograd.Function):
         return image, transmittance
 
     @staticmethod
+    @once_differentiable
     def backward(ctx, image_bar, transmittance_bar):
         means, covariances, opacities, features, image, transmittance = ctx.saved_tensors
         kernels, view, device = ctx.kernels, ctx.view, ctx.device

@@ -145,6 +145,8 @@ def test_errors() -> None:
     means, covariances, opacities, colours = inputs(5)
     with pytest.raises(InputError, match=r"\[G, 3, 3\]"):
         rasterise(means, covariances[:, :2], opacities, colours, camera())
+    with pytest.raises(InputError, match="all float32 or float64"):
+        rasterise(means, covariances.float(), opacities, colours, camera())
     with pytest.raises(InputError, match="backend 'cuda'"):
         rasterise(means, covariances, opacities, colours, camera(), backend="cuda")
     with pytest.raises(InputError, match="gsplat"):

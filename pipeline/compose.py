@@ -53,9 +53,16 @@ def _compose_raw(overrides: list[str], conf: Path) -> dict[str, Any]:
 
     try:
         with initialize_config_dir(str(conf), version_base=None):
-            return OmegaConf.to_container(hydra_compose("config", overrides=overrides), resolve=True)
+            composed = hydra_compose("config", overrides=[_as_hydra(override, conf) for override in overrides])
+            return OmegaConf.to_container(composed, resolve=True)
     except (HydraException, OmegaConfBaseException) as error:
         raise InputError(str(error).strip(), where="physreal compose", remedy=f"see the options under {conf}") from None
+
+
+def _as_hydra(override: str, conf: Path) -> str:
+    """A value may be given for any key, named in conf or not: validation, which knows all keys, comes after."""
+    key, equals, _ = override.partition("=")
+    return f"++{override}" if equals and key[:1].isalpha() and not (conf / key).is_dir() else override
 
 
 def _lines(parameters: Parameters) -> list[str]:

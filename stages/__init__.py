@@ -1,0 +1,5 @@
+"""The stages: `python -m stages.<name> <sequence>`."""
+
+from pipeline.threads import limit_threads
+
+limit_threads()

@@ -104,7 +104,9 @@ def differences(name: str, device: str, dtype: str, live: bool) -> dict[str, flo
 
 def write() -> None:
     """Store the CPU's float64 numbers."""
-    arrays = {f"{name}/{key}": value for name, case in CASES.items() for key, value in run(case, "cpu", "float64").items()}
+    arrays = {
+        f"{name}/{key}": value for name, case in CASES.items() for key, value in run(case, "cpu", "float64").items()
+    }
     REFERENCE.parent.mkdir(exist_ok=True)
     np.savez_compressed(REFERENCE, **arrays)
 
@@ -119,13 +121,17 @@ def main() -> None:
         write()
         return
     card = torch.cuda.get_device_name(args.device) if args.device.startswith("cuda") else "CPU"
-    print(f"{card} against the CPU, relative differences\n\n| scene | width | states | gradients | worst |\n|---|---|--:|--:|---|")
+    print(
+        f"{card} against the CPU, relative differences\n\n| scene | width | states | gradients | worst |\n|---|---|--:|--:|---|"
+    )
     failed = False
     for dtype, tolerance in TOLERANCES.items():
         for name in CASES:
             found = differences(name, args.device, dtype, args.live)
             worst = max(found, key=found.get)
-            states, gradients = (max(v for k, v in found.items() if k.startswith("gradient") == g) for g in (False, True))
+            states, gradients = (
+                max(v for k, v in found.items() if k.startswith("gradient") == g) for g in (False, True)
+            )
             failed |= not max(states, gradients) <= tolerance
             print(f"| {name} | {dtype} | {states:.1e} | {gradients:.1e} | {worst} |", flush=True)
     print("\nAbove the tolerances" if failed else "\nWithin the tolerances", TOLERANCES)

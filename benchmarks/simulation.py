@@ -1,8 +1,8 @@
-"""Particle-substeps per second of the simulator: `python -m benchmarks.simulation [--quick] [--json FILE] [--device cuda:0]`
+"""Speed of the simulator: `python -m benchmarks.simulation [--quick] [--json FILE] [--device cuda:0]`
 
-Scenes: a free block of 20 000 particles in the middle of what would be a 64^3 grid (100 000 in a 108^3 one on CUDA), and a
-soft toy of 1440 particles lifted from the ground by its grip, as the fits run it. Fixed corotated, float32. On the CPU
-the rates are per second of processor time, so that other work on the machine does not count.
+Particle-substeps per second, fixed corotated, float32. Scenes: a free block of 20 000 particles in the middle of what
+would be a 64^3 grid (100 000 in a 108^3 one on CUDA), and a soft toy of 1440 particles lifted from the ground by its grip,
+as the fits run it. On the CPU the rates are per second of processor time, so that other work does not count.
 """
 
 from __future__ import annotations
@@ -25,7 +25,7 @@ Scene = tuple[Simulator, Parameters, torch.Tensor]
 
 
 def free_block(counts: tuple[int, int, int], cell: float, frames: int, device: str) -> Scene:
-    """A jittered lattice, 8 particles a cell, spinning and falling; 1000 kg/m3, 100 kPa, steps of 0.2 ms at dx = 1/64 m."""
+    """A jittered lattice, 8 particles a cell, spinning and falling; 1000 kg/m3, 100 kPa, 0.2 ms steps at dx = 1/64."""
     rng = np.random.default_rng(0)
     index = np.stack(np.meshgrid(*[np.arange(n) for n in counts], indexing="ij"), -1).reshape(-1, 3)
     h = cell / 2

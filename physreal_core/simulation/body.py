@@ -1,4 +1,4 @@
-"""What is simulated and what acts on it: initial particles, grip, clamps, point loads; checked numpy arrays in SI units."""
+"""What is simulated and what acts on it: particles, grip, clamps, point loads; checked numpy arrays in SI units."""
 
 from dataclasses import dataclass
 
@@ -31,7 +31,9 @@ class Body:
             if array.shape != shape or count == 0 or not np.isfinite(array).all():
                 raise InputError(f"{name} has shape {array.shape}", where=f"Body.{name}", expected=f"finite, {shape}")
             if name != "x0" and array.min() <= 0:
-                raise InputError(f"smallest {name} is {array.min():g}", where=f"Body.{name}", expected="positive values")
+                raise InputError(
+                    f"smallest {name} is {array.min():g}", where=f"Body.{name}", expected="positive values"
+                )
             object.__setattr__(self, name, array)
         if not self.spacing > 0:
             raise InputError(f"spacing is {self.spacing}", where="Body.spacing", expected="a positive length [m]")
@@ -65,10 +67,17 @@ class Grip:
 
     def __post_init__(self) -> None:
         count = len(self.particles)
-        for name, kind in (("particles", np.int32), ("controllers", np.int32), ("weights", float), ("rest_lengths", float)):
+        for name, kind in (
+            ("particles", np.int32),
+            ("controllers", np.int32),
+            ("weights", float),
+            ("rest_lengths", float),
+        ):
             array = np.ascontiguousarray(getattr(self, name), dtype=kind)
             if array.shape != (count,):
-                raise InputError(f"shape {array.shape}", where=f"Grip.{name}", expected=f"({count},), one entry per bond")
+                raise InputError(
+                    f"shape {array.shape}", where=f"Grip.{name}", expected=f"({count},), one entry per bond"
+                )
             object.__setattr__(self, name, array)
 
     def check(self, body: Body) -> None:
@@ -76,7 +85,9 @@ class Grip:
         if len(self.particles) == 0:
             return
         if self.particles.min() < 0 or self.particles.max() >= len(body.x0):
-            raise InputError("a bond names a particle that is not there", where="Grip.particles", expected=f"0..{len(body.x0) - 1}")
+            raise InputError(
+                "a bond names a particle that is not there", where="Grip.particles", expected=f"0..{len(body.x0) - 1}"
+            )
         if self.controllers.min() < 0:
             raise InputError("a bond names a negative controller", where="Grip.controllers")
         if self.weights.min() < 0 or not np.isfinite(self.weights).all():

@@ -39,10 +39,14 @@ class SimulationConfig:
             ("dtype", ("float32", "float64")),
         ):
             if getattr(self, name) not in known:
-                raise InputError(f"{getattr(self, name)!r}", where=f"SimulationConfig.{name}", expected=" or ".join(known))
+                raise InputError(
+                    f"{getattr(self, name)!r}", where=f"SimulationConfig.{name}", expected=" or ".join(known)
+                )
         for name in ("fps", "courant"):
             if not getattr(self, name) > 0:
-                raise InputError(f"{getattr(self, name)}", where=f"SimulationConfig.{name}", expected="a positive number")
+                raise InputError(
+                    f"{getattr(self, name)}", where=f"SimulationConfig.{name}", expected="a positive number"
+                )
 
     @property
     def elastic_residual(self) -> ResidualConfig | None:

@@ -32,7 +32,7 @@ def scalar_types(dtype: str) -> ScalarTypes:
 
 
 def kernel_module(family: str, dtype: str) -> wp.Module:
-    """Warp module of one kernel family and width: compiled by itself, and without Warp's own adjoints (ours are by hand).
+    """Warp module of one kernel family and width: compiled by itself, without Warp's own adjoints (ours are by hand).
 
     On the CPU products and sums may fuse, as they do on CUDA by default: a tenth faster.
     """

@@ -1,4 +1,4 @@
-"""Simulator: frames to states as one differentiable torch function, its backward the exact adjoint of the discrete step.
+"""Frames to states as one differentiable torch function, its backward the exact adjoint of the discrete step.
 
 The forward pass keeps particle states at frame times only; the backward pass recomputes one frame's substeps at a time
 and runs their adjoint. Memory grows with frames and with substeps per frame, not with their product.
@@ -10,6 +10,7 @@ from contextlib import contextmanager
 import numpy as np
 import torch
 import warp as wp
+from torch.autograd.function import once_differentiable
 
 from physreal_core.array_types import Array, Float, Tensor
 from physreal_core.errors import InputError, SimulationError
@@ -63,7 +64,7 @@ class Simulator:
 
         Args:
             parameters: differentiable parameters; under `torch.no_grad()` nothing is kept for a backward pass.
-            controllers: controller points [m] at frame times, shape [T, C, 3]; C = 0 without a grip.
+            controllers: controller points [m] at frame times, shape [T, C, 3], C = 0 without a grip; no gradient.
             progress: called as `progress(frames done, frames)` after each frame, forward and backward.
 
         Raises:
@@ -90,7 +91,7 @@ class Simulator:
 
     @contextmanager
     def _stream(self) -> Iterator[None]:
-        """Run torch and Warp on one side stream of the GPU, in order with the caller's; the caller's own may not allow graphs."""
+        """Run torch and Warp on one side stream of the GPU, in order with the caller's, which may not allow graphs."""
         if self.config.device == "cpu":
             yield
             return
@@ -141,7 +142,9 @@ class Simulator:
             stepper.forward(keep=False)
             outside, not_finite = stepper.failures()
             if not_finite is not None:
-                raise SimulationError("the state is not finite", frame=frame, substep=not_finite[0], particle=not_finite[1])
+                raise SimulationError(
+                    "the state is not finite", frame=frame, substep=not_finite[0], particle=not_finite[1]
+                )
             if outside is None:
                 return box
             margin = 2.0 * margin + 4.0 * stepper.cell
@@ -153,7 +156,11 @@ class Simulator:
         ahead = x + v * frame_time
         travel = (points[1] - points[0]).norm(dim=-1).max() if points.shape[1] else x.new_zeros(())
         bounds = torch.cat(
-            [torch.minimum(x, ahead).amin(0), torch.maximum(x, ahead).amax(0), torch.stack([v.norm(dim=1).max(), travel])]
+            [
+                torch.minimum(x, ahead).amin(0),
+                torch.maximum(x, ahead).amax(0),
+                torch.stack([v.norm(dim=1).max(), travel]),
+            ]
         )
         bounds = bounds.double().cpu().numpy()
         fall = float(np.linalg.norm(self.config.gravity)) * frame_time**2
@@ -222,6 +229,7 @@ class _Rollout(torch.autograd.Function):
         return x, v, F
 
     @staticmethod
+    @once_differentiable
     def backward(ctx, x_bar: Tensor | None, v_bar: Tensor | None, F_bar: Tensor | None):
         simulator, progress, substeps, C, boxes = ctx.rest
         points, x, v, F, *saved = ctx.saved_tensors

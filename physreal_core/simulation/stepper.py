@@ -1,7 +1,7 @@
 """One frame of substeps, forward and adjoint, as a fixed sequence of launches on arrays that stay where they are.
 
-A substep is: grip, stress, p2g, nodes, g2p, plastic flow. Nothing in it waits for the device or depends on values the host computes,
-so on a GPU a frame runs as one CUDA graph: the grid's box, the time step and the controller points are device arrays.
+A substep is: grip, stress, p2g, nodes, g2p, plastic flow. Nothing in it waits for the device or depends on values the
+host computes, so on a GPU a frame runs as one CUDA graph: box, time step and controller points are device arrays.
 """
 
 from collections.abc import Callable
@@ -66,7 +66,12 @@ class Stepper:
     """
 
     def __init__(
-        self, body: Body, config: SimulationConfig, grip: Grip | None, clamps: tuple[Clamp, ...], loads: tuple[PointLoad, ...]
+        self,
+        body: Body,
+        config: SimulationConfig,
+        grip: Grip | None,
+        clamps: tuple[Clamp, ...],
+        loads: tuple[PointLoad, ...],
     ) -> None:
         self.types = scalar_types(config.dtype)
         self.device, self.config = config.device, config
@@ -85,7 +90,9 @@ class Stepper:
     def _upload(self, array: np.ndarray, warp_dtype: type) -> wp.array:
         return wp.array(array, dtype=warp_dtype, device=self.device)
 
-    def _constants(self, body: Body, grip: Grip | None, clamps: tuple[Clamp, ...], loads: tuple[PointLoad, ...]) -> None:
+    def _constants(
+        self, body: Body, grip: Grip | None, clamps: tuple[Clamp, ...], loads: tuple[PointLoad, ...]
+    ) -> None:
         scalar, vec3 = self.types.scalar, self.types.vec3
         self.mass, self.volume = self._upload(body.mass, scalar), self._upload(body.volume, scalar)
         rounding = torch.finfo(self.types.torch_dtype).eps

@@ -12,7 +12,10 @@ import warp as wp
 from physreal_core.simulation.lattice import lattice_functions
 from physreal_core.simulation.scalars import kernel_module, scalar_types
 
-OUTSIDE, NOT_FINITE = wp.constant(0), wp.constant(1)  # entries of `status`: first substep * N + particle of each failure
+OUTSIDE, NOT_FINITE = (
+    wp.constant(0),
+    wp.constant(1),
+)  # entries of `status`: first substep * N + particle
 
 
 @functools.cache

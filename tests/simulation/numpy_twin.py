@@ -74,7 +74,13 @@ class Twin:
 
 
 def grip_force(
-    grip: Grip, stiffness: float, damping: float, x: np.ndarray, v: np.ndarray, points: np.ndarray, point_velocity: np.ndarray
+    grip: Grip,
+    stiffness: float,
+    damping: float,
+    x: np.ndarray,
+    v: np.ndarray,
+    points: np.ndarray,
+    point_velocity: np.ndarray,
 ) -> np.ndarray:
     """Force of every bond on its particle, summed, [N, 3]."""
     force = np.zeros_like(x)

@@ -1,4 +1,4 @@
-"""CUDA against the CPU: states and gradients of small scenes; and the stored CPU numbers against today's CPU kernels."""
+"""CUDA against the CPU, states and gradients of small scenes; the stored CPU numbers against today's CPU kernels."""
 
 import pytest
 import torch

@@ -114,9 +114,7 @@ def test_zero_output_layers_give_the_expert_model_exactly():
     parameters.network_elastic, parameters.network_plastic = initial_weights(RESIDUAL, 0)
     # the residual's room for more stress asks for shorter steps: give the expert model the same ones
     courant = simulator.config.courant / np.sqrt(1 + RESIDUAL.beta_elastic)
-    expert = Simulator(
-        simulator.body, replace(simulator.config, residual=None, courant=courant), simulator.grip
-    )
+    expert = Simulator(simulator.body, replace(simulator.config, residual=None, courant=courant), simulator.grip)
     assert expert.substeps(parameters) == simulator.substeps(parameters)
     with torch.no_grad():
         hybrid, plain = simulator.rollout(parameters, controllers), expert.rollout(parameters, controllers)
@@ -143,7 +141,7 @@ def test_loss_at_one_quantity_of_one_frame(quantity, frame):
 
 
 def test_uniform_expansion_keeps_singular_values_equal():
-    """From F = 1, at rest in the middle, through F = s 1: laws that divide by differences of singular values fail here."""
+    """From F = 1, at rest in the middle, through F = s 1: laws that divide by their differences fail here."""
     body = block((4, 4, 4))
     centre = body.x0.mean(0)
     for law in ELASTIC_LAWS:
@@ -164,9 +162,7 @@ def test_at_rest_the_gradient_is_finite_and_right():
     config = SimulationConfig(fps=100, gravity=(0.0, 0.0, 0.0), ground_height=None, dtype="float64")
     parameters = Parameters(tensor(2e3), tensor(0.3), initial_velocity=torch.zeros(27, 3, dtype=torch.float64))
     steps = {"initial_velocity": 1e-4, "youngs_modulus": 1.0}
-    results = directional_errors(
-        Simulator(body, config), parameters, torch.zeros(3, 0, 3), random_loss([1, 2]), steps
-    )
+    results = directional_errors(Simulator(body, config), parameters, torch.zeros(3, 0, 3), random_loss([1, 2]), steps)
     assert results.pop("youngs_modulus") == (0.0, 0.0)
     check(results)
 
@@ -176,7 +172,9 @@ def test_clamp_and_point_load():
     config = SimulationConfig(fps=60, ground_height=None, dtype="float64")
     clamp = Clamp((-1.0, -1.0, -1.0), (0.005, 1.0, 1.0))
     tip = np.flatnonzero(body.x0[:, 0] > 0.05)
-    simulator = Simulator(body, config, clamps=(clamp,), loads=(PointLoad(tip, np.ones(len(tip)), (0.0, 0.001, 0.002)),))
+    simulator = Simulator(
+        body, config, clamps=(clamp,), loads=(PointLoad(tip, np.ones(len(tip)), (0.0, 0.001, 0.002)),)
+    )
     parameters = Parameters(tensor(2e3), tensor(0.3), initial_velocity=torch.zeros(54, 3, dtype=torch.float64))
     steps = {name: STEPS[name] for name in ("youngs_modulus", "poissons_ratio", "initial_velocity")}
     check(directional_errors(simulator, parameters, torch.zeros(FRAMES, 0, 3), random_loss([1, 2, 3]), steps))

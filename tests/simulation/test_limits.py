@@ -25,7 +25,9 @@ def parameters(**changes) -> Parameters:
     ],
 )
 def test_bad_parameters_are_named(name, value, told):
-    simulator = Simulator(block((2, 2, 2)), SimulationConfig(fps=60, plastic_law="von_mises" if name == "plastic" else "identity"))
+    simulator = Simulator(
+        block((2, 2, 2)), SimulationConfig(fps=60, plastic_law="von_mises" if name == "plastic" else "identity")
+    )
     with pytest.raises(InputError, match=f"Parameters.{name}.*{told}"):
         simulator.rollout(parameters(**{name: value}), torch.zeros(2, 0, 3))
 
@@ -71,7 +73,7 @@ def test_a_state_that_turns_non_finite_stops_with_its_place():
 
 
 def test_a_particle_that_leaves_its_box_gets_a_larger_one():
-    """Pulled from rest within a frame farther than its velocity foretold: the frame runs again, with the same result."""
+    """Pulled from rest within a frame farther than its velocity foretold: the frame runs again in a larger box."""
     body = block((3, 3, 3))
     config = SimulationConfig(fps=10, gravity=(0.0, 0.0, 0.0), ground_height=None)
     acceleration = 30.0  # 0.15 m in a frame, seven cells
@@ -152,3 +154,13 @@ def test_progress_is_told():
     assert seen == [(1, 3), (2, 3), (3, 3)]
     states.x.sum().backward()
     assert seen[3:] == [(1, 3), (2, 3), (3, 3)]
+
+
+def test_a_single_frame_is_the_initial_state():
+    velocity = torch.ones(8, 3, requires_grad=True)
+    states = Simulator(block((2, 2, 2)), SimulationConfig(fps=60)).rollout(
+        parameters(initial_velocity=velocity), torch.zeros(1, 0, 3)
+    )
+    assert states.x.shape == (1, 8, 3)
+    states.v.sum().backward()
+    assert torch.equal(velocity.grad, torch.ones(8, 3))

@@ -68,14 +68,18 @@ def test_block_lands_near_the_plane():
     for corner, low, high in ((0.0, -0.05, 0.0), (0.03, 0.0, 0.3)):
         body = block((10, 10, 8), spacing=0.008, corner=(0.0, 0.0, corner))
         states = rollout(
-            Simulator(body, SimulationConfig(fps=30)), 30, youngs_modulus=6e4, poissons_ratio=0.3, friction_coefficient=0.5
+            Simulator(body, SimulationConfig(fps=30)),
+            30,
+            youngs_modulus=6e4,
+            poissons_ratio=0.3,
+            friction_coefficient=0.5,
         )
         gap = float(states.x[-10:, :, 2].amin(1).mean()) - 0.004
         assert low * cell <= gap <= high * cell
 
 
 def test_hanging_bar_stretches_by_rho_g_l2_over_2e():
-    """Ten cells long and clamped at the top; it swings about the static stretch, which the mean over two periods gives."""
+    """Ten cells long and clamped at the top; the mean over two periods is the static stretch."""
     E, density, spacing, cells = 2e4, 1000.0, 0.01, 10
     length = 2 * cells * spacing
     body = block((4, 4, 2 * cells + 2), spacing, density, corner=(0.0, 0.0, -length))

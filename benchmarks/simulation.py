@@ -1,8 +1,8 @@
 """Speed of the simulator: `python -m benchmarks.simulation [--quick] [--json FILE] [--device cuda:0]`
 
 Particle-substeps per second, fixed corotated, float32. Scenes: a free block of 20 000 particles in the middle of what
-would be a 64^3 grid (100 000 in a 108^3 one on CUDA), and a soft toy of 1440 particles lifted from the ground by its grip,
-as the fits run it. On the CPU the rates are per second of processor time, so that other work does not count.
+would be a 64^3 grid (100 000 in a 108^3 one on CUDA), and a soft toy of 1440 particles lifted off the ground by its
+grip, as the fits run it. On the CPU the rates are per second of processor time, so that other work does not count.
 """
 
 from __future__ import annotations

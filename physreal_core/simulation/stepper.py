@@ -198,8 +198,8 @@ class Stepper:
         n, nodes = self.particles, self._nodes
         has_ground = int(self.config.ground_height is not None)
         self._mark = phase(
-            grid.mark_nodes, nodes, 0, offset, scalar(self.cell), box, has_ground, self.clamp_lower, self.clamp_upper, kind,
-            momentum,
+            grid.mark_nodes, nodes, 0, offset, scalar(self.cell), box, has_ground, self.clamp_lower, self.clamp_upper,
+            kind, momentum,
         )  # fmt: skip
         config = self.config
         stress = stress_kernels(config.elastic_law, config.elastic_residual, config.dtype)

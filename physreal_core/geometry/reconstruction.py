@@ -10,7 +10,6 @@ from physreal_core.geometry.observation import Observation
 from physreal_core.rendering import Gaussians
 
 SEAL = 2.5  # [voxels] gaps in a shell of Gaussians up to twice as wide are closed
-HAND_WIDTH = 0.05  # [m] gaps in the seen surface up to twice as wide are bridged where the hand is in front
 PAD = 3  # empty voxels around everything, and below the support plane
 
 
@@ -21,7 +20,8 @@ def mesh_from_view(observation: Observation, *, voxel: float = 0.004, underside:
     max(0, H - z_top), where H is the greatest seen height within the distance z_top. A body that lies on the plane with
     a section as round as it is high is met exactly, and so is a box. What the body hides behind itself is filled by
     balls: under every ridge (z_top = H) the ball of diameter H, if all of it lies behind the seen surface and inside the
-    silhouette, and if the surface is seen as far past the ridge as that of a round body would be. With underside = "flat" columns go down to the plane and there are no balls.
+    silhouette, and if the surface is seen as far past the ridge as that of a round body would be. What the hand hides
+    between seen parts (in their convex hull) is as high as the nearest ridge. With underside = "flat" columns go down to the plane and there are no balls.
 
     Args:
         observation: frame 0 with depth; the object touches the plane z = 0.
@@ -121,27 +121,23 @@ def _seen_tops(points: Array, low: Array, voxel: float, shape: Array) -> Float[A
 
 
 def _bridged(top: Float[Array, "X Y"], observation: Observation, low: Array, voxel: float) -> Float[Array, "X Y"]:
-    """Columns that the hand hides between seen ones take the height of the nearest seen one.
-
-    "Between" is the closing of the seen columns by a disc that a hand's width fits into.
-    """
+    """Columns that the hand hides, within the convex hull of the seen ones, take the height of the nearest ridge."""
     from scipy import ndimage
+    from skimage.morphology import convex_hull_image
 
     seen = top > 0
     if not observation.hidden.any():
         return top
-    reach = HAND_WIDTH / voxel
-    padded = np.pad(seen, int(reach) + 1)
-    wide = ndimage.distance_transform_edt(~padded) <= reach
-    closed = (ndimage.distance_transform_edt(wide) > reach)[tuple(slice(int(reach) + 1, -int(reach) - 1) for _ in "xy")]
-    nearest = ndimage.distance_transform_edt(~seen, return_distances=False, return_indices=True)
+    ridge = top > 0.9 * _local_height(top, voxel)
+    nearest = ndimage.distance_transform_edt(~(seen & ridge), return_distances=False, return_indices=True)
     height = top[tuple(nearest)]
     x, y = low[:2, None, None] + (np.indices(top.shape) + 0.5) * voxel
     pixels, _ = observation.camera.project(torch.as_tensor(np.stack([x, y, height / 2], axis=-1)))
     u, v = np.rint(pixels.numpy()).astype(int).transpose(2, 0, 1)
     rows, columns = observation.hidden.shape
     hidden = observation.hidden[np.clip(v, 0, rows - 1), np.clip(u, 0, columns - 1)]
-    return np.where(seen, top, np.where(closed & hidden, height, 0))
+    between = hidden & convex_hull_image(seen)
+    return np.where(between, np.maximum(top, height), top)
 
 
 def _local_height(top: Float[Array, "X Y"], voxel: float) -> Float[Array, "X Y"]:

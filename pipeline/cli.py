@@ -43,6 +43,11 @@ def _parser() -> argparse.ArgumentParser:
     command.add_argument("--clip", action="store_true", help="perception only: no model will be fitted")
     command.set_defaults(command=_import)
 
+    command = commands.add_parser("add", help="enter a capture folder that is there already in params.yaml")
+    command.add_argument("name", help="its name in data/captures")
+    command.add_argument("--clip", action="store_true", help="perception only: no model will be fitted")
+    command.set_defaults(command=_add)
+
     command = commands.add_parser("models", help="fetch and convert the pretrained networks into data/models")
     command.add_argument("names", nargs="*", help="which; default: those the default configuration needs; all: all")
     command.set_defaults(command=_models)
@@ -101,6 +106,14 @@ def _import(parsed: argparse.Namespace) -> int:
         return 0 if parsed.kind is None else 2
     role = "clips" if parsed.clip else "fits"
     print(import_capture(parsed.kind, parsed.source, parsed.name, parsed.options, role, Project.find()))
+    return 0
+
+
+def _add(parsed: argparse.Namespace) -> int:
+    from pipeline.importing import add_sequence
+    from pipeline.project import Project
+
+    print(add_sequence(parsed.name, "clips" if parsed.clip else "fits", Project.find()))
     return 0
 
 

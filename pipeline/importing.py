@@ -49,23 +49,31 @@ def import_capture(kind: str, source: Path, name: str, options: list[str], role:
     keywords = _keywords(importer, options)
     project.capture(name).parent.mkdir(parents=True, exist_ok=True)
     importer.import_capture(source, project.capture(name), **keywords)
-    _enter(project, name, role)
-    target = "segment_and_track/dvc.yaml:segment_and_track_clip" if role == "clips" else "evaluate/dvc.yaml:evaluate"
-    return (
-        f"wrote {project.capture(name)} and entered {name} in {project.parameters.name} (under {role})\n"
-        f"next: dvc repro pipeline/{target}@{name}"
-    )
+    return f"wrote {project.capture(name)}\n{add_sequence(name, role, project)}"
 
 
-def _enter(project: Project, name: str, role: str) -> None:
-    """Add the sequence to params.yaml, all other values as they were."""
+def add_sequence(name: str, role: str, project: Project) -> str:
+    """Enter a capture folder in params.yaml, all other values as they were.
+
+    Args:
+        name: a folder in data/captures.
+        role: `fits` (become an object and be fitted) or `clips` (perception only).
+        project: where.
+
+    Returns:
+        What was done and what comes next, for the user.
+    """
     from pipeline.compose import render
+    from pipeline.frames import check_capture
 
+    found = check_capture(project.capture(name))
     raw = read_parameters(project.parameters)
     home = "clips" if role == "clips" else "sequences"
     raw[home] = {**(raw.get(home) or {}), name: {}}
     raw[role] = {**(raw.get(role) or {}), name: {}}
     project.parameters.write_text(render(validate_parameters(raw, project.parameters.name)))
+    target = "segment_and_track/dvc.yaml:segment_and_track_clip" if role == "clips" else "evaluate/dvc.yaml:evaluate"
+    return f"entered {name} in params.yaml under {role}: {found}\nnext: dvc repro pipeline/{target}@{name}"
 
 
 def _keywords(importer: ModuleType, options: list[str]) -> dict[str, Any]:

@@ -8,6 +8,7 @@ from pathlib import Path
 
 import numpy as np
 import pytest
+import yaml
 from PIL import Image
 
 from pipeline.cli import main
@@ -88,6 +89,15 @@ def test_import_writes_the_capture_and_enters_it(project, tmp_path, capsys):
     assert "mug exists" in capsys.readouterr().err
     assert run(project, "import", "images", source, "jug", "fsp=15") == 2
     assert "did you mean fps?" in capsys.readouterr().err
+
+
+def test_a_capture_folder_is_entered_with_every_key_that_dvc_needs(project, capsys):
+    write_capture(project.capture("mug"))
+    assert run(project, "add", "mug") == 0
+    assert "evaluate@mug" in capsys.readouterr().out
+    raw = yaml.safe_load(project.parameters.read_text())
+    assert "mug" in raw["fits"] and raw["sequences"]["mug"].keys() == raw["sequences"]["plush_lift"].keys()
+    assert run(project, "add", "jug") == 2
 
 
 def test_status_and_run_name_what_is_missing(project, capsys):

@@ -59,7 +59,9 @@ def _follow(bar: Any, live: Path) -> Callable[[History], None]:
             bar.resume_at(len(history) - 1)
             started = True
         row = history[-1]
-        error = f", tracks {1e3 * row['track_error']:.1f} mm" if "track_error" in row else ""
+        error = next(
+            (f", tracks {1e3 * row[name]:.2f} mm" for name in ("track_error", "settled_error") if name in row), ""
+        )
         bar.advance(note=f"loss {row['total']:.4f}{error}")
         write_history(live, history)
 

@@ -126,18 +126,24 @@ def mask_loss(masks: MaskObservations, body: Body, x: Tensor, F: Tensor) -> Tens
     return torch.stack(losses).mean() if losses else x.new_zeros(())
 
 
-def settled_loss(carried: Tensor, tracks: TrackObservations, observed: int, config: LossConfig) -> Tensor:
+def settled_loss(
+    carried: Tensor, tracks: TrackObservations, observed: int, config: LossConfig
+) -> tuple[Tensor, Tensor]:
     """The mean position an elastic body swings about, against the one that the measured body settles to.
 
     A purely elastic model rings for ever where the measured body comes to rest, but both swing about (nearly) the same static
     equilibrium. Means under a Hann window, which over more than two periods leaves less than 3 % of the swing, take the ringing
     out of both: of the simulation from the release on, of the measurement over its last observed frames, where any slow
     approach to rest has ended. Needs neither damping in the model nor the exact moment of release.
+
+    Returns:
+        The loss, and the mean distance [m] between the two for the log.
     """
     mean, _ = windowed_mean(carried, torch.ones(carried.shape[:2], dtype=torch.bool))
     rest, known = settled_positions(tracks, observed, config.settled_measured)
-    squared = (mean - rest.to(carried)).square().sum(-1) / config.track_scale**2
-    return _mean_over(robust(squared, config.penalty), known)
+    squared = (mean - rest.to(carried)).square().sum(-1)
+    error = _mean_over(squared.detach().sqrt(), known)
+    return _mean_over(robust(squared / config.track_scale**2, config.penalty), known), error
 
 
 def settled_positions(tracks: TrackObservations, observed: int, frames: int) -> tuple[Tensor, Tensor]:

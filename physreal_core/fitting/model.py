@@ -27,7 +27,7 @@ UNITS = {
     "grip_stiffness": "N",
     "grip_damping": "N s/m",
     "patch_positions": "m",
-    "plastic": "von_mises: Pa, Pa; drucker_prager: rad, Pa",
+    "plastic": "von_mises: Pa, Pa s; drucker_prager: rad, Pa",
     "latent_elastic": "1",
     "latent_plastic": "1",
     "network_elastic": "1",

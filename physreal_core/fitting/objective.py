@@ -59,7 +59,8 @@ class Objective:
     def __call__(self, fields: Fields, horizon: int) -> tuple[Tensor, dict[str, float]]:
         """The weighted total (differentiable) and its unweighted terms, over the first `horizon` frames.
 
-        Terms: `track_3d`, `track_2d`, `mask`, `settled` as they apply, and `track_error` [m] for the log.
+        Terms: `track_3d`, `track_2d`, `mask`, `settled` as they apply, and for the log `track_error` or
+        `settled_error` [m].
         """
         states = self.rollout(fields, horizon)
         weighted, terms = self._motion(states)
@@ -75,10 +76,9 @@ class Objective:
         if tracks is None:
             return [], {}
         carried = losses.carried_tracks(tracks, problem.body, states.x, states.F)
-        error = losses.track_error(carried, tracks).item()
         if config.settled > 0.0:
-            settled = losses.settled_loss(carried, tracks, problem.observed, config)
-            return [config.settled * settled], {"settled": settled.item(), "track_error": error}
+            settled, error = losses.settled_loss(carried, tracks, problem.observed, config)
+            return [config.settled * settled], {"settled": settled.item(), "settled_error": error.item()}
         motion_3d = losses.track_loss_3d(carried, tracks, config)
         weighted = [config.motion * config.motion_3d * motion_3d]
         terms = {"track_3d": motion_3d.item()}
@@ -86,4 +86,4 @@ class Objective:
             motion_2d = losses.track_loss_2d(carried, tracks, problem.camera, config)
             weighted.append(config.motion * config.motion_2d * motion_2d)
             terms["track_2d"] = motion_2d.item()
-        return weighted, {**terms, "track_error": error}
+        return weighted, {**terms, "track_error": losses.track_error(carried, tracks).item()}

@@ -141,7 +141,9 @@ def test_the_three_stages_follow_each_other_and_none_ends_worse(project):
         assert record["values"]["youngs_modulus"]["unit"] == "Pa" and record["observed_frames"] == 6
         objectives[stage] = record
     modulus = objectives["fit_global"]["values"]["youngs_modulus"]
-    assert modulus["min"] == modulus["max"] and 1.5e4 < modulus["mean"] < 6e4  # the masks are coarse, the iterations few
+    assert (
+        modulus["min"] == modulus["max"] and 1.5e4 < modulus["mean"] < 6e4
+    )  # the masks are coarse, the iterations few
     assert objectives["fit_patches"]["objective"] <= objectives["fit_global"]["objective"] * 1.001
     final = load_model(project.artifact("fit_residual", "lift"))
     assert final.residual.hidden == 4 and final.fields["network_elastic"].abs().sum() > 0

@@ -211,6 +211,7 @@ def _answer(
     mine, voters = expected[thing.name], _seen(thing.tracks, t)
     if len(voters) < 3:
         return None
+    mine = mine & _near(voters, mine.shape)
     others = [x for x in things if x is not thing]
     prompts = make_prompts(mine, [expected[x.name] for x in others], voters)
     against = np.concatenate([_seen(background, t), *(_seen(x.tracks, t) for x in others)])
@@ -252,6 +253,16 @@ def _cut_off(mask: Array, window: tuple[int, int, int, int]) -> bool:
 
 def _seen(tracks: Tracks, t: int) -> Array:
     return tracks.points[t][tracks.visible[t]]
+
+
+def _near(points: Array, shape: tuple[int, int]) -> Array:
+    """Pixels not far from visible tracks: what the flow left behind on the table has none."""
+    import cv2
+    from scipy.spatial import cKDTree
+
+    spacing = np.median(cKDTree(points).query(points, k=min(3, len(points)))[0][:, -1])
+    away = ~_covering(points, np.zeros(shape, bool))
+    return cv2.distanceTransform(away.astype(np.uint8), cv2.DIST_L2, 5) < max(6.0, 3.0 * spacing)
 
 
 def _covering(points: Array, mask: Array) -> Array:

@@ -62,7 +62,7 @@ def fit_to_hint(
         u, v = np.rint(value).astype(int)
         return masks[:, v, u].astype(np.float64)
     if kind == "box":
-        u0, v0, u1, v1 = np.rint(value).astype(int)
+        u0, v0, u1, v1 = np.rint(value).astype(int).tolist()
         inside = masks[:, v0 : v1 + 1, u0 : u1 + 1].sum((1, 2))
         union_box = np.array([_box_iou(m, (u0, v0, u1, v1)) for m in masks])
         return union_box * inside / np.maximum(masks.sum((1, 2)), 1)

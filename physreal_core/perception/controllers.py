@@ -69,6 +69,9 @@ def move_controllers(
         tracks, valid: the hand's 3D tracks [m].
         max_residual: residual beyond which a track counts little [m].
         smoothing: standard deviation of the temporal smoothing [frames]; 0 for none.
+
+    Raises:
+        InputError: the hand is followed in no frame at all.
     """
     frames = len(tracks)
     known, rotations, translations = [0], [np.eye(3)], [np.zeros(3)]
@@ -78,6 +81,12 @@ def move_controllers(
         if both.sum() >= 4:
             rotation, translation = robust_rigid_fit(tracks[0, both] - middle, tracks[t, both] - middle, max_residual)
             known.append(t), rotations.append(rotation), translations.append(translation)
+    if len(known) < 2 and frames > 1:
+        raise InputError(
+            f"the controller could be followed in none of {frames - 1} frames ({valid[0].sum()} of its points start in 3D)",
+            expected="at least four of its points with depth in some of them",
+            remedy="check the overlay and the depth images, or give controllers.npz in the capture",
+        )
     poses = _smooth_poses(frames, np.array(known), np.array(rotations), np.array(translations), smoothing)
     points = np.einsum("tij,cj->tci", poses[:, :3, :3], start - middle) + poses[:, None, :3, 3] + middle
     poses[:, :3, 3] += middle - poses[:, :3, :3] @ middle

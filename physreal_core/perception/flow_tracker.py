@@ -28,6 +28,7 @@ class FlowTracker:
         max_round_trip: a point is lost where forward and backward flow disagree by more [px].
         max_anchor_round_trip: same for the correction against frame 0 [px].
         min_likeness: least patch correlation with frame 0 for a correction, and for a lost point to be seen again.
+        min_recognised: below this correlation a patch with texture shows something else: the point is lost.
         patch: half size of that patch [px].
         neighbours: tracks that carry the smooth map at a point.
         anchored: whether points are corrected against frame 0; half the cost without.
@@ -39,6 +40,7 @@ class FlowTracker:
     max_round_trip: float = 1.0
     max_anchor_round_trip: float = 0.7
     min_likeness: float = 0.75
+    min_recognised: float = 0.3
     patch: int = 4
     neighbours: int = 24
     max_stray: float = 2.0
@@ -94,13 +96,14 @@ class _Anchor:
         margin = 24
         low = np.maximum(np.floor(queries.min(0)).astype(int) - margin, 0)
         high = np.minimum(np.ceil(queries.max(0)).astype(int) + margin, np.array(frame.shape[1::-1]) - 1)
-        self.low, self.size = low, (high - low + 1)[::-1]
+        self.low, self.size = low, tuple(int(n) for n in (high - low + 1)[::-1])
         self.image = np.ascontiguousarray(frame[low[1] : high[1] + 1, low[0] : high[0] + 1])
         self.stride = 4  # the map is smooth: made on a coarse grid and interpolated
-        rows, columns = (-(-self.size // self.stride) + 1).tolist()
+        rows, columns = (-(-n // self.stride) + 1 for n in self.size)
         self.nodes = pixel_grid(rows, columns) * self.stride + low
         self.spread = max(float(np.median(cKDTree(queries).query(queries, k=min(5, len(queries)))[0][:, -1])), 1.0)
         self.patches = _patches(frame, queries, settings.patch)
+        self.textured = self.patches.std(axis=1).mean(axis=1) > 5.0  # grey levels
 
     def correct(
         self, frame: Array, moved: Float[Array, "J 2"], held: Bool[Array, " J"], occluder: Array | None
@@ -133,7 +136,9 @@ class _Anchor:
         )
         good &= np.linalg.norm(correction, axis=1) < 6
         found_again = good & ~held & (seen_after > s.min_likeness)
-        return np.where(good[:, None], corrected, guess), held | found_again
+        # Something else altogether is to be seen there; a flat patch cannot tell.
+        replaced = ~good & self.textured & (np.maximum(seen_before, seen_after) < s.min_recognised)
+        return np.where(good[:, None], corrected, guess), (held & ~replaced) | found_again
 
     def _carry(self, moved: Array, held: Array, points: Float[Array, "... 2"]) -> Float[Array, "... 2"]:
         """Moving least squares: points of frame 0 under the affine map of the nearest held tracks around each."""

@@ -14,6 +14,7 @@ from physreal_core.perception.association import (
     in_wide_enough_window,
     make_prompts,
     signed_distance,
+    spread_points,
     window_around,
 )
 from physreal_core.perception.chooser import TargetChooser, fit_to_hint, fit_to_touch, hint_prompts
@@ -111,22 +112,30 @@ def _by_fitness(
     chooser: TargetChooser | None,
     motion: Array | None,
 ) -> Choice:
-    """Everything the segmenter sees around the hand, or in the whole image, ranked by words and touch."""
-    found = drop_duplicates(_sane(zoomed_candidates(segmenter, image, None, window_around(hand, 0.6, 0.4))))
-    fit = fit_to_touch(found, hand, motion) if len(found) else np.zeros(1)
-    if segmenter.promptable and (chooser is not None or fit.max() <= 0):
+    """What lies around the hand, or everything in the image, ranked by touch and by the words."""
+    found = drop_duplicates(_sane(segmenter.candidates(image, _ring_prompts(hand))))
+    fit = fit_to_touch(found, hand, motion)
+    if segmenter.promptable and (chooser is not None or not (fit > 0).any()):
         found = drop_duplicates(Candidates.join([found, _sane(segmenter.candidates(image))]))
-        fit = fit_to_touch(found, hand, motion) if len(found) else np.zeros(1)
+        fit = fit_to_touch(found, hand, motion)
     how = "what the hand touches"
-    if fit.max() > 0:
-        fit = fit / fit.max()
     if chooser is not None and description and len(found):
         words = chooser.scores(image, found.masks, description)
         words = np.exp((words - words.max()) / 0.05)  # cosines lie close together
-        fit, how = words * (0.1 + fit), f"description {description!r} and what the hand touches"
-    if fit.max() <= 0:
+        fit, how = words * (0.1 + fit / max(fit.max(), 1e-9)), f"description {description!r} and what the hand touches"
+    if not (fit > 0).any():
         return Choice(np.zeros(image.shape[:2], bool), how)
     return Choice(found.masks[int(fit.argmax())], how)
+
+
+def _ring_prompts(hand: Array, count: int = 32) -> list[Prompt]:
+    """Single points close around the hand, each with two of the hand's own as what is not meant."""
+    away = -signed_distance(hand)
+    reach = 0.06 * np.hypot(*hand.shape)
+    off = spread_points(hand, 2)
+    labels = np.r_[1, np.zeros(len(off), int)]
+    near = spread_points((away > 2) & (away < reach), count, margin=0.5)
+    return [Prompt(np.concatenate([p[None], off]), labels) for p in near]
 
 
 def _refined(image: Array, mask: Array, others: list[Array], segmenter: Segmenter) -> Array:

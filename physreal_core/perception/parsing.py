@@ -193,7 +193,7 @@ def _all_masks(
         hands = [n for n in first if n != "object"]
         parts = _split_between(video.masks["controller"], [first[n] for n in hands])
         return {"object": video.masks["object"], **dict(zip(hands, parts, strict=True))}
-    things = [Thing(n, first[n], tracker.track(video.frames, _queries(n, first, settings))) for n in first]
+    things = [Thing(n, first[n], tracker.track(video.frames, spread_over(first[n], settings.track_count))) for n in first]
     still = replace(networks.flow, anchored=False)  # what stands still does not drift
     background = still.track(video.frames, _background_queries(np.any(list(first.values()), axis=0)))
     tick("votes")

@@ -71,6 +71,8 @@ class Segmenter(Protocol):
 
 def drop_duplicates(candidates: Candidates, max_iou: float = 0.85) -> Candidates:
     """Of masks that overlap by more than max_iou (intersection over union), keep the best scored."""
+    if len(candidates) == 0:
+        return candidates
     order = np.argsort(-candidates.scores, kind="stable")
     flat = candidates.masks.reshape(len(candidates), -1).astype(np.float32)
     area, shared = flat.sum(1), flat @ flat.T

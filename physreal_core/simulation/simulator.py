@@ -74,7 +74,8 @@ class Simulator:
         completed = self._complete(parameters)
         points = self._check_controllers(controllers)
         tensors = [getattr(completed, name) for name in PARAMETER_NAMES]
-        return States(*_Rollout.apply(self, points, progress, *tensors))
+        keep = torch.is_grad_enabled() and any(t is not None and t.requires_grad for t in tensors)
+        return States(*_Rollout.apply(self, points, progress, keep, *tensors))
 
     def _complete(self, parameters: Parameters) -> Parameters:
         return complete(parameters, self._stepper.shapes, self._stepper.types.torch_dtype, self.config.device)
@@ -215,14 +216,13 @@ class _Rollout(torch.autograd.Function):
     """Binds `Simulator._forward` and `Simulator._backward` to torch's graph."""
 
     @staticmethod
-    def forward(ctx, simulator: Simulator, points: Tensor, progress: Progress | None, *tensors: Tensor | None):
+    def forward(ctx, simulator: Simulator, points: Tensor, progress: Progress | None, keep: bool, *tensors):
         parameters = Parameters(*tensors)
-        needs_gradient = any(ctx.needs_input_grad)
         substeps = substeps_per_frame(simulator.body, simulator.config, parameters, simulator._grip_rates)
         with simulator._stream():
-            x, v, F, C, boxes = simulator._forward(parameters, substeps, points, progress, keep_affine=needs_gradient)
+            x, v, F, C, boxes = simulator._forward(parameters, substeps, points, progress, keep_affine=keep)
         ctx.set_materialize_grads(False)
-        if needs_gradient:
+        if keep:
             ctx.save_for_backward(points, x, v, F, *(t for t in tensors if t is not None))
             ctx.present = [t is not None for t in tensors]
             ctx.rest = (simulator, progress, substeps, C, boxes)
@@ -238,4 +238,4 @@ class _Rollout(torch.autograd.Function):
         bars = (x_bar, v_bar, F_bar)
         with simulator._stream():
             gradients = simulator._backward(parameters, substeps, points, (x, v, F, C), boxes, bars, progress)
-        return (None, None, None, *(gradients.get(name) for name in PARAMETER_NAMES))
+        return (None, None, None, None, *(gradients.get(name) for name in PARAMETER_NAMES))

@@ -1,6 +1,7 @@
 """build_object: mesh and Gaussians of the object in a canonical frame, from a shape prior or from frame 0."""
 
 import json
+from dataclasses import replace
 from pathlib import Path
 
 import numpy as np
@@ -27,7 +28,7 @@ from stages._observation import first_frame
 def run(context: StageContext) -> None:
     """Import shape_prior.glb and / or shape_prior.ply, or build a mesh from frame 0; write object.glb, gaussians.ply.
 
-    A prior is moved into a canonical frame (centroid at the origin, longest side of its box 1; `T_object_prior`);
+    Where both are given they share one frame. A prior is moved into a canonical frame (centroid at the origin, longest side of its box 1; `T_object_prior`);
     what is built from frame 0 stays in the world frame.
     """
     glb, ply = context.capture / "shape_prior.glb", context.capture / "shape_prior.ply"
@@ -45,6 +46,7 @@ def run(context: StageContext) -> None:
         gaussians, drawn = surface_gaussians(surface), "surface"
     else:
         gaussians, drawn = _moved(gaussians, T), "prior"
+        mesh = mesh if mesh.colours is not None else _coloured_by(mesh, gaussians)
     save_mesh(context.output / "object.glb", mesh)
     save_gaussians(context.output / "gaussians.ply", gaussians)
     facts = {
@@ -83,6 +85,15 @@ def _from_view(context: StageContext) -> Mesh:
             remedy="add one",
         )
     return mesh_from_view(first_frame(context), voxel=context.params.voxel, underside=context.params.underside)
+
+
+def _coloured_by(mesh: Mesh, gaussians: Gaussians) -> Mesh:
+    """Each vertex with the constant colour of the nearest Gaussian, so that fit_pose can compare colours."""
+    from scipy.spatial import cKDTree
+
+    _, nearest = cKDTree(gaussians.means.numpy()).query(mesh.vertices)
+    constant = replace(gaussians, harmonics=gaussians.harmonics[:, :1])
+    return replace(mesh, colours=constant.colours(torch.zeros(3)).clamp(0, 1).double().numpy()[nearest])
 
 
 def _moved(gaussians: Gaussians, T: np.ndarray) -> Gaussians:

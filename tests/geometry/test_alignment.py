@@ -93,6 +93,16 @@ def test_nine_of_ten_poses(scene, coloured):
     assert good.sum() >= 9, errors
 
 
+@pytest.mark.slow
+def test_a_colour_camera_alone_places_what_lies_on_the_plane():
+    body = blob()
+    seen = look_at(body)
+    blind = Observation(seen.rgb, np.zeros_like(seen.depth), seen.mask, seen.hidden, seen.camera)
+    prior, true = prior_of(body, 3, coloured=True)
+    found = align(sample_surface(prior, 2000), blind)
+    assert max(np.divide(pose_error(found.pose, true, prior.centroid), TOLERANCE)) < 1
+
+
 def test_painted_gaussians_reproduce_the_view_inside_its_silhouette():
     body = blob()
     seen = look_at(body, camera(320, 240, 400.0))

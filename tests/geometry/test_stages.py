@@ -137,9 +137,12 @@ def test_prior_of_gaussians_alone(tmp_path):
 
     body = ellipsoid()
     root = write_capture(tmp_path, None)
-    save_gaussians(root / "capture/shape_prior.ply", surface_gaussians(sample_surface(body, 3000)))
+    green = np.tile([0.2, 0.8, 0.1], (len(body.vertices), 1))
+    gaussians = surface_gaussians(sample_surface(Mesh(body.vertices, body.faces, green), 3000))
+    save_gaussians(root / "capture/shape_prior.ply", gaussians)
     build_object.run(Context(root, "build_object", BuildObject(voxels_across=40)))
     fit_pose.run(Context(root, "fit_pose", FitPose()))
+    assert np.abs(load_mesh(root / "fit_pose/mesh.glb").colours - [0.2, 0.8, 0.1]).max() < 0.01
     assert load_mesh(root / "fit_pose/mesh.glb").volume == pytest.approx(body.volume, rel=0.06)
     means = load_gaussians(root / "fit_pose/gaussians.ply").means.numpy()
     np.testing.assert_allclose([means.min(0), means.max(0)], body.bounds, atol=0.002)

@@ -70,6 +70,31 @@ def fit_to_hint(
     return np.array([intersection_over_union(m, blob) for m in masks])
 
 
+def fit_to_motion(
+    masks: Bool[Array, "N H W"], hand: Bool[Array, "H W"], motion: Float[Array, "H W"]
+) -> Float[Array, " N"]:
+    """How much each mask is the whole of what moves besides the hand, and nothing that stands still (0 to 1).
+
+    A point on a leg is on the leg and on the animal; what moves says which is meant. Square of the share of the mask
+    that moves, times the share of what moves that it holds (softened: shadows move as well).
+
+    Args:
+        motion: how far each pixel of frame 0 gets in the video [px].
+    """
+    moving = moving_part(hand, motion)
+    if moving.sum() < 30:
+        return np.ones(len(masks))
+    own = masks & ~hand
+    held = (own & moving).sum((1, 2))
+    return (held / np.maximum(own.sum((1, 2)), 1)) ** 2 * (0.2 + 0.8 * held / moving.sum())
+
+
+def moving_part(hand: Bool[Array, "H W"], motion: Float[Array, "H W"]) -> Bool[Array, "H W"]:
+    """Pixels off the hand that move: by more than a fifth of what the hand does, and 1.5 px."""
+    whole = np.quantile(motion[hand], 0.9) if hand.any() else motion.max()
+    return _opened((motion > max(1.5, 0.2 * whole)) & ~hand)
+
+
 def fit_to_touch(
     candidates: Candidates,
     hand: Bool[Array, "H W"],
@@ -80,7 +105,7 @@ def fit_to_touch(
     """How much each candidate looks like what the hand moves; 0 for what cannot be.
 
     A target touches the hand (gap below `max_gap` of the image's diagonal), is not the hand, is not most of the image
-    and does not run along its border (a table, a wall). Among these, motion counts most, then the network's score.
+    and does not run along its border (a table, a wall). Among these, motion and the network's score decide.
 
     Args:
         motion: how far each pixel of frame 0 moves in the video [px]; None leaves it out.
@@ -96,10 +121,8 @@ def fit_to_touch(
         if area < 30 or area < 0.5 * mask.sum() or area > 0.4 * mask.size or gap[own].min() > max_gap:
             continue
         along_border = (own & border).sum() / np.sqrt(area)
-        moved = 1.0 if motion is None else float(np.quantile(motion[own], 0.8))
-        still_share = 0.0 if motion is None else float((motion[own] < 0.05 * motion[own].max() + 0.5).mean())
-        out[i] = moved * candidates.scores[i] * np.exp(-along_border) * (1 - 0.7 * still_share)
-    return out
+        out[i] = candidates.scores[i] * np.exp(-along_border)
+    return out if motion is None or not len(out) else out * fit_to_motion(candidates.masks, hand, motion)
 
 
 def _on(points: Array, box: tuple[float, ...] | None = None) -> Prompt:

@@ -17,7 +17,14 @@ from physreal_core.perception.association import (
     spread_points,
     window_around,
 )
-from physreal_core.perception.chooser import TargetChooser, fit_to_hint, fit_to_touch, hint_prompts
+from physreal_core.perception.chooser import (
+    TargetChooser,
+    fit_to_hint,
+    fit_to_motion,
+    fit_to_touch,
+    hint_prompts,
+    moving_part,
+)
 from physreal_core.perception.colour import largest_part
 from physreal_core.perception.hand_finder import Hand, HandFinder
 from physreal_core.perception.segmenter import Candidates, Prompt, Segmenter, drop_duplicates, zoomed_candidates
@@ -72,7 +79,7 @@ def find_object(
     """
     hand = np.any(hands, axis=0)
     if hint:
-        choice = _by_hint(image, hint, segmenter, "hints.object", hand)
+        choice = _by_hint(image, hint, segmenter, "hints.object", hand, motion)
     else:
         choice = _by_fitness(image, hand, segmenter, description, chooser, motion)
     mask = _refined(image, choice.mask & ~hand, hands, segmenter) & ~hand
@@ -87,19 +94,27 @@ def find_object(
 
 
 def _by_hint(
-    image: Array, hint: Mapping[str, Any], segmenter: Segmenter, where: str, hand: Array | None = None
+    image: Array,
+    hint: Mapping[str, Any],
+    segmenter: Segmenter,
+    where: str,
+    hand: Array | None = None,
+    motion: Array | None = None,
 ) -> Choice:
     prompts = hint_prompts(image, hint, f"capture.json, {where}")
     if hand is not None and hand.any():
-        off = make_prompts(hand, [])[0].points[:2]  # what is known to be something else
+        off = spread_points(hand, 2)  # what is known to be something else
         prompts += [Prompt(np.r_[p.points, off], np.r_[p.labels, np.zeros(len(off), int)], p.box) for p in prompts]
+        prompts += _motion_prompts(hand, motion)
     found = _sane(segmenter.candidates(image, prompts))
     fit = fit_to_hint(image, found.masks, hint) * found.scores if len(found) else np.zeros(0)
     if len(found) == 0 or fit.max() <= 0:
         raise InputError(
             f"no mask answers to {dict(hint)}", where=f"frame 0, {where}", remedy="move the point or the box onto it"
         )
-    if "point" in hint:  # part, whole and group all hold the point: the surest of those that are nearly as sure
+    if hand is not None and motion is not None:
+        fit = fit * fit_to_motion(found.masks, hand, motion)
+    elif "point" in hint:  # part, whole and group all hold the point: the surest of those that are nearly as sure
         fit = np.where(fit >= fit.max() - 0.05, found.masks.sum((1, 2)), 0)
     return Choice(largest_part(found.masks[int(fit.argmax())]), f"{where}: {', '.join(hint)}")
 
@@ -113,7 +128,7 @@ def _by_fitness(
     motion: Array | None,
 ) -> Choice:
     """What lies around the hand, or everything in the image, ranked by touch and by the words."""
-    found = drop_duplicates(_sane(segmenter.candidates(image, _ring_prompts(hand))))
+    found = drop_duplicates(_sane(segmenter.candidates(image, _ring_prompts(hand) + _motion_prompts(hand, motion))))
     fit = fit_to_touch(found, hand, motion)
     if segmenter.promptable and (chooser is not None or not (fit > 0).any()):
         found = drop_duplicates(Candidates.join([found, _sane(segmenter.candidates(image))]))
@@ -136,6 +151,13 @@ def _ring_prompts(hand: Array, count: int = 32) -> list[Prompt]:
     labels = np.r_[1, np.zeros(len(off), int)]
     near = spread_points((away > 2) & (away < reach), count, margin=0.5)
     return [Prompt(np.concatenate([p[None], off]), labels) for p in near]
+
+
+def _motion_prompts(hand: Array, motion: Array | None) -> list[Prompt]:
+    """Asks for what moves besides the hand as a whole."""
+    if motion is None or not (moving := largest_part(moving_part(hand, motion))).any():
+        return []
+    return make_prompts(moving, [hand])
 
 
 def _refined(image: Array, mask: Array, others: list[Array], segmenter: Segmenter) -> Array:

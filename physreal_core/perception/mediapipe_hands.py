@@ -88,10 +88,10 @@ def _tiles(height: int, width: int) -> list[tuple[float, float, float]]:
     """Squares (u, v, side): the whole image letterboxed, then overlapping ones of its short side and half of that."""
     whole, short = max(height, width), min(height, width)
     tiles = [((width - whole) / 2, (height - whole) / 2, float(whole))]
-    for side in (short, short / 2):
+    for side in (float(short), short / 2):
         across, down = (max(int(np.ceil(2 * n / side)) - 1, 1) for n in (width, height))
         for v in np.linspace(0, height - side, down):
-            tiles += [(u, v, side) for u in np.linspace(0, width - side, across)]
+            tiles += [(float(u), float(v), side) for u in np.linspace(0, width - side, across)]
     return tiles
 
 

@@ -11,7 +11,7 @@ from physreal_core.errors import InputError
 from physreal_core.perception.association import Thing, follow_masks, signed_distance
 from physreal_core.perception.chooser import TargetChooser
 from physreal_core.perception.controllers import ControllerMotion, move_controllers, pick_controllers
-from physreal_core.perception.flow import pixel_grid, sample
+from physreal_core.perception.flow import pixel_grid, round_trip_error, sample
 from physreal_core.perception.flow_tracker import FlowTracker
 from physreal_core.perception.frame_zero import Choice, find_controllers, find_object
 from physreal_core.perception.hand_finder import HandFinder
@@ -58,7 +58,7 @@ class Networks:
 class Settings:
     """Numbers of the parsing; see pipeline/config/segment_and_track.py for what they mean."""
 
-    keyframe_stride: int = 3
+    keyframe_stride: int = 5
     track_count: int = 400
     hand_track_count: int = 200
     max_depth_edge: float = 0.02
@@ -136,13 +136,16 @@ def lift(video: Video, tracks: Tracks, settings: Settings) -> LiftedTracks:
 
 
 def motion_map(frames: Sequence[Array], flow_between: Callable[[int, int], Array]) -> Float[Array, "H W"]:
-    """How far [px] each pixel of frame 0 gets from its place in the video, along the flow."""
+    """How far [px] each pixel of frame 0 gets from its place in the video along the flow, until it is lost."""
     height, width = frames[0].shape[:2]
     start = pixel_grid(height, width)
-    where, farthest = start.copy(), np.zeros((height, width))
+    where, farthest, held = start.copy(), np.zeros((height, width)), np.ones((height, width), bool)
     for t in range(1, len(frames)):
-        where = where + sample(flow_between(t - 1, t), where)
-        farthest = np.maximum(farthest, np.linalg.norm(where - start, axis=-1))
+        forward = flow_between(t - 1, t)
+        # Table that something sweeps over would be carried along: it misses itself there and back.
+        held &= sample(round_trip_error(forward, flow_between(t, t - 1)), where) < 1.0
+        where = where + sample(forward, where)
+        farthest = np.where(held, np.maximum(farthest, np.linalg.norm(where - start, axis=-1)), farthest)
     return farthest
 
 
@@ -165,15 +168,14 @@ def _frame_zero(video: Video, networks: Networks, tick: Callable[[str], None]) -
         if not target.mask.any():
             raise InputError("the object's mask is empty", where="masks/object, frame 0", expected="a mask with pixels")
     else:
-        hint = video.hints.get("object")
         target = find_object(
             image,
-            hint,
+            video.hints.get("object"),
             [h.mask for h in hands],
             _needed(networks.segmenter),
             description=video.description,
             chooser=networks.chooser,
-            motion=None if hint else motion_map(video.frames, _flow_between(video, networks)),
+            motion=motion_map(video.frames, _flow_between(video, networks)),
         )
     tick("object in frame 0")
     names = ["controller"] if len(hands) == 1 else [f"controller {i}" for i in range(len(hands))]
@@ -193,7 +195,9 @@ def _all_masks(
         hands = [n for n in first if n != "object"]
         parts = _split_between(video.masks["controller"], [first[n] for n in hands])
         return {"object": video.masks["object"], **dict(zip(hands, parts, strict=True))}
-    things = [Thing(n, first[n], tracker.track(video.frames, spread_over(first[n], settings.track_count))) for n in first]
+    things = [
+        Thing(n, first[n], tracker.track(video.frames, spread_over(first[n], settings.track_count))) for n in first
+    ]
     still = replace(networks.flow, anchored=False)  # what stands still does not drift
     background = still.track(video.frames, _background_queries(np.any(list(first.values()), axis=0)))
     tick("votes")

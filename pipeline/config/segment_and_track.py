@@ -20,7 +20,7 @@ class SegmentAndTrack(StageParameters):
     sam2_encoder_onnx: str | None = Field(None, description="own SAM 2 encoder; null: the one of `physreal models`")
     sam2_decoder_onnx: str | None = Field(None, description="own SAM 2 decoder; null: the one of `physreal models`")
     min_candidate_score: float = Field(0.5, ge=0, le=1, description="least score of an entity segmenter's mask")
-    keyframe_stride: int = Field(4, ge=1, description="masks are proposed and voted on every so many frames [frames]")
+    keyframe_stride: int = Field(5, ge=1, description="masks are proposed and voted on every so many frames [frames]")
 
     hand_finder: Literal["mediapipe", "none"] = Field(
         "mediapipe", description="who finds the controller where the capture has no hint for it"

@@ -66,7 +66,10 @@ def test_masks_are_followed_through_a_film_with_keyframes_and_flow_between():
     def tracked(mask: np.ndarray) -> Tracks:
         return tracker.track(scene.frames, spread_points(mask, 60))
 
-    things = [Thing("object", scene.objects[0], tracked(scene.objects[0])), Thing("hand", scene.hands[0], tracked(scene.hands[0]))]
+    things = [
+        Thing("object", scene.objects[0], tracked(scene.objects[0])),
+        Thing("hand", scene.hands[0], tracked(scene.hands[0])),
+    ]
     away = signed_distance(scene.objects[0] | scene.hands[0]) < -4
     background = tracker.track(scene.frames, spread_points(away, 60))
     masks, unanswered = follow_masks(

@@ -60,7 +60,9 @@ def test_frames_without_the_hand_are_interpolated_and_said():
     truth = np.einsum("tij,pj->tpi", rotations, source) + shifts[:, None]
     valid = np.ones(truth.shape[:2], bool)
     valid[5:8] = False
-    moved = move_controllers(source[:5].astype(np.float32), np.where(valid[..., None], truth, np.nan), valid, smoothing=0.0)
+    moved = move_controllers(
+        source[:5].astype(np.float32), np.where(valid[..., None], truth, np.nan), valid, smoothing=0.0
+    )
     assert moved.interpolated == [5, 6, 7]
     assert np.isfinite(moved.points).all()
     assert np.linalg.norm(moved.points - truth[:, :5], axis=-1).max() < 0.0005  # the motion is nearly uniform

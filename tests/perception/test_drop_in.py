@@ -22,7 +22,10 @@ def _save(path, nodes, inputs, outputs, constants):
         "tiny",
         [helper.make_tensor_value_info(n, FLOAT, s) for n, s in inputs],
         [helper.make_tensor_value_info(n, FLOAT, s) for n, s in outputs],
-        [numpy_helper.from_array(np.asarray(v, np.float32 if np.asarray(v).dtype.kind == "f" else np.int64), n) for n, v in constants.items()],
+        [
+            numpy_helper.from_array(np.asarray(v, np.float32 if np.asarray(v).dtype.kind == "f" else np.int64), n)
+            for n, v in constants.items()
+        ],
     )
     onnx.save(helper.make_model(graph, opset_imports=[helper.make_opsetid("", 13)], ir_version=8), str(path))
     return path
@@ -36,7 +39,11 @@ def colour_segmenter(path):
         helper.make_node("Sigmoid", ["logits"], ["masks"]),
         helper.make_node("Identity", ["constant_scores"], ["scores"]),
     ]
-    constants = {"weights": weights, "bias": np.array([-6, -8], np.float32), "constant_scores": np.array([[0.9, 0.8]], np.float32)}
+    constants = {
+        "weights": weights,
+        "bias": np.array([-6, -8], np.float32),
+        "constant_scores": np.array([[0.9, 0.8]], np.float32),
+    }
     return _save(path, nodes, [("image", [1, 3, None, None])], [("masks", None), ("scores", [1, 2])], constants)
 
 
@@ -53,7 +60,15 @@ def steady_tracker(path, step, frames, limit=70.0):
         helper.make_node("Sigmoid", ["margin"], ["visibility"]),
         helper.make_node("ReduceMean", ["video"], ["unused"], keepdims=0),
     ]
-    constants = {"moves": moves, "zero": [0], "one": [1], "two": [2], "three": [3], "last": [3], "limit": np.array(limit)}
+    constants = {
+        "moves": moves,
+        "zero": [0],
+        "one": [1],
+        "two": [2],
+        "three": [3],
+        "last": [3],
+        "limit": np.array(limit),
+    }
     inputs = [("video", [1, None, 3, None, None]), ("queries", [1, None, 3])]
     return _save(path, nodes, inputs, [("tracks", None), ("visibility", None)], constants)
 

@@ -22,7 +22,9 @@ def _bent_film(count: int) -> list[np.ndarray]:
         source = pixel_grid(HEIGHT, WIDTH).astype(np.float64)
         for _ in range(30):
             source = source - (_shift(source, t) + source - pixel_grid(HEIGHT, WIDTH))
-        frames.append(np.clip(255 * _texture(source[..., 0], source[..., 1], 1.0, (0.5, 0.5, 0.5)), 0, 255).astype(np.uint8))
+        frames.append(
+            np.clip(255 * _texture(source[..., 0], source[..., 1], 1.0, (0.5, 0.5, 0.5)), 0, 255).astype(np.uint8)
+        )
     return frames
 
 
@@ -51,11 +53,15 @@ def test_tracks_of_a_known_warp_do_not_drift():
 
 def test_anchoring_removes_drift():
     frames = _bent_film(12)
-    noisy = [np.clip(f + np.random.default_rng(i).normal(0, 8, f.shape), 0, 255).astype(np.uint8) for i, f in enumerate(frames)]
+    noisy = [
+        np.clip(f + np.random.default_rng(i).normal(0, 8, f.shape), 0, 255).astype(np.uint8)
+        for i, f in enumerate(frames)
+    ]
     queries = (pixel_grid(6, 8).reshape(-1, 2) * 11 + 22).astype(np.float32)
     truth = queries + _shift(queries, 11)
     chained, anchored = (
-        np.median(np.linalg.norm(FlowTracker(anchored=a).track(noisy, queries).points[-1] - truth, axis=1)) for a in (False, True)
+        np.median(np.linalg.norm(FlowTracker(anchored=a).track(noisy, queries).points[-1] - truth, axis=1))
+        for a in (False, True)
     )
     assert anchored < 0.6 * chained
 

@@ -37,7 +37,9 @@ def test_lifted_points_project_back_and_lie_where_they_should():
     scene = film(4)
     queries = np.array([[60.0, 45], [50, 40], [66, 55]])
     points = queries[None] + scene.motion[:, None]
-    lifted = lift_tracks(points, np.ones((4, 3), bool), scene.depth, K, T_WORLD_CAMERA, noise=DepthNoise(0.001, 0.01, 0.5))
+    lifted = lift_tracks(
+        points, np.ones((4, 3), bool), scene.depth, K, T_WORLD_CAMERA, noise=DepthNoise(0.001, 0.01, 0.5)
+    )
     assert lifted.valid.all()
     assert np.allclose(project(lifted.points, K, T_WORLD_CAMERA), points, atol=1e-3)
     assert np.allclose(lifted.points[..., 2], T_WORLD_CAMERA[2, 3] - OBJECT, atol=1e-6)

@@ -130,7 +130,9 @@ def test_a_capture_of_tracks_alone_passes_through(capture):
 
 
 @pytest.mark.parametrize(
-    "role,message", [("object", "object's mask is empty"), ("controller", "no controller found")], ids=["object", "controller"]
+    "role,message",
+    [("object", "object's mask is empty"), ("controller", "no controller found")],
+    ids=["object", "controller"],
 )
 def test_an_empty_given_mask_in_frame_0_is_named(capture, role, message):
     for name, masks in (("object", SCENE.objects), ("controller", SCENE.hands)):

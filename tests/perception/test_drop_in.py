@@ -10,7 +10,7 @@ from physreal_core.perception.onnx_candidates import GivenCandidates, OnnxCandid
 from physreal_core.perception.onnx_tracker import OnnxTracker
 from physreal_core.perception.parsing import Networks, Settings, Video, parse_video
 from physreal_core.perception.session import open_session
-from tests.perception.scene import HEIGHT, WIDTH, K, T_WORLD_CAMERA, film
+from tests.perception.scene import HEIGHT, T_WORLD_CAMERA, WIDTH, K, film
 
 onnx = pytest.importorskip("onnx", reason="the tiny networks are made with the package onnx")
 helper, numpy_helper, FLOAT, BOOL = onnx.helper, onnx.numpy_helper, onnx.TensorProto.FLOAT, onnx.TensorProto.BOOL

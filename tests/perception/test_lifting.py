@@ -3,7 +3,7 @@
 import numpy as np
 
 from physreal_core.perception.lifting import DepthNoise, depth_at, lift_tracks, project
-from tests.perception.scene import HAND, OBJECT, K, T_WORLD_CAMERA, film
+from tests.perception.scene import HAND, OBJECT, T_WORLD_CAMERA, K, film
 
 
 def _tilted_plane(height: int = 40, width: int = 50) -> np.ndarray:

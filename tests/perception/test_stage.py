@@ -11,7 +11,7 @@ from pipeline.project import Project
 from pipeline.stage import run_stage
 from stages.parse_video import run as parse
 from stages.segment_and_track import run
-from tests.perception.scene import HEIGHT, WIDTH, K, T_WORLD_CAMERA, film
+from tests.perception.scene import HEIGHT, T_WORLD_CAMERA, WIDTH, K, film
 
 FRAMES = 4
 SCENE = film(FRAMES)

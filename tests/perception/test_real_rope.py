@@ -85,15 +85,10 @@ def test_rope_and_hand_have_a_mask_in_every_frame_and_tracks_stay_on_the_rope(ne
     assert (tmp_path / "overlay.mp4").stat().st_size > 50_000
 
 
-def test_gmflow_follows_a_shift_that_dis_cannot(clip):
-    """The picture moved by 40 px, found to half a pixel."""
-    network = MODELS / "gmflow_256x384.onnx"
+def test_gmflow_measures_a_large_shift(clip):
+    """The picture moved by 40 px, found to half a pixel; GMFlow alone is off by about one."""
     if any(check_files("gmflow", MODELS).values()):
         pytest.skip(f"GMFlow is not in {MODELS} (run `physreal models gmflow`)")
     first = clip.frames[0]
-    second = np.roll(first, 40, axis=1)
-    errors = []
-    for flow in (DisFlow(), GmFlow(network, refine=DisFlow())):
-        found = flow(first, second)[90:150, 100:330]
-        errors.append(float(np.median(np.linalg.norm(found - [40, 0], axis=-1))))
-    assert errors[1] < 0.5 < errors[0]
+    found = GmFlow(MODELS / "gmflow_256x384.onnx", refine=DisFlow())(first, np.roll(first, 40, axis=1))
+    assert np.median(np.linalg.norm(found[90:150, 100:330] - [40, 0], axis=-1)) < 0.5

@@ -11,7 +11,7 @@ _RATE = "Adam's step in its {} per iteration; 0: held at the start"
 
 
 class YoungsModulus(Variable):
-    initial: float = Field(3e4, gt=0, description="start, middle of the scan [Pa]")
+    initial: float = Field(5e4, gt=0, description="start, middle of the scan [Pa]")
     lower: float = Field(1e3, gt=0, description="[Pa]")
     upper: float = Field(5e6, gt=0, description="[Pa]; the time step shrinks with its root")
     rate: float = Field(0.1, ge=0, description=_RATE.format("logarithm"))
@@ -32,10 +32,10 @@ class FrictionCoefficient(Variable):
 
 
 class GripStiffness(Variable):
-    initial: float = Field(4.0, gt=0, description="k_f: force of a bond of weight one at unit strain, start [N]")
+    initial: float = Field(12.0, gt=0, description="k_f: force of a bond of weight one at unit strain, start [N]")
     lower: float = Field(0.01, gt=0, description="[N]")
     upper: float = Field(1e3, gt=0, description="[N]")
-    rate: float = Field(0.1, ge=0, description=_RATE.format("logarithm"))
+    rate: float = Field(0.05, ge=0, description=_RATE.format("logarithm"))
 
 
 class GripDamping(Variable):
@@ -83,7 +83,7 @@ class Scan(StageParameters):
     """Forward rollouts at several Young's moduli; the descent starts at the best of them."""
 
     count: int = Field(5, ge=1, description="how many; 1: none but the start itself")
-    factor: float = Field(2.5, gt=1, description="each modulus relative to the one before")
+    factor: float = Field(2.0, gt=1, description="each modulus relative to the one before")
 
 
 class FitGlobal(StageParameters):

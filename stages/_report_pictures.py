@@ -83,19 +83,20 @@ def material_field(x0: np.ndarray, values: np.ndarray, label: str) -> str:
     return _png(figure)
 
 
-def frame_strip(video: Path, count: int = 6) -> str:
-    """`count` frames of a video, evenly spaced from first to last, one below the other as one picture."""
+def write_frame_strip(video: Path, path: Path, count: int = 6) -> None:
+    """`count` frames of a video, evenly spaced from first to last and numbered, one below the other in one JPEG."""
     import cv2
 
     reader = cv2.VideoCapture(str(video))
     frames = []
     while (read := reader.read())[0]:
         frames.append(read[1])
-    chosen = [frames[index] for index in np.linspace(0, len(frames) - 1, count).round().astype(int)]
-    for index, frame in zip(np.linspace(0, len(frames) - 1, count).round().astype(int), chosen, strict=True):
-        cv2.putText(frame, str(index), (6, 16), cv2.FONT_HERSHEY_SIMPLEX, 0.45, (0, 0, 0), 3, cv2.LINE_AA)
-        cv2.putText(frame, str(index), (6, 16), cv2.FONT_HERSHEY_SIMPLEX, 0.45, (255, 255, 255), 1, cv2.LINE_AA)
-    return _uri(cv2.imencode(".jpg", np.concatenate(chosen), [cv2.IMWRITE_JPEG_QUALITY, 82])[1].tobytes(), MEDIA[".jpg"])
+    chosen = np.linspace(0, len(frames) - 1, count).round().astype(int)
+    for index in chosen:
+        for colour, width in (((0, 0, 0), 3), ((255, 255, 255), 1)):
+            cv2.putText(frames[index], str(index), (6, 16), cv2.FONT_HERSHEY_SIMPLEX, 0.45, colour, width, cv2.LINE_AA)
+    path.parent.mkdir(parents=True, exist_ok=True)
+    cv2.imwrite(str(path), np.concatenate([frames[index] for index in chosen]), [cv2.IMWRITE_JPEG_QUALITY, 82])
 
 
 def time_bars(seconds: dict[str, dict[str, float]]) -> str:

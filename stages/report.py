@@ -17,17 +17,17 @@ from pipeline.tables import SHOWN, tables
 from stages._report_pictures import (
     embed,
     frame_errors,
-    frame_strip,
     loss_curves,
     material_field,
     time_bars,
+    write_frame_strip,
 )
 
 TEMPLATE = Path(__file__).with_name("report.html.jinja")
 
 
 def run(results: Results) -> Path:
-    """Write results/report.html and say where it is."""
+    """Write results/report.html and results/pictures, and say where the page is."""
     environment = jinja2.Environment(autoescape=True, undefined=jinja2.StrictUndefined, trim_blocks=True, lstrip_blocks=True)
     environment.filters["quantity"] = lambda value: f"{value:,.0f}" if abs(value) >= 1000 else f"{value:.4g}"
     page = environment.from_string(TEMPLATE.read_text()).render(
@@ -49,8 +49,9 @@ def describe_sequence(results: Results, name: str) -> dict[str, Any]:
     """All that the page shows of one sequence; what does not apply to it is None."""
     parsed, evaluated = results.artifact("parse_video", name), results.artifact("evaluate", name)
     losses, frames = results.losses(name), results.frames(name)
-    last = FIT_STAGES[-1]
-    video = evaluated / f"{last}.mp4"
+    video, strip = evaluated / f"{FIT_STAGES[-1]}.mp4", results.project.results / "pictures" / f"{name}.jpg"
+    if video.is_file():
+        write_frame_strip(video, strip)
     return {
         "name": name,
         "capture": read_capture(parsed),
@@ -59,7 +60,7 @@ def describe_sequence(results: Results, name: str) -> dict[str, Any]:
         "warnings": json.loads((parsed / "quality.json").read_text())["warnings"],
         "scores": {stage: {part: results.scores(name, stage, part) for part in ("observed", "future")} for stage in FIT_STAGES},
         "videos": {stage: embed(path) for stage in FIT_STAGES if (path := evaluated / f"{stage}.mp4").is_file()},
-        "strip": frame_strip(video) if video.is_file() else None,
+        "strip": embed(strip) if video.is_file() else None,
         "loss": loss_curves(losses) if losses else None,
         "track_error": frame_errors(frames, "track_error", "track error [mm]", 1e3),
         "iou": frame_errors(frames, "iou", "IoU [%]", 1e2),

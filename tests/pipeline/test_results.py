@@ -65,6 +65,7 @@ def test_report_is_one_page_with_everything_inside(results):
     assert not re.search(r'(src|href)="(?!data:|#)', page), "nothing outside the file is referred to"
     assert page.count("data:video/mp4") == 2 * len(FIT_STAGES)
     assert "data:image/svg+xml" in page and "Young&#39;s modulus" in page.replace("Young's", "Young&#39;s")
+    assert (results.project.results / "pictures/lift.jpg").stat().st_size > 1000
     assert "nothing refitted" in page and "vertex_error" in page and "descent" in page
 
 

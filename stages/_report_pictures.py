@@ -94,7 +94,8 @@ def write_frame_strip(video: Path, path: Path, count: int = 6) -> None:
     chosen = np.linspace(0, len(frames) - 1, count).round().astype(int)
     for index in chosen:
         for colour, width in (((0, 0, 0), 3), ((255, 255, 255), 1)):
-            cv2.putText(frames[index], str(index), (6, 16), cv2.FONT_HERSHEY_SIMPLEX, 0.45, colour, width, cv2.LINE_AA)
+            at = (6, len(frames[index]) - 8)
+            cv2.putText(frames[index], f"frame {index}", at, cv2.FONT_HERSHEY_SIMPLEX, 0.45, colour, width, cv2.LINE_AA)
     path.parent.mkdir(parents=True, exist_ok=True)
     cv2.imwrite(str(path), np.concatenate([frames[index] for index in chosen]), [cv2.IMWRITE_JPEG_QUALITY, 82])
 

@@ -10,7 +10,6 @@ from pathlib import Path
 from typing import Any
 
 import torch
-from safetensors.torch import load_file, save_file
 from torch import Tensor
 
 from physreal_core.array_types import Float
@@ -145,6 +144,8 @@ def particle_parameters(
 
 def save_model(folder: Path, model: Model) -> None:
     """Writes `model.safetensors` and `model.json` into `folder`."""
+    from safetensors.torch import save_file
+
     tensors = {name: tensor.contiguous() for name, tensor in sorted(model.fields.items())}
     save_file(tensors, str(folder / "model.safetensors"))
     record = {
@@ -161,6 +162,8 @@ def save_model(folder: Path, model: Model) -> None:
 
 def load_model(folder: Path) -> Model:
     """The model in `folder`. Raises InputError where a file is missing, of another format, or the two disagree."""
+    from safetensors.torch import load_file
+
     paths = [folder / name for name in ("model.json", "model.safetensors")]
     for path in paths:
         if not path.exists():

@@ -20,12 +20,13 @@ from physreal_core.geometry import (
     pose_error,
     sample_surface,
 )
-from stages._observation import read_first_frame
 
 TOLERANCE = np.array([3.0, 0.005, 0.02])  # degrees, m, relative scale
 
 
 def main() -> None:
+    from stages._observation import read_first_frame  # reads images with OpenCV, which a bare GPU machine lacks
+
     parser = argparse.ArgumentParser(description=__doc__)
     parser.add_argument("sequence", nargs="?", default="plush_lift")
     parser.add_argument("--poses", type=int, default=10, help="random poses")

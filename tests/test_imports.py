@@ -1,0 +1,90 @@
+"""Imports run one way: the core knows neither pipeline nor stages, and its ground stands on four packages alone."""
+
+import ast
+import subprocess
+import sys
+from pathlib import Path
+
+import pytest
+
+from tests.conftest import ROOT
+
+HEAVY = {"cv2", "open3d", "onnxruntime", "hydra", "omegaconf", "dvc"}
+HEAVY_AT_HOME = ("physreal_core/perception", "physreal_core/geometry", "stages", "tests")
+
+# Everything that is installed beside numpy, scipy, torch and warp (pyproject.toml), and the project's upper floors.
+BLOCKED = {
+    *HEAVY, "beartype", "filelock", "imageio_ffmpeg", "jaxtyping", "jinja2", "manifold3d", "matplotlib", "mujoco",
+    "onnx", "PIL", "plyfile", "pydantic", "pytest", "rich", "safetensors", "skimage", "tflite", "trimesh", "yaml",
+    "data", "pipeline", "stages", "tests",
+}  # fmt: skip
+BARE = f"""
+import importlib, pkgutil, sys
+
+class Refuse:
+    def find_spec(self, name, path=None, target=None):
+        if name.partition(".")[0] in {BLOCKED!r}:
+            raise ImportError(f"{{name}} is not on a bare GPU machine")
+
+sys.meta_path.insert(0, Refuse())
+package = importlib.import_module(sys.argv[1])
+for module in pkgutil.walk_packages(package.__path__, sys.argv[1] + "."):
+    importlib.import_module(module.name)
+    print(module.name)
+"""
+
+
+@pytest.mark.parametrize(
+    "package",
+    [
+        "physreal_core.simulation",
+        "physreal_core.rendering",
+        "physreal_core.fitting",
+        "physreal_core.geometry",
+        "physreal_core.evaluation",
+        "benchmarks",
+    ],
+)
+def test_imports_with_numpy_scipy_torch_and_warp_alone(package):
+    command = [sys.executable, "-c", BARE, package]
+    result = subprocess.run(command, cwd=ROOT, capture_output=True, text=True, check=False)
+    assert result.returncode == 0, result.stderr
+    assert len(result.stdout.splitlines()) >= 4  # every module was seen
+
+
+def modules(folder: str) -> list[Path]:
+    return sorted((ROOT / folder).rglob("*.py"))
+
+
+def imported(path: Path, *, anywhere: bool) -> set[str]:
+    """Top-level packages that a file imports: at module level only, or also inside functions."""
+    tree = ast.parse(path.read_text())
+    nodes = ast.walk(tree) if anywhere else _at_module_level(tree)
+    found = set()
+    for node in nodes:
+        if isinstance(node, ast.Import):
+            found |= {alias.name.partition(".")[0] for alias in node.names}
+        elif isinstance(node, ast.ImportFrom) and node.level == 0:
+            found.add(node.module.partition(".")[0])
+    return found
+
+
+def _at_module_level(node: ast.AST):
+    for child in ast.iter_child_nodes(node):
+        if not isinstance(child, (ast.FunctionDef, ast.AsyncFunctionDef)):
+            yield child
+            yield from _at_module_level(child)
+
+
+def test_the_core_imports_no_upper_floor():
+    upper = {"pipeline", "stages", "data", "benchmarks", "tests"}
+    for path in modules("physreal_core"):
+        assert not imported(path, anywhere=True) & upper, path
+
+
+def test_heavy_packages_are_imported_where_they_are_used():
+    homes = tuple(ROOT / home for home in HEAVY_AT_HOME)
+    for folder in ("physreal_core", "pipeline", "stages", "data", "benchmarks"):
+        for path in modules(folder):
+            if not any(path.is_relative_to(home) for home in homes):
+                assert not imported(path, anywhere=False) & HEAVY, path

@@ -26,7 +26,7 @@ def as_input_error(error: ValidationError, model: type[BaseModel], file: str, pr
         return InputError(f"the key {key} is missing", where=file, expected=_meaning(holder, location), remedy=f"add {key}")
     got = f"{key} = {fault['input']!r}" if location else f"{key or 'the file'} is not usable"
     expected = fault["msg"][:1].lower() + fault["msg"][1:]
-    expected = expected.removeprefix("input should be ").removeprefix("value error, ")
+    expected = expected.removeprefix("input should be ").removeprefix("value error, ").partition(" or instance of ")[0]
     meaning = _meaning(holder, location)
     return InputError(
         got, where=file, expected=f"{expected} ({meaning})" if meaning else expected, remedy=f"change {key} in {file}"
@@ -37,7 +37,7 @@ def unknown_key(key: str, name: str, known: list[str], file: str) -> InputError:
     """A key that nothing reads, with the nearest one that something does."""
     nearest = difflib.get_close_matches(name, known, n=1, cutoff=0.5)
     parent = key.rpartition(".")[0]
-    expected = f"one of {', '.join(known)}"
+    expected = f"one of {', '.join(known)}" if known else "no keys here"
     if nearest:
         right = f"{parent}.{nearest[0]}" if parent else nearest[0]
         return InputError(f"unknown key {key}; did you mean {right}?", where=file, remedy="rename or remove it")

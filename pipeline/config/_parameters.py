@@ -22,6 +22,10 @@ class Prediction(StageParameters):
     model_from: Name = Field(description="sequence of `fits` whose fitted models are used, without any refit")
 
 
+class _Member(StageParameters):
+    """A name in a role that has nothing to say about it; a sequence's own values stand under `sequences`."""
+
+
 class _SequenceBase(StageParameters):
     geometry: Literal["linear", "planar", "volumetric"] = Field(
         "volumetric", description="class of the object in the tables: linear (rope), planar (cloth), volumetric (plush)"
@@ -43,8 +47,8 @@ def parameters_model(graph: Graph = STAGES) -> type[BaseModel]:
     roles = {
         "sequences": (sequence, "captures that become objects; a stage's name holds values laid over its block below"),
         "clips": (clip, "captures that go through perception only"),
-        "rigged": (dict[str, Any], "sequences whose capture data/rig makes; any other is yours and is only read"),
-        "fits": (dict[str, Any], "sequences that models are fitted on"),
+        "rigged": (_Member, "sequences whose capture data/rig makes; any other is yours and is only read"),
+        "fits": (_Member, "sequences that models are fitted on"),
         "predictions": (Prediction, "sequences predicted with another one's models, without any refit"),
     }
     fields = {name: (dict[Name, model], Field(default_factory=dict, description=text)) for name, (model, text) in roles.items()}

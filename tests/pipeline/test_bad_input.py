@@ -138,6 +138,8 @@ def test_a_split_past_the_end(tmp_path, capture):
         ({"parse_video": {"max_width": "wide"}}, "parse_video.max_width = 'wide'; expected a valid integer"),
         ({"parse_vidoe": {}}, "unknown key parse_vidoe; did you mean parse_video?"),
         ({"fits": {"clap": {}}}, "unknown key fits.clap; did you mean fits.clip?"),
+        ({"fits": {"clip": {"fit_global": {}}}}, "unknown key fits.clip.fit_global; expected no keys here"),
+        ({"fits": {"clip": None}}, "fits.clip = None; expected a valid dictionary"),
         ({"predictions": {"clip": {"model_from": "x"}}}, "predictions.clip.model_from = 'x' is not a fitted sequence"),
         ({"sequences": {"clip": {"parse_video": {"max_widht": 320}}}}, "sequences.clip.parse_video.max_widht"),
     ],

@@ -13,6 +13,7 @@ from pipeline.capture import Capture, read_capture
 Array = np.ndarray  # physreal_core.array_types would bring torch along
 
 IMAGE_KINDS = (".png", ".jpg", ".jpeg")
+DEPTH = "one 16-bit channel, depth in millimetres, 0 = no reading"
 PNG_START, PNG_END = b"\x89PNG", b"IEND\xaeB`\x82"
 
 
@@ -49,7 +50,9 @@ def list_frames(folder: Path) -> FrameFiles:
     return FrameFiles(colour, depth)
 
 
-def read_frames(folder: Path, capture: Capture, depth_range: tuple[float, float]) -> Iterator[tuple[Array, Array | None]]:
+def read_frames(
+    folder: Path, capture: Capture, depth_range: tuple[float, float]
+) -> Iterator[tuple[Array, Array | None]]:
     """Colour [height, width, 3] uint8 RGB and depth [height, width] uint16 mm (None without a sensor), frame by frame.
 
     Args:
@@ -58,7 +61,8 @@ def read_frames(folder: Path, capture: Capture, depth_range: tuple[float, float]
         depth_range: the nearest and the farthest plausible median of a depth image [m].
 
     Raises:
-        InputError: naming the file that is truncated, of another size than capture.json says, or in the wrong unit.
+        InputError: naming the file that is truncated, of another size than capture.json says, in the wrong unit, or
+            without a reading in frame 0, where the object is placed.
     """
     files = list_frames(folder)
     size = (capture.height, capture.width)
@@ -73,6 +77,13 @@ def read_frames(folder: Path, capture: Capture, depth_range: tuple[float, float]
             break
         depth = read_depth(files.depth[count - 1], depth_range)
         _same_size(files.depth[count - 1], depth.shape, size)
+        if count == 1 and not depth.any():
+            raise InputError(
+                "no reading at all",
+                where=str(files.depth[0]),
+                expected=DEPTH,
+                remedy="start where the sensor sees; metres rounded to whole numbers are lost, convert them before",
+            )
         yield colour, depth
     if files.depth:
         _same_count(folder, count, len(files.depth))
@@ -86,19 +97,23 @@ def read_colour(path: Path) -> Array:
     return np.asarray(image.convert("RGB"))
 
 
+def read_grey(path: Path) -> Array:
+    """[height, width] uint8, e.g. a mask of 0 and 255."""
+    return np.asarray(_decode(path).convert("L"))
+
+
 def read_depth(path: Path, plausible: tuple[float, float]) -> Array:
     """[height, width] uint16 mm, 0 = no reading.
 
     Raises:
-        InputError: not a 16-bit PNG, no reading at all, or a median that no depth in millimetres has.
+        InputError: not a 16-bit PNG, or a median that no depth in millimetres has.
     """
     image = _decode(path)
-    expected = "one 16-bit channel, depth in millimetres, 0 = no reading"
     if not image.mode.startswith("I"):
-        raise InputError(f"a depth image of mode {image.mode}", where=str(path), expected=expected)
+        raise InputError(f"a depth image of mode {image.mode}", where=str(path), expected=DEPTH)
     values = np.asarray(image)
     if values.min() < 0 or values.max() > 65535:
-        raise InputError(f"depth values up to {values.max()}", where=str(path), expected=expected)
+        raise InputError(f"depth values up to {values.max()}", where=str(path), expected=DEPTH)
     depth = values.astype(np.uint16)
     readings = depth[depth > 0]
     if readings.size == 0:
@@ -108,7 +123,7 @@ def read_depth(path: Path, plausible: tuple[float, float]) -> Array:
         raise InputError(
             f"median depth {median:g}, read as millimetres {median / 1000:g} m",
             where=str(path),
-            expected=f"between {plausible[0]} m and {plausible[1]} m: {expected}",
+            expected=f"between {plausible[0]} m and {plausible[1]} m: {DEPTH}",
             remedy="convert the unit, or widen parse_video.min_depth / max_depth in params.yaml",
         )
     return depth
@@ -143,14 +158,21 @@ def count_track_frames(folder: Path) -> int:
 
 def _numbered(folder: Path, suffixes: tuple[str, ...]) -> list[Path]:
     files = sorted(path for path in folder.glob("*") if path.suffix.lower() in suffixes) if folder.is_dir() else []
-    others = [path for path in folder.glob("*") if path.suffix.lower() in (".npy", ".tif", ".tiff", ".exr")]
+    others = [
+        path for path in folder.glob("*") if path.suffix.lower() in (*IMAGE_KINDS, ".npy", ".tif", ".tiff", ".exr")
+    ]
     if others and not files:
         raise InputError(
-            f"{others[0].name} is no image that captures hold", where=str(folder), expected="000000.png", remedy="import it"
+            f"{others[0].name} is no image that captures hold",
+            where=str(folder),
+            expected="000000.png",
+            remedy="import it",
         )
     for index, path in enumerate(files):
         if not path.stem.isdigit() or int(path.stem) != index:
-            raise InputError(f"frame {index} is missing", where=str(folder), expected=f"{index:06d}{path.suffix}, not {path.name}")
+            raise InputError(
+                f"frame {index} is missing", where=str(folder), expected=f"{index:06d}{path.suffix}, not {path.name}"
+            )
     return files
 
 

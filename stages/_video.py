@@ -10,6 +10,7 @@ from physreal_core.errors import InputError
 from physreal_core.perception.parsing import Video
 from physreal_core.perception.tracker import Tracks
 from pipeline.capture import Capture
+from pipeline.frames import read_grey
 
 
 def load_video(parsed: Path, capture_folder: Path, capture: Capture) -> Video:
@@ -54,7 +55,7 @@ def given_masks(folder: Path, role: str, count: int, size: tuple[int, int]) -> B
 
     if not (folder / "masks" / role).is_dir():
         return None
-    masks = [cv2.imread(str(f), cv2.IMREAD_GRAYSCALE) for f in _frames(folder / "masks" / role, count)]
+    masks = [read_grey(f) for f in _frames(folder / "masks" / role, count)]
     return np.stack([cv2.resize(m, size, interpolation=cv2.INTER_NEAREST) > 127 for m in masks])
 
 
@@ -67,9 +68,7 @@ def given_candidates(folder: Path, count: int, size: tuple[int, int]) -> list[Bo
     found = []
     for frame in range(count):
         files = sorted((folder / "candidates" / f"{frame:06d}").glob("*.png"))
-        masks = [
-            cv2.resize(cv2.imread(str(f), cv2.IMREAD_GRAYSCALE), size, interpolation=cv2.INTER_NEAREST) for f in files
-        ]
+        masks = [cv2.resize(read_grey(f), size, interpolation=cv2.INTER_NEAREST) for f in files]
         found.append(np.stack(masks) > 127 if masks else np.zeros((0, size[1], size[0]), bool))
     return found
 

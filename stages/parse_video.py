@@ -72,7 +72,9 @@ def scale_capture(capture: Capture, scale: float) -> Capture:
         return ((pixels.reshape(-1, 2) + 0.5) * ratio - 0.5).ravel()
 
     hints = {
-        name: hint.model_copy(update={key: move(at) for key in ("point", "box") if (at := getattr(hint, key)) is not None})
+        name: hint.model_copy(
+            update={key: move(at) for key in ("point", "box") if (at := getattr(hint, key)) is not None}
+        )
         for name, hint in capture.hints.items()
     }
     return capture.model_copy(update={"width": width, "height": height, "K": K, "hints": hints})
@@ -143,7 +145,9 @@ def _set_world(capture: Capture, depth: np.ndarray, context: StageContext) -> tu
         plane = fit_plane(points, tolerance=context.params.plane_tolerance, seed=context.seed)
     except InputError as error:
         if capture.T_world_camera is None:
-            raise InputError(error.what, where=str(context.capture), expected=error.expected, remedy=error.remedy) from None
+            raise InputError(
+                error.what, where=str(context.capture), expected=error.expected, remedy=error.remedy
+            ) from None
         return capture, {"fitted": False, "why": error.what}
     given = capture.T_world_camera is not None
     T = capture.T_world_camera if given else world_frame(plane)

@@ -157,3 +157,16 @@ def test_a_missing_given_mask_is_named(capture):
     _write(capture, "masks/object", SCENE.objects[:-1])
     with pytest.raises(InputError, match=r"masks/object/000003\.png"):
         segment(capture, segmenter="none")
+
+
+@pytest.mark.parametrize("name", ["masks/object/000001.png", "candidates/000001/000000.png"])
+def test_a_truncated_given_mask_is_named(capture, name):
+    _write(capture, "masks/object", SCENE.objects)
+    for t in range(FRAMES):
+        _write(capture, f"candidates/{t:06d}", SCENE.hands[t : t + 1])
+    image = capture / name
+    image.write_bytes(image.read_bytes()[: int(0.7 * image.stat().st_size)])
+    with pytest.raises(
+        InputError, match=rf"{image.parent.name}/{image.name}: the image cannot be read, is it truncated"
+    ):
+        segment(capture, segmenter="none")

@@ -71,6 +71,20 @@ def test_depth_in_tenths_of_millimetres(tmp_path, capture):
     assert "depth/000000.png: median depth 12000, read as millimetres 12 m" in fault(tmp_path)
 
 
+def test_depth_in_metres_rounded_to_nothing(tmp_path, capture):
+    for image in (capture / "depth").iterdir():
+        Image.fromarray(np.zeros((HEIGHT, WIDTH), np.uint16)).save(image)
+    message = fault(tmp_path)
+    assert "depth/000000.png: no reading at all" in message and "in millimetres" in message
+
+
+def test_depth_compressed_with_loss(tmp_path, capture):
+    for image in (capture / "depth").iterdir():
+        Image.fromarray(np.full((HEIGHT, WIDTH), 200, np.uint8)).save(image.with_suffix(".jpg"))
+        image.unlink()
+    assert ".jpg is no image that captures hold" in fault(tmp_path)
+
+
 def test_depth_of_eight_bits(tmp_path, capture):
     Image.fromarray(np.full((HEIGHT, WIDTH), 200, np.uint8)).save(capture / "depth" / "000003.png")
     assert "depth/000003.png: a depth image of mode L; expected one 16-bit channel" in fault(tmp_path)

@@ -28,7 +28,9 @@ def _parser() -> argparse.ArgumentParser:
 
     command = commands.add_parser("compose", help="write params.yaml from the option groups in pipeline/conf")
     command.add_argument("options", nargs="*", help="group=option (fit_global=von_mises) or key=value")
-    command.add_argument("--check", action="store_true", help="write nothing; fail if params.yaml is not what they give")
+    command.add_argument(
+        "--check", action="store_true", help="write nothing; fail if params.yaml is not what they give"
+    )
     command.set_defaults(command=_compose)
 
     command = commands.add_parser("check", help="validate params.yaml and the captures, without running anything")

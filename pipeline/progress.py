@@ -58,7 +58,9 @@ class Progress:
         if now - self._printed < LINE_EVERY and self.done < self.total:
             return
         self._printed = now
-        print(f"{self.description}: {self.done}/{self.total}, {self._left(now)}{', ' + note if note else ''}", flush=True)
+        print(
+            f"{self.description}: {self.done}/{self.total}, {self._left(now)}{', ' + note if note else ''}", flush=True
+        )
 
     def _left(self, now: float) -> str:
         worked = self.done - self._resumed_at

@@ -64,7 +64,9 @@ def read_provenance(folder: Path) -> dict[str, Any]:
     """The record in an artifact's folder, InputError where there is none."""
     path = folder / FILE
     if not path.is_file():
-        raise InputError("the artifact has no provenance.json", where=str(folder), remedy="delete it and run `dvc repro`")
+        raise InputError(
+            "the artifact has no provenance.json", where=str(folder), remedy="delete it and run `dvc repro`"
+        )
     return json.loads(path.read_text())
 
 
@@ -93,6 +95,8 @@ def _file_of(name: str, roots: tuple[Path, ...]) -> Path | None:
 
 def _without_docstrings(tree: ast.Module) -> str:
     for node in ast.walk(tree):
-        if isinstance(node, (ast.Module, ast.FunctionDef, ast.ClassDef, ast.AsyncFunctionDef)) and ast.get_docstring(node):
+        if isinstance(node, (ast.Module, ast.FunctionDef, ast.ClassDef, ast.AsyncFunctionDef)) and ast.get_docstring(
+            node
+        ):
             node.body = node.body[1:] or [ast.Pass()]
     return ast.dump(tree)

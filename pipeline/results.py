@@ -60,7 +60,9 @@ class Results:
     @cached_property
     def metrics(self) -> dict[str, dict[str, Any]]:
         """Sequence → what evaluate's metrics.json says."""
-        return {name: json.loads((self.artifact("evaluate", name) / "metrics.json").read_text()) for name in self.sequences}
+        return {
+            name: json.loads((self.artifact("evaluate", name) / "metrics.json").read_text()) for name in self.sequences
+        }
 
     def scores(self, sequence: str, fit_stage: str, interval: str) -> dict[str, float]:
         """The benchmark's numbers in SI units; those that do not apply are absent."""

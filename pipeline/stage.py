@@ -168,7 +168,11 @@ def _input_folder(project: Project, name: str, sequence: str) -> Path:
 
 
 def run_stage(
-    stage: str, sequence: str, run: Callable[[StageContext], None], project: Project | None = None, graph: Graph = STAGES
+    stage: str,
+    sequence: str,
+    run: Callable[[StageContext], None],
+    project: Project | None = None,
+    graph: Graph = STAGES,
 ) -> Path:
     """Run a stage on a sequence and put its output in place.
 
@@ -246,7 +250,9 @@ def _only_copy(project: Project, stage: str, sequence: str) -> Iterator[None]:
 
 def _refuse_to_replace(capture: Path, stage: str) -> None:
     """A capture that `stage` did not make is its owner's: it is never deleted or overwritten."""
-    if capture.exists() and not ((capture / "provenance.json").is_file() and read_provenance(capture)["stage"] == stage):
+    if capture.exists() and not (
+        (capture / "provenance.json").is_file() and read_provenance(capture)["stage"] == stage
+    ):
         raise InputError(
             f"{capture} holds a capture that {stage} did not make",
             where=stage,

@@ -59,7 +59,9 @@ def mean_scores(results: Results, sequences: Iterable[str], fit_stage: str, inte
 
 def cells(scores: dict[str, float]) -> list[str]:
     """The scores as text, an empty cell where one does not apply."""
-    return [f"{scores[name] * factor:.{digits}f}" if name in scores else "" for name, (_, factor, digits) in SHOWN.items()]
+    return [
+        f"{scores[name] * factor:.{digits}f}" if name in scores else "" for name, (_, factor, digits) in SHOWN.items()
+    ]
 
 
 def _headings() -> list[str]:

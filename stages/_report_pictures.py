@@ -76,7 +76,14 @@ def material_field(x0: np.ndarray, values: np.ndarray, label: str) -> str:
     for axes, (i, j, depth, sign) in ((front, (0, 2, 1, -1)), (above, (0, 1, 2, 1))):
         order = np.argsort(sign * x0[:, depth])
         points = axes.scatter(
-            x0[order, i], x0[order, j], c=values[order], s=14, cmap="viridis", vmin=low - margin, vmax=high + margin, lw=0
+            x0[order, i],
+            x0[order, j],
+            c=values[order],
+            s=14,
+            cmap="viridis",
+            vmin=low - margin,
+            vmax=high + margin,
+            lw=0,
         )
         axes.set(xlabel=f"{'xyz'[i]} [m]", ylabel=f"{'xyz'[j]} [m]", aspect="equal")
     figure.colorbar(points, ax=(front, above), label=label, shrink=0.9)

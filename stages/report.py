@@ -28,7 +28,9 @@ TEMPLATE = Path(__file__).with_name("report.html.jinja")
 
 def run(results: Results) -> Path:
     """Write results/report.html and results/pictures, and say where the page is."""
-    environment = jinja2.Environment(autoescape=True, undefined=jinja2.StrictUndefined, trim_blocks=True, lstrip_blocks=True)
+    environment = jinja2.Environment(
+        autoescape=True, undefined=jinja2.StrictUndefined, trim_blocks=True, lstrip_blocks=True
+    )
     environment.filters["quantity"] = lambda value: f"{value:,.0f}" if abs(value) >= 1000 else f"{value:.4g}"
     page = environment.from_string(TEMPLATE.read_text()).render(
         sequences=[describe_sequence(results, name) for name in results.sequences],
@@ -58,7 +60,9 @@ def describe_sequence(results: Results, name: str) -> dict[str, Any]:
         "geometry": results.geometry(name),
         "model_from": results.model_from(name),
         "warnings": json.loads((parsed / "quality.json").read_text())["warnings"],
-        "scores": {stage: {part: results.scores(name, stage, part) for part in ("observed", "future")} for stage in FIT_STAGES},
+        "scores": {
+            stage: {part: results.scores(name, stage, part) for part in ("observed", "future")} for stage in FIT_STAGES
+        },
         "videos": {stage: embed(path) for stage in FIT_STAGES if (path := evaluated / f"{stage}.mp4").is_file()},
         "strip": embed(strip) if video.is_file() else None,
         "loss": loss_curves(losses) if losses else None,

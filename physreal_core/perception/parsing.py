@@ -112,7 +112,9 @@ def parse_video(
         report["controller_interpolated_frames"] = controllers.interpolated
     else:
         report["controller"] = "no depth: controller points cannot be placed in 3D"
-    report["visible_share_per_frame"] = [round(float(v), 4) for v in tracks.visible.mean(1)] if tracks.visible.size else []
+    report["visible_share_per_frame"] = (
+        [round(float(v), 4) for v in tracks.visible.mean(1)] if tracks.visible.size else []
+    )
     hand_masks = np.any([masks[n] for n in hands], axis=0) if hands else np.zeros_like(masks["object"])
     return Parsed(masks["object"], hand_masks, tracks, lifted, controllers, report)
 

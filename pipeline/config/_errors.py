@@ -23,7 +23,9 @@ def as_input_error(error: ValidationError, model: type[BaseModel], file: str, pr
     if fault["type"] == "extra_forbidden":
         return unknown_key(key, str(location[-1]), list(holder.model_fields), file)
     if fault["type"] == "missing":
-        return InputError(f"the key {key} is missing", where=file, expected=_meaning(holder, location), remedy=f"add {key}")
+        return InputError(
+            f"the key {key} is missing", where=file, expected=_meaning(holder, location), remedy=f"add {key}"
+        )
     got = f"{key} = {fault['input']!r}" if location else f"{key or 'the file'} is not usable"
     expected = fault["msg"][:1].lower() + fault["msg"][1:]
     expected = expected.removeprefix("input should be ").removeprefix("value error, ").partition(" or instance of ")[0]

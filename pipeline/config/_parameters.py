@@ -51,7 +51,10 @@ def parameters_model(graph: Graph = STAGES) -> type[BaseModel]:
         "fits": (_Member, "sequences that models are fitted on"),
         "predictions": (Prediction, "sequences predicted with another one's models, without any refit"),
     }
-    fields = {name: (dict[Name, model], Field(default_factory=dict, description=text)) for name, (model, text) in roles.items()}
+    fields = {
+        name: (dict[Name, model], Field(default_factory=dict, description=text))
+        for name, (model, text) in roles.items()
+    }
     for name, stage in graph.items():
         model = stage.parameters_model()
         fields[name] = (model, Field(default_factory=model, description=_first_line(model)))

@@ -10,9 +10,13 @@ from pipeline.config._base import StageParameters
 class BuildObject(StageParameters):
     """Mesh and Gaussians of the object, from shape_prior.glb / .ply or from frame 0."""
 
-    close_holes: bool = Field(False, description="cap the holes of a prior mesh that is not closed, instead of refusing it")
+    close_holes: bool = Field(
+        False, description="cap the holes of a prior mesh that is not closed, instead of refusing it"
+    )
     gaussians: int = Field(4000, ge=100, le=200_000, description="Gaussians on the surface where the prior brings none")
-    voxels_across: int = Field(64, ge=16, le=256, description="voxels along the longest side of a mesh made from Gaussians")
+    voxels_across: int = Field(
+        64, ge=16, le=256, description="voxels along the longest side of a mesh made from Gaussians"
+    )
     voxel: float = Field(0.004, gt=0, description="voxel edge of a mesh built from frame 0 [m]")
     underside: Literal["round", "flat"] = Field(
         "round",

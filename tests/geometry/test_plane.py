@@ -27,7 +27,7 @@ def test_plane_with_outliers_and_missing_points():
     plane = fit_plane(points)
     assert np.degrees(np.arccos(plane.normal @ up)) < 0.1
     assert abs(plane.offset - 0.8) < 2e-4  # 1 mm noise over 4000 points
-    assert plane.inliers[: 4000].sum() > 3700 and not plane.inliers[::17].any()
+    assert plane.inliers[:4000].sum() > 3700 and not plane.inliers[::17].any()
 
 
 def test_world_frame_puts_the_plane_at_zero_and_the_camera_above():

@@ -91,7 +91,9 @@ def test_from_a_prior_in_another_pose(tmp_path):
     root = write_capture(tmp_path, body, density=150)
     away = Similarity(np.array([[0.0, -1, 0], [0, 0, -1], [1, 0, 0]]), np.array([1.0, 2, 3]), 4.0)
     save_mesh(root / "capture/shape_prior.glb", body.transformed(away.matrix))
-    short = FitPose(restarts=1, generations=50, candidates=1, coarse_iterations=50, fine_iterations=30, surface_points=1500)
+    short = FitPose(
+        restarts=1, generations=50, candidates=1, coarse_iterations=50, fine_iterations=30, surface_points=1500
+    )
     arrays = run_all(root, pose=short)
     pose = json.loads((root / "fit_pose/pose.json").read_text())
     found = Similarity.from_matrix(np.array(pose["T_world_prior"]))

@@ -23,7 +23,9 @@ def camera_pose(tilt: float = 0.9, height: float = 0.6) -> np.ndarray:
 def plane_depth(T_world_camera: np.ndarray) -> np.ndarray:
     """Depth [height, width] mm of the plane z = 0, 0 where a pixel looks above the horizon."""
     v, u = np.mgrid[:HEIGHT, :WIDTH]
-    rays = np.stack([(u - K[0, 2]) / FOCAL, (v - K[1, 2]) / FOCAL, np.ones(u.shape)], axis=-1) @ T_world_camera[:3, :3].T
+    rays = (
+        np.stack([(u - K[0, 2]) / FOCAL, (v - K[1, 2]) / FOCAL, np.ones(u.shape)], axis=-1) @ T_world_camera[:3, :3].T
+    )
     depth = np.where(rays[..., 2] < -1e-6, -T_world_camera[2, 3] / np.minimum(rays[..., 2], -1e-6), 0)
     return np.round(np.where(depth < 5, depth, 0) * 1000).astype(np.uint16)
 

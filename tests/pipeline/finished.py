@@ -40,7 +40,9 @@ def finished_project(root: Path) -> Project:
 
 def scores(sequence: str, stage: str, interval: str) -> dict[str, float]:
     """What `_evaluate` writes: the prediction is worse by half, the future is twice the observed."""
-    factor = (1 - 0.1 * FIT_STAGES.index(stage)) * (1.5 if sequence == "push" else 1) * (2 if interval == "future" else 1)
+    factor = (
+        (1 - 0.1 * FIT_STAGES.index(stage)) * (1.5 if sequence == "push" else 1) * (2 if interval == "future" else 1)
+    )
     return {name: value * factor if name.endswith(("error", "way")) else value for name, value in SCORES.items()}
 
 
@@ -88,8 +90,13 @@ def _evaluate(context: StageContext) -> None:
         metrics[stage] = {p: {"frames": list(span), **scores(context.sequence, stage, p)} for p, span in parts.items()}
         metrics[stage]["truth"] = {"observed": {"vertex_error": 0.0035}, "statics": {"sag": 0.05, "true_sag": 0.051}}
         for part, span in parts.items():
-            rows += [{"stage": stage, "interval": part, "frame": t, **scores(context.sequence, stage, part)} for t in range(*span)]
-        writer = imageio_ffmpeg.write_frames(str(context.output / f"{stage}.mp4"), (96, 32), fps=30, ffmpeg_log_level="error")
+            rows += [
+                {"stage": stage, "interval": part, "frame": t, **scores(context.sequence, stage, part)}
+                for t in range(*span)
+            ]
+        writer = imageio_ffmpeg.write_frames(
+            str(context.output / f"{stage}.mp4"), (96, 32), fps=30, ffmpeg_log_level="error"
+        )
         writer.send(None)
         for frame in range(FRAMES):
             writer.send(np.full((32, 96, 3), 20 * frame, np.uint8))

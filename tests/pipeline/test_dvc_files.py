@@ -47,7 +47,9 @@ def test_every_file_that_a_stage_imports_is_a_dependency(stage):
         deps = [Path(dep) for dep in entry["deps"] if not dep.startswith("data/a")]
         uncovered = {path for path in counted - light if not any(path.is_relative_to(dep) for dep in deps)}
         assert not uncovered, f"{name}: add to deps {sorted(map(str, uncovered))}"
-        unused = {dep for dep in deps if dep.parts[0] == "physreal_core" and not any(p.is_relative_to(dep) for p in files)}
+        unused = {
+            dep for dep in deps if dep.parts[0] == "physreal_core" and not any(p.is_relative_to(dep) for p in files)
+        }
         assert not unused, f"{name}: not imported {sorted(map(str, unused))}"
 
 

@@ -41,7 +41,9 @@ def test_a_given_pose_stays_and_is_compared_with_the_plane(tmp_path):
 
 
 def test_scaling_keeps_rays():
-    capture = capture_of({"fps": 30, "width": 64, "height": 48, "K": [[50, 0, 30], [0, 52, 20], [0, 0, 1]]}).model_copy()
+    capture = capture_of(
+        {"fps": 30, "width": 64, "height": 48, "K": [[50, 0, 30], [0, 52, 20], [0, 0, 1]]}
+    ).model_copy()
     half = scale_capture(capture, 0.5)
     assert (half.width, half.height) == (32, 24)
     # The centre of the upper left 2x2 block of pixels is the centre of the half-size image's first pixel.

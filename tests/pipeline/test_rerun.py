@@ -34,7 +34,11 @@ class Repository:
         self.write_parameters(PARAMETERS)
         for stage, inputs in STAGES.items():
             self._write_stage(stage, inputs)
-        aggregate = {"cmd": "cat data/artifacts/tell/*/words.txt > all.txt", "deps": ["data/artifacts/tell"], "outs": ["all.txt"]}
+        aggregate = {
+            "cmd": "cat data/artifacts/tell/*/words.txt > all.txt",
+            "deps": ["data/artifacts/tell"],
+            "outs": ["all.txt"],
+        }
         (root / "dvc.yaml").write_text(json.dumps({"stages": {"all": aggregate}}))
         subprocess.run(["git", "init", "-q"], cwd=root, check=True)
         self.dvc("init", "-q")

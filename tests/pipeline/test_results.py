@@ -42,7 +42,10 @@ def test_means_weigh_images_by_frames_and_distances_by_sequence(results):
 def test_a_metric_that_does_not_apply_is_absent(results):
     block = results.metrics["lift"]["fit_global"]["future"]
     kept = {key: block.pop(key) for key in ("iou", "psnr")}
-    assert set(summarise.summary(results)["sequences"]["lift"]["fit_global"]["future"]) == set(METRICS) - {"iou", "psnr"}
+    assert set(summarise.summary(results)["sequences"]["lift"]["fit_global"]["future"]) == set(METRICS) - {
+        "iou",
+        "psnr",
+    }
     block |= kept
 
 

@@ -28,8 +28,8 @@ from stages._observation import first_frame
 def run(context: StageContext) -> None:
     """Import shape_prior.glb and / or shape_prior.ply, or build a mesh from frame 0; write object.glb, gaussians.ply.
 
-    Where both are given they share one frame. A prior is moved into a canonical frame (centroid at the origin, longest side of its box 1; `T_object_prior`);
-    what is built from frame 0 stays in the world frame.
+    Where both are given they share one frame. A prior is moved into a canonical frame (centroid at the origin, longest
+    side of its box 1; `T_object_prior`); what is built from frame 0 stays in the world frame.
     """
     glb, ply = context.capture / "shape_prior.glb", context.capture / "shape_prior.ply"
     gaussians = load_gaussians(ply) if ply.exists() else None

@@ -75,7 +75,9 @@ def require_closed(mesh: Mesh, *, where: str = "", remedy: str = "close it, or a
     if count := mesh.open_edges():
         raise InputError(f"mesh is not closed: {count} open edges", where=where, expected="0", remedy=remedy)
     if mesh.volume <= 0:
-        raise InputError(f"mesh encloses no volume ({mesh.volume:.3g})", where=where, remedy="turn its normals outwards")
+        raise InputError(
+            f"mesh encloses no volume ({mesh.volume:.3g})", where=where, remedy="turn its normals outwards"
+        )
     return mesh
 
 

@@ -27,9 +27,7 @@ class RenderedLoss:
         rests: whether the object lies on the plane z = 0, which adds a term for its lowest point.
     """
 
-    def __init__(
-        self, surface: SurfacePoints, observation: Observation, scale: float, *, rests: bool = True
-    ) -> None:
+    def __init__(self, surface: SurfacePoints, observation: Observation, scale: float, *, rests: bool = True) -> None:
         # The drawn edge, alpha = 1/2, stands where the surface is; a scale fitted to a wider one would be too small.
         inset = edge_inset(surface.spacing, observation.pixel_size / scale, alpha=0.5)
         gaussians = surface_gaussians(surface, inset=inset)

@@ -39,7 +39,8 @@ class LowResolutionLoss:
     def __init__(self, surface: SurfacePoints, observation: Observation, *, rests: bool = True) -> None:
         rows, columns = np.nonzero(observation.mask)
         longest = max(np.ptp(rows), np.ptp(columns)) + 1
-        view = observation.reduced(min(1.0, CELLS_ACROSS / longest), share=0.3)  # as full as a cell is when points hit it
+        # The share: as full as a cell is when points hit it.
+        view = observation.reduced(min(1.0, CELLS_ACROSS / longest), share=0.3)
         self.surface, self.rests = surface, rests
         self.mask, self.known = view.mask.ravel(), ~view.hidden.ravel()
         self.object = np.flatnonzero(self.mask)
@@ -149,9 +150,7 @@ def _evolve_everywhere(
     return float(best.fun), _pose(decode, best.x)
 
 
-def _evolve_around(
-    loss: LowResolutionLoss, pose: Similarity, centre: Array, seed: int
-) -> tuple[float, Similarity]:
+def _evolve_around(loss: LowResolutionLoss, pose: Similarity, centre: Array, seed: int) -> tuple[float, Similarity]:
     middle = pose.apply(centre)
 
     def decode(x: Array) -> tuple[Array, Array, Array]:
@@ -164,7 +163,9 @@ def _evolve_around(
     return float(best.fun), _pose(decode, best.x)
 
 
-def _evolve(loss: LowResolutionLoss, decode, bounds: list, population: int, generations: int, seed: int, *, colour=True):
+def _evolve(
+    loss: LowResolutionLoss, decode, bounds: list, population: int, generations: int, seed: int, *, colour=True
+):
     return differential_evolution(
         lambda x: loss(*decode(x), colour=colour),
         bounds,

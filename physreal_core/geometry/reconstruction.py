@@ -21,7 +21,8 @@ def mesh_from_view(observation: Observation, *, voxel: float = 0.004, underside:
     a section as round as it is high is met exactly, and so is a box. What the body hides behind itself is filled by
     balls: under every ridge (z_top = H) the ball of diameter H, if all of it lies behind the seen surface and inside the
     silhouette, and if the surface is seen as far past the ridge as that of a round body would be. What the hand hides
-    between seen parts (in their convex hull) is as high as the nearest ridge. With underside = "flat" columns go down to the plane and there are no balls.
+    between seen parts (in their convex hull) is as high as the nearest ridge. With underside = "flat" columns go down to
+    the plane and there are no balls.
 
     Args:
         observation: frame 0 with depth; the object touches the plane z = 0.

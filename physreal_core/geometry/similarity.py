@@ -49,9 +49,7 @@ class Similarity:
         return Similarity(rotation, self.apply(centre) - self.scale * rotation @ centre, self.scale)
 
 
-def pose_error(
-    found: Similarity, true: Similarity, centre: Float[Array, " 3"]
-) -> tuple[float, float, float]:
+def pose_error(found: Similarity, true: Similarity, centre: Float[Array, " 3"]) -> tuple[float, float, float]:
     """Rotation error [degrees], translation error at the object's own point `centre` [m], relative scale error."""
     turn = Rotation.from_matrix(found.rotation.T @ true.rotation).magnitude()
     shift = np.linalg.norm(found.apply(centre) - true.apply(centre))

@@ -24,6 +24,7 @@ install_system() {
   wanted=$(missing_libraries)
   command -v npm >/dev/null || wanted="$wanted npm"
   command -v git >/dev/null || wanted="$wanted git"
+  [ -n "${VIRTUAL_ENV:-}" ] || "${PYTHON:-python3}" -c 'import ensurepip' 2>/dev/null || wanted="$wanted python3-venv"
   [ -n "${wanted// /}" ] || return 0
   local sudo=""
   [ "$(id -u)" = 0 ] || sudo=sudo
@@ -34,7 +35,8 @@ install_system() {
 
 use_environment() {
   [ -z "${VIRTUAL_ENV:-}" ] || return 0
-  [ -d .venv ] || "${PYTHON:-python3}" -m venv .venv
+  "${PYTHON:-python3}" -c 'import sys; assert sys.version_info >= (3, 11), "Python 3.11 or newer is needed"'
+  [ -f .venv/bin/activate ] || "${PYTHON:-python3}" -m venv .venv
   # shellcheck disable=SC1091
   . .venv/bin/activate
 }

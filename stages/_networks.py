@@ -3,6 +3,7 @@
 from pathlib import Path
 
 from physreal_core.errors import InputError
+from physreal_core.perception.chooser import TargetChooser
 from physreal_core.perception.flow import DisFlow, GmFlow
 from physreal_core.perception.flow_tracker import FlowTracker
 from physreal_core.perception.hand_finder import HandFinder
@@ -13,6 +14,8 @@ from physreal_core.perception.tracker import Tracker
 from pipeline.config.segment_and_track import SegmentAndTrack
 from pipeline.models import default_folder, require
 from stages._video import given_candidates
+
+_CLIP_KEYS = ("clip_image_onnx", "clip_text_onnx", "clip_tokenizer")
 
 
 def make_settings(params: SegmentAndTrack) -> Settings:
@@ -34,11 +37,13 @@ def make_networks(params: SegmentAndTrack, video: Video, capture: Path) -> Netwo
     """Opens what this capture needs: a network whose answer the capture brings is not even looked for."""
     masked = {"object", "controller"} <= set(video.masks)
     finds_hands = params.hand_finder == "mediapipe" and not {"controller"} & (set(video.hints) | set(video.masks))
+    described = video.description and not {"object"} & (set(video.hints) | set(video.masks))
     return Networks(
         None if masked else _segmenter(params, video, capture),
         FlowTracker(_flow(params), max_round_trip=params.max_round_trip, min_likeness=params.min_likeness),
         _tracker(params),
         _hand_finder(params) if finds_hands else None,
+        _chooser(params) if described else None,
     )
 
 
@@ -83,6 +88,26 @@ def _hand_finder(params: SegmentAndTrack) -> HandFinder:
 
     files = require("hands", default_folder())
     return MediaPipeHands(files["palm.onnx"], files["hand_landmark.onnx"], threads=params.threads)
+
+
+def _chooser(params: SegmentAndTrack) -> TargetChooser | None:
+    """Who reads the description; None: nobody, the target is what the hand touches."""
+    from physreal_core.perception.text_choosers import ClipChooser, ConseChooser
+    from physreal_core.perception.text_encoder import TextEncoder
+
+    threads = params.threads
+    if params.target == "touch":
+        return None
+    if params.target == "clip":
+        image, text, tokenizer = (_named(getattr(params, k), k) for k in _CLIP_KEYS)
+        return ClipChooser(image, TextEncoder(text, tokenizer, threads=threads), threads=threads)
+    texts, images, names = (require(n, default_folder()) for n in ("minilm", "efficientnet", "imagenet_names"))
+    return ConseChooser(
+        images["efficientnet_lite0.onnx"],
+        names["imagenet_names.txt"].read_text().splitlines(),
+        TextEncoder(texts["minilm.onnx"], texts["minilm_tokenizer.json"], threads=threads),
+        threads=threads,
+    )
 
 
 def _named(path: str | None, key: str) -> Path:

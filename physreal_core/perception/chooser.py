@@ -17,7 +17,7 @@ class TargetChooser(Protocol):
     """Anything that says how well candidates fit a description (a text encoder, CLIP)."""
 
     def scores(self, image: UInt8[Array, "H W 3"], masks: Bool[Array, "N H W"], description: str) -> Float[Array, " N"]:
-        """How well each candidate fits the description; only the order matters, higher is better."""
+        """How well each candidate fits: the logarithm of a likelihood, up to a constant (1 more counts e times)."""
 
 
 def hint_prompts(image: UInt8[Array, "H W 3"], hint: Mapping[str, Any], where: str) -> list[Prompt]:

@@ -30,6 +30,7 @@ from physreal_core.perception.hand_finder import Hand, HandFinder
 from physreal_core.perception.segmenter import Candidates, Prompt, Segmenter, drop_duplicates, zoomed_candidates
 
 _MAX_AREA = 0.5  # of the image: more is a table or a wall
+_UNTOUCHED = 0.02  # weight of what the hand does not touch: among many things one sounds right by chance
 
 
 @dataclass(frozen=True)
@@ -134,10 +135,13 @@ def _by_fitness(
         found = drop_duplicates(Candidates.join([found, _sane(segmenter.candidates(image))]))
         fit = fit_to_touch(found, hand, motion)
     how = "what the hand touches"
+    if chooser is not None and description:
+        found = found.where((found.masks & ~hand).sum((1, 2)) >= 0.5 * found.masks.sum((1, 2)))  # the hand is no target
+        fit = fit_to_touch(found, hand, motion)
     if chooser is not None and description and len(found):
         words = chooser.scores(image, found.masks, description)
-        words = np.exp((words - words.max()) / 0.05)  # cosines lie close together
-        fit, how = words * (0.1 + fit / max(fit.max(), 1e-9)), f"description {description!r} and what the hand touches"
+        fit = np.exp(words - words.max()) * (_UNTOUCHED + fit / max(fit.max(), 1e-9))
+        how = f"description {description!r} and what the hand touches"
     if not (fit > 0).any():
         return Choice(np.zeros(image.shape[:2], bool), how)
     return Choice(found.masks[int(fit.argmax())], how)

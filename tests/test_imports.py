@@ -15,7 +15,8 @@ HEAVY_AT_HOME = ("physreal_core/perception", "physreal_core/geometry", "stages",
 # Everything that is installed beside numpy, scipy, torch and warp (pyproject.toml), and the project's upper floors.
 BLOCKED = {
     *HEAVY, "beartype", "filelock", "imageio_ffmpeg", "jaxtyping", "jinja2", "manifold3d", "matplotlib", "mujoco",
-    "onnx", "PIL", "plyfile", "pydantic", "pytest", "rich", "safetensors", "skimage", "tflite", "trimesh", "yaml",
+    "onnx", "PIL", "plyfile", "pydantic", "pytest", "rich", "safetensors", "skimage", "tflite", "tokenizers", "trimesh",
+    "yaml",
     "data", "pipeline", "stages", "tests",
 }  # fmt: skip
 BARE = f"""

@@ -1,6 +1,5 @@
 """What evaluate reads: the measurement frame by frame, a model's rollout as carried points and pictures."""
 
-import json
 from dataclasses import dataclass
 from pathlib import Path
 
@@ -10,7 +9,16 @@ from safetensors.numpy import load_file
 
 from physreal_core.errors import InputError
 from physreal_core.geometry.mesh import Mesh, load_mesh
-from physreal_core.rendering import Binding, Camera, Gaussians, bind, carry_points, load_gaussians, render_carried
+from physreal_core.rendering import (
+    Binding,
+    Camera,
+    Gaussians,
+    bind,
+    carry_points,
+    load_camera,
+    load_gaussians,
+    render_carried,
+)
 from pipeline.capture import Capture, read_capture
 from pipeline.frames import read_colour, read_depth
 from pipeline.stage import StageContext
@@ -99,7 +107,7 @@ def load_sequence(context: StageContext) -> Sequence:
         track_points0=particles["track_points0"].astype(np.float64),
         surface=surface,
         spacing=spacing,
-        camera=_camera(video) if is_video else None,
+        camera=load_camera(video / "camera.json") if is_video else None,
         gaussians=load_gaussians(posed / "gaussians.ply") if is_video else None,
         video=video,
         masks=perceived / "masks",
@@ -115,11 +123,6 @@ def _scatter(mesh: Mesh, count: int, seed: int) -> tuple[Array, float]:
     root, along = np.sqrt(random.random(count)), random.random(count)
     weights = np.stack([1 - root, root * (1 - along), root * along], axis=1)
     return np.einsum("pck,pc->pk", mesh.corners[face], weights), float(np.sqrt(areas.sum() / count))
-
-
-def _camera(folder: Path) -> Camera:
-    record = json.loads((folder / "camera.json").read_text())
-    return Camera(np.array(record["K"]), np.array(record["T_world_camera"]), record["width"], record["height"])
 
 
 def _read_truth(path: Path) -> dict[str, Array]:

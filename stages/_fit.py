@@ -87,8 +87,9 @@ def write_fit(context: StageContext, objective: Objective, model: Model, result:
         write_rollout(context.output / "rollout.npz", objective, model)
     record = {
         "values": {name: _summary(name, tensor) for name, tensor in model.fields.items() if _is_material(name)},
-        "objective": result.total,
+        "objective": finite_or_none(result.total),
         "iterations": len(result.history) - 1,
+        "ended_early": result.ended_early,
         "observed_frames": objective.problem.observed,
         "fitted_frames": objective.full_horizon,
         "particles": len(objective.problem.body.x0),

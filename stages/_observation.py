@@ -1,13 +1,12 @@
 """Frame 0 and its camera, as the geometry stages read them."""
 
-import json
 from pathlib import Path
 
 import numpy as np
 
 from physreal_core.errors import InputError
 from physreal_core.geometry import Observation
-from physreal_core.rendering import Camera
+from physreal_core.rendering import load_camera
 from pipeline.stage import StageContext
 
 HAND_MARGIN = 2  # [px] around the hand's mask where its edge may hide the object
@@ -22,8 +21,7 @@ def read_first_frame(video: Path, masks: Path) -> Observation:
     """Colour, depth (zeros where the capture has none), masks and camera of frame 0."""
     import cv2
 
-    record = json.loads((video / "camera.json").read_text())
-    camera = Camera(np.array(record["K"]), np.array(record["T_world_camera"]), record["width"], record["height"])
+    camera = load_camera(video / "camera.json")
     rgb = _read(video / "color" / "000000.png", cv2.IMREAD_COLOR)[..., ::-1] / 255.0
     depth_file = video / "depth" / "000000.png"
     depth = _read(depth_file, cv2.IMREAD_UNCHANGED) / 1000.0 if depth_file.exists() else np.zeros(rgb.shape[:2])

@@ -1,6 +1,5 @@
 """From the artifacts of one sequence to a `Problem`: the one place where the fit stages and `predict` read their inputs."""
 
-import json
 from pathlib import Path
 
 import numpy as np
@@ -8,7 +7,7 @@ import torch
 
 from physreal_core.errors import InputError
 from physreal_core.fitting.problem import MaskObservations, Problem, TrackObservations, reduce_masks
-from physreal_core.rendering import Binding, Camera, load_gaussians
+from physreal_core.rendering import Binding, Camera, load_camera, load_gaussians
 from physreal_core.simulation import Body, Clamp, Grip, PointLoad
 from pipeline.capture import Capture, read_capture
 from pipeline.config._fitting import Masks
@@ -35,7 +34,7 @@ def load_problem(context: StageContext, masks: Masks | None = None) -> Problem:
             remedy="rerun segment_and_track",
         )
     body = _body(particles)
-    camera = _camera(video) if capture.kind == "video" else None
+    camera = load_camera(video / "camera.json") if capture.kind == "video" else None
     observed = capture.observed(frame_count).train[1]
     return Problem(
         body=body,
@@ -88,11 +87,6 @@ def _loads(capture: Capture, body: Body) -> tuple[PointLoad, ...]:
             )
         loads.append(PointLoad(near.astype(np.int32), body.mass[near], payload.force))
     return tuple(loads)
-
-
-def _camera(folder: Path) -> Camera:
-    record = json.loads((folder / "camera.json").read_text())
-    return Camera(np.array(record["K"]), np.array(record["T_world_camera"]), record["width"], record["height"])
 
 
 def _tracks(tracks: dict, particles: dict, camera: Camera | None) -> TrackObservations | None:

@@ -57,11 +57,19 @@ class DescentConfig:
 
 @dataclass(frozen=True)
 class DescentResult:
-    """The best iterate at the full horizon: values by name, its total, and one history row per evaluation."""
+    """The best iterate at the full horizon.
+
+    Attributes:
+        values: by name; the start's if no iterate reached the full horizon.
+        total: its objective; infinite in that case.
+        history: one row per evaluation.
+        ended_early: why fewer iterations were run than asked for, None if none were left out.
+    """
 
     values: Fields
     total: float
     history: list[dict[str, Any]]
+    ended_early: str | None = None
 
 
 class Descent:
@@ -104,14 +112,16 @@ class Descent:
         """Runs to the last iteration, from the checkpoint if there is one. Raises SimulationError if even the start fails."""
         if checkpoint is not None and (saved := load_checkpoint(checkpoint)) is not None:
             self._restore(*saved)
+        ended_early = None
         while self.iteration <= self.config.iterations:
             if not self._iterate():
+                ended_early = f"still not finite after {self.config.rejections} halvings of step {self.iteration}"
                 break
             on_iteration(self.history)
             if checkpoint is not None and self.iteration % self.config.checkpoint_every == 0:
                 save_checkpoint(checkpoint, *self._snapshot())
         values = {v.name: v.value(self._best[v.name]) for v in self.variables}
-        return DescentResult(values, self._best_total, self.history)
+        return DescentResult(values, self._best_total, self.history, ended_early)
 
     def _iterate(self) -> bool:
         """Evaluates the current iterate, backing off while it is non-finite, and steps. False when it cannot go on."""

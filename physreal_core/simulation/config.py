@@ -2,6 +2,8 @@
 
 from dataclasses import dataclass
 
+import torch
+
 from physreal_core.errors import InputError
 from physreal_core.simulation.constitutive import ELASTIC_LAWS, PLASTIC_LAWS, ResidualConfig
 
@@ -42,6 +44,13 @@ class SimulationConfig:
                 raise InputError(
                     f"{getattr(self, name)!r}", where=f"SimulationConfig.{name}", expected=" or ".join(known)
                 )
+        if self.device.startswith("cuda") and not torch.cuda.is_available():
+            raise InputError(
+                f"{self.device!r}, but torch sees no CUDA device",
+                where="SimulationConfig.device",
+                expected="cpu, or a machine with an NVIDIA GPU and a CUDA build of torch",
+                remedy="set `device: cpu` in the stage's block of params.yaml",
+            )
         for name in ("fps", "courant"):
             if not getattr(self, name) > 0:
                 raise InputError(

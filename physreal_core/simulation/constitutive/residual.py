@@ -187,9 +187,7 @@ def _stress_functions(config: ResidualConfig, scalar: type) -> tuple[wp.Function
         bar_R = bar * R
         S_bar = wp.transpose(R) * bar_R
         outputs_bar = bounded_adjoint(outputs, matrix_adjoint((beta * size) * S_bar))
-        strains_bar = outputs_adjoint(
-            strains, particle, latent, weights, outputs_bar, latent_bar, weights_bar, row
-        )
+        strains_bar = outputs_adjoint(strains, particle, latent, weights, outputs_bar, latent_bar, weights_bar, row)
         size_bar = beta * wp.ddot(S, S_bar)
         out = StressResidualAdjoint()
         out.F = strains_adjoint(F, R, strains_bar, (two * beta * size) * bar_R * S)
@@ -263,9 +261,7 @@ def _plastic_functions(config: ResidualConfig, scalar: type) -> tuple[wp.Functio
         rate = beta * share * size * growth
         S_bar = wp.transpose(R) * delta_F_bar
         outputs_bar = bounded_adjoint(outputs, matrix_adjoint(rate * S_bar))
-        strains_bar = outputs_adjoint(
-            strains, particle, latent, weights, outputs_bar, latent_bar, weights_bar, row
-        )
+        strains_bar = outputs_adjoint(strains, particle, latent, weights, outputs_bar, latent_bar, weights_bar, row)
         rate_bar = beta * share * wp.ddot(S, S_bar)
         growth_bar = rate_bar * size
         square_bar = half * growth_bar * (one - growth * growth) * wp.sqrt(one - growth * growth)

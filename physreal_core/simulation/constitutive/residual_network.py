@@ -73,9 +73,7 @@ def network_functions(config: ResidualConfig, scalar: type) -> Network:
         return x_bar
 
     @wp.func
-    def activations(
-        strains: Strains, particle: int, latent: wp.array2d(dtype=scalar), weights: wp.array(dtype=scalar)
-    ):
+    def activations(strains: Strains, particle: int, latent: wp.array2d(dtype=scalar), weights: wp.array(dtype=scalar)):
         # int(): a bound that Warp knows while compiling would be unrolled into thousands of lines
         inputs, hidden, strain_features = int(input_count), int(hidden_count), int(STRAIN_FEATURES)
         rows = rows_of(weights)

@@ -1,12 +1,14 @@
 """How far do the example's scores depend on the seed? `python -m benchmarks.seeds [--seeds 0 1 2] [--sequence plush_lift] FOLDER`
 
 Each seed gets a project folder of its own under FOLDER (other sensor noise, pose of the prior, networks' start) and runs through
-all stages; a stage whose output is there is not run again, so a stopped run goes on. Prints every seed's scores and the medians.
+all stages; a stage whose output is there is not run again, so a stopped run goes on. Prints every seed's scores, the
+simulated over the true static deflection (docs/evaluation.md), and the medians.
 """
 
 from __future__ import annotations
 
 import argparse
+import itertools
 import json
 import os
 import re
@@ -47,16 +49,23 @@ def _environment() -> dict[str, str]:
 
 def table(found: dict[int, Scores]) -> str:
     """Markdown: a row per fit stage, interval and seed, with a median row under each group."""
-    lines = ["| stage | interval | seed | " + " | ".join(SCORES) + " |", "|---|---|---|" + "--:|" * len(SCORES)]
-    first = next(iter(found.values()))
-    for stage in (name for name in first if name.startswith("fit_")):
-        for interval in ("observed", "future"):
-            rows = {str(seed): scores[stage][interval] for seed, scores in found.items()}
-            rows["median"] = {name: median(row[name] for row in rows.values()) for name in SCORES}
-            for seed, row in rows.items():
-                values = " | ".join(f"{row[name]:.4g}" for name in SCORES)
-                lines.append(f"| {stage} | {interval} | {seed} | {values} |")
+    columns = (*SCORES, "sag / true sag")
+    lines = ["| stage | interval | seed | " + " | ".join(columns) + " |", "|---|---|---|" + "--:|" * len(columns)]
+    stages = [name for name in next(iter(found.values())) if name.startswith("fit_")]
+    for stage, interval in itertools.product(stages, ("observed", "future")):
+        rows = {str(seed): _row(scores[stage], interval) for seed, scores in found.items()}
+        rows["median"] = [median(column) for column in zip(*rows.values(), strict=True)]
+        lines += [f"| {stage} | {interval} | {seed} | {_cells(row)} |" for seed, row in rows.items()]
     return "\n".join(lines)
+
+
+def _row(scores: dict, interval: str) -> list[float]:
+    statics = scores["truth"]["statics"]
+    return [*(scores[interval][name] for name in SCORES), statics["sag"] / statics["true_sag"]]
+
+
+def _cells(row: list[float]) -> str:
+    return " | ".join(f"{value:.4g}" for value in row)
 
 
 def main() -> None:

@@ -51,7 +51,7 @@ def _parser() -> argparse.ArgumentParser:
     command.set_defaults(command=_add)
 
     command = commands.add_parser("models", help="fetch and convert the pretrained networks into data/models")
-    command.add_argument("names", nargs="*", help="which; default: those the default configuration needs; all: all")
+    command.add_argument("names", nargs="*", help="which; default: those the default configuration needs; text; all")
     command.set_defaults(command=_models)
 
     command = commands.add_parser("status", help="how far every sequence is, and where the report lies")

@@ -18,6 +18,7 @@ from data.importers.images import read_depth
 from data.importers.safe_pickle import load_pickle
 from physreal_core.array_types import Array, Bool, Float
 from physreal_core.errors import InputError
+from pipeline.frames import read_grey
 
 Z_UP = np.diag([1.0, -1.0, -1.0])  # from their world to ours: half a turn about x
 
@@ -115,14 +116,12 @@ def _frame_count(source: Path, camera: int, metadata: dict) -> int:
 
 def _write_masks(source: Path, folder: Path, camera: int, labels: dict[str, str], frames: int) -> None:
     """Union of the hand's masks and of all others; depth plays no part."""
-    import cv2
-
     roles = {"controller": [key for key, label in labels.items() if label == "hand"]}
     roles["object"] = [key for key in labels if key not in roles["controller"]]
     for role, keys in roles.items():
         for frame in range(frames) if keys else ():
             paths = [_need(source / "mask" / str(camera) / key / f"{frame}.png") for key in keys]
-            union = np.any([cv2.imread(str(path), cv2.IMREAD_GRAYSCALE) > 0 for path in paths], axis=0)
+            union = np.any([read_grey(path) > 0 for path in paths], axis=0)
             write_image(folder / "masks" / role / f"{frame:06d}.png", union.astype(np.uint8) * 255)
 
 

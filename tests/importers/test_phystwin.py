@@ -148,6 +148,13 @@ def test_missing_file_is_named(case, tmp_path, name):
         import_capture(case, tmp_path / "sloth", camera=1)
 
 
+def test_truncated_mask_is_named(case, tmp_path):
+    path = case / "mask" / "1" / "0" / "1.png"
+    path.write_bytes(path.read_bytes()[:40])
+    with pytest.raises(InputError, match=r"mask.*1\.png"):
+        import_capture(case, tmp_path / "sloth", camera=1)
+
+
 def test_camera_that_does_not_exist(case, tmp_path):
     with pytest.raises(InputError, match="color"):
         import_capture(case, tmp_path / "sloth", camera=2)

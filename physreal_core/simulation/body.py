@@ -80,6 +80,12 @@ class Grip:
                 )
             object.__setattr__(self, name, array)
 
+    def by_particle(self) -> tuple[Int[Array, " gripped"], Int[Array, " starts"], Int[Array, " bonds"]]:
+        """Bonds grouped by particle: gripped particles [Q], first bond of each [Q + 1], order of the bonds [B]."""
+        order = np.argsort(self.particles, kind="stable")
+        gripped, first = np.unique(self.particles[order], return_index=True)
+        return gripped.astype(np.int32), np.append(first, len(order)).astype(np.int32), order
+
     def check(self, body: Body) -> None:
         """Raise `InputError` where a bond does not fit the body."""
         if len(self.particles) == 0:

@@ -22,6 +22,7 @@ class SimulationConfig:
         residual: neural residuals beside the expert laws; None for none. A bound beta of zero leaves that one out.
         dtype: "float32", or "float64" for gradient proofs.
         device: "cpu" or "cuda:0".
+        kernels: "fast", or "plain" for the one-kernel-per-phase form that the fast ones are held to.
     """
 
     fps: float | int
@@ -33,12 +34,14 @@ class SimulationConfig:
     residual: ResidualConfig | None = None
     dtype: str = "float32"
     device: str = "cpu"
+    kernels: str = "fast"
 
     def __post_init__(self) -> None:
         for name, known in (
             ("elastic_law", ELASTIC_LAWS),
             ("plastic_law", PLASTIC_LAWS),
             ("dtype", ("float32", "float64")),
+            ("kernels", ("fast", "plain")),
         ):
             if getattr(self, name) not in known:
                 raise InputError(

@@ -18,7 +18,7 @@ from physreal_core.simulation.body import Body, Clamp, Grip, PointLoad
 from physreal_core.simulation.box import GridBox, grid_box
 from physreal_core.simulation.config import SimulationConfig
 from physreal_core.simulation.parameters import PARAMETER_NAMES, Parameters, States, complete
-from physreal_core.simulation.stepper import Stepper
+from physreal_core.simulation.stepper import make_stepper
 from physreal_core.simulation.timestep import grip_rates, substeps_per_frame
 
 Progress = Callable[[int, int], None]
@@ -50,7 +50,7 @@ class Simulator:
         self._side_stream: torch.cuda.Stream | None = None
         self._grip_rates = grip_rates(body, grip)
         with self._stream():
-            self._stepper = Stepper(body, config, grip, tuple(clamps), tuple(loads))
+            self._stepper = make_stepper(body, config, grip, tuple(clamps), tuple(loads))
             self._x0 = torch.tensor(body.x0, dtype=self._stepper.types.torch_dtype, device=config.device)
 
     def substeps(self, parameters: Parameters) -> int:
@@ -121,8 +121,7 @@ class Simulator:
         for frame in range(frames - 1):
             now, after = (frame, frame + 1) if keep_affine else (0, 1)
             boxes.append(self._forward_frame(frame, (x[frame], v[frame], F[frame], C[now]), points))
-            x[frame + 1], v[frame + 1], F[frame + 1] = stepper.x[0], stepper.v[0], stepper.F[0]
-            C[after] = stepper.C[0]
+            x[frame + 1], v[frame + 1], F[frame + 1], C[after] = stepper.state()
             if not keep_affine:
                 C[0] = C[1]
             if progress is not None:
@@ -197,10 +196,7 @@ class Simulator:
         return stepper.gradients()
 
     def _inject(self, bars: tuple[Tensor | None, Tensor | None, Tensor | None], frame: int) -> None:
-        stepper = self._stepper
-        for total, bar in zip((stepper.x_bar, stepper.v_bar, stepper.F_bar), bars, strict=True):
-            if bar is not None:
-                total += bar[frame]
+        self._stepper.add_adjoints(*(None if bar is None else bar[frame] for bar in bars))
 
 
 def _last_frame(bars: tuple[Tensor | None, ...]) -> int:

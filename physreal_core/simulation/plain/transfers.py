@@ -9,7 +9,7 @@ from types import SimpleNamespace
 
 import warp as wp
 
-from physreal_core.simulation.lattice import lattice_functions
+from physreal_core.simulation.plain.lattice import lattice_functions
 from physreal_core.simulation.scalars import kernel_module, scalar_types
 
 OUTSIDE, NOT_FINITE = (

@@ -8,18 +8,9 @@ Controller points are interpolated linearly over the substeps of a frame.
 import functools
 from types import SimpleNamespace
 
-import numpy as np
 import warp as wp
 
-from physreal_core.simulation.body import Grip
 from physreal_core.simulation.scalars import kernel_module, scalar_types
-
-
-def bonds_by_particle(grip: Grip) -> tuple[np.ndarray, np.ndarray, np.ndarray]:
-    """Bonds grouped by particle: (gripped particles [Q], first bond of each [Q + 1], order of the bonds [B])."""
-    order = np.argsort(grip.particles, kind="stable")
-    gripped, first = np.unique(grip.particles[order], return_index=True)
-    return gripped.astype(np.int32), np.append(first, len(order)).astype(np.int32), order
 
 
 @functools.cache

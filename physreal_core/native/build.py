@@ -1,0 +1,33 @@
+"""A Warp module whose CPU code may call C++ headers of ours: compiled by Warp's own clang, so no compiler is needed."""
+
+from pathlib import Path
+
+import warp as wp
+
+SHARED = Path(__file__).parent
+# Products and sums may fuse. NaN and infinity keep their meaning: a state that blew up must be seen.
+_FLAGS = "-ffp-contract=fast"
+
+
+def native_module(name: str, header: Path) -> wp.Module:
+    """Warp module `name` with `header` included before its kernels, and without Warp's own adjoints.
+
+    Every header beside `header` and beside this file can be included by its bare name and is part of the module's hash. A
+    kernel calls an entry point through a `wp.func_native` of one line. The headers see no C or C++ library.
+
+    Args:
+        name: name of the Warp module; one module is one compilation.
+        header: the header that the others are included from.
+    """
+    folders = [SHARED, header.parent]
+    module = wp.get_module(name)
+    options = wp.ModuleBuildOptions(
+        extra_cpu_preamble=f'#include "{header.name}"',
+        extra_cpu_include_dirs=[str(folder) for folder in folders],
+        extra_build_dependencies=[str(file) for folder in folders for file in sorted(folder.rglob("*.h"))],
+    )
+    flags = f"{wp.config.cpu_compiler_flags} {_FLAGS}"
+    wp.set_module_options(
+        {"enable_backward": False, "cpu_compiler_flags": flags, "extra_build_options": options}, module=module
+    )
+    return module

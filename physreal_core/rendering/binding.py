@@ -63,48 +63,54 @@ def bind(
 
 
 def _blend(binding: Binding, x0: Tensor, x: Tensor, F: Tensor) -> tuple[Tensor, Tensor]:
-    """Weighted mean affine map per point: offset [G, 3] and matrix [G, 3, 3] with p = offset + matrix @ p0."""
+    """Weighted mean affine map per point: offset [..., G, 3] and matrix [..., G, 3, 3] with p = offset + matrix @ p0."""
     F = F.to(x)
-    offsets = x - (F @ x0.to(x)[:, :, None])[:, :, 0]
-    table = torch.cat([offsets, F.flatten(1)], dim=1)  # [N, 12]
-    # embedding_bag is a gather and weighted sum in one pass, forward and backward, without the [G, m, 12] intermediate.
+    offsets = x - _applied(F, x0.to(x))
+    # A particle's row holds its maps at all frames: one lookup serves them all.
+    table = torch.cat([offsets, F.flatten(-2)], dim=-1).movedim(-2, 0)  # [N, ..., 12]
     weights = binding.weights.to(x)
     weights = weights / weights.sum(dim=1, keepdim=True)  # stored in float32: sum to 1 in this dtype too
+    # embedding_bag is a gather and weighted sum in one pass, forward and backward, without the [G, m, 12] intermediate.
     mean = torch.nn.functional.embedding_bag(
-        binding.neighbours.to(x.device), table, per_sample_weights=weights, mode="sum"
+        binding.neighbours.to(x.device), table.flatten(1), per_sample_weights=weights, mode="sum"
     )
-    return mean[:, :3], mean[:, 3:].unflatten(1, (3, 3))
+    mean = mean.unflatten(1, table.shape[1:]).movedim(0, -2)
+    return mean[..., :3], mean[..., 3:].unflatten(-1, (3, 3))
+
+
+def _applied(matrices: Tensor, points: Tensor) -> Tensor:
+    """Matrices [..., n, 3, 3] times points [n, 3]: a broadcast product, many times faster here than a batch of tiny matmuls."""
+    return (matrices * points[:, None, :]).sum(dim=-1)
 
 
 def carry_points(
     binding: Binding,
     points0: Float[Tensor, "points 3"],
     x0: Float[Tensor, "particles 3"],
-    x: Float[Tensor, "particles 3"],
-    F: Float[Tensor, "particles 3 3"],
-) -> Float[Tensor, "points 3"]:
+    x: Float[Tensor, "*frames particles 3"],
+    F: Float[Tensor, "*frames particles 3 3"],
+) -> Float[Tensor, "*frames points 3"]:
     """Where the points are now [m]: sum_i w_i (x_i + F_i (p0 - x0_i)); exact for affine motion, differentiable in x, F.
 
     Args:
         points0, x0: points and particles in the initial configuration [m].
-        x, F: particle positions [m] and deformation gradients now. Under plasticity F is the elastic part, so the
-            plastic stretch within one particle spacing is left out.
+        x, F: particle positions [m] and deformation gradients now, or at several frames at once. Under plasticity F is
+            the elastic part, so the plastic stretch within one particle spacing is left out.
     """
     offset, matrix = _blend(binding, x0, x, F)
-    return offset + (matrix @ points0.to(x)[:, :, None])[:, :, 0]
+    return offset + _applied(matrix, points0.to(x))
 
 
 def carry_gaussians(
     binding: Binding,
     gaussians: Gaussians,
     x0: Float[Tensor, "particles 3"],
-    x: Float[Tensor, "particles 3"],
-    F: Float[Tensor, "particles 3 3"],
-) -> tuple[Float[Tensor, "gaussians 3"], Float[Tensor, "gaussians 3 3"]]:
+    x: Float[Tensor, "*frames particles 3"],
+    F: Float[Tensor, "*frames particles 3 3"],
+) -> tuple[Float[Tensor, "*frames gaussians 3"], Float[Tensor, "*frames gaussians 3 3"]]:
     """Means [m] as `carry_points`, covariances [m^2] as A C0 A^T with the blended deformation A = sum_i w_i F_i."""
     offset, A = _blend(binding, x0, x, F)
-    means = offset + (A @ gaussians.means.to(x)[:, :, None])[:, :, 0]
-    return means, A @ gaussians.covariances().to(x) @ A.transpose(1, 2)
+    return offset + _applied(A, gaussians.means.to(x)), A @ gaussians.covariances().to(x) @ A.transpose(-1, -2)
 
 
 def carried_rotations(binding: Binding, F: Float[Tensor, "particles 3 3"]) -> Float[Tensor, "gaussians 3 3"]:

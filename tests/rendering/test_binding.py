@@ -65,3 +65,22 @@ def test_gradients() -> None:
     F.requires_grad_(True)
     assert torch.autograd.gradcheck(lambda x, F: carry_points(binding, points, x0, x, F), (x, F))
     assert torch.autograd.gradcheck(lambda x, F: carry_gaussians(binding, g, x0, x, F), (x, F))
+
+
+def test_several_frames_at_once_are_each_frame_alone() -> None:
+    """Values and gradients in x and F, to rounding."""
+    x0, points, g, binding = _scene()
+    generator = torch.Generator().manual_seed(2)
+    x = (x0 + 0.1 * torch.randn(4, 50, 3, generator=generator, dtype=torch.float64)).requires_grad_()
+    F = torch.eye(3, dtype=torch.float64) + 0.2 * torch.randn(4, 50, 3, 3, generator=generator, dtype=torch.float64)
+    F.requires_grad_()
+    together = [carry_points(binding, points, x0, x, F), *carry_gaussians(binding, g, x0, x, F)]
+    frames = [(carry_points(binding, points, x0, *s), *carry_gaussians(binding, g, x0, *s)) for s in zip(x, F)]
+    for at_once, alone in zip(together, map(torch.stack, zip(*frames, strict=True)), strict=True):
+        bar = torch.randn(at_once.shape, generator=generator, dtype=torch.float64)
+        found, expected = (
+            torch.autograd.grad(a, (x, F), bar, retain_graph=True, materialize_grads=True) for a in (at_once, alone)
+        )
+        torch.testing.assert_close(at_once, alone, rtol=0, atol=1e-14)
+        for a, b in zip(found, expected, strict=True):
+            torch.testing.assert_close(a, b, rtol=1e-12, atol=1e-13)

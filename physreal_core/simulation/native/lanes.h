@@ -1,0 +1,168 @@
+// Vectors of LANES particles, one number each, in float or double, and the elementary functions on them.
+// A comparison gives a mask (integers, 0 or -1 a lane). Nothing here hides a NaN: it goes through every function.
+#pragma once
+
+namespace physreal {
+
+#if defined(__AVX512F__)
+constexpr int LANES = 16;
+#elif defined(__AVX__)
+constexpr int LANES = 8;
+#else
+constexpr int LANES = 4;
+#endif
+
+template <class S> using Lanes = S __attribute__((vector_size(sizeof(S) * LANES)));
+
+// Of the vector type V: its scalar, its masks (signed integers as wide), and the IEEE format of the scalar.
+template <class V> struct LaneTraits;
+
+template <> struct LaneTraits<Lanes<float>> {
+    using Scalar = float;
+    using Mask = Lanes<int>;
+    static constexpr int MANTISSA_BITS = 23, EXPONENT_BIAS = 127;
+    static constexpr float ROUNDS_TO_INTEGER = 12582912.0f;  // 1.5 * 2^23: adding it leaves no bits for a fraction
+    static constexpr float LN2_HIGH = 6.9313812256e-1f, LN2_LOW = 9.0580006145e-6f;  // few bits in the high part
+    static constexpr float SMALLEST_NORMAL = 1.17549435e-38f;
+    static constexpr float EXP_LOWEST = -104.0f, EXP_HIGHEST = 89.0f;  // beyond: 0 and infinity
+    static constexpr float HALF_PI_HIGH = 1.5707855225e+0f, HALF_PI_LOW = 1.0804273188e-5f;
+    static constexpr int EXP_TERMS = 8, SIN_TERMS = 5;
+    static constexpr float LOG_SERIES[] = {0.66666662693f, 0.40000972152f, 0.28498786688f, 0.24279078841f};
+};
+
+template <> struct LaneTraits<Lanes<double>> {
+    using Scalar = double;
+    using Mask = Lanes<long long>;
+    static constexpr int MANTISSA_BITS = 52, EXPONENT_BIAS = 1023;
+    static constexpr double ROUNDS_TO_INTEGER = 6755399441055744.0;  // 1.5 * 2^52
+    static constexpr double LN2_HIGH = 6.93147180369123816490e-1, LN2_LOW = 1.90821492927058770002e-10;
+    static constexpr double SMALLEST_NORMAL = 2.2250738585072014e-308;
+    static constexpr double EXP_LOWEST = -746.0, EXP_HIGHEST = 710.0;
+    static constexpr double HALF_PI_HIGH = 1.57079632673412561417e+0, HALF_PI_LOW = 6.07710050650619224932e-11;
+    static constexpr int EXP_TERMS = 13, SIN_TERMS = 9;
+    static constexpr double LOG_SERIES[] = {6.666666666666735130e-1, 3.999999999940941908e-1, 2.857142874366239149e-1,
+                                            2.222219843214978396e-1, 1.818357216161805012e-1, 1.531383769920937332e-1,
+                                            1.479819860511658591e-1};
+};
+
+template <class V> using Scalar = typename LaneTraits<V>::Scalar;
+template <class V> using Mask = typename LaneTraits<V>::Mask;
+
+// The same bits as another type of the same size.
+template <class To, class From> inline To bits_as(From from) {
+    static_assert(sizeof(To) == sizeof(From));
+    return __builtin_bit_cast(To, from);
+}
+
+template <class V> inline V splat(Scalar<V> s) { return s - V{}; }  // x - 0 is x, also for x = -0
+
+template <class S> inline Lanes<S> load(const S* from) {
+    Lanes<S> value;
+    __builtin_memcpy(&value, from, sizeof(value));
+    return value;
+}
+
+template <class V> inline void store(Scalar<V>* to, V value) { __builtin_memcpy(to, &value, sizeof(value)); }
+
+template <class V> inline V select(Mask<V> mask, V where_set, V elsewhere) { return mask ? where_set : elsewhere; }
+
+template <class V> inline V min(V a, V b) { return a < b ? a : b; }
+template <class V> inline V max(V a, V b) { return a > b ? a : b; }
+template <class V> inline V abs(V x) { return __builtin_elementwise_abs(x); }
+template <class V> inline V sqrt(V x) { return __builtin_elementwise_sqrt(x); }
+
+template <class M> inline bool any(M mask) { return __builtin_reduce_or(mask) != 0; }
+
+// Sum over the lanes, by halves.
+template <class S, int N> inline S sum_of_halves(const S* values) {
+    if constexpr (N == 1) {
+        return values[0];
+    } else {
+        using Half = S __attribute__((vector_size(sizeof(S) * (N / 2))));
+        Half half[2];
+        __builtin_memcpy(half, values, sizeof(half));
+        half[0] += half[1];
+        return sum_of_halves<S, N / 2>(reinterpret_cast<const S*>(&half[0]));
+    }
+}
+
+template <class V> inline Scalar<V> sum(V value) {
+    return sum_of_halves<Scalar<V>, LANES>(reinterpret_cast<const Scalar<V>*>(&value));
+}
+
+// Natural logarithm, below one ulp: log(2^k (1 + f)) by the odd series in s = f / (2 + f) of fdlibm (Sun Microsystems,
+// e_log.c). Minus infinity at 0, NaN below.
+template <class V> inline V log(V x) {
+    using T = LaneTraits<V>;
+    using S = Scalar<V>;
+    using I = Mask<V>;
+    const Mask<V> subnormal = x < T::SMALLEST_NORMAL;
+    const S lift = S(1ll << T::MANTISSA_BITS);
+    const I bits = bits_as<I>(select(subnormal, x * lift, x));
+    const I half_root = bits_as<I>(splat<V>(S(0.70710678118654752)));
+    const I exponent = (bits - half_root) >> T::MANTISSA_BITS;  // so that sqrt(1/2) <= mantissa < sqrt(2)
+    const V mantissa = bits_as<V>(bits - (exponent << T::MANTISSA_BITS));
+    const V integer = splat<V>(T::ROUNDS_TO_INTEGER);
+    V k = bits_as<V>(bits_as<I>(integer) + exponent) - integer;
+    k = select(subnormal, k - S(T::MANTISSA_BITS), k);
+    const V f = mantissa - S(1);
+    const V s = f / (f + S(2));
+    const V z = s * s;
+    constexpr int terms = sizeof(T::LOG_SERIES) / sizeof(S);
+    V series = splat<V>(T::LOG_SERIES[terms - 1]);
+    for (int i = terms - 2; i >= 0; --i) series = series * z + T::LOG_SERIES[i];
+    const V half_square = S(0.5) * f * f;
+    V value = k * T::LN2_HIGH - ((half_square - (s * (half_square + z * series) + k * T::LN2_LOW)) - f);
+    const V infinity = splat<V>(S(__builtin_inff()));
+    value = select(x < infinity, value, x);  // infinity and NaN are their own logarithms
+    value = select(x == S(0), -infinity, value);
+    return select(x < S(0), splat<V>(S(__builtin_nanf(""))), value);
+}
+
+template <class S> constexpr S inverse_factorial(int n) { return n == 0 ? S(1) : inverse_factorial<S>(n - 1) / S(n); }
+
+// Exponential, about one ulp: 2^k times Taylor's polynomial on |r| <= log(2) / 2.
+template <class V> inline V exp(V x) {
+    using T = LaneTraits<V>;
+    using S = Scalar<V>;
+    using I = Mask<V>;
+    x = select(x > T::EXP_HIGHEST, splat<V>(T::EXP_HIGHEST), x);
+    x = select(x < T::EXP_LOWEST, splat<V>(T::EXP_LOWEST), x);
+    const V integer = splat<V>(T::ROUNDS_TO_INTEGER);
+    const V shifted = x * S(1.44269504088896340736) + integer;
+    const V k = shifted - integer;
+    const V r = (x - k * T::LN2_HIGH) - k * T::LN2_LOW;
+    V value = splat<V>(inverse_factorial<S>(T::EXP_TERMS));
+    for (int i = T::EXP_TERMS - 1; i >= 0; --i) value = value * r + inverse_factorial<S>(i);
+    // 2^k in two factors: either alone is in range where the result is subnormal or infinite
+    const I exponent = bits_as<I>(shifted) - bits_as<I>(integer);
+    const I half = exponent >> 1;
+    const V low = bits_as<V>((half + T::EXPONENT_BIAS) << T::MANTISSA_BITS);
+    const V high = bits_as<V>((exponent - half + T::EXPONENT_BIAS) << T::MANTISSA_BITS);
+    return value * low * high;
+}
+
+// Sine and cosine, about one ulp while |x| is below some thousand: Taylor's polynomials on |r| <= pi / 4.
+template <class V> inline void sin_cos(V x, V& sine, V& cosine) {
+    using T = LaneTraits<V>;
+    using S = Scalar<V>;
+    using I = Mask<V>;
+    const V integer = splat<V>(T::ROUNDS_TO_INTEGER);
+    const V shifted = x * S(0.63661977236758134308) + integer;
+    const V k = shifted - integer;
+    const V r = (x - k * T::HALF_PI_HIGH) - k * T::HALF_PI_LOW;
+    const V z = -r * r;
+    V odd = splat<V>(inverse_factorial<S>(2 * T::SIN_TERMS - 1)), even = splat<V>(inverse_factorial<S>(2 * T::SIN_TERMS));
+    for (int i = T::SIN_TERMS - 2; i >= 1; --i) odd = odd * z + inverse_factorial<S>(2 * i + 1);
+    for (int i = T::SIN_TERMS - 1; i >= 1; --i) even = even * z + inverse_factorial<S>(2 * i);
+    odd = r + r * (z * odd);
+    even = S(1) + z * even;
+    const I quarter = bits_as<I>(shifted) & 3;
+    const I swapped = (quarter & 1) != 0;
+    sine = select(swapped, even, odd);
+    cosine = select(swapped, odd, even);
+    sine = select((quarter & 2) != 0, -sine, sine);
+    cosine = select(((quarter + 1) & 2) != 0, -cosine, cosine);
+}
+
+}  // namespace physreal

@@ -1,0 +1,274 @@
+"""One frame of substeps, forward and adjoint, as one call of vector C++ per thread (worker.h)."""
+
+import ctypes
+from concurrent.futures import ThreadPoolExecutor
+
+import numpy as np
+import torch
+import warp as wp
+
+from physreal_core.simulation.body import Body, Clamp, Grip, PointLoad, load_forces
+from physreal_core.simulation.box import GridBox, held_boxes, lattice_offset
+from physreal_core.simulation.config import SimulationConfig
+from physreal_core.simulation.native.frame import frame_kernels, frame_type
+from physreal_core.simulation.parameters import Parameters
+from physreal_core.simulation.scalars import scalar_types
+
+BLOCK = 16  # particles; the widest block that a machine works on, to which rows of particles are filled up
+PARTICLES_PER_THREAD = 256  # fewer are not worth the threads' meeting three times a substep
+STATE_ROWS, CONSTANT_ROWS, BAR_ROWS = 24, 9, 4  # of worker.h; latent codes come on top of the last two
+_NONE = torch.iinfo(torch.int64).max
+_STATE_SHAPES = {"x": (3,), "v": (3,), "F": (3, 3), "C": (3, 3)}
+
+
+def _yield_address() -> int:
+    """Address of the function that gives the core to another thread; 0 where there is none."""
+    function = getattr(ctypes.CDLL(None), "sched_yield", None)
+    return 0 if function is None else ctypes.cast(function, ctypes.c_void_p).value
+
+
+class NativeStepper:
+    """`Stepper` on the CPU. Particles are put in the order of their cells at every frame; results are in the caller's.
+
+    Args:
+        body, config, grip, clamps, loads: as for `Simulator`.
+        threads: threads of a frame; by default torch's number, fewer for few particles. The sums' order, and with it
+            the last digits, depend on it.
+    """
+
+    def __init__(
+        self,
+        body: Body,
+        config: SimulationConfig,
+        grip: Grip | None,
+        clamps: tuple[Clamp, ...],
+        loads: tuple[PointLoad, ...],
+        threads: int | None = None,
+    ) -> None:
+        self.types, self.config = scalar_types(config.dtype), config
+        self.cell, self.particles = body.cell, len(body.x0)
+        self.offset = lattice_offset(body, config.ground_height, clamps)
+        self.threads = min(threads or torch.get_num_threads(), max(1, self.particles // PARTICLES_PER_THREAD))
+        self.slots = self.substeps = self._nodes = self._grid_slots = 0
+        self._kernels = frame_kernels(config)
+        self._frame = frame_type(self.types.torch_dtype)()
+        self._held: dict[str, torch.Tensor] = {}
+        self._pool = ThreadPoolExecutor(self.threads - 1) if self.threads > 1 else None
+        self._launches = {
+            name: [self._record(kernel, thread) for thread in range(self.threads)]
+            for name, kernel in (("forward", self._kernels.forward), ("backward", self._kernels.backward))
+        }
+        self._set_model(body, clamps, loads)
+        self._set_grip(body, grip)
+        self._set_parameter_arrays()
+        self._set_workspace()
+
+    # --- arrays -------------------------------------------------------------------------------------------------
+
+    def _record(self, kernel: wp.Kernel, thread: int) -> wp.Launch:
+        address = ctypes.addressof(self._frame)
+        return wp.launch(kernel, dim=1, inputs=[address, thread], device="cpu", record_cmd=True)
+
+    def _hold(self, name: str, value: torch.Tensor) -> torch.Tensor:
+        """Keep a contiguous tensor alive and give the frame its address."""
+        self._held[name] = value.contiguous()
+        setattr(self._frame, name, self._held[name].data_ptr())
+        return self._held[name]
+
+    def _zeros(self, *shape: int, dtype: torch.dtype | None = None) -> torch.Tensor:
+        return torch.zeros(shape, dtype=dtype or self.types.torch_dtype)
+
+    def _numbers(self, array: np.ndarray) -> torch.Tensor:
+        return torch.as_tensor(array).to(self.types.torch_dtype)
+
+    def _set_model(self, body: Body, clamps: tuple[Clamp, ...], loads: tuple[PointLoad, ...]) -> None:
+        frame = self._frame
+        frame.particles, frame.threads = self.particles, self.threads
+        frame.stride = -(-self.particles // BLOCK) * BLOCK
+        frame.clamps, frame.has_ground = len(clamps), int(self.config.ground_height is not None)
+        frame.offset[:], frame.gravity[:] = self.offset, self.config.gravity
+        frame.cell = self.cell
+        frame.mass_floor = torch.finfo(self.types.torch_dtype).eps ** 2 * body.mass.min()
+        frame.yield_ = _yield_address()
+        lower, upper = held_boxes(clamps, self.cell)
+        for name, array in (
+            ("mass", body.mass),
+            ("volume", body.volume),
+            ("load", load_forces(body, loads)),
+            ("clamp_lower", lower),
+            ("clamp_upper", upper),
+        ):
+            self._hold(name, self._numbers(array))
+
+    def _set_grip(self, body: Body, grip: Grip | None) -> None:
+        self.gripped = 0 if grip is None else len(np.unique(grip.particles))
+        self._frame.gripped = self.gripped
+        if not self.gripped:
+            return
+        particles, first, order = grip.by_particle()
+        self._frame.grip_softening = (1e-4 * body.spacing) ** 2
+        self._frame.controller_points = int(grip.controllers.max()) + 1
+        for name, array in (("particle", particles), ("first", first), ("controller", grip.controllers[order])):
+            self._hold(f"grip_{name}", torch.from_numpy(np.ascontiguousarray(array, dtype=np.int32)))
+        self._hold("grip_weight", self._numbers(grip.weights[order]))
+        self._hold("grip_rest_length", self._numbers(grip.rest_lengths[order]))
+
+    def _set_parameter_arrays(self) -> None:
+        n = self.particles
+        self.shapes = {"youngs_modulus": (n,), "poissons_ratio": (n,), "initial_velocity": (n, 3)}
+        if self.config.ground_height is not None:
+            self.shapes["friction_coefficient"] = ()
+        if self.gripped:
+            self.shapes |= {"grip_stiffness": (), "grip_damping": ()}
+        if self.config.plastic_law != "identity":
+            self.shapes["plastic"] = (n, 2)
+        self._hold("plastic", self._zeros(n, 2))
+        for kind, residual in (("elastic", self.config.elastic_residual), ("plastic", self.config.plastic_residual)):
+            if residual is None:
+                continue
+            self.shapes[f"network_{kind}"] = (residual.weight_count,)
+            setattr(self._frame, f"weights_{kind}", residual.weight_count)
+            setattr(self._frame, f"latent_{kind}_size", residual.latent_size)
+            setattr(self._frame, f"beta_{kind}", getattr(residual, f"beta_{kind}"))
+            self._frame.strain_scale = residual.strain_scale
+            self._hold(f"network_{kind}_bar", self._zeros(self.threads, residual.weight_count))
+            self._hold(f"latent_{kind}", self._zeros(n, residual.latent_size))
+            self._hold(f"latent_{kind}_bar", self._zeros(n, residual.latent_size))
+            if residual.latent_size:
+                self.shapes[f"latent_{kind}"] = (n, residual.latent_size)
+
+    def _set_workspace(self) -> None:
+        frame, n, stride = self._frame, self.particles, self._frame.stride
+        sizes = torch.zeros(2, dtype=torch.int64)
+        wp.launch(self._kernels.measure, dim=1, inputs=[wp.from_torch(sizes)], device="cpu")
+        if sizes[0] != ctypes.sizeof(frame):
+            raise RuntimeError(f"Frame has {ctypes.sizeof(frame)} bytes here and {sizes[0]} in frame.h")
+        frame.workspace_size = int(sizes[1])
+        latents = frame.latent_elastic_size + frame.latent_plastic_size
+        for name, shape in _STATE_SHAPES.items():
+            self._hold(name, self._zeros(n, *shape))
+            self._hold(f"{name}_bar", self._zeros(n, *shape))
+        for name, shape in (
+            ("E_bar", (n,)),
+            ("nu_bar", (n,)),
+            ("plastic_bar", (n, 2)),
+            ("sums", (self.threads, 3)),
+            ("constants", (CONSTANT_ROWS + latents, stride)),
+            ("bars", (BAR_ROWS + latents, stride)),
+            ("force", (3, stride)),
+            ("adjoint", (STATE_ROWS, stride)),
+            ("workspace", (self.threads, frame.workspace_size)),
+        ):
+            self._hold(name, self._zeros(*shape))
+        self._hold("place", self._zeros(n, dtype=torch.int32))
+        self._hold("shared", self._zeros(64, dtype=torch.int32))
+        self._hold("status", self._zeros(self.threads, 2, dtype=torch.int64))
+
+    def _reserve(self, keep: bool, nodes: int) -> None:
+        slots = self.substeps + 1 if keep else 1
+        if slots > self.slots:
+            self.slots = slots
+            self._hold("state", self._zeros(slots, STATE_ROWS, self._frame.stride))
+        if nodes > self._nodes:
+            self._nodes, self._grid_slots = int(1.2 * nodes), 0
+            for name, count in (("scratch", self.threads), ("velocity", 1), ("node_bar", 1)):
+                self._hold(name, self._zeros(count, self._nodes + 4, 4))
+            self._hold("kind", self._zeros(self._nodes, dtype=torch.uint8))
+        if keep and self.substeps > self._grid_slots:
+            self._grid_slots = self.substeps
+            self._hold("momentum", self._zeros(self.substeps, self._nodes, 4))
+
+    # --- one rollout --------------------------------------------------------------------------------------------
+
+    def load_parameters(self, parameters: Parameters, substeps: int) -> None:
+        """Take over a rollout's parameters (complete, of this stepper's type) and its number of substeps."""
+        self.substeps = self._frame.substeps = substeps
+        self._frame.dt = 1.0 / (self.config.fps * substeps)
+        self._frame.share, self._frame.frame_rate = 1.0 / substeps, self.config.fps
+        self._hold("E", parameters.youngs_modulus.detach())
+        self._hold("nu", parameters.poissons_ratio.detach())
+        for name in ("friction_coefficient", "grip_stiffness", "grip_damping"):
+            value = getattr(parameters, name)
+            field = "friction" if name == "friction_coefficient" else name
+            setattr(self._frame, field, 0.0 if value is None else float(value.detach()))
+        for name in ("plastic", "latent_elastic", "latent_plastic", "network_elastic", "network_plastic"):
+            if name in self.shapes:
+                self._hold(name, getattr(parameters, name).detach())
+
+    def start_frame(self, box: GridBox, controllers: torch.Tensor, keep: bool) -> None:
+        """Place the grid; controllers [2, C, 3] are the controller points [m] at both ends of the frame."""
+        self._reserve(keep, box.nodes)
+        self._frame.origin[:], self._frame.count[:] = box.origin, box.count
+        if self.gripped:
+            self._hold("controllers", controllers[:, : self._frame.controller_points].detach())
+
+    def set_state(self, x: torch.Tensor, v: torch.Tensor, F: torch.Tensor, C: torch.Tensor) -> None:
+        """Put in the state at the frame's start."""
+        for name, value in (("x", x), ("v", v), ("F", F), ("C", C)):
+            self._held[name].copy_(value)
+        self._hold("order", self._order(x))
+
+    def _order(self, x: torch.Tensor) -> torch.Tensor:
+        """Particles in the order of their cells, so that those of one cell follow each other."""
+        base = torch.floor((x.detach() - self._numbers(self.offset)) / self.cell - 0.5).to(torch.int64)
+        first = torch.tensor(list(self._frame.origin))
+        i, j, k = (base - first).unbind(1)
+        return torch.argsort((i * self._frame.count[1] + j) * self._frame.count[2] + k, stable=True).to(torch.int32)
+
+    def _run(self, name: str) -> None:
+        self._held["shared"].zero_()
+        launches = self._launches[name]
+        others = [self._pool.submit(launch.launch) for launch in launches[1:]]
+        launches[0].launch()
+        for other in others:
+            other.result()
+
+    def forward(self, keep: bool) -> None:
+        """All substeps of a frame; with `keep` every state and every grid stays for the adjoint."""
+        self._frame.keep = int(keep)
+        self._held["status"].fill_(_NONE)
+        self._run("forward")
+
+    def failures(self) -> tuple[tuple[int, int] | None, tuple[int, int] | None]:
+        """(substep, particle) of the first particle outside the grid and of the first non-finite one in this frame."""
+        keys = self._held["status"].amin(0).tolist()
+        return tuple(None if key == _NONE else divmod(key, self.particles) for key in keys)
+
+    def state(self) -> tuple[torch.Tensor, torch.Tensor, torch.Tensor, torch.Tensor]:
+        """x, v, F, C at the frame's end; valid until the next call."""
+        return self._held["x"], self._held["v"], self._held["F"], self._held["C"]
+
+    def backward(self) -> None:
+        """Adjoint of the kept frame: the state's adjoints go from its end to its start; parameters' adjoints grow."""
+        self._run("backward")
+
+    def clear_adjoints(self) -> None:
+        """Set all adjoints to zero."""
+        for name, tensor in self._held.items():
+            if name.endswith("_bar") or name == "sums":
+                tensor.zero_()
+
+    def add_adjoints(self, x_bar: torch.Tensor | None, v_bar: torch.Tensor | None, F_bar: torch.Tensor | None) -> None:
+        """Add derivatives of the loss by the state where the adjoint stands now."""
+        for name, bar in (("x_bar", x_bar), ("v_bar", v_bar), ("F_bar", F_bar)):
+            if bar is not None:
+                self._held[name] += bar
+
+    def gradients(self) -> dict[str, torch.Tensor]:
+        """Adjoints of the parameters in use, by name."""
+        held = self._held
+        friction, stiffness, damping = held["sums"].sum(0)
+        bars = {
+            "youngs_modulus": held["E_bar"].clone(),
+            "poissons_ratio": held["nu_bar"].clone(),
+            "plastic": held["plastic_bar"].clone(),
+            "initial_velocity": held["v_bar"].clone(),
+            "friction_coefficient": friction,
+            "grip_stiffness": stiffness,
+            "grip_damping": damping,
+        }
+        for kind in ("elastic", "plastic"):
+            if f"network_{kind}" in self.shapes:
+                bars[f"latent_{kind}"] = held[f"latent_{kind}_bar"].clone()
+                bars[f"network_{kind}"] = held[f"network_{kind}_bar"].sum(0)
+        return {name: bars[name] for name in self.shapes}

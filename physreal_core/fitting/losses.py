@@ -13,7 +13,6 @@ from torch import Tensor
 from physreal_core.array_types import Bool, Float
 from physreal_core.fitting.problem import MaskObservations, TrackObservations
 from physreal_core.rendering import Camera, carry_gaussians, carry_points, rasterise
-from physreal_core.simulation import Body
 
 _ALPHA_FLOOR = 1e-3
 """Rendered alpha is mapped into [floor, 1 - floor]: the cross-entropy stays finite and its gradient alive at 0 and 1."""
@@ -61,12 +60,13 @@ def _mean_over(values: Tensor, chosen: Tensor) -> Tensor:
 
 
 def carried_tracks(
-    tracks: TrackObservations, body: Body, x: Float[Tensor, "frames n 3"], F: Float[Tensor, "frames n 3 3"]
+    tracks: TrackObservations,
+    x0: Float[Tensor, "n 3"],
+    x: Float[Tensor, "frames n 3"],
+    F: Float[Tensor, "frames n 3 3"],
 ) -> Float[Tensor, "frames tracks 3"]:
-    """The tracks' material points carried by the simulated particles, frame by frame [m]."""
-    x0 = torch.as_tensor(body.x0, dtype=x.dtype, device=x.device)
-    points0 = tracks.points0.to(x)
-    return torch.stack([carry_points(tracks.binding, points0, x0, x[t], F[t]) for t in range(len(x))])
+    """The tracks' material points carried by the simulated particles, at all frames [m]."""
+    return carry_points(tracks.binding, tracks.points0.to(x), x0, x, F)
 
 
 def track_loss_3d(carried: Tensor, tracks: TrackObservations, config: LossConfig) -> Tensor:
@@ -97,8 +97,10 @@ def track_error(carried: Tensor, tracks: TrackObservations) -> Tensor:
     return _mean_over(distance, valid)
 
 
-def silhouette_loss(alpha: Float[Tensor, "h w"], coverage: Float[Tensor, "h w"], known: Bool[Tensor, "h w"]) -> Tensor:
-    """Cross-entropy of one rendered silhouette over the known pixels, per known object pixel, above its own minimum.
+def silhouette_loss(
+    alpha: Float[Tensor, "*masks h w"], coverage: Float[Tensor, "*masks h w"], known: Bool[Tensor, "*masks h w"]
+) -> Float[Tensor, "*masks"]:
+    """Cross-entropy of each rendered silhouette over its known pixels, per known object pixel, above its own minimum.
 
     The minimum of the cross-entropy, the entropy of pixels that are partly covered, is taken off, so a perfect silhouette gives
     zero whatever the resolution.
@@ -106,24 +108,23 @@ def silhouette_loss(alpha: Float[Tensor, "h w"], coverage: Float[Tensor, "h w"],
     bounded = _ALPHA_FLOOR + (1.0 - 2.0 * _ALPHA_FLOOR) * alpha
     target = _ALPHA_FLOOR + (1.0 - 2.0 * _ALPHA_FLOOR) * coverage.to(alpha)
     divergence = target * (target / bounded).log() + (1.0 - target) * ((1.0 - target) / (1.0 - bounded)).log()
-    total = torch.where(known, divergence, torch.zeros_like(divergence)).sum()
-    return total / (target * known).sum().clamp_min(1.0)
+    total = torch.where(known, divergence, torch.zeros_like(divergence)).sum((-2, -1))
+    return total / (target * known).sum((-2, -1)).clamp_min(1.0)
 
 
-def mask_loss(masks: MaskObservations, body: Body, x: Tensor, F: Tensor) -> Tensor:
+def mask_loss(masks: MaskObservations, x0: Tensor, x: Tensor, F: Tensor) -> Tensor:
     """L_mask (eq. mask_loss): the mean silhouette loss over those of the masks' frames that lie within the rollout."""
-    x0 = torch.as_tensor(body.x0, dtype=x.dtype, device=x.device)
-    gaussians = masks.gaussians
-    opacities = gaussians.opacity_logits.to(x).sigmoid()
-    colours = torch.zeros(len(opacities), 3, dtype=x.dtype, device=x.device)
-    losses = []
-    for row, frame in enumerate(masks.frames.tolist()):
-        if frame >= len(x):
-            continue
-        means, covariances = carry_gaussians(masks.binding, gaussians, x0, x[frame], F[frame])
-        alpha = rasterise(means, covariances, opacities, colours, masks.camera).alpha
-        losses.append(silhouette_loss(alpha, masks.coverage[row], masks.known[row]))
-    return torch.stack(losses).mean() if losses else x.new_zeros(())
+    rows = (masks.frames < len(x)).nonzero().flatten()
+    if len(rows) == 0:
+        return x.new_zeros(())
+    frames, gaussians = masks.frames[rows].to(x.device), masks.gaussians
+    opacities = gaussians.opacities().to(x)
+    colours = x.new_zeros(len(opacities), 3)
+    carried = carry_gaussians(masks.binding, gaussians, x0, x[frames], F[frames])
+    views = zip(*(part.unbind(0) for part in carried), strict=True)
+    alpha = torch.stack([rasterise(*view, opacities, colours, masks.camera).alpha for view in views])
+    rows = rows.to(x.device)
+    return silhouette_loss(alpha, masks.coverage[rows], masks.known[rows]).mean()
 
 
 def settled_loss(
@@ -139,7 +140,7 @@ def settled_loss(
     Returns:
         The loss, and the mean distance [m] between the two for the log.
     """
-    mean, _ = windowed_mean(carried, torch.ones(carried.shape[:2], dtype=torch.bool))
+    mean, _ = windowed_mean(carried, torch.ones(carried.shape[:2], dtype=torch.bool, device=carried.device))
     rest, known = settled_positions(tracks, observed, config.settled_measured)
     squared = (mean - rest.to(carried)).square().sum(-1)
     error = _mean_over(squared.detach().sqrt(), known)

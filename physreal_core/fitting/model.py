@@ -116,19 +116,20 @@ def particle_parameters(
 
     Args:
         fields: as in `Model.fields`; a patch field of one row holds for every patch.
-        neighbours: [N,k] patch indices of each particle.
-        weights: [N,k], rows summing to one.
+        neighbours: [N,k] patch indices of each particle, on `device`.
+        weights: [N,k], rows summing to one, on `device`.
     """
 
     def spread(name: str) -> Tensor | None:
         value = fields.get(name)
         if value is None:
             return None
+        value = value.to(device)  # the few values of the patches travel, not the many of the particles
         if value.shape[0] == 1:
-            return value.expand(neighbours.shape[0], *value.shape[1:]).to(device, dtype).contiguous()
+            return value.expand(neighbours.shape[0], *value.shape[1:]).to(dtype).contiguous()
         near = value[neighbours]  # [N,k] or [N,k,L]
         shaped = weights.to(value.dtype).reshape(*weights.shape, *([1] * (near.ndim - 2)))
-        return (near * shaped).sum(1).to(device, dtype)
+        return (near * shaped).sum(1).to(dtype)
 
     def whole(name: str) -> Tensor | None:
         value = fields.get(name)

@@ -9,7 +9,8 @@ from physreal_core.fitting import losses
 from physreal_core.fitting.losses import LossConfig
 from physreal_core.fitting.model import Model, particle_parameters
 from physreal_core.fitting.problem import Problem
-from physreal_core.simulation import Simulator
+from physreal_core.fitting.stopwatch import Stopwatch
+from physreal_core.simulation import Simulator, States
 
 Fields = dict[str, Tensor]
 
@@ -21,8 +22,11 @@ class Objective:
         problem: the sequence.
         model: says the laws, the residual networks and the numerical setting; its fields are not used.
         config: weights and scales.
-        device: where the simulator runs.
+        device: where everything is computed; the problem's tensors are moved there once. `fields` may stay on the CPU.
         rollout: `(parameters, controllers) -> states`; the problem's own simulator if not given.
+
+    Attributes:
+        stopwatch: seconds per part of all evaluations and their backward passes.
     """
 
     def __init__(
@@ -34,9 +38,12 @@ class Objective:
         device: str = "cpu",
         rollout: Callable | None = None,
     ) -> None:
-        self.problem, self.config, self.device = problem, config, device
         simulation = model.simulation_config(problem.fps, device)
+        self.problem, self.config, self.device = problem.to(device), config, device
         self.dtype = torch.float64 if simulation.dtype == "float64" else torch.float32
+        self.stopwatch = Stopwatch(device)
+        self._x0 = torch.tensor(problem.body.x0, dtype=self.dtype, device=device)
+        self._controllers = self.problem.controllers.to(self.dtype)
         if rollout is None:
             rollout = Simulator(problem.body, simulation, problem.grip, problem.clamps, problem.loads).rollout
         self._rollout = rollout
@@ -48,13 +55,20 @@ class Objective:
             return min(self.config.settled_simulated, self.problem.observed)
         return self.problem.observed
 
-    def rollout(self, fields: Fields, frames: int):
+    def rollout(self, fields: Fields, frames: int) -> States:
         """States of the first `frames` frames under patch fields."""
-        problem = self.problem
+        problem, watch = self.problem, self.stopwatch
         parameters = particle_parameters(
             fields, problem.patch_neighbours, problem.patch_weights, dtype=self.dtype, device=self.device
         )
-        return self._rollout(parameters, problem.controllers[:frames].to(self.device, self.dtype))
+        for tensor in vars(parameters).values():
+            watch.lap_in_backward("other", tensor)
+        watch.lap("simulation, forward")
+        states = self._rollout(parameters, self._controllers[:frames])
+        for tensor in (states.x, states.F):
+            watch.lap_in_backward("simulation, backward", tensor)
+        watch.lap("other")
+        return states
 
     def __call__(self, fields: Fields, horizon: int) -> tuple[Tensor, dict[str, float]]:
         """The weighted total (differentiable) and its unweighted terms, over the first `horizon` frames.
@@ -63,27 +77,36 @@ class Objective:
         `settled_error` [m].
         """
         states = self.rollout(fields, horizon)
-        weighted, terms = self._motion(states)
-        if self.problem.masks is not None and self.config.mask > 0.0:
-            mask = losses.mask_loss(self.problem.masks, self.problem.body, states.x, states.F)
-            weighted.append(self.config.mask * mask)
-            terms["mask"] = mask.item()
-        return torch.stack([term.double() for term in weighted]).sum(), terms
+        weighted, terms = [], {}
+        for part, measure in (("tracks", self._motion), ("masks", self._silhouettes)):
+            self.stopwatch.lap(part)
+            value, found = measure(states)
+            self.stopwatch.lap_in_backward(part, value)
+            weighted.append(value)
+            terms |= found
+        self.stopwatch.lap("other")
+        numbers = torch.stack([term.detach().double() for term in terms.values()]).tolist()  # one wait for the device
+        return torch.stack(weighted).sum(), dict(zip(terms, numbers, strict=True))
 
-    def _motion(self, states) -> tuple[list[Tensor], dict[str, float]]:
-        problem, config = self.problem, self.config
-        tracks = problem.tracks
+    def _motion(self, states: States) -> tuple[Tensor, dict[str, Tensor]]:
+        """L_motion with its weight, and its terms."""
+        tracks, camera, config = self.problem.tracks, self.problem.camera, self.config
         if tracks is None:
-            return [], {}
-        carried = losses.carried_tracks(tracks, problem.body, states.x, states.F)
+            return states.x.new_zeros((), dtype=torch.float64), {}
+        carried = losses.carried_tracks(tracks, self._x0, states.x, states.F)
         if config.settled > 0.0:
-            settled, error = losses.settled_loss(carried, tracks, problem.observed, config)
-            return [config.settled * settled], {"settled": settled.item(), "settled_error": error.item()}
-        motion_3d = losses.track_loss_3d(carried, tracks, config)
-        weighted = [config.motion * config.motion_3d * motion_3d]
-        terms = {"track_3d": motion_3d.item()}
-        if tracks.points2d is not None and problem.camera is not None:
-            motion_2d = losses.track_loss_2d(carried, tracks, problem.camera, config)
-            weighted.append(config.motion * config.motion_2d * motion_2d)
-            terms["track_2d"] = motion_2d.item()
-        return weighted, {**terms, "track_error": losses.track_error(carried, tracks).item()}
+            settled, error = losses.settled_loss(carried, tracks, self.problem.observed, config)
+            return config.settled * settled.double(), {"settled": settled, "settled_error": error}
+        terms = {"track_3d": losses.track_loss_3d(carried, tracks, config)}
+        weighted = config.motion_3d * terms["track_3d"].double()
+        if tracks.points2d is not None and camera is not None:
+            terms["track_2d"] = losses.track_loss_2d(carried, tracks, camera, config)
+            weighted = weighted + config.motion_2d * terms["track_2d"].double()
+        return config.motion * weighted, {**terms, "track_error": losses.track_error(carried, tracks)}
+
+    def _silhouettes(self, states: States) -> tuple[Tensor, dict[str, Tensor]]:
+        """L_mask with its weight, and its term."""
+        if self.problem.masks is None or self.config.mask == 0.0:
+            return states.x.new_zeros((), dtype=torch.float64), {}
+        mask = losses.mask_loss(self.problem.masks, self._x0, states.x, states.F)
+        return self.config.mask * mask.double(), {"mask": mask}

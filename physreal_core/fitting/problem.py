@@ -1,5 +1,8 @@
 """What a fit is given: the body and what holds it, the measurements of the observed frames, and where they sit on the body."""
 
+from __future__ import annotations
+
+import dataclasses
 from dataclasses import dataclass
 
 import torch
@@ -32,6 +35,10 @@ class TrackObservations:
     points2d: Float[Tensor, "frames tracks 2"] | None = None
     visible: Bool[Tensor, "frames tracks"] | None = None
 
+    def to(self, device: str) -> TrackObservations:
+        """The same on another device."""
+        return _moved(self, device)
+
 
 @dataclass(frozen=True)
 class MaskObservations:
@@ -51,6 +58,10 @@ class MaskObservations:
     camera: Camera
     gaussians: Gaussians
     binding: Binding
+
+    def to(self, device: str) -> MaskObservations:
+        """The same on another device, but for `frames`, which says on the host what to render."""
+        return dataclasses.replace(_moved(self, device), frames=self.frames)
 
 
 @dataclass(frozen=True)
@@ -93,6 +104,17 @@ class Problem:
     def frame_count(self) -> int:
         """Frames of the whole interval, observed and future."""
         return self.controllers.shape[0]
+
+    def to(self, device: str) -> Problem:
+        """The same with all tensors on another device; what the simulator is built from stays in numpy's memory."""
+        return _moved(self, device)
+
+
+def _moved(record, device: str):
+    """A copy of a dataclass whose tensors, and whatever else knows how, are on `device`."""
+    fields = {field.name: getattr(record, field.name) for field in dataclasses.fields(record)}
+    movable = {name: value for name, value in fields.items() if hasattr(value, "to")}
+    return dataclasses.replace(record, **{name: value.to(device) for name, value in movable.items()})
 
 
 def reduce_masks(

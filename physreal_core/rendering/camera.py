@@ -51,6 +51,10 @@ class Camera:
         """Optical centre in the world [m]."""
         return self.T_world_camera[:3, 3]
 
+    def to(self, device: torch.device | str) -> Camera:
+        """The same with its pose on another device, so that points there are projected without a copy each time."""
+        return Camera(self.K, self.T_world_camera.to(device), self.width, self.height)
+
     def scaled(self, factor: float) -> Camera:
         """The same view at `factor` times the resolution (0.5: half the pixels a side)."""
         K = self.K.clone()

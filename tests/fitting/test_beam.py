@@ -58,7 +58,8 @@ def _tip(objective: Objective, fields: dict) -> tuple[float, float]:
     problem = objective.problem
     with torch.no_grad():
         states = objective.rollout(fields, objective.full_horizon)
-    carried = carried_tracks(problem.tracks, problem.body, states.x, states.F)
+    x0 = torch.from_numpy(problem.body.x0).to(states.x)
+    carried = carried_tracks(problem.tracks, x0, states.x, states.F)
     simulated = windowed_mean(carried, torch.ones(carried.shape[:2], dtype=torch.bool))[0]
     measured = settled_positions(problem.tracks, problem.frame_count, LOSSES.settled_measured)[0]
     return tuple(-(at - problem.tracks.points0).mean(0)[2].item() for at in (simulated, measured))

@@ -9,7 +9,7 @@ from physreal_core.errors import InputError
 from physreal_core.fitting import losses
 from physreal_core.fitting.losses import LossConfig
 from physreal_core.fitting.problem import Problem, TrackObservations, reduce_masks
-from physreal_core.rendering import Binding
+from physreal_core.rendering import Binding, carry_gaussians, carry_points, rasterise
 from tests.fitting import scene
 
 
@@ -103,6 +103,59 @@ def test_masks_are_reduced_to_coverage_and_known_pixels():
     coverage, known = reduce_masks(masks, hidden, 2)
     assert coverage.tolist() == [[[0.5, 0.0], [0.0, 0.0]]]
     assert known.tolist() == [[[True, True], [True, False]]]
+
+
+@pytest.fixture(scope="module")
+def moving():
+    """A problem, x0 and states of another material, moved at random so that no gradient vanishes by symmetry; float64."""
+    given = scene.problem(scene.model(dtype="float64"))
+    states = scene.simulate(given, scene.model(dtype="float64", youngs_modulus=1e4))
+    generator = torch.Generator().manual_seed(0)
+    x, F = (a + 1e-3 * torch.randn(a.shape, generator=generator, dtype=a.dtype) for a in (states.x, states.F))
+    return given, torch.from_numpy(given.body.x0), x.requires_grad_(), F.requires_grad_()
+
+
+def _same(at_once, one_by_one, x, F):
+    """Equal values and equal gradients in x and F, to rounding in float64."""
+    torch.testing.assert_close(at_once, one_by_one, rtol=1e-12, atol=1e-14)
+    bar = torch.randn(at_once.shape, generator=torch.Generator().manual_seed(1), dtype=at_once.dtype)
+    gradients = [torch.autograd.grad(value, (x, F), bar) for value in (at_once, one_by_one)]
+    for found, expected in zip(*gradients, strict=True):
+        assert expected.abs().max() > 0.0
+        torch.testing.assert_close(found, expected, rtol=1e-10, atol=1e-13 * expected.abs().max().item())
+
+
+def test_tracks_carried_at_all_frames_are_those_carried_frame_by_frame(moving):
+    given, x0, x, F = moving
+    tracks = given.tracks
+    points0 = tracks.points0.double()
+    one_by_one = torch.stack([carry_points(tracks.binding, points0, x0, x[t], F[t]) for t in range(len(x))])
+    _same(losses.carried_tracks(tracks, x0, x, F), one_by_one, x, F)
+
+
+@pytest.mark.parametrize("horizon", [12, 8])
+def test_the_mask_loss_is_the_mean_over_its_frames_within_the_horizon(moving, horizon):
+    given, x0, x, F = moving
+    masks = given.masks
+    values = []
+    for row, frame in enumerate(masks.frames.tolist()):
+        if frame >= horizon:
+            continue
+        means, covariances = carry_gaussians(masks.binding, masks.gaussians, x0, x[frame], F[frame])
+        opacities = masks.gaussians.opacities().double()
+        alpha = rasterise(means, covariances, opacities, torch.zeros_like(means), masks.camera).alpha
+        bounded, target = (1e-3 + (1 - 2e-3) * share.double() for share in (alpha, masks.coverage[row]))
+        crossed = -target * bounded.log() - (1 - target) * (1 - bounded).log()
+        entropy = -target * target.log() - (1 - target) * (1 - target).log()
+        known = masks.known[row]
+        values.append((crossed - entropy)[known].sum() / target[known].sum())
+    assert len(values) == (2 if horizon == 12 else 1)
+    _same(losses.mask_loss(masks, x0, x[:horizon], F[:horizon]), torch.stack(values).mean(), x, F)
+
+
+def test_a_horizon_before_the_first_mask_has_no_mask_loss(moving):
+    given, x0, x, F = moving
+    assert losses.mask_loss(given.masks, x0, x[:3], F[:3]).item() == 0.0
 
 
 def test_the_settled_term_sees_the_swing_s_middle_not_the_swing():

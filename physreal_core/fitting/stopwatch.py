@@ -1,0 +1,37 @@
+"""Where the time of a fit goes: seconds per part, in the forward pass and, by hooks on tensors, in the backward pass."""
+
+import time
+
+import torch
+from torch import Tensor
+
+
+class Stopwatch:
+    """One part runs at a time; `lap` ends it and begins the next.
+
+    Args:
+        device: waited for at every lap, so that work on a GPU counts where it was asked for.
+
+    Attributes:
+        seconds: by part, in the order in which they first ran.
+    """
+
+    def __init__(self, device: str = "cpu") -> None:
+        self.seconds: dict[str, float] = {}
+        self._device = torch.device(device)
+        self._part: str | None = None
+        self._since = 0.0
+
+    def lap(self, part: str | None) -> None:
+        """From here on the seconds count as `part`; with None they do not count."""
+        if self._device.type == "cuda":
+            torch.cuda.synchronize(self._device)
+        now = time.perf_counter()
+        if self._part is not None:
+            self.seconds[self._part] = self.seconds.get(self._part, 0.0) + now - self._since
+        self._part, self._since = part, now
+
+    def lap_in_backward(self, part: str, tensor: Tensor | None) -> None:
+        """The same whenever a backward pass has found the whole gradient of `tensor`, which is no leaf."""
+        if tensor is not None and tensor.grad_fn is not None:
+            tensor.register_hook(lambda gradient: self.lap(part))

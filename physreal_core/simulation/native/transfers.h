@@ -27,17 +27,55 @@ template <class S> inline Row<S> repeat(Node<S> q) {
   return __builtin_shufflevector(q, q, 0, 1, 2, 3, 0, 1, 2, 3, 0, 1, 2, 3, 0, 1, 2, 3);
 }
 
-// One factor for each of the row's three nodes, zero for the fourth.
-template <class S> inline Row<S> per_node(const S (&w)[3]) {
-  Node<S> v = {w[0], w[1], w[2], 0};
-  return __builtin_shufflevector(v, v, 0, 0, 0, 0, 1, 1, 1, 1, 2, 2, 2, 2, 3, 3, 3, 3);
+// Each of four scalars at all four places of one of the row's nodes.
+template <class S> inline Row<S> spread(Node<S> w) {
+  return __builtin_shufflevector(w, w, 0, 0, 0, 0, 1, 1, 1, 1, 2, 2, 2, 2, 3, 3, 3, 3);
 }
+
+template <int... I> struct Indices {};
+template <class T, T... I> struct IndexSequence {
+  using type = Indices<I...>;
+};
+template <int N> using Count = typename __make_integer_seq<IndexSequence, int, N>::type;
+
+// Four scalars for each particle of a block: written or read as four vectors of lanes, or particle by particle.
+template <class S> class NodeBlock {
+  using V = Lanes<S>;
+  using Pair = S __attribute__((vector_size(2 * sizeof(V))));
+  using All = S __attribute__((vector_size(4 * sizeof(V))));
+
+ public:
+  NodeBlock() : values_{} {}
+  NodeBlock(V a, V b, V c, V d) {
+    Count<2 * LANES> twice;
+    write(values_, interleaved(interleaved(a, b, twice), interleaved(c, d, twice), Count<4 * LANES>()));
+  }
+
+  Node<S> operator[](int lane) const { return read<Node<S>>(values_ + 4 * lane); }
+  void set(int lane, Node<S> value) { write(values_ + 4 * lane, value); }
+
+  // The scalar `c` of all particles.
+  template <int c> V lanes() const {
+    return every_fourth<c>(read<Pair>(values_), read<Pair>(values_ + 2 * LANES), Count<LANES>());
+  }
+
+ private:
+  alignas(64) S values_[4 * LANES];
+
+  template <int... I> static Pair interleaved(V a, V b, Indices<I...>) {
+    return __builtin_shufflevector(a, b, (I / 2 + I % 2 * LANES)...);
+  }
+  template <int... I> static All interleaved(Pair ab, Pair cd, Indices<I...>) {
+    return __builtin_shufflevector(ab, cd, (I / 4 * 2 + I % 2 + I / 2 % 2 * 2 * LANES)...);
+  }
+  template <int c, int... I> static V every_fourth(Pair first, Pair second, Indices<I...>) {
+    return __builtin_shufflevector(first, second, (4 * I + c)...);
+  }
+};
 
 template <class S> inline Node<S> first_node(Row<S> r) { return __builtin_shufflevector(r, r, 0, 1, 2, 3); }
 template <class S> inline Node<S> second_node(Row<S> r) { return __builtin_shufflevector(r, r, 4, 5, 6, 7); }
 template <class S> inline Node<S> third_node(Row<S> r) { return __builtin_shufflevector(r, r, 8, 9, 10, 11); }
-
-template <class S> inline S sum_of(Node<S> v) { return (v[0] + v[1]) + (v[2] + v[3]); }
 
 // The stored nodes: node (i, j, k) stands at offset + cell (origin + (i, j, k)); z runs fastest.
 template <class S> struct Box {
@@ -50,7 +88,8 @@ template <class S> struct Box {
 
 // Weights of one particle's stencil along each axis, or their derivatives by the particle's position in cells.
 template <class S> struct AxisWeights {
-  S x[3], y[3], z[3];
+  S x[3], y[3];
+  Node<S> z;  // the fourth is zero
 };
 
 // Where a block of LANES particles lies in the box.
@@ -72,27 +111,33 @@ template <class S> struct Stencil {
       base_cell[d] = __builtin_convertvector(r - S(0.5), Whole);
       V f = r - __builtin_convertvector(base_cell[d], V);
       fraction[d] = f;
-      store(&weight_[3 * d][0], S(0.5) * (S(1.5) - f) * (S(1.5) - f));
-      store(&weight_[3 * d + 1][0], S(0.75) - (f - S(1)) * (f - S(1)));
-      store(&weight_[3 * d + 2][0], S(0.5) * (f - S(0.5)) * (f - S(0.5)));
-      store(&slope_[3 * d][0], f - S(1.5));
-      store(&slope_[3 * d + 1][0], S(-2) * (f - S(1)));
-      store(&slope_[3 * d + 2][0], f - S(0.5));
+      V w[3] = {S(0.5) * (S(1.5) - f) * (S(1.5) - f), S(0.75) - (f - S(1)) * (f - S(1)), S(0.5) * (f - S(0.5)) * (f - S(0.5))};
+      V dw[3] = {f - S(1.5), S(-2) * (f - S(1)), f - S(0.5)};
+      if (d == 2) {
+        weight_.z = NodeBlock<S>(w[0], w[1], w[2], V{});
+        slope_.z = NodeBlock<S>(dw[0], dw[1], dw[2], V{});
+      } else {
+        for (int o = 0; o < 3; o++) {
+          store(&weight_.xy[3 * d + o][0], w[o]);
+          store(&slope_.xy[3 * d + o][0], dw[o]);
+        }
+      }
     }
     Whole first = (base_cell[0] * box.count[1] + base_cell[1]) * box.count[2] + base_cell[2];
     write(base, __builtin_convertvector(first, Ints));
   }
 
-  AxisWeights<S> weights(int lane) const { return of(weight_, lane); }
-  AxisWeights<S> slopes(int lane) const { return of(slope_, lane); }
+  AxisWeights<S> weights(int lane) const { return weight_.of(lane); }
+  AxisWeights<S> slopes(int lane) const { return slope_.of(lane); }
 
  private:
-  alignas(64) S weight_[9][LANES];  // row 3 axis + node
-  alignas(64) S slope_[9][LANES];
+  struct WeightBlock {
+    alignas(64) S xy[6][LANES];  // row 3 axis + node
+    NodeBlock<S> z;
 
-  static AxisWeights<S> of(const S (&a)[9][LANES], int l) {
-    return {{a[0][l], a[1][l], a[2][l]}, {a[3][l], a[4][l], a[5][l]}, {a[6][l], a[7][l], a[8][l]}};
-  }
+    AxisWeights<S> of(int l) const { return {{xy[0][l], xy[1][l], xy[2][l]}, {xy[3][l], xy[4][l], xy[5][l]}, z[l]}; }
+  };
+  WeightBlock weight_, slope_;
 };
 
 // One particle's affine field on its stencil: q + k a_z along a row, and the steps to the next row in x and in y.
@@ -105,26 +150,23 @@ template <class S> struct AffineBlock {
   using V = Lanes<S>;
 
   // momentum: at the particle; the field there is momentum, and A its gradient per cell.
-  AffineBlock(const Vec3<V>& momentum, V mass, const Mat3<V>& A, const V (&fraction)[3]) {
-    for (int c = 0; c < 3; c++) {
-      V moved = A(c, 0) * fraction[0] + A(c, 1) * fraction[1] + A(c, 2) * fraction[2];
-      store(&q_[c][0], momentum.v[c] - moved);
-      for (int d = 0; d < 3; d++) store(&A_[3 * d + c][0], A(c, d));
-    }
-    store(&q_[3][0], mass);
-  }
+  AffineBlock(const Vec3<V>& momentum, V mass, const Mat3<V>& A, const V (&fraction)[3])
+      : q_(at_base(momentum, A, fraction, 0), at_base(momentum, A, fraction, 1), at_base(momentum, A, fraction, 2), mass),
+        x_(A(0, 0), A(1, 0), A(2, 0), V{}),
+        y_(A(0, 1), A(1, 1), A(2, 1), V{}),
+        z_(A(0, 2), A(1, 2), A(2, 2), V{}) {}
 
   Affine<S> of(int l) const {
     const Row<S> step = {0, 0, 0, 0, 1, 1, 1, 1, 2, 2, 2, 2, 0, 0, 0, 0};
-    Node<S> q = {q_[0][l], q_[1][l], q_[2][l], q_[3][l]};
-    Node<S> x = {A_[0][l], A_[1][l], A_[2][l], 0}, y = {A_[3][l], A_[4][l], A_[5][l], 0};
-    Node<S> z = {A_[6][l], A_[7][l], A_[8][l], 0};
-    return {repeat<S>(q) + step * repeat<S>(z), repeat<S>(x), repeat<S>(y)};
+    return {repeat<S>(q_[l]) + step * repeat<S>(z_[l]), repeat<S>(x_[l]), repeat<S>(y_[l])};
   }
 
  private:
-  alignas(64) S q_[4][LANES];
-  alignas(64) S A_[9][LANES];  // row 3 axis + component
+  NodeBlock<S> q_, x_, y_, z_;
+
+  static V at_base(const Vec3<V>& momentum, const Mat3<V>& A, const V (&fraction)[3], int c) {
+    return momentum[c] - (A(c, 0) * fraction[0] + A(c, 1) * fraction[1] + A(c, 2) * fraction[2]);
+  }
 };
 
 // Adds fields to a grid; neighbours in the order of the particles share a cell, and their sum is written once.
@@ -137,7 +179,7 @@ template <class S> class Scatter {
       flush();
       base_ = base;
     }
-    Row<S> wz = per_node(w.z);
+    Row<S> wz = spread<S>(w.z);
     Row<S> p = wz * field.base, px = wz * field.along_x, py = wz * field.along_y;
     for (int i = 0; i < 3; i++) {
       Row<S> q = w.x[i] * p, qy = w.x[i] * py;
@@ -189,10 +231,15 @@ template <class S> inline Moments<S> gather(const S* first, const Box<S>& box, c
   return {w.z[0] * first_node<S>(total) + (z1 + z2), along_z(x), along_z(y), z1 + (z2 + z2)};
 }
 
-// Derivative of sum_n w_n (g_n . field_n) by the weights' own position in cells, field held fixed; g the grid.
+// Derivative of sum_n w_n (g_n . field_n) by the particle's position in cells, through the weights alone; g is the grid.
+// Four parts of each component, to be summed.
+template <class S> struct WeightGradient {
+  Node<S> x, y, z;
+};
+
 template <class S>
-inline void weight_gradient(
-    const S* first, const Box<S>& box, const Affine<S>& field, const AxisWeights<S>& w, const AxisWeights<S>& dw, S (&out)[3]) {
+inline WeightGradient<S> weight_gradient(
+    const S* first, const Box<S>& box, const Affine<S>& field, const AxisWeights<S>& w, const AxisWeights<S>& dw) {
   Row<S> gx = {}, gy = {}, gz = {}, p = field.base;
   for (int i = 0; i < 3; i++) {
     Row<S> q = p, along = {}, across = {};
@@ -207,39 +254,59 @@ inline void weight_gradient(
     gz += w.x[i] * along;
     p += field.along_x;
   }
-  Row<S> wz = per_node(w.z);
-  auto total = [](Row<S> r) { return sum_of<S>(first_node<S>(r) + (second_node<S>(r) + third_node<S>(r))); };
-  out[0] = total(wz * gx);
-  out[1] = total(wz * gy);
-  out[2] = total(per_node(dw.z) * gz);
+  Row<S> wz = spread<S>(w.z);
+  auto parts = [](Row<S> r) { return first_node<S>(r) + (second_node<S>(r) + third_node<S>(r)); };
+  return {parts(wz * gx), parts(wz * gy), parts(spread<S>(dw.z) * gz)};
 }
 
-// What `gather` gave for a block of particles, put back into lanes: the sum and the gradient per cell about the particle.
-template <class S> struct MomentBlock {
+template <class S> class GradientBlock {
+ public:
+  void set(int l, const WeightGradient<S>& g) {
+    x_.set(l, g.x);
+    y_.set(l, g.y);
+    z_.set(l, g.z);
+  }
+  Vec3<Lanes<S>> value() const { return {{total(x_), total(y_), total(z_)}}; }
+
+ private:
+  NodeBlock<S> x_, y_, z_;
+
+  static Lanes<S> total(const NodeBlock<S>& b) {
+    return (b.template lanes<0>() + b.template lanes<1>()) + (b.template lanes<2>() + b.template lanes<3>());
+  }
+};
+
+// What `gather` gave for a block of particles: the sum, and the gradient per cell about the particle.
+template <class S> class MomentBlock {
   using V = Lanes<S>;
 
+ public:
   void set(int l, const Moments<S>& m) {
-    for (int c = 0; c < 3; c++) {
-      rows_[c][l] = m.sum[c];
-      rows_[3 + c][l] = m.x[c];
-      rows_[6 + c][l] = m.y[c];
-      rows_[9 + c][l] = m.z[c];
-    }
+    sum_.set(l, m.sum);
+    moment_[0].set(l, m.x);
+    moment_[1].set(l, m.y);
+    moment_[2].set(l, m.z);
   }
 
-  Vec3<V> sum() const { return {{load(&rows_[0][0]), load(&rows_[1][0]), load(&rows_[2][0])}}; }
+  Vec3<V> sum() const { return vector(sum_); }
 
   // sum_n w_n g_n (n - particle)^T
   Mat3<V> about_particle(const V (&fraction)[3]) const {
     Mat3<V> B;
     Vec3<V> s = sum();
-    for (int c = 0; c < 3; c++)
-      for (int d = 0; d < 3; d++) B(c, d) = load(&rows_[3 + 3 * d + c][0]) - fraction[d] * s.v[c];
+    for (int d = 0; d < 3; d++) {
+      Vec3<V> m = vector(moment_[d]);
+      for (int c = 0; c < 3; c++) B(c, d) = m[c] - fraction[d] * s[c];
+    }
     return B;
   }
 
  private:
-  alignas(64) S rows_[12][LANES] = {};
+  NodeBlock<S> sum_, moment_[3];
+
+  static Vec3<V> vector(const NodeBlock<S>& b) {
+    return {{b.template lanes<0>(), b.template lanes<1>(), b.template lanes<2>()}};
+  }
 };
 
 }  // namespace physreal

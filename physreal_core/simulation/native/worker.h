@@ -331,26 +331,24 @@ template <class S, class Material> class Worker {
       Vec3<V> q;
       for (int d = 0; d < 3; d++) q.v[d] = row(bar, VELOCITY + d, p) + frame_.dt * row(bar, X + d, p);
       AffineBlock<S> field(q, V{}, A, stencil.fraction);
-      alignas(64) S gradient[3][LANES] = {};
+      GradientBlock<S> gradient;
       for (int l = 0; l < lanes_from(p); l++) {
         Affine<S> at = field.of(l);
         AxisWeights<S> w = stencil.weights(l);
         scatter.add(stencil.base[l], at, w);
-        S g[3];
-        weight_gradient(frame_.velocity + 4 * Index(stencil.base[l]), box_, at, w, stencil.slopes(l), g);
-        for (int d = 0; d < 3; d++) gradient[d][l] = g[d];
+        gradient.set(l, weight_gradient(frame_.velocity + 4 * Index(stencil.base[l]), box_, at, w, stencil.slopes(l)));
       }
-      add_position_gradient(p, gradient, A, v);
+      add_position_gradient(p, gradient.value(), A, v);
       put(bar, DEFORMATION, p, F_bar + frame_.dt * (transpose(C) * F_bar));
     }
     scatter.flush();
   }
 
   // x_bar += (gradient by the weights - A^T value) / cell: the field moves along with its particle.
-  void add_position_gradient(Index p, const S (&gradient)[3][LANES], const Mat3<V>& A, const Vec3<V>& value) {
+  void add_position_gradient(Index p, const Vec3<V>& gradient, const Mat3<V>& A, const Vec3<V>& value) {
     for (int d = 0; d < 3; d++) {
       V carried = A(0, d) * value.v[0] + A(1, d) * value.v[1] + A(2, d) * value.v[2];
-      V x_bar = row(frame_.adjoint, X + d, p) + (load(gradient[d]) - carried) * (1 / frame_.cell);
+      V x_bar = row(frame_.adjoint, X + d, p) + (gradient[d] - carried) * (1 / frame_.cell);
       put(frame_.adjoint, X + d, p, x_bar);
     }
   }
@@ -378,18 +376,16 @@ template <class S, class Material> class Worker {
       V m = load(mass + p), volume = row(frame_.constants, VOLUME, p);
       AffineBlock<S> field(momentum, m, A, stencil.fraction);
       MomentBlock<S> moments;
-      alignas(64) S gradient[3][LANES] = {};
+      GradientBlock<S> gradient;
       for (int l = 0; l < lanes_from(p); l++) {
         const S* base = frame_.node_bar + 4 * Index(stencil.base[l]);
         AxisWeights<S> w = stencil.weights(l);
         moments.set(l, gather(base, box_, w));
-        S g[3];
-        weight_gradient(base, box_, field.of(l), w, stencil.slopes(l), g);
-        for (int d = 0; d < 3; d++) gradient[d][l] = g[d];
+        gradient.set(l, weight_gradient(base, box_, field.of(l), w, stencil.slopes(l)));
       }
       Vec3<V> q_bar = moments.sum();
       Mat3<V> A_bar = moments.about_particle(stencil.fraction);
-      add_position_gradient(p, gradient, A, q_bar);
+      add_position_gradient(p, gradient.value(), A, q_bar);
       for (int d = 0; d < 3; d++) put(bar, VELOCITY + d, p, m * q_bar.v[d]);
       put(bar, AFFINE, p, (m * frame_.cell) * A_bar);
       Mat3<V> F_bar = matrix(bar, DEFORMATION, p);

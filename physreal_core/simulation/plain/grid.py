@@ -16,12 +16,98 @@ FREE, HELD, GROUND = wp.constant(0), wp.constant(1), wp.constant(2)
 
 
 @functools.cache
+def node_functions(dtype: str) -> SimpleNamespace:
+    """Warp functions `kind_of`, `velocity_of`, `velocity_adjoint` of one node over one scalar type."""
+    types = scalar_types(dtype)
+    scalar, vec3, vec4 = types.scalar, types.vec3, types.vec4
+    zero, one = scalar(0.0), scalar(1.0)
+
+    @wp.func
+    def kind_of(
+        n: int,
+        offset: vec3,
+        cell: scalar,
+        box: wp.array(dtype=wp.int32),
+        has_ground: int,
+        clamp_lower: wp.array(dtype=vec3),
+        clamp_upper: wp.array(dtype=vec3),
+    ):
+        """Whether node n of the box is free, held by a clamp or on the ground."""
+        k = n % box[5] + box[2]
+        j = (n / box[5]) % box[4] + box[1]
+        i = n / (box[4] * box[5]) + box[0]
+        position = offset + cell * vec3(scalar(i), scalar(j), scalar(k))
+        kind = FREE
+        if has_ground != 0 and k <= 0:
+            kind = GROUND
+        for c in range(clamp_lower.shape[0]):
+            low = position - clamp_lower[c]
+            high = clamp_upper[c] - position
+            if wp.min(low) >= zero and wp.min(high) >= zero:
+                kind = HELD
+        return kind
+
+    @wp.func
+    def velocity_of(p: vec4, kind: int, dt: scalar, gravity: vec3, mass_floor: scalar, friction: scalar):
+        """Velocity of a node of momentum and mass p; zero where there is no mass."""
+        v = vec3()
+        if p[3] > mass_floor and kind != HELD:
+            v = vec3(p[0], p[1], p[2]) / p[3] + dt * gravity
+            if kind == GROUND and v[2] < zero:
+                speed = wp.sqrt(v[0] * v[0] + v[1] * v[1])
+                lost = -friction * v[2]
+                kept = zero
+                if speed > lost:
+                    kept = one - lost / speed
+                v = vec3(kept * v[0], kept * v[1], zero)
+        return vec4(v[0], v[1], v[2], zero)
+
+    @wp.struct
+    class NodeAdjoint:
+        momentum: vec4
+        friction: scalar
+
+    @wp.func
+    def velocity_adjoint(
+        p: vec4, kind: int, dt: scalar, gravity: vec3, mass_floor: scalar, friction: scalar, velocity_bar: vec4
+    ):
+        """Adjoints of (momentum, mass) and of the friction coefficient in `velocity_of`."""
+        out = NodeAdjoint()
+        if p[3] > mass_floor and kind != HELD:
+            b = vec3(velocity_bar[0], velocity_bar[1], velocity_bar[2])
+            free = vec3(p[0], p[1], p[2]) / p[3]
+            v = free + dt * gravity
+            if kind == GROUND and v[2] < zero:
+                speed = wp.sqrt(v[0] * v[0] + v[1] * v[1])
+                lost = -friction * v[2]
+                if speed > lost:
+                    tx = v[0] / speed
+                    ty = v[1] / speed
+                    along = b[0] * tx + b[1] * ty
+                    ratio = lost / speed
+                    out.friction = v[2] * along
+                    b = vec3(
+                        b[0] - ratio * (b[0] - along * tx),
+                        b[1] - ratio * (b[1] - along * ty),
+                        friction * along,
+                    )
+                else:
+                    b = vec3()
+            inverse_mass = one / p[3]
+            out.momentum = inverse_mass * vec4(b[0], b[1], b[2], -wp.dot(b, free))
+        return out
+
+    return SimpleNamespace(kind_of=kind_of, velocity_of=velocity_of, velocity_adjoint=velocity_adjoint)
+
+
+@functools.cache
 def grid_kernels(dtype: str) -> SimpleNamespace:
     """Kernels `mark_nodes`, `update_nodes`, `update_nodes_adjoint` over one scalar type."""
     types = scalar_types(dtype)
     scalar, vec3, vec4 = types.scalar, types.vec3, types.vec4
     module = kernel_module("grid", dtype)
-    zero, one = scalar(0.0), scalar(1.0)
+    functions = node_functions(dtype)
+    kind_of, velocity_of, velocity_adjoint = functions.kind_of, functions.velocity_of, functions.velocity_adjoint
 
     @wp.kernel(module=module)
     def mark_nodes(
@@ -37,19 +123,7 @@ def grid_kernels(dtype: str) -> SimpleNamespace:
         momentum_out: wp.array2d(dtype=vec4),
     ):
         n = wp.tid()
-        k = n % box[5] + box[2]
-        j = (n / box[5]) % box[4] + box[1]
-        i = n / (box[4] * box[5]) + box[0]
-        position = offset + cell * vec3(scalar(i), scalar(j), scalar(k))
-        kind = FREE
-        if has_ground != 0 and k <= 0:
-            kind = GROUND
-        for c in range(clamp_lower.shape[0]):
-            low = position - clamp_lower[c]
-            high = clamp_upper[c] - position
-            if wp.min(low) >= zero and wp.min(high) >= zero:
-                kind = HELD
-        kind_out[n] = kind
+        kind_out[n] = kind_of(n, offset, cell, box, has_ground, clamp_lower, clamp_upper)
         momentum_out[0, n] = vec4()
 
     @wp.kernel(module=module)
@@ -70,17 +144,7 @@ def grid_kernels(dtype: str) -> SimpleNamespace:
     ):
         n = wp.tid()
         p = momentum_in[grid_slot, n]
-        v = vec3()
-        if p[3] > mass_floor and kind[n] != HELD:
-            v = vec3(p[0], p[1], p[2]) / p[3] + timing[0] * gravity
-            if kind[n] == GROUND and v[2] < zero:
-                speed = wp.sqrt(v[0] * v[0] + v[1] * v[1])
-                lost = -friction[0] * v[2]
-                kept = zero
-                if speed > lost:
-                    kept = one - lost / speed
-                v = vec3(kept * v[0], kept * v[1], zero)
-        velocity_out[n] = vec4(v[0], v[1], v[2], zero)
+        velocity_out[n] = velocity_of(p, kind[n], timing[0], gravity, mass_floor, friction[0])
         cleared_out[cleared_slot, n] = vec4()  # the array that the next phase scatters to
 
     @wp.kernel(module=module)
@@ -100,30 +164,8 @@ def grid_kernels(dtype: str) -> SimpleNamespace:
     ):
         n = wp.tid()
         p = momentum_in[grid_slot, n]
-        if p[3] <= mass_floor or kind[n] == HELD:
-            node_bar[n] = vec4()
-            return
-        b4 = node_bar[n]
-        b = vec3(b4[0], b4[1], b4[2])
-        free = vec3(p[0], p[1], p[2]) / p[3]
-        v = free + timing[0] * gravity
-        if kind[n] == GROUND and v[2] < zero:
-            speed = wp.sqrt(v[0] * v[0] + v[1] * v[1])
-            lost = -friction[0] * v[2]
-            if speed > lost:
-                tx = v[0] / speed
-                ty = v[1] / speed
-                along = b[0] * tx + b[1] * ty
-                ratio = lost / speed
-                friction_bar[n] = friction_bar[n] + v[2] * along
-                b = vec3(
-                    b[0] - ratio * (b[0] - along * tx),
-                    b[1] - ratio * (b[1] - along * ty),
-                    friction[0] * along,
-                )
-            else:
-                b = vec3()
-        inverse_mass = one / p[3]
-        node_bar[n] = inverse_mass * vec4(b[0], b[1], b[2], -wp.dot(b, free))
+        bar = velocity_adjoint(p, kind[n], timing[0], gravity, mass_floor, friction[0], node_bar[n])
+        node_bar[n] = bar.momentum
+        friction_bar[n] = friction_bar[n] + bar.friction
 
     return SimpleNamespace(mark_nodes=mark_nodes, update_nodes=update_nodes, update_nodes_adjoint=update_nodes_adjoint)

@@ -14,12 +14,103 @@ from physreal_core.simulation.scalars import kernel_module, scalar_types
 
 
 @functools.cache
+def bond_functions(dtype: str) -> SimpleNamespace:
+    """Warp struct `Bonds` and functions `bonds_force`, `bonds_adjoint` of one particle over one scalar type."""
+    types = scalar_types(dtype)
+    scalar, vec3 = types.scalar, types.vec3
+    one = scalar(1.0)
+
+    @wp.struct
+    class Bonds:
+        """What all bonds share, and per bond its controller point, weight and rest length [m]."""
+
+        controller: wp.array(dtype=wp.int32)
+        weight: wp.array(dtype=scalar)
+        rest_length: wp.array(dtype=scalar)
+        softening: scalar
+
+    @wp.func
+    def bonds_force(
+        bonds: Bonds,
+        begin: int,
+        end: int,
+        stiffness: scalar,
+        damping: scalar,
+        timing: wp.array(dtype=scalar),
+        substep: int,
+        points: wp.array2d(dtype=vec3),
+        x: vec3,
+        v: vec3,
+        force: vec3,
+    ):
+        """`force` and the pull of bonds begin .. end - 1."""
+        total = force
+        for e in range(begin, end):
+            a0 = points[0, bonds.controller[e]]
+            travel = points[1, bonds.controller[e]] - a0
+            r = x - a0 - (scalar(substep) * timing[1]) * travel
+            length = wp.sqrt(wp.dot(r, r) + bonds.softening)
+            d = r / length
+            rate = wp.dot(v - travel * timing[2], d)
+            total -= (bonds.weight[e] * (stiffness * (length / bonds.rest_length[e] - one) + damping * rate)) * d
+        return total
+
+    @wp.struct
+    class BondsAdjoint:
+        x: vec3
+        v: vec3
+        stiffness: scalar
+        damping: scalar
+
+    @wp.func
+    def bonds_adjoint(
+        bonds: Bonds,
+        begin: int,
+        end: int,
+        stiffness: scalar,
+        damping: scalar,
+        timing: wp.array(dtype=scalar),
+        substep: int,
+        points: wp.array2d(dtype=vec3),
+        x: vec3,
+        v: vec3,
+        force_bar: vec3,
+    ):
+        """Adjoints of position, velocity, stiffness and damping in `bonds_force`."""
+        out = BondsAdjoint()
+        for e in range(begin, end):
+            weight = bonds.weight[e]
+            a0 = points[0, bonds.controller[e]]
+            travel = points[1, bonds.controller[e]] - a0
+            r = x - a0 - (scalar(substep) * timing[1]) * travel
+            length = wp.sqrt(wp.dot(r, r) + bonds.softening)
+            d = r / length
+            relative = v - travel * timing[2]
+            rate = wp.dot(relative, d)
+            strain = length / bonds.rest_length[e] - one
+            pull = weight * (stiffness * strain + damping * rate)
+            along = wp.dot(force_bar, d)
+            # f = -pull d, with pull and d both functions of r
+            friction = weight * damping * along
+            d_bar = -pull * force_bar - friction * relative
+            out.x += (d_bar - wp.dot(d_bar, d) * d) / length
+            out.x -= (weight * stiffness * along / bonds.rest_length[e]) * d
+            out.v -= friction * d
+            out.stiffness -= weight * strain * along
+            out.damping -= weight * rate * along
+        return out
+
+    return SimpleNamespace(Bonds=Bonds, bonds_force=bonds_force, bonds_adjoint=bonds_adjoint)
+
+
+@functools.cache
 def grip_kernels(dtype: str) -> SimpleNamespace:
     """Kernels `grip_force`, `grip_force_adjoint` over one scalar type; one thread per gripped particle."""
     types = scalar_types(dtype)
     scalar, vec3 = types.scalar, types.vec3
     module = kernel_module("grip", dtype)
-    one = scalar(1.0)
+    functions = bond_functions(dtype)
+    Bonds, bonds_force, bonds_adjoint = functions.Bonds, functions.bonds_force, functions.bonds_adjoint
 
     @wp.kernel(module=module)
     def grip_force(
@@ -28,10 +119,7 @@ def grip_kernels(dtype: str) -> SimpleNamespace:
         # Model:
         gripped: wp.array(dtype=wp.int32),
         first_bond: wp.array(dtype=wp.int32),
-        controller: wp.array(dtype=wp.int32),
-        weight: wp.array(dtype=scalar),
-        rest_length: wp.array(dtype=scalar),
-        softening: scalar,
+        bonds: Bonds,
         grip: wp.array(dtype=scalar),
         timing: wp.array(dtype=scalar),
         # Data in:
@@ -44,16 +132,10 @@ def grip_kernels(dtype: str) -> SimpleNamespace:
     ):
         q = wp.tid()
         p = gripped[q]
-        force = load_in[p]
-        for e in range(first_bond[q], first_bond[q + 1]):
-            a0 = controllers_in[0, controller[e]]
-            travel = controllers_in[1, controller[e]] - a0
-            r = x_in[slot, p] - a0 - (scalar(substep) * timing[1]) * travel
-            length = wp.sqrt(wp.dot(r, r) + softening)
-            d = r / length
-            rate = wp.dot(v_in[slot, p] - travel * timing[2], d)
-            force -= (weight[e] * (grip[0] * (length / rest_length[e] - one) + grip[1] * rate)) * d
-        force_out[p] = force
+        force_out[p] = bonds_force(
+            bonds, first_bond[q], first_bond[q + 1], grip[0], grip[1], timing, substep, controllers_in,
+            x_in[slot, p], v_in[slot, p], load_in[p],
+        )  # fmt: skip
 
     @wp.kernel(module=module)
     def grip_force_adjoint(
@@ -62,10 +144,7 @@ def grip_kernels(dtype: str) -> SimpleNamespace:
         # Model:
         gripped: wp.array(dtype=wp.int32),
         first_bond: wp.array(dtype=wp.int32),
-        controller: wp.array(dtype=wp.int32),
-        weight: wp.array(dtype=scalar),
-        rest_length: wp.array(dtype=scalar),
-        softening: scalar,
+        bonds: Bonds,
         grip: wp.array(dtype=scalar),
         timing: wp.array(dtype=scalar),
         mass: wp.array(dtype=scalar),
@@ -82,32 +161,13 @@ def grip_kernels(dtype: str) -> SimpleNamespace:
         q = wp.tid()
         p = gripped[q]
         force_bar = (timing[0] / mass[p]) * v_bar[p]
-        x_sum = vec3()
-        v_sum = vec3()
-        stiffness_sum = scalar(0.0)
-        damping_sum = scalar(0.0)
-        for e in range(first_bond[q], first_bond[q + 1]):
-            a0 = controllers_in[0, controller[e]]
-            travel = controllers_in[1, controller[e]] - a0
-            r = x_in[slot, p] - a0 - (scalar(substep) * timing[1]) * travel
-            length = wp.sqrt(wp.dot(r, r) + softening)
-            d = r / length
-            relative = v_in[slot, p] - travel * timing[2]
-            rate = wp.dot(relative, d)
-            strain = length / rest_length[e] - one
-            pull = weight[e] * (grip[0] * strain + grip[1] * rate)
-            along = wp.dot(force_bar, d)
-            # f = -pull d, with pull and d both functions of r
-            damping = weight[e] * grip[1] * along
-            d_bar = -pull * force_bar - damping * relative
-            x_sum += (d_bar - wp.dot(d_bar, d) * d) / length
-            x_sum -= (weight[e] * grip[0] * along / rest_length[e]) * d
-            v_sum -= damping * d
-            stiffness_sum -= weight[e] * strain * along
-            damping_sum -= weight[e] * rate * along
-        x_bar[p] = x_bar[p] + x_sum
-        v_bar[p] = v_bar[p] + v_sum
-        stiffness_bar[q] = stiffness_bar[q] + stiffness_sum
-        damping_bar[q] = damping_bar[q] + damping_sum
+        bar = bonds_adjoint(
+            bonds, first_bond[q], first_bond[q + 1], grip[0], grip[1], timing, substep, controllers_in,
+            x_in[slot, p], v_in[slot, p], force_bar,
+        )  # fmt: skip
+        x_bar[p] = x_bar[p] + bar.x
+        v_bar[p] = v_bar[p] + bar.v
+        stiffness_bar[q] = stiffness_bar[q] + bar.stiffness
+        damping_bar[q] = damping_bar[q] + bar.damping
 
     return SimpleNamespace(grip_force=grip_force, grip_force_adjoint=grip_force_adjoint)

@@ -17,7 +17,7 @@ from physreal_core.simulation.config import SimulationConfig
 from physreal_core.simulation.constitutive import ResidualConfig
 from physreal_core.simulation.parameters import Parameters
 from physreal_core.simulation.plain.grid import grid_kernels
-from physreal_core.simulation.plain.grip import grip_kernels
+from physreal_core.simulation.plain.grip import bond_functions, grip_kernels
 from physreal_core.simulation.plain.material import flow_kernels, stress_kernels
 from physreal_core.simulation.plain.transfers import transfer_kernels
 from physreal_core.simulation.scalars import scalar_types
@@ -109,14 +109,12 @@ class PlainStepper:
             gripped, first, order = grip.by_particle()
             self.gripped = len(gripped)
             self.controllers = self._tensor(2, int(grip.controllers.max()) + 1, 3)
-            self.bonds = [
-                self._upload(gripped, wp.int32),
-                self._upload(first, wp.int32),
-                self._upload(grip.controllers[order], wp.int32),
-                self._upload(grip.weights[order], scalar),
-                self._upload(grip.rest_lengths[order], scalar),
-                scalar((1e-4 * body.spacing) ** 2),
-            ]
+            bonds = bond_functions(self.config.dtype).Bonds()
+            bonds.controller = self._upload(grip.controllers[order], wp.int32)
+            bonds.weight = self._upload(grip.weights[order], scalar)
+            bonds.rest_length = self._upload(grip.rest_lengths[order], scalar)
+            bonds.softening = scalar((1e-4 * body.spacing) ** 2)
+            self.bonds = [self._upload(gripped, wp.int32), self._upload(first, wp.int32), bonds]
 
     def _parameter_arrays(self) -> None:
         n = self.particles

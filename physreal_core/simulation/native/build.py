@@ -18,15 +18,15 @@ def native_module(family: str, dtype: str, header: str, flags: str | None = None
     Args:
         family: what the kernels are for; the module's name.
         dtype: "float32" or "float64", the second half of the name.
-        header: file name of a header of this folder.
+        header: file name of a header of this folder, or the whole path of one elsewhere.
         flags: machine flags of the compiler; Warp's own, that is the host's instruction set, where None.
     """
     module = wp.get_module(f"physreal_native_{family}_{dtype}")
-    dependencies = sorted(HEADERS.rglob("*.h"))
+    dependencies = {*HEADERS.rglob("*.h"), HEADERS / header}
     build = wp.ModuleBuildOptions(
         extra_cpu_preamble=f'#include "{header}"\n',
         extra_cpu_include_dirs=[str(HEADERS)],
-        extra_build_dependencies=[str(path) for path in dependencies],
+        extra_build_dependencies=sorted(str(path) for path in dependencies),
     )
     machine = wp.config.cpu_compiler_flags if flags is None else flags
     options = {

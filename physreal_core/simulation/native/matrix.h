@@ -28,8 +28,6 @@ template <class V> inline Vec3<V> operator-(const Vec3<V>& a, const Vec3<V>& b) 
 }
 template <class V> inline Vec3<V> operator*(V s, const Vec3<V>& a) { return {{s * a[0], s * a[1], s * a[2]}}; }
 
-template <class V> inline Mat3<V> zero_matrix() { return {}; }
-
 template <class V> inline Mat3<V> diagonal(const Vec3<V>& d) {
     Mat3<V> A = {};
     for (int i = 0; i < 3; ++i) A(i, i) = d[i];
@@ -84,6 +82,14 @@ template <class V> inline Mat3<V> symmetric(const Mat3<V>& A) {
         for (int j = 0; j < i; ++j) B(i, j) = B(j, i) = Scalar<V>(0.5) * (A(i, j) + A(j, i));
     }
     return B;
+}
+
+// A B where it is known to be symmetric: six entries, mirrored.
+template <class V> inline Mat3<V> symmetric_product(const Mat3<V>& A, const Mat3<V>& B) {
+    Mat3<V> C;
+    for (int i = 0; i < 3; ++i)
+        for (int j = 0; j <= i; ++j) C(i, j) = C(j, i) = A(i, 0) * B(0, j) + A(i, 1) * B(1, j) + A(i, 2) * B(2, j);
+    return C;
 }
 
 template <class V> inline V trace(const Mat3<V>& A) { return A(0, 0) + A(1, 1) + A(2, 2); }
@@ -151,7 +157,7 @@ template <class V> inline Mat3<V> polar_rotation(const Mat3<V>& F) {
 
 // F_bar of R = polar_rotation(F): dR = R [w]x with (tr(U) I - U) w = axl(R^T dF - dF^T R), a symmetric matrix.
 template <class V> inline Mat3<V> polar_rotation_adjoint(const Mat3<V>& F, const Mat3<V>& R, const Mat3<V>& R_bar) {
-    const Mat3<V> U = symmetric(transpose(R) * F);
+    const Mat3<V> U = symmetric_product(transpose(R), F);
     const Mat3<V> W = transpose(R) * R_bar;
     const Vec3<V> axial = {{W(2, 1) - W(1, 2), W(0, 2) - W(2, 0), W(1, 0) - W(0, 1)}};
     const Mat3<V> K = identity_times(trace(U)) - U;

@@ -23,7 +23,11 @@ class Timings:
         try:
             yield
         finally:
-            self.phases[label] = self.phases.get(label, 0.0) + time.perf_counter() - started
+            self.count(label, time.perf_counter() - started)
+
+    def count(self, label: str, seconds: float) -> None:
+        """Adds `seconds` to the phase `label`."""
+        self.phases[label] = self.phases.get(label, 0.0) + seconds
 
     def record(self) -> dict:
         """Seconds in all and per phase [s], and the largest resident memory of this process or a child [MB]."""

@@ -123,6 +123,10 @@ class StageContext:
         """Context manager: the seconds spent inside count as the phase `label` in the table of where the time went."""
         return self._timings.timed(label)
 
+    def count(self, label: str, seconds: float) -> None:
+        """The same for seconds measured elsewhere, e.g. what a phase consists of."""
+        self._timings.count(label, seconds)
+
     def record(self) -> dict[str, Any]:
         """Seconds per phase, peak memory and code of this run."""
         return {"stage": self.stage, "sequence": self.sequence, "code": self.code, **self._timings.record()}

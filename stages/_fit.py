@@ -16,7 +16,7 @@ from physreal_core.fitting.losses import LossConfig
 from physreal_core.fitting.model import UNITS, Model, save_model
 from physreal_core.fitting.objective import Objective
 from physreal_core.fitting.problem import Problem
-from physreal_core.fitting.variables import Variable
+from physreal_core.fitting.variables import TRANSFORMS, Variable
 from pipeline.config._base import StageParameters
 from pipeline.stage import StageContext
 
@@ -26,10 +26,11 @@ def objective_of(context: StageContext, problem: Problem, model: Model) -> Objec
     return Objective(problem, model, LossConfig(**context.params.losses.model_dump()), device=context.params.device)
 
 
-def variable_of(name: str, transform: str, block: StageParameters) -> Variable:
-    """A variable of the core from its block in params.yaml."""
-    ranges = {key: getattr(block, key) for key in ("rate", "lower", "upper", "anchor") if hasattr(block, key)}
-    return Variable(name, transform, **ranges)
+def variables_of(blocks: dict[str, StageParameters]) -> list[Variable]:
+    """The core's variables from their blocks in params.yaml, without those held by a rate of zero."""
+    keys = ("rate", "lower", "upper", "anchor")
+    ranges = {name: {k: getattr(block, k) for k in keys if hasattr(block, k)} for name, block in blocks.items()}
+    return [Variable(name, TRANSFORMS[name], **given) for name, given in ranges.items() if given["rate"] > 0]
 
 
 def descend(
@@ -37,8 +38,9 @@ def descend(
 ) -> tuple[Model, DescentResult]:
     """Runs the stage's descent with checkpoints and a live loss.csv in the scratch folder."""
     config = DescentConfig(**context.params.descent.model_dump())
+    objective.stopwatch.restart()
     with context.progress("fit", config.iterations + 1) as bar:
-        return fit_material(
+        fitted = fit_material(
             objective,
             model,
             variables,
@@ -47,6 +49,9 @@ def descend(
             checkpoint=context.scratch / "checkpoint.safetensors",
             on_iteration=_follow(bar, context.scratch / "loss.csv"),
         )
+    for part, seconds in objective.stopwatch.stop().items():
+        context.count(f"fit: {part}", seconds)
+    return fitted
 
 
 def _follow(bar: Any, live: Path) -> Callable[[History], None]:

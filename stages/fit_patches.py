@@ -4,7 +4,7 @@ from physreal_core.fitting.curriculum import patch_start
 from physreal_core.fitting.model import load_model
 from pipeline.config.fit_patches import FitPatches
 from pipeline.stage import StageContext, main
-from stages._fit import descend, objective_of, variable_of, write_fit
+from stages._fit import descend, objective_of, variables_of, write_fit
 from stages._problem import load_problem
 
 
@@ -14,11 +14,7 @@ def run(context: StageContext) -> None:
     problem = load_problem(context, params.masks if params.losses.mask > 0 else None)
     model = load_model(context.input("fit_global"))
     objective = objective_of(context, problem, model)
-    variables = [
-        variable_of("youngs_modulus", "log", params.youngs_modulus),
-        variable_of("poissons_ratio", "logit", params.poissons_ratio),
-    ]
-    variables = [variable for variable in variables if variable.rate > 0]
+    variables = variables_of({name: getattr(params, name) for name in ("youngs_modulus", "poissons_ratio")})
     model, result = descend(context, objective, model, variables, patch_start(model, variables))
     write_fit(context, objective, model, result)
 

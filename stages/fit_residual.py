@@ -5,7 +5,7 @@ from physreal_core.fitting.model import load_model
 from physreal_core.simulation.constitutive.residual_config import ResidualConfig
 from pipeline.config.fit_residual import FitResidual
 from pipeline.stage import StageContext, main
-from stages._fit import descend, objective_of, variable_of, write_fit
+from stages._fit import descend, objective_of, variables_of, write_fit
 from stages._problem import load_problem
 
 
@@ -17,7 +17,7 @@ def run(context: StageContext) -> None:
     model = with_residual(model, ResidualConfig(**params.residual.model_dump()), context.seed)
     objective = objective_of(context, problem, model)
     blocks = {name: params.latents if name.startswith("latent") else params.networks for name in NETWORK_FIELDS}
-    variables = [variable_of(name, "identity", block) for name, block in blocks.items() if block.rate > 0]
+    variables = variables_of(blocks)
     model, result = descend(context, objective, model, variables, patch_start(model, variables))
     write_fit(context, objective, model, result)
 

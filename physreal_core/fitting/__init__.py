@@ -13,6 +13,7 @@ from physreal_core.fitting.curriculum import (
     fit_material,
     patch_start,
     scan_youngs_modulus,
+    start_from_scan,
     uniform_start,
     with_residual,
 )
@@ -22,9 +23,10 @@ from physreal_core.fitting.model import Model, load_model, particle_parameters, 
 from physreal_core.fitting.objective import Objective
 from physreal_core.fitting.problem import MaskObservations, Problem, TrackObservations, reduce_masks
 from physreal_core.fitting.transfer import transfer_model
-from physreal_core.fitting.variables import Variable
+from physreal_core.fitting.variables import TRANSFORMS, Variable
 
 __all__ = [
+    "TRANSFORMS",
     "Descent",
     "DescentConfig",
     "DescentResult",
@@ -43,6 +45,7 @@ __all__ = [
     "reduce_masks",
     "save_model",
     "scan_youngs_modulus",
+    "start_from_scan",
     "transfer_model",
     "uniform_model",
     "uniform_start",

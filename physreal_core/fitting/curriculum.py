@@ -67,6 +67,21 @@ def fit_material(
     return model.with_fields(**result.values), result
 
 
+def start_from_scan(
+    objective: Objective, model: Model, variables: list[Variable], config: ScanConfig, record: Path | None = None
+) -> tuple[Model, list[tuple[float, float]]]:
+    """Stage 1's model with the best Young's modulus of the scan, and what `scan_youngs_modulus` found.
+
+    Without a scan, where `variables` hold Young's modulus or fewer than two are asked for, it is `model` as given.
+    """
+    moved = next((variable for variable in variables if variable.name == "youngs_modulus"), None)
+    if config.count < 2 or moved is None:
+        return model, []
+    found = scan_youngs_modulus(objective, model, moved, config, record)
+    best = min(found, key=lambda entry: entry[1])[0]
+    return model.with_fields(youngs_modulus=torch.full((1,), best)), found
+
+
 def scan_youngs_modulus(
     objective: Objective, model: Model, variable: Variable, config: ScanConfig, record: Path | None = None
 ) -> list[tuple[float, float]]:

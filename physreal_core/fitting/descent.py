@@ -10,6 +10,7 @@ import torch
 from torch import Tensor
 
 from physreal_core.errors import SimulationError
+from physreal_core.fitting.adam import adam_step
 from physreal_core.fitting.checkpoint import load_checkpoint, save_checkpoint
 from physreal_core.fitting.variables import Variable
 
@@ -17,6 +18,9 @@ Fields = dict[str, Tensor]
 Terms = dict[str, float]
 Evaluate = Callable[[Fields, int], tuple[Tensor, Terms]]
 """The objective as the descent sees it: values and a horizon in frames to a differentiable total and its terms."""
+
+_STATE = ("free", "anchor", "previous", "best", "first", "second")
+"""The tensors of a run, each by variable."""
 
 
 @dataclass(frozen=True)
@@ -92,9 +96,8 @@ class Descent:
         self._anchor = {name: free.detach().clone() for name, free in self._free.items()}
         self._previous = {name: free.detach().clone() for name, free in self._free.items()}
         self._best = {name: free.detach().clone() for name, free in self._free.items()}
-        groups = [{"params": [self._free[v.name]], "lr": v.rate} for v in variables]
-        # Short memories: the objective has no noise and the runs few steps, so old gradients only make them overshoot.
-        self._adam = torch.optim.Adam(groups, betas=(0.5, 0.9))
+        self._first = {name: torch.zeros_like(anchor) for name, anchor in self._anchor.items()}
+        self._second = {name: torch.zeros_like(anchor) for name, anchor in self._anchor.items()}
         self.iteration, self._shrink, self._best_total = 0, 1.0, math.inf
         self._start_terms: Terms | None = None
         self.history: list[dict[str, Any]] = []
@@ -146,7 +149,8 @@ class Descent:
 
     def _measure(self, *, gradient: bool) -> tuple[float, Terms]:
         horizon = self.config.horizon(self.iteration, self._full_horizon)
-        self._adam.zero_grad()
+        for free in self._free.values():
+            free.grad = None
         with torch.set_grad_enabled(gradient):
             data, terms = self._evaluate(self.values(), horizon)
             total = data + self._anchoring()
@@ -187,13 +191,13 @@ class Descent:
     def _step(self) -> None:
         self._previous = {name: free.detach().clone() for name, free in self._free.items()}
         factor = self._shrink * self.config.step_size(self.iteration)
-        for group, variable in zip(self._adam.param_groups, self.variables, strict=True):
-            group["lr"] = variable.rate * factor
-        self._adam.step()
-        with torch.no_grad():
-            for variable in self.variables:
-                free = self._free[variable.name]
-                free.copy_(variable.project(free))
+        for variable in self.variables:
+            name = variable.name
+            free = self._free[name].detach()
+            if (gradient := self._free[name].grad) is not None:
+                moments = self._first[name], self._second[name]
+                adam_step(free, gradient, *moments, variable.rate * factor, self.iteration + 1)
+            free.copy_(variable.project(free))
 
     def _back_off(self) -> None:
         """Halves the last step, and every step from here on."""
@@ -203,10 +207,7 @@ class Descent:
                 free.copy_(0.5 * (free + self._previous[name]))
 
     def _snapshot(self) -> tuple[dict[str, Tensor], dict[str, Any]]:
-        groups = {"free": self._free, "anchor": self._anchor, "previous": self._previous, "best": self._best}
-        tensors = {f"{group}/{name}": tensor for group, named in groups.items() for name, tensor in named.items()}
-        for name, free in self._free.items():
-            tensors |= {f"adam/{name}/{key}": value for key, value in self._adam.state[free].items()}
+        tensors = {f"{group}/{name}": getattr(self, f"_{group}")[name] for group in _STATE for name in self._free}
         tensors["random"] = torch.get_rng_state()
         record = {
             "iteration": self.iteration,
@@ -221,9 +222,7 @@ class Descent:
         with torch.no_grad():
             for name, free in self._free.items():
                 free.copy_(tensors[f"free/{name}"])
-                prefix = f"adam/{name}/"
-                self._adam.state[free] = {k.removeprefix(prefix): v for k, v in tensors.items() if k.startswith(prefix)}
-        for group in ("anchor", "previous", "best"):
+        for group in _STATE[1:]:
             setattr(self, f"_{group}", {name: tensors[f"{group}/{name}"] for name in self._free})
         torch.set_rng_state(tensors["random"])
         self.iteration, self._shrink = record["iteration"], record["shrink"]

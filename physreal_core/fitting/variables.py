@@ -15,6 +15,19 @@ from physreal_core.errors import InputError
 
 Transform = Literal["log", "logit", "identity"]
 
+TRANSFORMS: dict[str, Transform] = {
+    "youngs_modulus": "log",
+    "poissons_ratio": "logit",
+    "friction_coefficient": "log",
+    "grip_stiffness": "log",
+    "grip_damping": "log",
+    "latent_elastic": "identity",
+    "latent_plastic": "identity",
+    "network_elastic": "identity",
+    "network_plastic": "identity",
+}
+"""How the stages move each field of a model."""
+
 _EDGE = 1e-6
 """A value on the edge of its range starts this fraction of the range inside, where the logit is finite."""
 

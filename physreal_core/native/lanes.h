@@ -4,9 +4,13 @@
 
 namespace physreal {
 
-template <class S> struct Bits;  // the signed integer of the same width
+template <class S> struct Bits;  // the signed integer of the same width; of two such types, the one comparisons give
 template <> struct Bits<float> { using type = int; };
+#if __SIZEOF_LONG__ == 8
+template <> struct Bits<double> { using type = long; };
+#else
 template <> struct Bits<double> { using type = long long; };
+#endif
 
 template <class S, int N> using Lanes = S __attribute__((ext_vector_type(N)));
 template <class S, int N> using Mask = typename Bits<S>::type __attribute__((ext_vector_type(N)));
@@ -47,6 +51,31 @@ template <class S, int N> inline S sum(Lanes<S, N> lanes)
         return sum<S, N / 2>(lanes.lo + lanes.hi);
 }
 
+// Sums over the lanes of N vectors, each in the lane of its place.
+template <class S, int N> inline Lanes<S, N> sums(const Lanes<S, N> (&values)[N])
+{
+    Lanes<S, N> level[N];
+    for (int i = 0; i < N; ++i)
+        level[i] = values[i];
+#pragma unroll
+    for (int count = N / 2; count > 0; count /= 2)
+#pragma unroll
+        for (int i = 0; i < count; ++i) {
+            const Lanes<S, N> a = level[2 * i], b = level[2 * i + 1];
+            Lanes<S, N> even, odd;
+            even.lo = a.even, even.hi = b.even, odd.lo = a.odd, odd.hi = b.odd;
+            level[i] = even + odd;
+        }
+    return level[0];
+}
+
+// Bit i of the result is lane i of the mask.
+template <class S> inline unsigned bits(Mask<S, 16> mask)
+{
+    using Bools = bool __attribute__((ext_vector_type(16)));
+    return __builtin_bit_cast(unsigned short, __builtin_convertvector(mask, Bools));
+}
+
 template <class S, int N> inline bool any(Mask<S, N> mask) { return __builtin_reduce_or(mask) != 0; }
 template <class S, int N> inline bool all(Mask<S, N> mask) { return __builtin_reduce_and(mask) != 0; }
 
@@ -55,7 +84,7 @@ template <class S, int N> inline bool all(Mask<S, N> mask) { return __builtin_re
 template <class S> struct Exponential;
 template <> struct Exponential<float>
 {
-    static constexpr int terms = 7, mantissa = 23, bias = 127;
+    static constexpr int terms = 6, mantissa = 23, bias = 127;
     static constexpr float highest = 88.f, lowest = -87.f, round = 12582912.f;  // 1.5 * 2^23: its last bit counts ones
     static constexpr float ln2_high = 0.693359375f, ln2_low = -2.12194440e-4f;
 };
@@ -82,6 +111,24 @@ template <class S, int N> inline Lanes<S, N> exp(Lanes<S, N> x)
     for (int i = E::terms - 1; i >= 0; --i)
         p = p * r + S(1) / factorials[i];
     using Integers = Mask<S, N>;
+    const Integers power = (__builtin_bit_cast(Integers, shifted) + E::bias) << E::mantissa;
+    return p * __builtin_bit_cast(Lanes<S, N>, power);
+}
+
+// 2^x for x between the smallest and the largest exponent of a normal number; beyond them the result means nothing.
+template <class S, int N> inline Lanes<S, N> exp2_between(Lanes<S, N> x)
+{
+    using E = Exponential<S>;
+    using Integers = Mask<S, N>;
+    const Lanes<S, N> shifted = x + E::round;
+    const Lanes<S, N> r = x - (shifted - E::round);
+    S coefficients[E::terms + 1] = {S(1)};
+    for (int i = 1; i <= E::terms; ++i)
+        coefficients[i] = coefficients[i - 1] * S(0.6931471805599453) / S(i);
+    Lanes<S, N> p = coefficients[E::terms];
+#pragma unroll
+    for (int i = E::terms - 1; i >= 0; --i)
+        p = p * r + coefficients[i];
     const Integers power = (__builtin_bit_cast(Integers, shifted) + E::bias) << E::mantissa;
     return p * __builtin_bit_cast(Lanes<S, N>, power);
 }

@@ -1,4 +1,4 @@
-"""The Warp rasteriser against its plain-torch twin, finite differences and closed forms."""
+"""The rasterisers against their plain-torch twin, finite differences and closed forms."""
 
 from __future__ import annotations
 
@@ -29,31 +29,34 @@ def _with_gradients(backend: str, dtype: torch.dtype, seed: int):
     return image.detach(), gradients
 
 
+@pytest.mark.parametrize("backend", ["native", "warp"])
 @pytest.mark.parametrize("seed", [0, 1, 2])
-def test_float64_equals_reference(seed: int) -> None:
+def test_float64_equals_reference(backend: str, seed: int) -> None:
     """Same arithmetic in another order: values and all gradients agree to rounding."""
     expected, expected_gradients = _with_gradients("reference", torch.float64, seed)
-    image, gradients = _with_gradients("warp", torch.float64, seed)
+    image, gradients = _with_gradients(backend, torch.float64, seed)
     torch.testing.assert_close(image, expected, rtol=0, atol=1e-12)
     for got, want in zip(gradients, expected_gradients, strict=True):
         assert want.abs().max() > 0
         assert (got - want).abs().max() <= 1e-11 * want.abs().max()
 
 
-def test_float32_is_close_to_float64() -> None:
+@pytest.mark.parametrize("backend", ["native", "warp"])
+def test_float32_is_close_to_float64(backend: str) -> None:
     """About 60 overlapping contributions at 6e-8 each, and 1 / (1 - alpha) <= 100 in the gradient: 1e-4 of the largest.
 
     Depth is of the order of 1 m. No pixel of this scene lies within rounding of the alpha threshold.
     """
     expected, expected_gradients = _with_gradients("reference", torch.float64, 0)
-    image, gradients = _with_gradients("warp", torch.float32, 0)
+    image, gradients = _with_gradients(backend, torch.float32, 0)
     torch.testing.assert_close(image.double(), expected, rtol=0, atol=2e-5)
     for got, want in zip(gradients, expected_gradients, strict=True):
         assert (got.double() - want).abs().max() <= 1e-4 * want.abs().max()
 
 
+@pytest.mark.parametrize("backend", ["native", "warp"])
 @pytest.mark.parametrize("index", range(6), ids=["means", "covariances", "opacities", "colours", "pose", "background"])
-def test_gradient_by_finite_differences(index: int) -> None:
+def test_gradient_by_finite_differences(backend: str, index: int) -> None:
     """Central differences along random directions, in float64.
 
     Contributions cut at ALPHA_MIN make the image discontinuous, so a step may cross an edge: the step is small (1e-7)
@@ -64,7 +67,7 @@ def test_gradient_by_finite_differences(index: int) -> None:
     variables = [*inputs(), cam.T_world_camera.clone().requires_grad_(True), background]
 
     def loss(values: list[torch.Tensor]) -> torch.Tensor:
-        return (_draw("warp", values[:4], cam, values[4], values[5]) * bars).sum()
+        return (_draw(backend, values[:4], cam, values[4], values[5]) * bars).sum()
 
     gradient = torch.autograd.grad(loss(variables), variables)[index]
     direction = torch.randn(gradient.shape, generator=torch.Generator().manual_seed(index), dtype=torch.float64)
@@ -83,12 +86,13 @@ def test_gradient_by_finite_differences(index: int) -> None:
     assert abs(numeric - analytic) <= 1e-5 * abs(analytic)
 
 
-def test_single_gaussian_closed_form() -> None:
+@pytest.mark.parametrize("backend", ["native", "warp"])
+def test_single_gaussian_closed_form(backend: str) -> None:
     """On the axis, sigma [m] at depth z: an isotropic image Gaussian of variance (f sigma / z)^2 + 0.3."""
     f, sigma, z, opacity = 50.0, 0.06, 2.0, 0.8
     cam = Camera(torch.tensor([[f, 0, 16.0], [0, f, 12.0], [0, 0, 1]]), torch.eye(4), 33, 25)
     g = Gaussians.from_points(torch.tensor([[0.0, 0.0, z]]), sigma, torch.tensor([[0.2, 0.5, 0.9]]), opacity)
-    out = render(g.to(torch.float64), cam, background=(1.0, 1.0, 1.0), backend="warp")
+    out = render(g.to(torch.float64), cam, background=(1.0, 1.0, 1.0), backend=backend)
     v, u = torch.meshgrid(torch.arange(25.0), torch.arange(33.0), indexing="ij")
     squared = ((u - 16) ** 2 + (v - 12) ** 2).double()
     alpha = opacity * torch.exp(-0.5 * squared / ((f * sigma / z) ** 2 + 0.3))
@@ -99,13 +103,14 @@ def test_single_gaussian_closed_form() -> None:
     torch.testing.assert_close(out.rgb, alpha[..., None] * colour + 1 - alpha[..., None], rtol=0, atol=1e-6)
 
 
-def test_two_gaussians_occlude_in_depth_order() -> None:
+@pytest.mark.parametrize("backend", ["native", "warp"])
+def test_two_gaussians_occlude_in_depth_order(backend: str) -> None:
     """At the common centre: near over far, whatever their order in the arrays; depth is the weighted mean."""
     cam = Camera(torch.tensor([[20.0, 0, 4], [0, 20.0, 4], [0, 0, 1]]), torch.eye(4), 9, 9)
     means = torch.tensor([[0.0, 0, 3], [0, 0, 1]], dtype=torch.float64)
     covariances = 0.01 * torch.eye(3, dtype=torch.float64).expand(2, 3, 3)
     opacities = torch.tensor([0.9, 0.6], dtype=torch.float64)
-    out = rasterise(means, covariances, opacities, torch.eye(3, dtype=torch.float64)[:2], cam)
+    out = rasterise(means, covariances, opacities, torch.eye(3, dtype=torch.float64)[:2], cam, backend=backend)
     near, far = 0.6, 0.4 * 0.9
     torch.testing.assert_close(out.rgb[4, 4], torch.tensor([far, near, 0.0], dtype=torch.float64))
     assert math.isclose(out.alpha[4, 4], near + far)
@@ -127,17 +132,19 @@ def test_tile_size_does_not_matter(tile: int) -> None:
     assert torch.equal(image, other) and torch.equal(alpha, other_alpha)
 
 
-def test_nothing_in_view() -> None:
+@pytest.mark.parametrize("backend", ["native", "warp"])
+def test_nothing_in_view(backend: str) -> None:
     """Behind the camera, outside the image, transparent, or no Gaussian at all: background, and zero gradients."""
     cam = Camera(camera().K, torch.eye(4), 40, 30)
     means = torch.tensor([[0.0, 0, -1], [50.0, 0, 1], [0, 0, 1]], requires_grad=True)
     covariances, opacities = 1e-4 * torch.eye(3).expand(3, 3, 3), torch.tensor([0.9, 0.9, 0.001])
-    out = rasterise(means, covariances, opacities, torch.ones(3, 3), cam, background=(0.25, 0.5, 0.75))
+    white, grey = torch.ones(3, 3), (0.25, 0.5, 0.75)
+    out = rasterise(means, covariances, opacities, white, cam, background=grey, backend=backend)
     assert out.alpha.abs().max() == 0 and out.depth.abs().max() == 0
     assert torch.equal(out.rgb[7, 3], torch.tensor([0.25, 0.5, 0.75]))
     (out.rgb.sum() + out.depth.sum()).backward()
     assert means.grad.abs().max() == 0
-    empty = rasterise(means[:0], covariances[:0], opacities[:0], torch.ones(0, 3), cam)
+    empty = rasterise(means[:0], covariances[:0], opacities[:0], torch.ones(0, 3), cam, backend=backend)
     assert empty.alpha.abs().max() == 0
 
 
@@ -151,4 +158,6 @@ def test_errors() -> None:
         rasterise(means, covariances, opacities, colours, camera(), backend="cuda")
     with pytest.raises(InputError, match="gsplat"):
         choose_backend(torch.device("cpu"), torch.float32, "gsplat")
-    assert choose_backend(torch.device("cpu"), torch.float32) == "warp"
+    assert choose_backend(torch.device("cpu"), torch.float32) == "native"
+    with pytest.raises(InputError, match="native on cuda"):
+        choose_backend(torch.device("cuda"), torch.float64, "native")

@@ -9,6 +9,7 @@ from safetensors.numpy import load_file
 
 from physreal_core.errors import InputError
 from physreal_core.geometry.mesh import Mesh, load_mesh
+from physreal_core.geometry.surface import scatter
 from physreal_core.rendering import (
     Binding,
     Camera,
@@ -94,7 +95,7 @@ def load_sequence(context: StageContext) -> Sequence:
     with np.load(perceived / "tracks.npz") as file:
         tracks3d = file["points3d"][:, particles["track_ids"]].astype(np.float64)
         valid = file["valid3d"][:, particles["track_ids"]] & np.isfinite(tracks3d).all(axis=-1)
-    surface, spacing = _scatter(load_mesh(posed / "mesh.glb"), context.params.surface_points, context.seed)
+    surface, spacing = scattered(load_mesh(posed / "mesh.glb"), context.params.surface_points, context.seed)
     truth = context.capture / "truth.npz"
     is_video = capture.kind == "video"
     return Sequence(
@@ -115,14 +116,10 @@ def load_sequence(context: StageContext) -> Sequence:
     )
 
 
-def _scatter(mesh: Mesh, count: int, seed: int) -> tuple[Array, float]:
-    """Points drawn uniformly by area, and the side of the square that each would have to itself [m]."""
-    random = np.random.default_rng(seed)
-    areas = np.linalg.norm(mesh.area_vectors, axis=1)
-    face = random.choice(len(areas), count, p=areas / areas.sum())
-    root, along = np.sqrt(random.random(count)), random.random(count)
-    weights = np.stack([1 - root, root * (1 - along), root * along], axis=1)
-    return np.einsum("pck,pc->pk", mesh.corners[face], weights), float(np.sqrt(areas.sum() / count))
+def scattered(mesh: Mesh, count: int, seed: int) -> tuple[Array, float]:
+    """Points all over the mesh [m], and the side of the square that each would have to itself [m]."""
+    face, weights = scatter(mesh, count, seed=seed)
+    return np.einsum("pck,pc->pk", mesh.corners[face], weights), float(np.sqrt(mesh.area / count))
 
 
 def _read_truth(path: Path) -> dict[str, Array]:

@@ -4,11 +4,12 @@ from pathlib import Path
 
 import numpy as np
 
-from physreal_core.errors import InputError
 from physreal_core.geometry import Observation
 from physreal_core.rendering import load_camera
+from pipeline.frames import read_colour, read_depth, read_grey
 from pipeline.stage import StageContext
 
+FRAME_0 = "000000.png"
 HAND_MARGIN = 2  # [px] around the hand's mask where its edge may hide the object
 
 
@@ -22,21 +23,12 @@ def read_first_frame(video: Path, masks: Path) -> Observation:
     import cv2
 
     camera = load_camera(video / "camera.json")
-    rgb = _read(video / "color" / "000000.png", cv2.IMREAD_COLOR)[..., ::-1] / 255.0
-    depth_file = video / "depth" / "000000.png"
-    depth = _read(depth_file, cv2.IMREAD_UNCHANGED) / 1000.0 if depth_file.exists() else np.zeros(rgb.shape[:2])
-    mask = _read(masks / "object" / "000000.png", cv2.IMREAD_GRAYSCALE) > 127
-    hand_file = masks / "controller" / "000000.png"
-    hand = _read(hand_file, cv2.IMREAD_GRAYSCALE) > 127 if hand_file.exists() else np.zeros_like(mask)
+    rgb = read_colour(video / "color" / FRAME_0) / 255.0
+    depth_file = video / "depth" / FRAME_0
+    depth = read_depth(depth_file, (0.0, np.inf)) / 1000.0 if depth_file.exists() else np.zeros(rgb.shape[:2])
+    mask = read_grey(masks / "object" / FRAME_0) > 127
+    hand_file = masks / "controller" / FRAME_0
+    hand = read_grey(hand_file) > 127 if hand_file.exists() else np.zeros_like(mask)
     size = 2 * HAND_MARGIN + 1
     hidden = cv2.dilate(hand.astype(np.uint8), np.ones((size, size), np.uint8)) > 0
     return Observation(rgb, depth, mask & ~hidden, hidden, camera)
-
-
-def _read(path: Path, mode: int) -> np.ndarray:
-    import cv2
-
-    image = cv2.imread(str(path), mode)
-    if image is None:
-        raise InputError("not a readable image", where=str(path), remedy="rerun the stage that wrote it")
-    return image

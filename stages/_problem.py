@@ -11,6 +11,7 @@ from physreal_core.rendering import Binding, Camera, load_camera, load_gaussians
 from physreal_core.simulation import Body, Clamp, Grip, PointLoad
 from pipeline.capture import Capture, read_capture
 from pipeline.config._fitting import Masks
+from pipeline.frames import read_grey
 from pipeline.stage import StageContext
 
 
@@ -111,11 +112,12 @@ def _masks(context: StageContext, particles: dict, camera: Camera, observed: int
     """Silhouettes of `config.frames` observed frames, evenly spaced, the last one among them, frame 0 not."""
     frames = np.unique(np.linspace(0, observed - 1, config.frames + 1).round().astype(int)[1:])
     folder = context.input("segment_and_track") / "masks"
-    objects = torch.from_numpy(np.stack([_read_mask(folder / "object" / f"{frame:06d}.png") for frame in frames]))
-    hidden = np.stack(
-        [_dilated(_read_mask(folder / "controller" / f"{f:06d}.png"), config.hidden_margin) for f in frames]
+    objects, hands = (
+        np.stack([read_grey(folder / role / f"{frame:06d}.png") > 127 for frame in frames])
+        for role in ("object", "controller")
     )
-    coverage, known = reduce_masks(objects, torch.from_numpy(hidden), config.reduction)
+    hidden = np.stack([_dilated(hand, config.hidden_margin) for hand in hands])
+    coverage, known = reduce_masks(torch.from_numpy(objects), torch.from_numpy(hidden), config.reduction)
     cut = Camera(
         camera.K,
         camera.T_world_camera,
@@ -130,15 +132,6 @@ def _masks(context: StageContext, particles: dict, camera: Camera, observed: int
         gaussians,
         _binding(particles, "gaussian"),
     )
-
-
-def _read_mask(path: Path) -> np.ndarray:
-    import cv2
-
-    mask = cv2.imread(str(path), cv2.IMREAD_GRAYSCALE)
-    if mask is None:
-        raise InputError("not a readable mask", where=str(path), remedy="rerun segment_and_track")
-    return mask > 127
 
 
 def _dilated(mask: np.ndarray, margin: int) -> np.ndarray:

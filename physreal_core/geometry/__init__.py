@@ -11,7 +11,7 @@ from physreal_core.geometry.plane import Plane, fit_plane, world_frame
 from physreal_core.geometry.pose_search import SearchSettings
 from physreal_core.geometry.reconstruction import mesh_from_gaussians, mesh_from_view
 from physreal_core.geometry.similarity import Similarity, pose_error
-from physreal_core.geometry.surface import SurfacePoints, edge_inset, sample_surface, surface_gaussians
+from physreal_core.geometry.surface import SurfacePoints, edge_inset, sample_surface, scatter, surface_gaussians
 
 __all__ = [
     "Alignment",
@@ -39,6 +39,7 @@ __all__ = [
     "require_closed",
     "sample_surface",
     "save_mesh",
+    "scatter",
     "surface_gaussians",
     "visible_points",
     "world_frame",

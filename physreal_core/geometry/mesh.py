@@ -35,6 +35,11 @@ class Mesh:
         return 0.5 * np.cross(b - a, c - a)
 
     @property
+    def area(self) -> float:
+        """Area of all faces [m2]."""
+        return float(np.linalg.norm(self.area_vectors, axis=1).sum())
+
+    @property
     def volume(self) -> float:
         """Enclosed volume [m3] by the divergence theorem; means something for closed meshes only."""
         return float(np.einsum("fi,fi->", self.corners.mean(axis=1), self.area_vectors) / 3)

@@ -5,7 +5,7 @@ from dataclasses import dataclass
 import numpy as np
 import torch
 
-from physreal_core.array_types import Array, Float
+from physreal_core.array_types import Array, Float, Int
 from physreal_core.geometry.mesh import Mesh
 from physreal_core.geometry.patches import farthest_points
 from physreal_core.rendering import Gaussians
@@ -39,18 +39,23 @@ class SurfacePoints:
 
 def sample_surface(mesh: Mesh, count: int, *, seed: int = 0, oversampling: int = 5) -> SurfacePoints:
     """Evenly spread points: the farthest ones among `oversampling` times as many drawn uniformly by area."""
-    rng = np.random.default_rng(seed)
-    areas = np.linalg.norm(mesh.area_vectors, axis=1)
-    face = rng.choice(len(areas), count * oversampling, p=areas / areas.sum())
-    root, along = np.sqrt(rng.random(len(face))), rng.random(len(face))
-    weights = np.stack([1 - root, root * (1 - along), root * along], axis=1)[:, :, None]
-    points = (mesh.corners[face] * weights).sum(axis=1)
+    face, weights = scatter(mesh, count * oversampling, seed=seed)
+    points = np.einsum("pck,pc->pk", mesh.corners[face], weights)
     kept = farthest_points(points, count)
-    corner, weights = mesh.faces[face[kept]], weights[kept]
+    corner, weights = mesh.faces[face[kept]], weights[kept, :, None]
     normals = (vertex_normals(mesh)[corner] * weights).sum(axis=1)
     normals /= np.maximum(np.linalg.norm(normals, axis=1, keepdims=True), 1e-12)
     colours = None if mesh.colours is None else (mesh.colours[corner] * weights).sum(axis=1)
-    return SurfacePoints(points[kept], normals, colours, float(np.sqrt(areas.sum() / count * 2 / np.sqrt(3))))
+    return SurfacePoints(points[kept], normals, colours, float(np.sqrt(mesh.area / count * 2 / np.sqrt(3))))
+
+
+def scatter(mesh: Mesh, count: int, *, seed: int = 0) -> tuple[Int[Array, " n"], Float[Array, "n 3"]]:
+    """Points drawn uniformly by area: the face of each, and the weights of that face's three corners."""
+    random = np.random.default_rng(seed)
+    areas = np.linalg.norm(mesh.area_vectors, axis=1)
+    face = random.choice(len(areas), count, p=areas / areas.sum())
+    root, along = np.sqrt(random.random(count)), random.random(count)
+    return face, np.stack([1 - root, root * (1 - along), root * along], axis=1)
 
 
 def vertex_normals(mesh: Mesh) -> Float[Array, "V 3"]:

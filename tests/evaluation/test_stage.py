@@ -69,7 +69,7 @@ def context(tmp_path_factory) -> Context:
         pytest.importorskip(package)
     from physreal_core.geometry.mesh import Mesh, load_mesh, save_mesh
     from physreal_core.geometry.surface import sample_surface, surface_gaussians
-    from stages._evaluation import _scatter
+    from stages._evaluation import scattered
 
     root = tmp_path_factory.mktemp("evaluate")
     for name in ("capture", "out", "parse_video", "segment_and_track", "fit_pose", "sample_particles"):
@@ -81,7 +81,7 @@ def context(tmp_path_factory) -> Context:
     save_gaussians(root / "fit_pose" / "gaussians.ply", surface_gaussians(surface, inset=0.004))
     x0 = np.stack(np.meshgrid(*(np.arange(a, b, 0.01) + 0.005 for a, b in ((0, 0.12), (-0.04, 0.04), (0, 0.05)))), -1)
     x0 = x0.reshape(-1, 3)
-    points = _scatter(load_mesh(root / "fit_pose" / "mesh.glb"), 400, 0)[0]  # the very points that evaluate draws
+    points = scattered(load_mesh(root / "fit_pose" / "mesh.glb"), 400, 0)[0]  # the very points that evaluate draws
     _write_particles(root, x0, points)
     carried, F = _motion(SHEAR)
     _write_capture(root, mesh.vertices, carried)

@@ -1,8 +1,8 @@
-"""Speed of the simulator: `python -m benchmarks.simulation [--quick] [--json FILE] [--device cuda:0]`
+"""Speed and memory of the simulator beside its peers: `python -m benchmarks.simulation [--device cuda:0] [--json FILE]`
 
-Particle-substeps per second, fixed corotated, float32. Scenes: a free block of 20 000 particles in the middle of what
-would be a 64^3 grid (100 000 in a 108^3 one on CUDA), and a soft toy of 1440 particles lifted off the ground by its
-grip, as the fits run it. On the CPU the rates are per second of processor time, so that other work does not count.
+Every implementation runs the same scene (benchmarks/scene.py) in a process of its own, round after round in turn, so that
+a busy machine hits all alike. `--sweep` adds how cost grows with particles, substeps and frames; `--quick` compares
+ours with the Warp tape alone, within 50 s on two cores. Peers that are not installed are left out with a line.
 """
 
 from __future__ import annotations
@@ -12,135 +12,309 @@ import json
 import os
 import platform
 import time
-from collections.abc import Callable
+from dataclasses import replace
 from pathlib import Path
+from statistics import median
 
-import numpy as np
-import torch
-import warp as wp
+from benchmarks.scene import Scene
+from benchmarks.workers import Job, Unavailable, Worker
 
-from physreal_core.simulation import Body, Grip, Parameters, SimulationConfig, Simulator
+OURS, TAPE = "ours", "Warp tape"
+WORK = ("forward", "forward_backward")
+SHORTEST = 0.3  # s; shorter runs are repeated within one measurement
+QUICK_UNTIL = 32.0  # s after the start no new round begins
+SIZES = (1_000, 2_000, 5_000, 10_000, 20_000, 50_000, 100_000)
+CUDA_SIZES = (*SIZES, 200_000, 500_000, 1_000_000)
+RATED = (20_000, 100_000, 1_000_000)  # on CUDA, where 20 000 particles do not fill the card
+MEMORY_FRAMES = (2, 4, 8)
+TAPE_SUBSTEPS = 400  # in the sweeps the tape goes no further, for its memory
 
-Scene = tuple[Simulator, Parameters, torch.Tensor]
-
-
-def free_block(counts: tuple[int, int, int], cell: float, frames: int, device: str) -> Scene:
-    """A jittered lattice, 8 particles a cell, spinning and falling; 1000 kg/m3, 100 kPa, 0.2 ms steps at dx = 1/64."""
-    rng = np.random.default_rng(0)
-    index = np.stack(np.meshgrid(*[np.arange(n) for n in counts], indexing="ij"), -1).reshape(-1, 3)
-    h = cell / 2
-    x0 = 0.5 + (index - index.mean(0)) * h + rng.uniform(-0.2, 0.2, index.shape) * h
-    count = len(x0)
-    config = SimulationConfig(fps=100 / (64 * cell), ground_height=None, courant=0.148, device=device)
-    arm = x0 - 0.5
-    velocity = np.stack([5 * arm[:, 2], 0 * arm[:, 0], -5 * arm[:, 0] - 1], 1)
-    parameters = Parameters(_leaf(np.full(count, 1e5)), _leaf(np.full(count, 0.3)), initial_velocity=_leaf(velocity))
-    simulator = Simulator(Body(x0, np.full(count, h**3), np.full(count, 1000.0), h), config)
-    return simulator, parameters, torch.zeros(frames, 0, 3)
+Times = dict[str, list[tuple[float, float]]]
+"""Wall and processor time [s] of each measurement, by kind of work."""
 
 
-def lifted_toy(frames: int, device: str) -> Scene:
-    """0.16 x 0.10 x 0.05 m, 60 kPa, 300 kg/m3, h = 8 mm, 30 fps, gripped at one end and lifted off the ground."""
-    index = np.stack(np.meshgrid(np.arange(20), np.arange(12), np.arange(6), indexing="ij"), -1).reshape(-1, 3)
-    h = 0.008
-    x0, count = (index + 0.5) * h, len(index)
-    points = np.stack([np.linspace(0.01, 0.03, 30), np.linspace(0.03, 0.06, 30), np.full(30, 0.06)], 1)
-    distance = np.linalg.norm(x0[:, None] - points, axis=-1)
-    particles = np.argsort(distance, axis=0)[:8].T.ravel()
-    controllers = np.repeat(np.arange(30), 8)
-    grip = Grip(particles, controllers, np.ones(240), distance[particles, controllers])
-    simulator = Simulator(
-        Body(x0, np.full(count, h**3), np.full(count, 300.0), h), SimulationConfig(fps=30.0, device=device), grip
-    )
-    parameters = Parameters(
-        _leaf(np.full(count, 6e4)), _leaf(np.full(count, 0.3)), _leaf(0.5), _leaf(0.2), _leaf(0.002)
-    )
-    lift = torch.linspace(0, 0.004 * (frames - 1), frames, dtype=torch.float64)[:, None, None]
-    return simulator, parameters, torch.as_tensor(points) + lift * torch.tensor([0.0, 0.0, 1.0])
+def jobs(device: str, warp_mpm: str) -> list[Job]:
+    """All implementations for a device, ours first."""
+    path = {"path": warp_mpm}
+    if device != "cpu":
+        return [
+            Job(OURS, "ours"),
+            Job("ours, plain kernels", "ours", options={"kernels": "plain"}),
+            Job("warp-mpm", "warp_mpm", options=path),
+        ]
+    both = [(OURS, "ours"), ("plain C++", "plain_cpp"), ("Taichi mpm3d", "taichi_mpm3d")]
+    return [
+        *(Job(label, module, threads) for threads in (1, 2) for label, module in both),
+        Job("ours, plain kernels", "ours", options={"kernels": "plain"}),
+        Job(TAPE, "warp_tape"),
+        Job("Warp tape, Newton's rotation", "warp_tape", options={"rotation": "newton"}),
+        Job("warp-mpm", "warp_mpm", options=path),
+    ]
 
 
-def _leaf(value) -> torch.Tensor:
-    return torch.as_tensor(value, dtype=torch.float32).clone().requires_grad_()
+def contact_jobs(device: str) -> list[Job]:
+    """Ours with ground, friction, grip and differing stiffness, and without."""
+    threads = (1, 2) if device == "cpu" else (1,)
+    return [Job(OURS, "ours", t, contact=contact) for t in threads for contact in (False, True)]
 
 
-def measure(name: str, scene: Scene, repeats: int) -> dict:
-    """Median times of a rollout without gradient, and of one with its backward pass, after a warm-up of each."""
-    simulator, parameters, controllers = scene
-    cuda = simulator.config.device != "cpu"
+# --- measuring ------------------------------------------------------------------------------------------------------
 
-    def timed(work: Callable[[], None]) -> tuple[float, float]:
-        wall, processor = [], []
-        for _ in range(repeats + 1):
-            start = time.perf_counter(), time.process_time()
-            work()
-            if cuda:
-                torch.cuda.synchronize()
-            wall.append(time.perf_counter() - start[0])
-            processor.append(time.process_time() - start[1])
-        return float(np.median(wall[1:])), float(np.median(processor[1:]))
 
-    def forward() -> None:
-        with torch.no_grad():
-            simulator.rollout(parameters, controllers)
+def start(wanted: list[Job], scene: Scene, device: str) -> list[Worker]:
+    """Workers of the jobs that run here, compiled and warm; the others are named with the reason."""
+    started, ready = [Worker(job, scene, device) for job in wanted], []
+    for worker in started:
+        try:
+            worker.wait()
+            ready.append(worker)
+        except Unavailable as reason:
+            print(f"- left out: {worker.job.label}, {threads_of(worker.job)}: {reason}", flush=True)
+    return ready
 
-    def both() -> None:
-        states = simulator.rollout(parameters, controllers)
-        ((states.x**2).sum() + 0.01 * (states.F**2).sum()).backward()
 
-    substeps, frames, count = simulator.substeps(parameters), len(controllers) - 1, len(simulator.body.x0)
-    work = count * substeps * frames
-    times = {"forward": timed(forward), "forward_backward": timed(both)}
+def measure(workers: list[Worker], rounds: int, until: float = float("inf")) -> list[Times]:
+    """Times of every worker, taken in turn; no round after the first begins past `until` (of time.monotonic)."""
+    repeats, found = {}, [{what: [] for what in worker.abilities} for worker in workers]
+    for done in range(rounds):
+        if done and time.monotonic() > until:
+            break
+        for worker, times in zip(workers, found, strict=True):
+            for what in worker.abilities:
+                key = worker, what
+                times[what].append(worker.time(what, repeats.get(key, 1)))
+                repeats[key] = max(1, min(20, round(SHORTEST / times[what][-1][0])))
+    return found
+
+
+def run(wanted: list[Job], scene: Scene, device: str, rounds: int, until: float = float("inf")) -> list[dict]:
+    """One row per job that runs here: rates [particle-substeps/s] by processor time, median and best wall time."""
+    workers = start(wanted, scene, device)
+    found = measure(workers, rounds, until)
+    rows = []
+    for worker, times in zip(workers, found, strict=True):
+        worker.close()
+        row = {"label": worker.job.label, "threads": worker.job.threads, "contact": worker.job.contact}
+        rows.append(row | {what: rates(scene.work, taken) for what, taken in times.items()})
+    return rows
+
+
+def rates(work: int, taken: list[tuple[float, float]]) -> dict[str, float]:
+    """Millions of particle-substeps per second: of processor time, of wall time (medians), and the best wall time's."""
+    wall, processor = zip(*taken, strict=True)
+    million = work / 1e6
     return {
-        "scene": name,
-        "particles": count,
-        "substeps_per_frame": substeps,
-        "frames": frames,
-        "seconds": {key: wall for key, (wall, _) in times.items()},
-        "particle_substeps_per_second": {key: work / (wall if cuda else cpu) for key, (wall, cpu) in times.items()},
+        "processor": million / max(median(processor), 1e-9),
+        "wall": million / median(wall),
+        "best": million / min(wall),
     }
+
+
+def memory(job: Job, scene: Scene, device: str) -> int | None:
+    """Peak memory [B] of a job's forward + backward in a fresh process, beyond what it holds after a warm-up."""
+    worker = Worker(job, scene, device)
+    try:
+        worker.wait()
+        found = worker.memory()
+    except Unavailable:
+        return None
+    worker.close()
+    return found
+
+
+def single(job: Job, scene: Scene, device: str, rounds: int) -> dict | None:
+    """Seconds of wall time of one job's forward and forward + backward, best of the rounds, and its memory."""
+    workers = start([job], scene, device)
+    if not workers:
+        return None
+    (times,) = measure(workers, rounds)
+    workers[0].close()
+    best = {what: min(wall for wall, _ in taken) for what, taken in times.items()}
+    return best | {"bytes": memory(job, scene, device)}
+
+
+# --- tables ---------------------------------------------------------------------------------------------------------
+
+
+def threads_of(job: Job) -> str:
+    return f"{job.threads} thread" + "s" * (job.threads > 1)
+
+
+def table(head: list[str], rows: list[list[str]]) -> None:
+    """Print a markdown table; the first column is text."""
+    print("\n| " + " | ".join(head) + " |\n|---" + "|--:" * (len(head) - 1) + "|")
+    for row in rows:
+        print("| " + " | ".join(row) + " |")
+    print(flush=True)
+
+
+def number(value: float | None, digits: int = 3) -> str:
+    return "–" if value is None else f"{value:.{digits}g}"
+
+
+def basis(row: dict, device: str) -> str:
+    """Which of a row's rates is compared: processor time for one thread of the CPU, else median wall time."""
+    return "processor" if device == "cpu" and row["threads"] == 1 else "wall"
+
+
+def faster(row: dict, rows: list[dict], what: str, device: str) -> float | None:
+    """How many times faster ours is on as many threads."""
+    ours = next((r for r in rows if r["label"] == OURS and r["threads"] == row["threads"]), None)
+    if ours is None or what not in row or what not in ours:
+        return None
+    return ours[what][basis(row, device)] / row[what][basis(row, device)]
+
+
+def rate_tables(rows: list[dict], device: str) -> None:
+    """Rates of every implementation, and how many times faster ours is on as many threads."""
+    for what in WORK:
+        print(f"**{what.replace('_', ' + ')}**, millions of particle-substeps per second")
+        head = ["", "threads", "per processor second", "wall, median", "wall, best", "ours is faster by"]
+        body = [
+            [r["label"], str(r["threads"]), *(number(r[what][k]) for k in ("processor", "wall", "best")),
+             number(faster(r, rows, what, device))]
+            for r in rows if what in r
+        ]  # fmt: skip
+        table(head, body)
+
+
+def memory_table(device: str, scene: Scene) -> dict[str, list[int | None]]:
+    """Peak memory of forward + backward of everything that is differentiable, over the length of the rollout."""
+    wanted = [Job(OURS, "ours"), Job("ours, plain kernels", "ours", options={"kernels": "plain"})]
+    if device == "cpu":
+        wanted += [Job(OURS, "ours", 2), Job(TAPE, "warp_tape")]
+    scenes = [replace(scene, frames=frames) for frames in MEMORY_FRAMES]
+    found = {f"{job.label}, {threads_of(job)}": [memory(job, s, device) for s in scenes] for job in wanted}
+    print(
+        f"**Memory** [MB] of forward + backward, {scene.particles} particles, {scene.substeps_per_frame} substeps a frame"
+    )
+    rows = [[name, *(number(size and size / 1e6, 4) for size in sizes)] for name, sizes in found.items()]
+    table(["", *(f"{frames} frames" for frames in MEMORY_FRAMES)], rows)
+    return found
+
+
+def contact_table(scene: Scene, device: str, rounds: int) -> dict[str, float]:
+    """How many times slower ours is with ground, friction, grip and differing stiffness."""
+    rows = run(contact_jobs(device), scene, device, rounds)
+    slower, body = {}, []
+    for free, held in zip(rows[::2], rows[1::2], strict=True):
+        kind = basis(free, device)
+        ratios = {what: free[what][kind] / held[what][kind] for what in WORK}
+        slower[str(free["threads"])] = ratios
+        body.append([str(free["threads"]), *(number(r[w][kind]) for w in WORK for r in (free, held)),
+                     *(number(ratios[w]) for w in WORK)])  # fmt: skip
+    print("**Standing on the ground** (friction 0.4) with eight stiffnesses and a grip of 240 bonds, against free")
+    head = [
+        "threads",
+        "forward, free",
+        "held",
+        "forward + backward, free",
+        "held",
+        "forward slower by",
+        "both slower by",
+    ]
+    table(head, body)
+    return slower
+
+
+def sweeps(device: str, rounds: int) -> dict[str, list[dict]]:
+    """How time and memory grow with particles, with substeps per frame and with frames; ours beside the tape."""
+    base = Scene(frames=4)
+    sizes = SIZES if device == "cpu" else CUDA_SIZES
+    grids = {
+        "particles": [replace(base, particles=n, frames=2) for n in sizes],
+        "substeps_per_frame": [replace(base, substeps_per_frame=s) for s in (25, 50, 100, 200)],
+        "frames": [replace(base, frames=f) for f in (2, 4, 8, 16)],
+    }
+    found = {}
+    for name, scenes in grids.items():
+        found[name], body = [], []
+        for scene in scenes:
+            ours = single(Job(OURS, "ours"), scene, device, rounds)
+            small = device == "cpu" and scene.work <= TAPE_SUBSTEPS * base.particles and scene.substeps <= TAPE_SUBSTEPS
+            tape = single(Job(TAPE, "warp_tape"), scene, device, 1) if small else None
+            found[name].append({name: getattr(scene, name), "ours": ours, "tape": tape})
+            columns = [s and s[k] for k in (*WORK, "bytes") for s in (ours, tape)]
+            columns[4:] = [b and b / 1e6 for b in columns[4:]]
+            body.append([str(getattr(scene, name)), *map(number, columns)])
+        fixed = ", ".join(f"{getattr(scenes[0], k)} {k.replace('_', ' ')}" for k in grids if k != name)
+        print(f"**{name.replace('_', ' ')}**, one thread, {fixed}")
+        head = ["", "forward [s]", "tape", "forward + backward [s]", "tape", "memory [MB]", "tape"]
+        table(head, body)
+    return found
 
 
 def machine(device: str) -> str:
-    """Name of the processor or card that does the work."""
+    """Name of the processor or card that does the work, and of the software."""
+    import torch
+    import warp as wp
+
+    software = f"torch {torch.__version__}, warp {wp.__version__}"
     if device != "cpu":
-        return torch.cuda.get_device_name(device)
+        return f"{torch.cuda.get_device_name(device)}, {software}"
     info = Path("/proc/cpuinfo")
     lines = info.read_text().splitlines() if info.exists() else []
     names = [line.split(":")[1].strip() for line in lines if line.startswith("model name")]
-    load = f"load {os.getloadavg()[0]:.1f} on {os.cpu_count()} cores"
-    return f"{names[0] if names else platform.processor()}, one core, {load}"
+    load = f"{os.cpu_count()} cores, load {os.getloadavg()[0]:.1f}"
+    return f"{names[0] if names else platform.processor()}, {load}, {software}"
+
+
+# --- what is run ----------------------------------------------------------------------------------------------------
+
+
+def quick(scene: Scene, began: float) -> dict:
+    """Ours against the tape on one thread, as many rounds as fit."""
+    rows = run([Job(OURS, "ours"), Job(TAPE, "warp_tape")], scene, "cpu", 5, began + QUICK_UNTIL)
+    rate_tables(rows, "cpu")
+    ours, tape = rows
+    ratio = faster(tape, rows, "forward_backward", "cpu")
+    print(f"forward + backward, tape's time over ours: {ratio:.3g}")
+    by_count = {what: {str(scene.particles): ours[what]["processor"]} for what in WORK}
+    return {
+        "particles": scene.particles, "substeps": scene.substeps, "ratio_tape_over_ours": ratio,
+        "forward_mpss": by_count["forward"], "forward_backward_mpss": by_count["forward_backward"],
+        "tape_forward_mpss": tape["forward"]["processor"],
+        "tape_forward_backward_mpss": tape["forward_backward"]["processor"],
+    }  # fmt: skip
+
+
+def full(scene: Scene, device: str, rounds: int, warp_mpm: str) -> dict:
+    """Rates, memory and contact; on CUDA the rates at several sizes."""
+    by_size = {}
+    for particles in (scene.particles,) if device == "cpu" else RATED:
+        print(f"## {particles} particles, {scene.substeps} substeps")
+        by_size[particles] = run(jobs(device, warp_mpm), replace(scene, particles=particles), device, rounds)
+        rate_tables(by_size[particles], device)
+    result = {"rows": {str(n): rows for n, rows in by_size.items()}, "substeps": scene.substeps}
+    for what in WORK:
+        ours = {str(n): rows[0][what][basis(rows[0], device)] for n, rows in by_size.items()}
+        result[f"{what}_mpss"] = ours
+    result["memory_bytes"] = memory_table(device, scene)
+    result["contact_slower"] = contact_table(scene, device, rounds)
+    return result
 
 
 def main() -> None:
-    parser = argparse.ArgumentParser(description=__doc__)
-    parser.add_argument("--device", default="cpu")
-    parser.add_argument("--quick", action="store_true", help="fewer frames and repeats")
+    began = time.monotonic()
+    parser = argparse.ArgumentParser(description=__doc__, formatter_class=argparse.RawDescriptionHelpFormatter)
+    parser.add_argument("--device", default="cpu", help="cpu or cuda:0")
+    parser.add_argument("--quick", action="store_true", help="ours against the Warp tape, one thread, within 50 s")
+    parser.add_argument("--sweep", action="store_true", help="how cost grows with particles, substeps and frames")
+    parser.add_argument("--warp-mpm", default="", metavar="PATH", help="a checkout of the public warp-mpm repository")
+    parser.add_argument("--particles", type=int, default=20_000)
+    parser.add_argument("--rounds", type=int, default=5, help="measurements of each implementation")
     parser.add_argument("--json", type=Path, help="write the numbers there as well")
     args = parser.parse_args()
-    torch.set_num_threads(1)
-    frames, repeats = (2, 1) if args.quick else (4, 3)
-    scenes = {
-        "lifted toy": lambda: lifted_toy(3 if args.quick else 42, args.device),
-        "free block, 64^3": lambda: free_block((25, 25, 32), 1 / 64, frames, args.device),
-    }
-    if args.device != "cpu":
-        scenes["free block, 108^3"] = lambda: free_block((50, 50, 40), 1 / 108, frames, args.device)
-    title = f"{machine(args.device)}, torch {torch.__version__}, warp {wp.__version__}"
-    print(f"{title}\n\n| scene | particles | substeps | forward [M/s] | forward + backward [M/s] | wall [s] |")
-    print("|---|--:|--:|--:|--:|--:|")
-    rows = []
-    for name, make in scenes.items():
-        row = measure(name, make(), repeats)
-        rows.append(row)
-        rate = {key: value / 1e6 for key, value in row["particle_substeps_per_second"].items()}
-        steps = row["substeps_per_frame"] * row["frames"]
-        print(
-            f"| {name} | {row['particles']} | {steps} | {rate['forward']:.2f} | {rate['forward_backward']:.2f} "
-            f"| {row['seconds']['forward_backward']:.2f} |",
-            flush=True,
-        )
+    print(f"{machine(args.device)}\n", flush=True)
+    if args.quick:
+        result = quick(Scene(args.particles, frames=1, substeps_per_frame=25), began)
+    else:
+        result = full(Scene(args.particles), args.device, args.rounds, args.warp_mpm)
+        if args.sweep:
+            result["sweeps"] = sweeps(args.device, rounds=3)
     if args.json:
-        args.json.write_text(json.dumps({"machine": title, "rows": rows}, indent=2) + "\n")
+        result = {"machine": machine(args.device), "device": args.device} | result
+        args.json.write_text(json.dumps(result, indent=2) + "\n")
 
 
 if __name__ == "__main__":

@@ -1,0 +1,101 @@
+"""The benchmark's peers simulate the same thing as ours: positions, the tape's gradient, and the numbers it writes."""
+
+import json
+
+import numpy as np
+import pytest
+
+from benchmarks import simulation
+from benchmarks.peers import ours, plain_cpp, taichi_mpm3d, warp_mpm, warp_tape
+from benchmarks.scene import Scene, lattice
+from benchmarks.workers import Job, Worker
+
+SCENE = Scene(particles=360, frames=2, substeps_per_frame=10)
+# Rounding of positions near 0.5 m is 3e-8 (float32); over twenty steps it adds up to a few of them. The block moves by
+# up to 6e-3 m meanwhile, and without stress or without C it would end more than 1e-5 elsewhere.
+ROUNDING = 3e-7
+
+
+@pytest.fixture(scope="module")
+def plain():
+    run = ours.make(SCENE, "cpu", threads=1, kernels="plain")
+    run.forward_backward()
+    return run
+
+
+def test_the_scene_strains_and_takes_the_steps_it_says(plain):
+    singular = np.linalg.svd(plain._states.F[-1].detach(), compute_uv=False)
+    assert np.abs(singular - 1).max() > 0.005
+    assert plain.simulator.substeps(plain.parameters) == SCENE.substeps_per_frame
+    assert [lattice(n) for n in (20_000, 100_000, 1_000_000)] == [(25, 25, 32), (40, 50, 50), (100, 100, 100)]
+
+
+def test_the_block_stays_within_reach(plain):
+    first, count = SCENE.reach()
+    cells = plain.positions() / SCENE.cell
+    assert (cells - 0.5 >= first).all() and (cells + 1.5 < first + count).all()
+
+
+@pytest.mark.parametrize("rotation", ["svd", "newton"])
+def test_the_tapes_gradient_is_ours(plain, rotation):
+    tape = warp_tape.make(SCENE, "cpu", threads=1, rotation=rotation)
+    tape.forward_backward()
+    tape.forward_backward()  # the second run must not add to the first
+    assert np.abs(tape.positions() - plain.positions()).max() < ROUNDING
+    # float32 against float32: F - R of a per cent carries 1e-5 of relative rounding, svd3's more.
+    for name, gradient in plain.gradients().items():
+        error = np.linalg.norm(tape.gradients()[name] - gradient) / np.linalg.norm(gradient)
+        assert error < 1e-3, name
+
+
+@pytest.mark.parametrize("threads", [1, 2])
+def test_plain_cpp_moves_particles_as_ours(plain, threads):
+    if reason := plain_cpp.missing():
+        pytest.skip(reason)
+    peer = plain_cpp.make(SCENE, "cpu", threads)
+    peer.forward()
+    assert np.abs(peer.positions() - plain.positions()).max() < ROUNDING
+
+
+def test_taichi_moves_particles_as_ours(plain):
+    if reason := taichi_mpm3d.missing():
+        pytest.skip(reason)
+    peer = taichi_mpm3d.make(SCENE, "cpu", threads=2)
+    for _ in range(2):  # the second run starts anew
+        peer.forward()
+        assert np.abs(peer.positions() - plain.positions()).max() < ROUNDING
+
+
+def test_a_peer_that_is_not_there_says_so(capsys):
+    assert "--warp-mpm" in warp_mpm.missing()
+    assert simulation.start([Job("warp-mpm", "warp_mpm", options={"path": "/nowhere"})], SCENE, "cpu") == []
+    assert "left out: warp-mpm, 1 thread: no mpm_solver_warp.py in /nowhere" in capsys.readouterr().out
+
+
+def test_the_gripped_block_takes_the_same_steps():
+    held = ours.make(Scene(particles=360, frames=1, substeps_per_frame=10, contact=True), "cpu", threads=1)
+    held.forward_backward()
+    assert all((value.grad != 0).any() for value in vars(held.parameters).values() if value is not None)
+
+
+def test_memory_is_that_of_the_run_alone():
+    scene = Scene(particles=2_000, frames=2, substeps_per_frame=25)
+    worker = Worker(Job("Warp tape", "warp_tape"), scene, "cpu")
+    worker.wait()
+    found = worker.memory()
+    worker.close()
+    # Two times (value and gradient) 24 numbers a particle and 7 a node, for every substep, and not much besides.
+    stored = 2 * 4 * scene.substeps * (24 * scene.particles + 7 * np.prod(scene.reach()[1]))
+    assert 0.9 * stored < found < 1.3 * stored + 5e6
+
+
+def test_quick_writes_its_numbers(tmp_path, monkeypatch):
+    file = tmp_path / "quick.json"
+    monkeypatch.setattr("sys.argv", ["simulation", "--quick", "--particles", "360", "--json", str(file)])
+    monkeypatch.setattr(simulation, "QUICK_UNTIL", 0.0)  # one round
+    simulation.main()
+    numbers = json.loads(file.read_text())
+    assert numbers["particles"] == 360
+    ratio = numbers["forward_backward_mpss"]["360"] / numbers["tape_forward_backward_mpss"]
+    assert numbers["ratio_tape_over_ours"] == pytest.approx(ratio)
+    assert numbers["forward_mpss"]["360"] > 0

@@ -8,6 +8,7 @@ from physreal_core.array_types import Array, Float
 from physreal_core.simulation.body import Body, Clamp, Grip, PointLoad
 from physreal_core.simulation.box import GridBox
 from physreal_core.simulation.config import SimulationConfig
+from physreal_core.simulation.native import NativeStepper
 from physreal_core.simulation.parameters import Parameters
 from physreal_core.simulation.plain import PlainStepper
 from physreal_core.simulation.scalars import ScalarTypes
@@ -27,12 +28,14 @@ class Stepper(Protocol):
         cell: edge of a grid cell [m].
         offset: position of lattice node (0, 0, 0) [m], shape [3].
         shapes: full shape of every parameter in use, by name.
+        slots: states of all particles that there is room for.
     """
 
     types: ScalarTypes
     cell: float
     offset: Float[Array, "3"]
     shapes: dict[str, tuple[int, ...]]
+    slots: int
 
     def load_parameters(self, parameters: Parameters, substeps: int) -> None:
         """Take over a rollout's parameters (complete, of this stepper's type) and its substeps per frame."""
@@ -71,6 +74,14 @@ def make_stepper(
     grip: Grip | None,
     clamps: tuple[Clamp, ...],
     loads: tuple[PointLoad, ...],
+    threads: int | None = None,
 ) -> Stepper:
-    """The form of the step that `config.kernels` and `config.device` ask for."""
+    """The form of the step that `config.kernels` and `config.device` ask for.
+
+    Args:
+        body, config, grip, clamps, loads: as for `Simulator`.
+        threads: of the fast form on the CPU; by default torch's number.
+    """
+    if config.kernels == "fast" and config.device == "cpu":
+        return NativeStepper(body, config, grip, clamps, loads, threads)
     return PlainStepper(body, config, grip, clamps, loads)

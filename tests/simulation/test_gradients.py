@@ -14,6 +14,8 @@ from physreal_core.simulation import Clamp, Parameters, PointLoad, SimulationCon
 from physreal_core.simulation.constitutive import ELASTIC_LAWS, ResidualConfig, initial_weights
 from tests.simulation.scenes import block, directional_errors, random_loss, two_point_grip
 
+pytestmark = pytest.mark.usefixtures("kernels")
+
 FRAMES = 4
 TOLERANCE = 1e-5
 STEPS = {

@@ -7,6 +7,8 @@ import torch
 from physreal_core.simulation import Body, Clamp, Grip, Parameters, SimulationConfig, Simulator, States
 from tests.simulation.scenes import block
 
+pytestmark = pytest.mark.usefixtures("kernels")
+
 GRAVITY = 9.81
 
 

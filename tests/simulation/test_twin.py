@@ -1,11 +1,14 @@
 """The kernels against the numpy twin, over all substeps of a frame with contact, grip and moving controllers."""
 
 import numpy as np
+import pytest
 import torch
 
 from physreal_core.simulation import Parameters, SimulationConfig, Simulator
 from tests.simulation.numpy_twin import Twin, grip_force
 from tests.simulation.scenes import block, two_point_grip
+
+pytestmark = pytest.mark.usefixtures("kernels")
 
 
 def test_a_frame_agrees_with_numpy():

@@ -78,7 +78,7 @@ class PlainStepper:
         self.particles, self.cell = len(body.x0), body.cell
         self.offset = lattice_offset(body, config.ground_height, clamps)
         self._graphs: dict[str, wp.Graph] = {}
-        self.substeps = self._particle_slots = self._grid_slots = self._nodes = 0
+        self.substeps = self.slots = self._grid_slots = self._nodes = 0
         self._constants(body, grip, clamps, loads)
         self._parameter_arrays()
 
@@ -151,8 +151,8 @@ class PlainStepper:
         """Make room for a frame and record the launches anew where arrays had to move."""
         particle_slots, grid_slots = (self.substeps + 1, self.substeps + 1) if keep else (1, 2)
         moved = False
-        if particle_slots > self._particle_slots:
-            self._particle_slots, n = particle_slots, self.particles
+        if particle_slots > self.slots:
+            self.slots, n = particle_slots, self.particles
             self.x, self.v = self._tensor(particle_slots, n, 3), self._tensor(particle_slots, n, 3)
             self.F, self.C, self.tau = (self._tensor(particle_slots, n, 3, 3) for _ in range(3))
             moved = True

@@ -2,6 +2,7 @@
 
 import ctypes
 from concurrent.futures import ThreadPoolExecutor
+from dataclasses import dataclass
 
 import numpy as np
 import torch
@@ -16,9 +17,27 @@ from physreal_core.simulation.scalars import scalar_types
 
 BLOCK = 16  # particles; the widest block that a machine works on, to which rows of particles are filled up
 PARTICLES_PER_THREAD = 256  # fewer are not worth the threads' meeting three times a substep
+KEPT_BYTES = 2**28
+"""Memory for frames whose substeps stay for the backward pass, which then need not be computed again: a fifth of a
+gradient's time. With 1500 particles it holds 15 frames of 80 substeps; much more would leave the processor's caches."""
 STATE_ROWS, CONSTANT_ROWS, BAR_ROWS = 24, 9, 4  # of worker.h; latent codes come on top of the last two
 _NONE = torch.iinfo(torch.int64).max
 _STATE_SHAPES = {"x": (3,), "v": (3,), "F": (3, 3), "C": (3, 3)}
+
+
+@dataclass
+class Substeps:
+    """What the adjoint needs of a frame.
+
+    Attributes:
+        state: after every substep, shape [slots, 24, stride].
+        momentum: the grids, shape [substeps, nodes, 4].
+        order: the caller's particle at each place.
+    """
+
+    state: torch.Tensor
+    momentum: torch.Tensor
+    order: torch.Tensor | None = None
 
 
 def _yield_address() -> int:
@@ -49,7 +68,10 @@ class NativeStepper:
         self.cell, self.particles = body.cell, len(body.x0)
         self.offset = lattice_offset(body, config.ground_height, clamps)
         self.threads = min(threads or torch.get_num_threads(), max(1, self.particles // PARTICLES_PER_THREAD))
-        self.slots = self.substeps = self._nodes = self._grid_slots = 0
+        self.substeps = self._nodes = 0
+        self.holder: object | None = None
+        self._working, self._kept = self._no_substeps(), []
+        self._current = self._working
         self._kernels = frame_kernels(config)
         self._frame = frame_type(self.types.torch_dtype)()
         self._held: dict[str, torch.Tensor] = {}
@@ -164,19 +186,37 @@ class NativeStepper:
         self._hold("shared", self._zeros(64, dtype=torch.int32))
         self._hold("status", self._zeros(self.threads, 2, dtype=torch.int64))
 
-    def _reserve(self, keep: bool, nodes: int) -> None:
+    @property
+    def slots(self) -> int:
+        """States of all particles that there is room for."""
+        return sum(len(substeps.state) for substeps in (self._working, *self._kept))
+
+    def _no_substeps(self) -> Substeps:
+        return Substeps(self._zeros(0, 0, 0), self._zeros(0, 0, 0))
+
+    def _reserve_grids(self, nodes: int) -> None:
+        if nodes <= self._nodes:
+            return
+        self._nodes = int(1.2 * nodes)
+        for name, count in (("scratch", self.threads), ("velocity", 1), ("node_bar", 1)):
+            self._hold(name, self._zeros(count, self._nodes + 4, 4))
+        self._hold("kind", self._zeros(self._nodes, dtype=torch.uint8))
+
+    def _reserve_substeps(self, substeps: Substeps, keep: bool) -> None:
         slots = self.substeps + 1 if keep else 1
-        if slots > self.slots:
-            self.slots = slots
-            self._hold("state", self._zeros(slots, STATE_ROWS, self._frame.stride))
-        if nodes > self._nodes:
-            self._nodes, self._grid_slots = int(1.2 * nodes), 0
-            for name, count in (("scratch", self.threads), ("velocity", 1), ("node_bar", 1)):
-                self._hold(name, self._zeros(count, self._nodes + 4, 4))
-            self._hold("kind", self._zeros(self._nodes, dtype=torch.uint8))
-        if keep and self.substeps > self._grid_slots:
-            self._grid_slots = self.substeps
-            self._hold("momentum", self._zeros(self.substeps, self._nodes, 4))
+        if slots > len(substeps.state):
+            substeps.state = torch.empty(slots, STATE_ROWS, self._frame.stride, dtype=self.types.torch_dtype)
+        count, nodes = substeps.momentum.shape[:2]
+        if keep and (self.substeps > count or self._nodes > nodes):
+            substeps.momentum = torch.empty(self.substeps, self._nodes, 4, dtype=self.types.torch_dtype)
+
+    def keep_frames(self, holder: object, frames: int, nodes: int) -> int:
+        """How many of a rollout's frames, each with boxes of about `nodes` nodes, may be kept; who held some loses them."""
+        numbers = STATE_ROWS * self._frame.stride + 4 * max(self._nodes, int(1.2 * nodes))
+        kept = min(frames, KEPT_BYTES // ((self.substeps + 1) * numbers * self.types.torch_dtype.itemsize))
+        self.holder = holder if kept else None
+        self._kept = self._kept[:kept] + [self._no_substeps() for _ in range(kept - len(self._kept))]
+        return kept
 
     # --- one rollout --------------------------------------------------------------------------------------------
 
@@ -195,9 +235,22 @@ class NativeStepper:
             if name in self.shapes:
                 self._hold(name, getattr(parameters, name).detach())
 
-    def start_frame(self, box: GridBox, controllers: torch.Tensor, keep: bool) -> None:
-        """Place the grid; controllers [2, C, 3] are the controller points [m] at both ends of the frame."""
-        self._reserve(keep, box.nodes)
+    def start_frame(self, box: GridBox, controllers: torch.Tensor, keep: bool, kept: int | None = None) -> None:
+        """Place the grid.
+
+        Args:
+            box: the nodes.
+            controllers: controller points [m] at both ends of the frame, shape [2, C, 3].
+            keep: whether `backward` is to follow.
+            kept: number of the frame among the kept ones; if it ran as such, `backward` may follow at once.
+        """
+        self._reserve_grids(box.nodes)
+        self._current = self._working if kept is None else self._kept[kept]
+        self._reserve_substeps(self._current, keep)
+        self._frame.state, self._frame.momentum = self._current.state.data_ptr(), self._current.momentum.data_ptr()
+        if self._current.order is not None:
+            self._frame.order = self._current.order.data_ptr()
+        self._frame.keep = int(keep)
         self._frame.origin[:], self._frame.count[:] = box.origin, box.count
         if self.gripped:
             self._hold("controllers", controllers[:, : self._frame.controller_points].detach())
@@ -206,7 +259,8 @@ class NativeStepper:
         """Put in the state at the frame's start."""
         for name, value in (("x", x), ("v", v), ("F", F), ("C", C)):
             self._held[name].copy_(value)
-        self._hold("order", self._order(x))
+        self._current.order = self._order(x)
+        self._frame.order = self._current.order.data_ptr()
 
     def _order(self, x: torch.Tensor) -> torch.Tensor:
         """Particles in the order of their cells, so that those of one cell follow each other."""
@@ -224,8 +278,7 @@ class NativeStepper:
             other.result()
 
     def forward(self, keep: bool) -> None:
-        """All substeps of a frame; with `keep` every state and every grid stays for the adjoint."""
-        self._frame.keep = int(keep)
+        """All substeps of the frame, as `start_frame` was told; with `keep` all states and grids stay for the adjoint."""
         self._held["status"].fill_(_NONE)
         self._run("forward")
 

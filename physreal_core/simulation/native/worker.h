@@ -35,8 +35,8 @@ template <class S, class Material> class Worker {
         barrier_(frame.shared, frame.threads, frame.yield_) {}
 
   void forward() {
+    load_model();
     load_state();
-    mark_nodes(frame_, first_node_, last_node_);
     barrier_.wait();
     for (Index s = 0; s < frame_.substeps; s++) {
       scatter_momentum(s);
@@ -50,9 +50,11 @@ template <class S, class Material> class Worker {
     store_state();
   }
 
-  // Adjoint of a frame that `forward` has kept, with the same number of threads.
+  // Adjoint of a frame that `forward` has kept, with the same order of particles and number of threads.
   void backward() {
+    load_model();
     load_adjoint();
+    barrier_.wait();
     velocities_of_kept(frame_.substeps - 1);
     barrier_.wait();
     for (Index s = frame_.substeps - 1; s >= 0; s--) {
@@ -159,12 +161,18 @@ template <class S, class Material> class Worker {
   // The last particle fills the block that is not full; nothing of those lanes is scattered or stored.
   void load_state() {
     const Frame<S>& f = frame_;
-    for (Index p = first_; p < last_; p++) f.place[f.order[p]] = int(p);
-    S *s = state(0), *c = f.constants;
+    S* s = state(0);
     gather_rows(s + X * f.stride, f.x, 3);
     gather_rows(s + VELOCITY * f.stride, f.v, 3);
     gather_rows(s + DEFORMATION * f.stride, f.F, 9);
     gather_rows(s + AFFINE * f.stride, f.C, 9);
+  }
+
+  void load_model() {
+    const Frame<S>& f = frame_;
+    mark_nodes(f, first_node_, last_node_);
+    for (Index p = first_; p < last_; p++) f.place[f.order[p]] = int(p);
+    S* c = f.constants;
     gather_rows(c + MASS * f.stride, f.mass, 1);
     gather_rows(c + VOLUME * f.stride, f.volume, 1);
     gather_rows(c + LOAD * f.stride, f.load, 3);

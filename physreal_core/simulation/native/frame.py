@@ -11,6 +11,7 @@ from physreal_core.simulation.config import SimulationConfig
 from physreal_core.simulation.constitutive import ResidualConfig
 from physreal_core.simulation.native.build import native_module
 
+# Laws by the names of their C++ twins, in laws/ and included by material.h.
 _ELASTIC = {"fixed_corotated": "FixedCorotated", "neo_hookean": "NeoHookean", "hencky": "Hencky"}
 _PLASTIC = {"identity": "Identity", "von_mises": "VonMises", "drucker_prager": "DruckerPrager"}
 
@@ -56,6 +57,11 @@ class FrameKernels:
     forward: wp.Kernel
     backward: wp.Kernel
     measure: wp.Kernel
+
+
+def has_laws(config: SimulationConfig) -> bool:
+    """Whether the configured laws have C++ twins here."""
+    return config.elastic_law in _ELASTIC and config.plastic_law in _PLASTIC
 
 
 def frame_kernels(config: SimulationConfig) -> FrameKernels:

@@ -5,8 +5,9 @@ from pathlib import Path
 import warp as wp
 
 HEADERS = Path(__file__).resolve().parent
+# 512: else clang splits the vectors in two on some processors.
 # -Wno-psabi: vectors wider than the registers are passed between our own templates only, never over an ABI.
-FLAGS = "-ffp-contract=fast -Wno-psabi"
+FLAGS = "-ffp-contract=fast -mprefer-vector-width=512 -Wno-psabi"
 
 
 def native_module(family: str, dtype: str, header: str, flags: str | None = None) -> wp.Module:

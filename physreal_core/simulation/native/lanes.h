@@ -152,7 +152,8 @@ template <class V> inline void sin_cos(V x, V& sine, V& cosine) {
     const V k = shifted - integer;
     const V r = (x - k * T::HALF_PI_HIGH) - k * T::HALF_PI_LOW;
     const V z = -r * r;
-    V odd = splat<V>(inverse_factorial<S>(2 * T::SIN_TERMS - 1)), even = splat<V>(inverse_factorial<S>(2 * T::SIN_TERMS));
+    V odd = splat<V>(inverse_factorial<S>(2 * T::SIN_TERMS - 1));
+    V even = splat<V>(inverse_factorial<S>(2 * T::SIN_TERMS));
     for (int i = T::SIN_TERMS - 2; i >= 1; --i) odd = odd * z + inverse_factorial<S>(2 * i + 1);
     for (int i = T::SIN_TERMS - 1; i >= 1; --i) even = even * z + inverse_factorial<S>(2 * i);
     odd = r + r * (z * odd);

@@ -12,12 +12,13 @@
 
 namespace physreal {
 
-// Rows of `stride` particles, padded to whole blocks with F = 1, valid E and nu, and adjoints of zero. The bars, and the
-// workspace, are needed by the adjoints only; each thread has its own workspace and its own bars of the networks.
+// Rows of `stride` particles, padded to whole blocks with F = 1, valid E and nu, and adjoints of zero. The bars and the
+// workspace are for the adjoints only; each thread has its own workspace and its own bars of the networks.
 template <class S> struct MaterialArrays {
-    const S *E, *nu;  // Young's modulus [Pa], Poisson's ratio
+    const S *E, *nu;   // Young's modulus [Pa], Poisson's ratio
     const S* plastic;  // 2 rows: the law's parameters
-    const S *latent_elastic, *network_elastic, *latent_plastic, *network_plastic;  // codes: a row a number; flat weights
+    // latent codes, a row for each number, and the networks' flat weights
+    const S *latent_elastic, *network_elastic, *latent_plastic, *network_plastic;
     S *E_bar, *nu_bar, *plastic_bar;
     S *latent_elastic_bar, *network_elastic_bar, *latent_plastic_bar, *network_plastic_bar;
     long stride;

@@ -129,9 +129,9 @@ template <class V> inline V one_where_positive(V J) {
 template <class S> constexpr S ITERATE_TOLERANCE = sizeof(S) == 4 ? S(2e-4) : S(1e-8);
 
 // R of F = R U; NaN in the lanes where det F <= 0, so that an inverted particle is seen and not reflected.
-// Newton's iteration X <- (g X + X^-T / g) / 2 with Higham's Frobenius scaling g (SIAM J. Sci. Stat. Comput. 7(4), 1986)
-// until X is near: at most about nine steps however ill-conditioned F is, four at moderate strain. All lanes go on until
-// the last one has converged.
+// Newton's iteration X <- (g X + X^-T / g) / 2 with Higham's Frobenius scaling g (SIAM J. Sci. Stat. Comput. 7(4),
+// 1986) until X is near: at most about nine steps however ill-conditioned F is, four at moderate strain. All lanes go
+// on until the last of them has converged.
 template <class V> inline Mat3<V> polar_rotation(const Mat3<V>& F) {
     using S = Scalar<V>;
     constexpr int MOST_STEPS = 16;

@@ -22,23 +22,33 @@ inline void add_product(const Scalar<V>* w, const V* x, V* y) {
         add_product<ROWS - TILE, COLUMNS, ROW_STRIDE, COLUMN_STRIDE>(w + TILE * ROW_STRIDE, x, y + TILE);
 }
 
-// `to[i COLUMNS + j]` += the sum over all particles of rows[i] columns[j]; block b's vectors lie `b * stride` further.
-template <int ROWS, int COLUMNS, class V>
+// to[i WIDTH + j] += the sum over all particles of rows[i] columns[j]; block b's vectors lie `b * stride` further.
+template <int ROWS, int COLUMNS, int WIDTH, class V>
+inline void add_tile(const V* rows, const V* columns, int blocks, int stride, Scalar<V>* to) {
+    V sums[ROWS][COLUMNS] = {};
+    for (int b = 0; b < blocks; ++b, rows += stride, columns += stride)
+        for (int i = 0; i < ROWS; ++i)
+            for (int j = 0; j < COLUMNS; ++j) sums[i][j] += rows[i] * columns[j];
+    for (int i = 0; i < ROWS; ++i)
+        for (int j = 0; j < COLUMNS; ++j) to[i * WIDTH + j] += sum(sums[i][j]);
+}
+
+// The same for any number of rows and columns, in tiles whose sums stay in registers.
+template <int ROWS, int COLUMNS, int WIDTH = COLUMNS, class V>
 inline void add_outer_products(const V* rows, const V* columns, int blocks, int stride, Scalar<V>* to) {
     constexpr int TILE = 4;
-    for (int i0 = 0; i0 < ROWS; i0 += TILE)
-        for (int j0 = 0; j0 < COLUMNS; j0 += TILE) {
-            V sums[TILE][TILE] = {};
-            for (int b = 0; b < blocks; ++b)
-                for (int i = 0; i < TILE; ++i)
-                    for (int j = 0; j < TILE; ++j) {
-                        // past the end: the last one again, left out below
-                        const int row = i0 + i < ROWS ? i0 + i : ROWS - 1, column = j0 + j < COLUMNS ? j0 + j : COLUMNS - 1;
-                        sums[i][j] += rows[b * stride + row] * columns[b * stride + column];
-                    }
-            for (int i = 0; i < TILE && i0 + i < ROWS; ++i)
-                for (int j = 0; j < TILE && j0 + j < COLUMNS; ++j) to[(i0 + i) * COLUMNS + j0 + j] += sum(sums[i][j]);
-        }
+    if constexpr (ROWS > TILE) {
+        constexpr int LEFT = ROWS % TILE, last = ROWS - LEFT;
+        for (int i = 0; i < last; i += TILE)
+            add_outer_products<TILE, COLUMNS, WIDTH>(rows + i, columns, blocks, stride, to + i * WIDTH);
+        if constexpr (LEFT > 0)
+            add_outer_products<LEFT, COLUMNS, WIDTH>(rows + last, columns, blocks, stride, to + last * WIDTH);
+    } else {
+        constexpr int LEFT = COLUMNS % TILE, last = COLUMNS - LEFT;
+        for (int j = 0; j < last; j += TILE)
+            add_tile<ROWS, TILE, WIDTH>(rows, columns + j, blocks, stride, to + j);
+        if constexpr (LEFT > 0) add_tile<ROWS, LEFT, WIDTH>(rows, columns + last, blocks, stride, to + last);
+    }
 }
 
 // A network with LATENT numbers of a particle's own beside the strain features, and HIDDEN units in each hidden layer.

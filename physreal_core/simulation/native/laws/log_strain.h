@@ -1,5 +1,5 @@
-// The logarithmic (Hencky) strain eps = log V of F = V R in its principal frame, and the adjoints of the matrix logarithm
-// and exponential there. The twin of constitutive/log_strain.py, where the sources stand.
+// The logarithmic (Hencky) strain eps = log V of F = V R in its principal frame, and the adjoint of it.
+// The twin of constitutive/log_strain.py, where the sources stand.
 #pragma once
 
 #include "../matrix.h"

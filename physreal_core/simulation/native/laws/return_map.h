@@ -46,8 +46,8 @@ template <class V> inline Mat3<V> exponential_adjoint(const Vec3<V>& eps, const 
     return eps_bar;
 }
 
-// `Law` has `radial(q, t, E, nu, y0, y1, dt)` and `radial_adjoint(q, t, E, nu, y0, y1, dt, q_new_bar, t_new_bar)`; of the
-// latter only the lanes that yield are used.
+// `Law` has `radial(q, t, E, nu, y0, y1, dt)` and `radial_adjoint(q, t, E, nu, y0, y1, dt, q_new_bar, t_new_bar)`; only
+// the lanes that yield are used of the latter.
 template <class Law> struct ReturnMap {
     static constexpr bool flows = true;
 

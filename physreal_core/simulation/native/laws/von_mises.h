@@ -1,5 +1,6 @@
 // Von Mises plasticity with Perzyna viscosity: |dev tau| <= sqrt(2/3) sigma_y, with dev tau = 2 mu dev eps (Hencky).
-// y = (yield stress sigma_y [Pa], viscosity eta [Pa s]). The twin of constitutive/von_mises.py, where the sources stand.
+// y = (yield stress sigma_y [Pa], viscosity eta [Pa s]).
+// The twin of constitutive/von_mises.py, where the sources stand.
 #pragma once
 
 #include "lame.h"

@@ -1,4 +1,4 @@
-"""A Warp module whose CPU code may call C++ headers of ours: compiled by Warp's own clang, so no compiler is needed."""
+"""A Warp module that may call C++ headers of ours: compiled by Warp's own compilers, so no other is needed."""
 
 from pathlib import Path
 
@@ -9,24 +9,29 @@ SHARED = Path(__file__).parent
 _FLAGS = "-ffp-contract=fast"
 
 
-def native_module(name: str, header: Path) -> wp.Module:
+def native_module(name: str, header: Path, *folders: Path, cuda: bool = False) -> wp.Module:
     """Warp module `name` with `header` included before its kernels, and without Warp's own adjoints.
 
-    Every header beside `header` and beside this file can be included by its bare name and is part of the module's hash. A
-    kernel calls an entry point through a `wp.func_native` of one line. The headers see no C or C++ library.
+    Every header beside `header`, beside this file or in `folders` can be included by its bare name and is part of the
+    module's hash. A kernel calls an entry point through a `wp.func_native` of one line. The headers see no C or C++ library.
 
     Args:
         name: name of the Warp module; one module is one compilation.
         header: the header that the others are included from.
+        folders: where else to look for headers.
+        cuda: whether `header` is for CUDA too.
     """
-    folders = [SHARED, header.parent]
-    module = wp.get_module(name)
+    folders = [header.parent, *folders, SHARED]
+    preamble, paths = f'#include "{header.name}"', [str(folder) for folder in folders]
     options = wp.ModuleBuildOptions(
-        extra_cpu_preamble=f'#include "{header.name}"',
-        extra_cpu_include_dirs=[str(folder) for folder in folders],
+        extra_cpu_preamble=preamble,
+        extra_cpu_include_dirs=paths,
+        extra_cuda_preamble=preamble if cuda else "",
+        extra_cuda_include_dirs=paths if cuda else None,
         extra_build_dependencies=[str(file) for folder in folders for file in sorted(folder.rglob("*.h"))],
     )
     flags = f"{wp.config.cpu_compiler_flags} {_FLAGS}"
+    module = wp.get_module(name)
     wp.set_module_options(
         {"enable_backward": False, "cpu_compiler_flags": flags, "extra_build_options": options}, module=module
     )

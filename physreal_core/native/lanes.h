@@ -70,14 +70,14 @@ template <class S, int N> inline Lanes<S, N> sums(const Lanes<S, N> (&values)[N]
 }
 
 // Bit i of the result is lane i of the mask.
-template <class S> inline unsigned bits(Mask<S, 16> mask)
+template <class I> inline unsigned bits(Lanes<I, 16> mask)
 {
     using Bools = bool __attribute__((ext_vector_type(16)));
     return __builtin_bit_cast(unsigned short, __builtin_convertvector(mask, Bools));
 }
 
-template <class S, int N> inline bool any(Mask<S, N> mask) { return __builtin_reduce_or(mask) != 0; }
-template <class S, int N> inline bool all(Mask<S, N> mask) { return __builtin_reduce_and(mask) != 0; }
+template <class I, int N> inline bool any(Lanes<I, N> mask) { return __builtin_reduce_or(mask) != 0; }
+template <class I, int N> inline bool all(Lanes<I, N> mask) { return __builtin_reduce_and(mask) != 0; }
 
 // exp(x) = 2^n e^r with |r| <= ln 2 / 2 and e^r by its Taylor polynomial: within 2 units in the last place. NaN stays NaN;
 // beyond `highest` and `lowest` x counts as the bound, where the result is still a normal number.
@@ -158,6 +158,8 @@ template <class S, int N> inline Lanes<S, N> log(Lanes<S, N> x)
 }
 
 template <class S, int N> inline Lanes<S, N> sqrt(Lanes<S, N> x) { return __builtin_elementwise_sqrt(x); }
+template <class S, int N> inline Lanes<S, N> ceil(Lanes<S, N> x) { return __builtin_elementwise_ceil(x); }
+template <class S, int N> inline Lanes<S, N> floor(Lanes<S, N> x) { return __builtin_elementwise_floor(x); }
 template <class S, int N> inline Lanes<S, N> min(Lanes<S, N> a, Lanes<S, N> b) { return a < b ? a : b; }
 template <class S, int N> inline Lanes<S, N> max(Lanes<S, N> a, Lanes<S, N> b) { return a > b ? a : b; }
 

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 from dataclasses import dataclass
+from functools import partial
 
 import torch
 
@@ -10,6 +11,7 @@ from physreal_core.array_types import Float, Tensor
 from physreal_core.errors import InputError
 from physreal_core.rendering.binding import Binding, carried_rotations, carry_gaussians
 from physreal_core.rendering.camera import Camera
+from physreal_core.rendering.cuda_backend import rasterise_cuda
 from physreal_core.rendering.gaussians import Gaussians
 from physreal_core.rendering.gsplat_backend import gsplat_installed, rasterise_gsplat
 from physreal_core.rendering.native_backend import rasterise_native
@@ -52,8 +54,8 @@ def rasterise(
         colours: RGB, 0 to 1, shape [G, 3].
         T_world_camera: pose used instead of the camera's own, for pose gradients.
         background: RGB.
-        backend: "auto", "native" (vector C++, CPU), "warp" (any device), "gsplat" (needs CUDA and the package) or
-            "reference" (plain torch, slow).
+        backend: "auto", "native" (vector C++, CPU), "cuda" (CUDA; on the CPU for tests), "gsplat" (needs CUDA and the
+            package), "warp" (one kernel source for any device) or "reference" (plain torch, slow).
 
     Returns:
         Rendering in the dtype and on the device of `means` (float32 or float64).
@@ -63,14 +65,11 @@ def rasterise(
     pose = pose.to(means)
     chosen = choose_backend(means.device, means.dtype, backend)
     background = torch.as_tensor(background).to(means)
-    scene = means, covariances, opacities, colours, camera, pose, background
-    if chosen == "native":
-        return Rendering(*rasterise_native(*scene))
-    return _in_camera_frame(_BACKENDS[chosen], *scene)
+    return Rendering(*_BACKENDS[chosen](means, covariances, opacities, colours, camera, pose, background))
 
 
-def _in_camera_frame(draw, means, covariances, opacities, colours, camera, pose, background) -> Rendering:
-    """Through a backend that takes Gaussians in the camera's frame and gives unnormalised features over black."""
+def _in_camera_frame(draw, means, covariances, opacities, colours, camera, pose, background) -> tuple[Tensor, ...]:
+    """Through a rasteriser that takes Gaussians in the camera's frame and gives unnormalised features over black."""
     rotation = pose[:3, :3]
     local_means = (means - pose[:3, 3]) @ rotation
     # R^T C R; C is symmetric, so its rows can be turned as row vectors: no batch of tiny matrix products.
@@ -80,7 +79,7 @@ def _in_camera_frame(draw, means, covariances, opacities, colours, camera, pose,
     image, alpha = draw(local_means, local_covariances, opacities, features, camera)
     rgb = image[..., :3] + (1.0 - alpha)[..., None] * background
     # Drawn pixels have alpha >= ALPHA_MIN, so the clamp only keeps 0 / 0 out.
-    return Rendering(rgb, image[..., 3] / alpha.clamp(min=0.5 * ALPHA_MIN), alpha)
+    return rgb, image[..., 3] / alpha.clamp(min=0.5 * ALPHA_MIN), alpha
 
 
 def render(
@@ -112,25 +111,29 @@ def render_carried(
 
 
 def choose_backend(device: torch.device, dtype: torch.dtype, requested: str = "auto") -> str:
-    """The backend that will draw: as requested; "auto" is native on the CPU, and on CUDA gsplat where it can run, else warp.
+    """The backend that will draw: as requested; "auto" is "native" on the CPU and "cuda" on CUDA.
 
     Raises:
         InputError: for an unknown name or one that cannot run here.
     """
-    gsplat_runs = device.type == "cuda" and dtype == torch.float32 and gsplat_installed()
     if requested == "auto":
-        return "native" if device.type == "cpu" else "gsplat" if gsplat_runs else "warp"
-    if requested not in BACKENDS:
-        raise InputError(f"backend {requested!r}", where="rasterise", expected=f"one of auto, {', '.join(BACKENDS)}")
+        return "cuda" if device.type == "cuda" else "native"
+    if requested not in _BACKENDS:
+        raise InputError(f"backend {requested!r}", where="rasterise", expected=f"one of auto, {', '.join(_BACKENDS)}")
     if requested == "native" and device.type != "cpu":
-        raise InputError(f"native on {device}", where="rasterise", expected="the CPU", remedy="use `warp` or `auto`")
-    if requested == "gsplat" and not gsplat_runs:
+        raise InputError(f"native on {device}", where="rasterise", expected="the CPU", remedy="use `cuda` or `auto`")
+    if requested == "gsplat" and not (device.type == "cuda" and dtype == torch.float32 and gsplat_installed()):
         raise InputError(f"gsplat on {device} in {dtype}", where="rasterise", expected="the package, CUDA and float32")
     return requested
 
 
-_BACKENDS = {"warp": rasterise_warp, "gsplat": rasterise_gsplat, "reference": rasterise_reference}
-BACKENDS = ("native", *_BACKENDS)
+_BACKENDS = {
+    "native": rasterise_native,
+    "cuda": rasterise_cuda,
+    "gsplat": rasterise_gsplat,
+    "warp": partial(_in_camera_frame, rasterise_warp),
+    "reference": partial(_in_camera_frame, rasterise_reference),
+}
 
 
 def _check(means: Tensor, covariances: Tensor, opacities: Tensor, colours: Tensor) -> None:

@@ -2,9 +2,13 @@
 // all that lies behind the current Gaussian carries, so d loss / d alpha = T * (features . bar) - behind / (1 - alpha).
 #pragma once
 
+#include "lanes.h"
 #include "scene.h"
 
 namespace physreal {
+
+template <class S> using Row = Lanes<S, TILE>;  // a row of a tile is one set of lanes
+template <class S> using RowMask = Mask<S, TILE>;
 
 // One tile of the image: where it lies and which of its pixels are in the image.
 template <class S> struct Tile
@@ -34,8 +38,8 @@ template <class S> struct Tile
     {
         const Row<S> dy = iota<S, TILE>() + (S(top) - p.y), none = S(0);
         const Row<S> middle = p.lean * dy + (p.x - S(left));
-        const Row<S> away = max<S, TILE>(max<S, TILE>(-middle, middle - S(TILE - 1)), none);
-        return bits<S>(away * away <= p.reach * S(1.0001) + S(0.001) - p.narrowing * dy * dy);
+        const Row<S> away = max(max(-middle, middle - S(TILE - 1)), none);
+        return bits(away * away <= p.reach * S(1.0001) + S(0.001) - p.narrowing * dy * dy);
     }
 };
 
@@ -44,7 +48,7 @@ template <class S> inline unsigned rows_open(const Row<S> (&transmittance)[TILE]
 {
     unsigned open = 0;
     for (int row = 0; row < TILE; ++row)
-        open |= unsigned(any<S, TILE>(transmittance[row] > transmittance_min)) << row;
+        open |= unsigned(any(transmittance[row] > transmittance_min)) << row;
     return open;
 }
 
@@ -57,7 +61,7 @@ template <class S> struct Cover
     Cover(const Scene<S>& s, const Splat<S>& p, Row<S> dx, Row<S> dx_part, S dy, Row<S> transmittance)
     {
         const Row<S> power = dx_part + (p.xy * dy) * dx + p.yy * dy * dy, none = S(0), cap = s.alpha_max;
-        falloff = exp2_between<S, TILE>(power);
+        falloff = exp2_between(power);
         drawn = (power >= p.lowest) & (transmittance > s.transmittance_min);
         const Row<S> uncapped = p.opacity * falloff;
         capped = uncapped >= cap;
@@ -107,11 +111,7 @@ template <class S> void composite_tile(const Scene<S>& s, long long index)
         },
         [](int, Row<S>) {});
     tile.each_pixel(s, [&](long long pixel, int row, int lane) {
-        const S T = transmittance[row][lane], alpha = S(1) - T, floor = S(0.5) * s.alpha_min;
-        for (int k = 0; k < 3; ++k)
-            s.rgb[3 * pixel + k] = total[k][row][lane] + T * s.background[k];
-        s.depth[pixel] = total[3][row][lane] / (alpha > floor ? alpha : floor);
-        s.alpha[pixel] = alpha, s.transmittance[pixel] = T;
+        write_pixel(s, pixel, S(transmittance[row][lane]), [&](int k) { return total[k][row][lane]; });
     });
 }
 
@@ -125,19 +125,10 @@ template <class S, bool Features> void composite_tile_adjoint(const Scene<S>& s,
     for (int row = 0; row < TILE; ++row)
         transmittance[row] = tile.inside(row) ? Row<S>(S(1)) : Row<S>(S(0));
     tile.each_pixel(s, [&](long long pixel, int row, int lane) {
-        const S T = s.transmittance[pixel], alpha = S(1) - T;
-        S alpha_bar = s.alpha_bar ? s.alpha_bar[pixel] : S(0), carried = S(0);
-        if (Features && s.rgb_bar)
-            for (int k = 0; k < 3; ++k) {
-                bar[k][row][lane] = s.rgb_bar[3 * pixel + k];
-                carried += s.rgb_bar[3 * pixel + k] * s.rgb[3 * pixel + k];
-            }
-        if (Features && s.depth_bar && alpha > S(0.5) * s.alpha_min) {
-            bar[3][row][lane] = s.depth_bar[pixel] / alpha;
-            carried += s.depth_bar[pixel] * s.depth[pixel];
-            alpha_bar -= s.depth_bar[pixel] * s.depth[pixel] / alpha;
-        }
-        behind[row][lane] = carried - T * alpha_bar;
+        const PixelBar<S> pixel_bar(s, pixel);
+        behind[row][lane] = pixel_bar.carried;
+        for (int k = 0; Features && k < 4; ++k)
+            bar[k][row][lane] = pixel_bar.features[k];
     });
     Row<S> q_lane = {}, qy_lane = {}, qyy_lane = {}, features[4] = {};
     front_to_back<S>(
@@ -168,7 +159,7 @@ template <class S, bool Features> void composite_tile_adjoint(const Scene<S>& s,
             for (int k = 0; k < 4; ++k)
                 all[FEATURES + k] = features[k], features[k] = S(0);
             S* to = moments + (long long)g * MOMENTS;
-            store<S, TILE>(to, load<S, TILE>(to) + sums<S, TILE>(all));
+            store<S, TILE>(to, load<S, TILE>(to) + sums(all));
             q_lane = qy_lane = qyy_lane = S(0);
         });
 }

@@ -1,6 +1,7 @@
 // Which Gaussians each tile shows, near ones first: one stable radix sort of the depths, then one list per tile.
 #pragma once
 
+#include "lanes.h"
 #include "scene.h"
 
 namespace physreal {
@@ -8,9 +9,9 @@ namespace physreal {
 // Fills `order` with the drawn Gaussians by depth and returns their number; equal depths keep their order.
 template <class S> long long sort_by_depth(const Scene<S>& s)
 {
-    using Key = typename Scene<S>::Key;
+    using Key = typename Bits<S>::type;
     constexpr int DIGIT = 11, VALUES = 1 << DIGIT;
-    Key *keys = s.keys, *to_keys = s.other_keys;
+    Key *keys = static_cast<Key*>(s.keys), *to_keys = static_cast<Key*>(s.other_keys);
     int *order = s.order, *to_order = s.other_order;
     long long count = 0;
     Key low = 0, high = 0;  // bits that are 1 in all keys, and in any
@@ -44,7 +45,7 @@ template <class S> long long sort_by_depth(const Scene<S>& s)
     return count;
 }
 
-template <class S> void list_tiles(const Scene<S>& s)
+template <class S> void list_tiles(const Scene<S>& s, int)
 {
     const long long count = sort_by_depth(s), tiles = s.tiles_x * s.tiles_y;
     for (long long t = 0; t < tiles; ++t)

@@ -1,4 +1,7 @@
-"""The native rasteriser where tiles, rows, lanes and threads end: against the plain-torch twin in float64."""
+"""The fast rasterisers where tiles, rows, lanes, blocks and threads end: against the plain-torch twin in float64.
+
+The CUDA one runs here on the CPU, where the threads of a block take turns.
+"""
 
 from __future__ import annotations
 
@@ -9,14 +12,14 @@ from physreal_core.rendering import Camera, rasterise
 from tests.rendering.splat_scene import camera, inputs
 
 
-@pytest.fixture(params=[1, 2, 3])
-def threads(request, monkeypatch) -> int:
-    """This many threads, however small the scene."""
-    before = torch.get_num_threads()
+@pytest.fixture(params=["native on 1", "native on 2", "native on 3", "cuda"])
+def backend(request, monkeypatch):
+    """The native one on so many threads, however small the scene, or the CUDA one."""
+    before, (name, *threads) = torch.get_num_threads(), request.param.split(" on ")
     monkeypatch.setattr("physreal_core.rendering.native_backend._GAUSSIANS_A_THREAD", 1)
     monkeypatch.setattr("physreal_core.rendering.native_backend._PAIRS_A_THREAD", 1)
-    torch.set_num_threads(request.param)
-    yield request.param
+    torch.set_num_threads(int(threads[0]) if threads else before)
+    yield name
     torch.set_num_threads(before)
 
 
@@ -42,25 +45,25 @@ def _world(local: torch.Tensor, cam: Camera) -> torch.Tensor:
 
 
 @pytest.mark.parametrize("size", [(1, 1), (16, 16), (17, 15), (40, 30), (33, 64)])
-def test_image_sizes_and_threads(size: tuple[int, int], threads: int) -> None:
+def test_image_sizes_and_threads(size: tuple[int, int], backend: str) -> None:
     """Images smaller than a tile, of whole tiles, and that end within one."""
     cam = camera(*size)
     expected = _all("reference", inputs(), cam)
     assert expected[2].max() > 0.04
-    _agree(_all("native", inputs(), cam), expected)
+    _agree(_all(backend, inputs(), cam), expected)
 
 
-def test_image_is_the_same_for_every_number_of_threads(threads: int) -> None:
+def test_image_is_the_same_for_every_number_of_threads(backend: str) -> None:
     """Bit by bit; and the same number of threads gives the same gradients, bit by bit."""
     leaves = [a.float() for a in inputs(300)]
-    first, second = _all("native", leaves, camera(70, 50)), _all("native", leaves, camera(70, 50))
+    first, second = _all(backend, leaves, camera(70, 50)), _all(backend, leaves, camera(70, 50))
     assert all(torch.equal(a, b) for a, b in zip(first, second, strict=True))
     torch.set_num_threads(1)
-    alone = _all("native", leaves, camera(70, 50))
+    alone = _all(backend, leaves, camera(70, 50))
     assert all(torch.equal(a, b) for a, b in zip(first[:3], alone[:3], strict=True))
 
 
-def test_awkward_gaussians(threads: int) -> None:
+def test_awkward_gaussians(backend: str) -> None:
     """Behind the camera, nearer than the near plane, beside the image, many images wide, needles, transparent ones."""
     cam, generator = camera(), torch.Generator().manual_seed(4)
     rand = lambda *shape: torch.rand(*shape, generator=generator, dtype=torch.float64)
@@ -76,12 +79,12 @@ def test_awkward_gaussians(threads: int) -> None:
     opacities[54:60] = 0.003
     scene = [_world(local, cam), covariances, opacities, colours]
     expected = _all("reference", scene, cam)
-    _agree(_all("native", scene, cam), expected)
+    _agree(_all(backend, scene, cam), expected)
     for gradient in expected[3:7]:
         assert (gradient[:20].abs().max(), gradient[54:60].abs().max()) == (0, 0)
 
 
-def test_saturated_pixels(threads: int) -> None:
+def test_saturated_pixels(backend: str) -> None:
     """Sixty opaque sheets: the first is capped, pixels are finished after few, and what lies behind gets no gradient."""
     cam = camera()
     local = torch.zeros(60, 3, dtype=torch.float64)
@@ -92,25 +95,25 @@ def test_saturated_pixels(threads: int) -> None:
     scene = [_world(local, cam), covariances, opacities, inputs()[3].detach()]
     expected = _all("reference", scene, cam)
     assert (1 - expected[2]).max() < 1e-3
-    got = _all("native", scene, cam)
+    got = _all(backend, scene, cam)
     _agree(got, expected)
     assert got[6][:3].abs().min() > 0 and got[6][10:].abs().max() == 0
 
 
 @pytest.mark.parametrize("parts", [("alpha",), ("depth",), ("rgb",), ("depth", "alpha")])
-def test_losses_of_some_outputs(parts: tuple[str, ...]) -> None:
+def test_losses_of_some_outputs(parts: tuple[str, ...], backend: str) -> None:
     """Outputs that no loss looks at take no part in the gradient; of alpha alone there is a shorter adjoint."""
-    _agree(_all("native", inputs(), camera(), parts), _all("reference", inputs(), camera(), parts))
+    _agree(_all(backend, inputs(), camera(), parts), _all("reference", inputs(), camera(), parts))
 
 
-def test_not_a_number_is_not_drawn() -> None:
+def test_not_a_number_is_not_drawn(backend: str) -> None:
     """A Gaussian with NaN in any part leaves the others' picture as it is, with gradients zero."""
     means, covariances, opacities, colours = (a.detach().clone() for a in inputs())
     keep = torch.ones(60, dtype=torch.bool)
     keep[:3] = False
     means[0, 1] = covariances[1, 2, 2] = opacities[2] = torch.nan
     scene = [means, covariances, opacities, colours]
-    got, expected = _all("native", scene, camera()), _all("native", [a[keep] for a in scene], camera())
+    got, expected = _all(backend, scene, camera()), _all(backend, [a[keep] for a in scene], camera())
     for a, b in zip(got[:3], expected[:3], strict=True):
         assert torch.equal(a, b)
     for a, b in zip(got[3:7], expected[3:7], strict=True):
@@ -118,9 +121,10 @@ def test_not_a_number_is_not_drawn() -> None:
     _agree(got[7:], expected[7:])  # the lanes of the sums over all Gaussians shift
 
 
-def test_equal_depths_keep_their_order() -> None:
+def test_equal_depths_keep_their_order(backend: str) -> None:
     """Hundreds of Gaussians at one depth are drawn in the order of the arrays."""
     cam = Camera(camera().K, torch.eye(4), 40, 30)
     means, covariances, opacities, colours = (a.detach() for a in inputs(200))
     means[:, 2] = 1.0
-    _agree(*(_all(backend, [means, covariances, opacities, colours], cam) for backend in ("native", "reference")))
+    scene = [means, covariances, opacities, colours]
+    _agree(_all(backend, scene, cam), _all("reference", scene, cam))

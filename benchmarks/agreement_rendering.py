@@ -1,8 +1,8 @@
 """Rasteriser on a GPU against the CPU, values and gradients: `python -m benchmarks.agreement_rendering [--device cuda:0]`.
 
-The CPU's numbers come from the plain-torch rasteriser, so that a GPU machine needs no CPU compiler, or with
-`--against warp` from the same kernels on the CPU. Exit code 1 if they disagree. In float64 the two differ by the order
-of sums and by exp alone. In float32 a contribution that lies within rounding of the alpha threshold may be drawn on one
+The CPU's numbers come from the plain-torch rasteriser, so that a GPU machine needs no CPU compiler, or from another one with
+`--against`. Both of the GPU's own rasterisers are looked at. Exit code 1 if they disagree. In float64 the two differ by the
+order of sums and by exp alone. In float32 a contribution that lies within rounding of the alpha threshold may be drawn on one
 side only: 1/255 in that pixel; hence the share.
 """
 
@@ -48,10 +48,10 @@ def draw(device: str, dtype: torch.dtype, backend: str) -> list[torch.Tensor]:
     return [a.detach().double().cpu() for a in (image, *gradients)]
 
 
-def compare(device: str, dtype: torch.dtype, against: str) -> bool:
-    """Print the differences of `device` from the CPU; True if they are within tolerance."""
+def compare(device: str, dtype: torch.dtype, backend: str, expected: list[torch.Tensor]) -> bool:
+    """Print the differences of `backend` on `device` from the CPU's numbers; True if they are within tolerance."""
     tolerance, agreed = TOLERANCES[dtype], True
-    expected, got = draw("cpu", dtype, against), draw(device, dtype, "warp")
+    got = draw(device, dtype, backend)
     for name, a, b in zip(NAMES, got, expected, strict=True):
         if name == "image":
             # Depth [m] is divided by alpha, so a flipped contribution counts most where alpha is small.
@@ -65,19 +65,22 @@ def compare(device: str, dtype: torch.dtype, against: str) -> bool:
             error = float((a - b).norm() / b.norm())
             ok, shown = error <= tolerance.gradient, f"relative {error:.1e} (allowed {tolerance.gradient:.0e})"
         agreed &= ok
-        print(f"| {str(dtype)[6:]} | {name} | {shown} | {'agrees' if ok else 'DIFFERS'} |")
+        print(f"| {backend} | {str(dtype)[6:]} | {name} | {shown} | {'agrees' if ok else 'DIFFERS'} |")
     return agreed
 
 
 def main() -> None:
     parser = argparse.ArgumentParser(description=__doc__)
     parser.add_argument("--device", default="cuda:0")
-    parser.add_argument("--against", choices=("reference", "warp"), default="reference")
+    parser.add_argument("--against", choices=("reference", "native", "warp"), default="reference")
     args = parser.parse_args()
     print(
-        f"rasteriser on {args.device}, {args.against} on cpu\n\n| dtype | quantity | difference | |\n|---|---|---|---|"
+        f"rasteriser on {args.device}, {args.against} on cpu\n\n| backend | dtype | quantity | difference | |\n|---|---|---|---|---|"
     )
-    agreed = [compare(args.device, dtype, args.against) for dtype in TOLERANCES]
+    agreed = []
+    for dtype in TOLERANCES:
+        expected = draw("cpu", dtype, args.against)
+        agreed += [compare(args.device, dtype, backend, expected) for backend in ("cuda", "warp")]
     sys.exit(0 if all(agreed) else 1)
 
 

@@ -1,20 +1,38 @@
-"""Speed of the rasteriser, forward and backward: `python -m benchmarks.rendering [--device cuda:0]` prints a table.
+"""Speed of the rasterisers, forward and backward, each beside the others on the same scene.
 
-Scene: a ball of Gaussians with a wide spread of sizes, shapes and opacities that fills most of the image's height.
+`python -m benchmarks.rendering [--device cuda:0] [--quick] [--json FILE]` prints one row per scene and backend: medians of
+interleaved rounds, and how many times faster than the plain-torch tile reference, the Warp kernels and gsplat (where they
+run). Scene: a ball of Gaussians with a wide spread of sizes, shapes and opacities that fills most of the image's height. All
+outputs (RGB, depth, alpha) are drawn and carry a gradient to means, covariances, opacities and colours.
 """
 
 from __future__ import annotations
 
 import argparse
+import json
 import math
+import platform
+import statistics
 import time
+from collections.abc import Callable
+from pathlib import Path
 
 import torch
 
-from physreal_core.rendering import Camera, Gaussians, choose_backend, rasterise
+from physreal_core.rendering import Camera, Gaussians, rasterise
 from physreal_core.rendering.gsplat_backend import gsplat_installed
 
-SIZES = ((1_000, 160, 120), (5_000, 160, 120), (10_000, 320, 240))
+# Gaussians, width, height: first more Gaussians, then more pixels.
+CPU_SIZES = (
+    *((2_000, 80, 60), (1_000, 320, 240), (10_000, 320, 240), (100_000, 320, 240)),
+    *((10_000, 160, 120), (10_000, 640, 480), (100_000, 848, 480)),
+)
+CUDA_SIZES = (
+    *((10_000, 320, 240), (10_000, 848, 480), (100_000, 848, 480), (1_000_000, 848, 480)),
+    *((100_000, 424, 240), (100_000, 1696, 960)),
+)
+QUICK_SIZES = ((2_000, 80, 60), (10_000, 320, 240))
+REFERENCE_LIMIT = 20_000  # Gaussians; beyond, the reference needs gigabytes
 
 
 def ball(count: int, width: int, height: int, seed: int = 0, dtype: torch.dtype = torch.float32):
@@ -41,49 +59,123 @@ def raster_inputs(gaussians: Gaussians, camera: Camera, device: str) -> list[tor
     return [a.detach().clone().requires_grad_(True) for a in parts]
 
 
-def time_backend(backend: str, inputs: list[torch.Tensor], camera: Camera, repeats: int) -> tuple[float, float]:
-    """Best forward and backward time [ms] after one warm-up (others on the machine only add), all outputs used."""
-    device = inputs[0].device
-    generator = torch.Generator().manual_seed(1)
-    bars = torch.randn(camera.height, camera.width, 5, generator=generator).to(inputs[0])
+class Timed:
+    """One backend on one scene: `round()` draws and differentiates once and keeps both times."""
 
-    def now() -> float:
-        if device.type == "cuda":
-            torch.cuda.synchronize(device)
+    def __init__(
+        self, draw: Callable[[], tuple[torch.Tensor, ...]], inputs: list[torch.Tensor], camera: Camera
+    ) -> None:
+        self.draw, self.inputs, self.cuda = draw, inputs, inputs[0].is_cuda
+        shapes = ((camera.height, camera.width, 3), (camera.height, camera.width), (camera.height, camera.width))
+        generator = torch.Generator().manual_seed(1)
+        self.bars = [torch.randn(shape, generator=generator).to(inputs[0]) for shape in shapes]
+        self.forward: list[float] = []
+        self.backward: list[float] = []
+
+    def _now(self) -> float:
+        if self.cuda:
+            torch.cuda.synchronize()
         return time.perf_counter()
 
-    times = []
-    for _ in range(repeats + 1):
-        start = now()
-        out = rasterise(*inputs, camera, backend=backend)
-        middle = now()
-        image = torch.cat([out.rgb, out.depth[..., None], out.alpha[..., None]], dim=-1)
-        torch.autograd.grad(image, inputs, bars)
-        times.append((middle - start, now() - middle))
-    forward, backward = torch.tensor(times[1:]).amin(dim=0) * 1e3
-    return float(forward), float(backward)
+    def round(self) -> None:
+        """Draw and differentiate once."""
+        start = self._now()
+        outputs = self.draw()
+        middle = self._now()
+        torch.autograd.grad(outputs, self.inputs, self.bars)
+        self.forward.append(1e3 * (middle - start))
+        self.backward.append(1e3 * (self._now() - middle))
+
+    def medians(self) -> tuple[float, float]:
+        """Median forward and backward times [ms], without the first round."""
+        return statistics.median(self.forward[1:]), statistics.median(self.backward[1:])
+
+
+def timed_backends(names: list[str], count: int, size: tuple[int, int], device: str) -> dict[str, Timed]:
+    """Each backend with leaves of its own on the same scene."""
+    gaussians, camera = ball(count, *size)
+    backends = {}
+    for name in names:
+        if name == "gsplat (quaternions)":
+            backends[name] = _gsplat_from_quaternions(gaussians.to(device), camera)
+            continue
+        inputs = raster_inputs(gaussians, camera, device)
+
+        def draw(inputs=inputs, name=name):
+            out = rasterise(*inputs, camera, backend=name)
+            return out.rgb, out.depth, out.alpha
+
+        backends[name] = Timed(draw, inputs, camera)
+    return backends
+
+
+def _gsplat_from_quaternions(g: Gaussians, camera: Camera) -> Timed:
+    """gsplat called as its users call it: quaternions and scales instead of covariances, and nothing of ours around it."""
+    from gsplat import rasterization
+
+    parts = g.means, g.rotations, g.log_scales.exp(), g.opacities(), g.colours(camera.centre)
+    inputs = [a.detach().clone().requires_grad_(True) for a in parts]
+    K = camera.K.to(g.means).clone()
+    K[:2, 2] += 0.5
+    view = torch.linalg.inv(camera.T_world_camera).to(g.means)[None]
+
+    def draw():
+        image, alpha, _ = rasterization(
+            *inputs, view, K[None], camera.width, camera.height, packed=False, render_mode="RGB+ED"
+        )
+        return image[0, ..., :3], image[0, ..., 3], alpha[0, ..., 0]
+
+    return Timed(draw, inputs, camera)
+
+
+def measure(names: list[str], count: int, size: tuple[int, int], device: str, rounds: int) -> dict[str, dict]:
+    """Interleaved rounds of all backends: {backend: forward_ms, backward_ms, together_ms}."""
+    backends = timed_backends(names, count, size, device)
+    for i in range(rounds + 1):
+        for name, backend in backends.items():
+            if name != "reference" or i < 4:
+                backend.round()
+    results = {}
+    for name, backend in backends.items():
+        forward, backward = backend.medians()
+        results[name] = {"forward_ms": forward, "backward_ms": backward, "together_ms": forward + backward}
+    return results
 
 
 def main() -> None:
-    parser = argparse.ArgumentParser(description=__doc__)
+    parser = argparse.ArgumentParser(description=__doc__, formatter_class=argparse.RawDescriptionHelpFormatter)
     parser.add_argument("--device", default="cpu")
-    parser.add_argument("--repeats", type=int, default=7)
+    parser.add_argument("--rounds", type=int, default=15)
+    parser.add_argument("--quick", action="store_true", help="two small scenes, few rounds")
+    parser.add_argument("--json", type=Path, metavar="FILE", help="write the numbers there")
     parser.add_argument("--without-reference", action="store_true", help="leave the slow plain-torch rasteriser out")
     args = parser.parse_args()
-    device = torch.device(args.device)
-    backends = ["warp"] + ["reference"] * (not args.without_reference)
-    backends += ["gsplat"] * (device.type == "cuda" and gsplat_installed())
-    name = torch.cuda.get_device_name(device) if device.type == "cuda" else f"CPU, {torch.get_num_threads()} thread(s)"
-    print(f"{name}, float32, best of {args.repeats}; auto = {choose_backend(device, torch.float32)}\n")
-    print("| Gaussians | image | backend | forward [ms] | backward [ms] | together [ms] |\n|--:|--:|---|--:|--:|--:|")
-    for count, width, height in SIZES:
-        gaussians, camera = ball(count, width, height)
-        inputs = raster_inputs(gaussians, camera, args.device)
-        for backend in backends:
-            repeats = min(args.repeats, 3) if backend == "reference" else args.repeats
-            forward, backward = time_backend(backend, inputs, camera, repeats)
-            cells = f"{forward:.1f} | {backward:.1f} | {forward + backward:.1f}"
-            print(f"| {count} | {width}x{height} | {backend} | {cells} |", flush=True)
+    cuda = torch.device(args.device).type == "cuda"
+    rounds = 5 if args.quick else args.rounds
+    own = "cuda" if cuda else "native"
+    peers = ["gsplat", "gsplat (quaternions)"] if cuda and gsplat_installed() else []
+    machine = (
+        torch.cuda.get_device_name()
+        if cuda
+        else f"{platform.processor() or 'CPU'}, {torch.get_num_threads()} thread(s)"
+    )
+    print(f"{machine}, float32, medians of {rounds} interleaved rounds\n")
+    print(f"| Gaussians | image | backend | forward [ms] | backward [ms] | together [ms] | {own}: times faster |")
+    print("|--:|--:|---|--:|--:|--:|--:|", flush=True)
+    scenes = []
+    for count, width, height in QUICK_SIZES if args.quick else CUDA_SIZES if cuda else CPU_SIZES:
+        names = [own, "warp", *peers]
+        if not args.without_reference and count <= REFERENCE_LIMIT:
+            names.append("reference")
+        results = measure(names, count, (width, height), args.device, rounds)
+        for name, row in results.items():
+            row["own_times_faster"] = row["together_ms"] / results[own]["together_ms"]
+            cells = " | ".join(f"{row[key]:.3g}" for key in ("forward_ms", "backward_ms", "together_ms"))
+            print(f"| {count} | {width}x{height} | {name} | {cells} | {row['own_times_faster']:.2f} |", flush=True)
+        scenes.append({"gaussians": count, "width": width, "height": height, "backends": results})
+    if args.json:
+        record = {"machine": machine, "torch": torch.__version__, "rounds": rounds, "scenes": scenes}
+        args.json.write_text(json.dumps(record, indent=1) + "\n")
 
 
 if __name__ == "__main__":

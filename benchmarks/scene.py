@@ -24,12 +24,14 @@ class Scene:
         frames: frames after the first; adapters without frames run `substeps` steps in one go.
         substeps_per_frame: steps between two frames.
         contact: the block stands on the ground, its stiffness differs by patch and a grip holds its top; else it is free.
+        rollouts: blocks of this size that are simulated at once, each with a stiffness of its own.
     """
 
     particles: int = 20_000
     frames: int = 2
     substeps_per_frame: int = 50
     contact: bool = False
+    rollouts: int = 1
 
     cell = CELL
     time_step = 2e-4  # s
@@ -45,7 +47,7 @@ class Scene:
     @property
     def work(self) -> int:
         """Particle-substeps of one run."""
-        return self.particles * self.substeps
+        return self.rollouts * self.particles * self.substeps
 
     @property
     def volume(self) -> float:

@@ -28,6 +28,7 @@ CUDA_SIZES = (*SIZES, 200_000, 500_000, 1_000_000)
 RATED = (20_000, 100_000, 1_000_000)  # on CUDA, where 20 000 particles do not fill the card
 MEMORY_FRAMES = (2, 4, 8)
 TAPE_SUBSTEPS = 400  # in the sweeps the tape goes no further, for its memory
+BATCH = (32, 5_000)  # rollouts at once, particles of each
 
 Times = dict[str, list[tuple[float, float]]]
 """Wall and processor time [s] of each measurement, by kind of work."""
@@ -42,7 +43,7 @@ def jobs(device: str, warp_mpm: str) -> list[Job]:
             Job("ours, plain kernels", "ours", options={"kernels": "plain"}),
             Job("warp-mpm", "warp_mpm", options=path),
         ]
-    both = [(OURS, "ours"), ("plain C++", "plain_cpp"), ("Taichi mpm3d", "taichi_mpm3d")]
+    both = [(OURS, "ours"), ("plain C++", "plain_cpp"), ("Taichi mpm3d", "taichi_mpm3d"), ("Genesis", "genesis")]
     return [
         *(Job(label, module, threads) for threads in (1, 2) for label, module in both),
         Job("ours, plain kernels", "ours", options={"kernels": "plain"}),
@@ -217,6 +218,21 @@ def contact_table(scene: Scene, device: str, rounds: int) -> dict[str, float]:
     return slower
 
 
+def batch_table(scene: Scene, device: str, rounds: int) -> dict[str, float]:
+    """How many times the rate of one small rollout many of them reach at once."""
+    rollouts, particles = BATCH
+    threads = 1 if device != "cpu" else 2
+    wanted = [Job(f"{n} of {particles} particles", "ours", threads, rollouts=n) for n in (1, rollouts)]
+    rows = run(wanted, replace(scene, particles=particles), device, rounds)
+    if len(rows) < len(wanted):
+        return {}
+    ratios = {what: rows[1][what]["wall"] / rows[0][what]["wall"] for what in WORK}
+    print(f"**{rollouts} rollouts at once**, millions of particle-substeps per second of wall time")
+    body = [[r["label"], *(number(r[what]["wall"]) for what in WORK)] for r in rows]
+    table(["", "forward", "forward + backward"], [*body, ["ratio", *(number(ratios[what]) for what in WORK)]])
+    return ratios
+
+
 def sweeps(device: str, rounds: int) -> dict[str, list[dict]]:
     """How time and memory grow with particles, with substeps per frame and with frames; ours beside the tape."""
     base = Scene(frames=4)
@@ -279,7 +295,7 @@ def quick(scene: Scene, began: float) -> dict:
 
 
 def full(scene: Scene, device: str, rounds: int, warp_mpm: str) -> dict:
-    """Rates, memory and contact; on CUDA the rates at several sizes."""
+    """Rates, memory, contact and batch; on CUDA the rates at several sizes."""
     by_size = {}
     for particles in (scene.particles,) if device == "cpu" else RATED:
         print(f"## {particles} particles, {scene.substeps} substeps")
@@ -291,6 +307,7 @@ def full(scene: Scene, device: str, rounds: int, warp_mpm: str) -> dict:
         result[f"{what}_mpss"] = ours
     result["memory_bytes"] = memory_table(device, scene)
     result["contact_slower"] = contact_table(scene, device, rounds)
+    result["batch_faster"] = batch_table(scene, device, rounds)
     return result
 
 
@@ -307,11 +324,11 @@ def main() -> None:
     args = parser.parse_args()
     print(f"{machine(args.device)}\n", flush=True)
     if args.quick:
-        result = quick(Scene(args.particles, frames=1, substeps_per_frame=25), began)
+        result = quick(Scene(args.particles, frames=1, substeps_per_frame=50), began)
     else:
         result = full(Scene(args.particles), args.device, args.rounds, args.warp_mpm)
         if args.sweep:
-            result["sweeps"] = sweeps(args.device, rounds=3)
+            result["sweeps"] = sweeps(args.device, rounds=2)
     if args.json:
         result = {"machine": machine(args.device), "device": args.device} | result
         args.json.write_text(json.dumps(result, indent=2) + "\n")

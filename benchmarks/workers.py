@@ -40,6 +40,7 @@ class Job:
         threads: threads it may use.
         options: what the adapter's `make` takes beyond scene, device and threads.
         contact: run the scene with ground, grip and differing stiffness.
+        rollouts: as many of the scene at once.
     """
 
     label: str
@@ -47,13 +48,14 @@ class Job:
     threads: int = 1
     options: dict[str, Any] = field(default_factory=dict)
     contact: bool = False
+    rollouts: int = 1
 
 
 class Worker:
     """Process of one job; `wait` before the first request."""
 
     def __init__(self, job: Job, scene: Scene, device: str) -> None:
-        self.job, self.scene = job, replace(scene, contact=job.contact)
+        self.job, self.scene = job, replace(scene, contact=job.contact, rollouts=job.rollouts)
         command = [sys.executable, "-m", "benchmarks.workers"]
         self._process = subprocess.Popen(command, cwd=ROOT, stdin=subprocess.PIPE, stdout=subprocess.PIPE, text=True)
         spec = {"scene": asdict(self.scene), "device": device, "module": job.module, "threads": job.threads}

@@ -1,18 +1,19 @@
 """The benchmark's peers simulate the same thing as ours: positions, the tape's gradient, and the numbers it writes."""
 
 import json
+from dataclasses import replace
 
 import numpy as np
 import pytest
 
 from benchmarks import simulation
-from benchmarks.peers import ours, plain_cpp, taichi_mpm3d, warp_mpm, warp_tape
+from benchmarks.peers import genesis, ours, plain_cpp, taichi_mpm3d, warp_mpm, warp_tape
 from benchmarks.scene import Scene, lattice
 from benchmarks.workers import Job, Worker
 
 SCENE = Scene(particles=360, frames=2, substeps_per_frame=10)
-# Rounding of positions near 0.5 m is 3e-8 (float32); over twenty steps it adds up to a few of them. The block moves by
-# up to 6e-3 m meanwhile, and without stress or without C it would end more than 1e-5 elsewhere.
+# Positions near 0.5 m are rounded by 3e-8 (float32), over twenty steps by a few times that. The block moves by 4e-3 m
+# meanwhile; without stress it would end 2e-4 elsewhere.
 ROUNDING = 3e-7
 
 
@@ -64,6 +65,25 @@ def test_taichi_moves_particles_as_ours(plain):
     for _ in range(2):  # the second run starts anew
         peer.forward()
         assert np.abs(peer.positions() - plain.positions()).max() < ROUNDING
+
+
+@pytest.mark.slow
+def test_genesis_moves_particles_as_ours(plain):
+    if reason := genesis.missing():
+        pytest.skip(reason)
+    peer = genesis.make(SCENE, "cpu", threads=1)
+    for _ in range(2):
+        peer.forward()
+        assert np.abs(peer.positions() - plain.positions()).max() < ROUNDING
+
+
+def test_rollouts_at_once_differ_by_their_stiffness(plain):
+    batch = ours.make(replace(SCENE, rollouts=2), "cpu", threads=2)
+    batch.forward_backward()
+    softer, same = batch.positions()
+    assert np.abs(same - plain.positions()).max() < ROUNDING
+    assert np.abs(softer - plain.positions()).max() > 10 * ROUNDING
+    assert batch.gradients()["youngs_modulus"].shape == (2, 1)
 
 
 def test_a_peer_that_is_not_there_says_so(capsys):

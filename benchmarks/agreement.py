@@ -1,7 +1,8 @@
-"""Does the simulator give the same states and gradients on CUDA as on the CPU? `python -m benchmarks.agreement`
+"""Does the fast form on CUDA give the plain form's states and gradients on the CPU? `python -m benchmarks.agreement`
 
 Prints relative differences and exits with 1 above the tolerances. The CPU's numbers are computed on the spot with
-`--live`, or come from a file, so that a GPU machine needs no CPU compiler; `--write` makes that file anew.
+`--live`, or come from a file, so that a GPU machine needs no CPU compiler; `--write` makes that file anew. With
+`--device cpu` it is the CPU's fast form that is compared.
 """
 
 from __future__ import annotations
@@ -14,7 +15,7 @@ from pathlib import Path
 import numpy as np
 import torch
 
-from physreal_core.simulation import Body, Grip, Parameters, SimulationConfig, Simulator
+from physreal_core.simulation import Body, Clamp, Grip, Parameters, PointLoad, SimulationConfig, Simulator, States
 from physreal_core.simulation.constitutive import ResidualConfig, initial_weights
 
 REFERENCE = Path(__file__).parent / "results" / "agreement_cpu.npz"
@@ -31,11 +32,13 @@ class Case:
     elastic_law: str = "fixed_corotated"
     plastic_law: str = "identity"
     residual: ResidualConfig | None = None
+    held: bool = False  # by a clamp at one side, pulled by a load at another
 
 
 CASES = {
     "fixed corotated": Case(),
     "neo-Hookean": Case("neo_hookean"),
+    "clamp and load": Case(held=True),
     "Hencky, von Mises": Case("hencky", "von_mises"),
     "Drucker-Prager": Case(plastic_law="drucker_prager"),
     "residuals": Case(plastic_law="von_mises", residual=ResidualConfig(latent_size=2, hidden=4)),
@@ -43,8 +46,8 @@ CASES = {
 PLASTIC = {"identity": (0.0, 0.0), "von_mises": (20.0, 1.0), "drucker_prager": (0.4, 5.0)}
 
 
-def run(case: Case, device: str, dtype: str) -> dict[str, np.ndarray]:
-    """States at the last frame and gradients of a random loss: a soft block thrown over the ground and pulled at."""
+def scene(case: Case, device: str, dtype: str, kernels: str = "fast") -> tuple[Simulator, dict, torch.Tensor]:
+    """A soft block thrown over the ground and pulled at: simulator, parameters' leaves by name, controller points."""
     index = np.stack(np.meshgrid(np.arange(5), np.arange(6), np.arange(4), indexing="ij"), -1).reshape(-1, 3)
     x0, count = (index + 0.5) * 0.01, len(index)
     body = Body(x0, np.full(count, 1e-6), np.full(count, 300.0), 0.01)
@@ -53,9 +56,14 @@ def run(case: Case, device: str, dtype: str) -> dict[str, np.ndarray]:
     lengths = np.linalg.norm(x0[particles] - points[particles % 2], axis=1)
     config = SimulationConfig(
         fps=60.0, elastic_law=case.elastic_law, plastic_law=case.plastic_law, residual=case.residual, dtype=dtype,
-        device=device,
+        device=device, kernels=kernels,
     )  # fmt: skip
-    simulator = Simulator(body, config, Grip(particles, particles % 2, np.ones(10), lengths))
+    clamps, loads = (), ()
+    if case.held:
+        clamps = (Clamp((-1.0, 0.045, -1.0), (1.0, 1.0, 1.0)),)
+        tip = np.flatnonzero(x0[:, 0] > 0.04)
+        loads = (PointLoad(tip, np.ones(len(tip)), (0.001, 0.0, 0.002)),)
+    simulator = Simulator(body, config, Grip(particles, particles % 2, np.ones(10), lengths), clamps, loads)
     generator = torch.Generator().manual_seed(0)
 
     def leaf(value) -> torch.Tensor:
@@ -77,21 +85,32 @@ def run(case: Case, device: str, dtype: str) -> dict[str, np.ndarray]:
             leaves[f"network_{name}"] = leaf(weights + 0.3 * noise)
             leaves[f"latent_{name}"] = leaf(torch.randn(count, 2, generator=generator, dtype=torch.float64))
     time = torch.linspace(0, 1, FRAMES, dtype=torch.float64)[:, None, None]
-    controllers = torch.as_tensor(points) + time * torch.tensor([0.01, 0.005, 0.01])
+    return simulator, leaves, torch.as_tensor(points) + time * torch.tensor([0.01, 0.005, 0.01])
+
+
+def run(case: Case, device: str, dtype: str, kernels: str = "fast") -> dict[str, np.ndarray]:
+    """States at the last frame and gradients of a random loss, by name."""
+    simulator, leaves, controllers = scene(case, device, dtype, kernels)
     states = simulator.rollout(Parameters(**leaves), controllers)
-    loss = 0.0
-    for values, scale in ((states.x, 1.0), (states.v, 0.1), (states.F, 0.1)):
-        loss = loss + scale * (values * torch.randn(values.shape, generator=generator).to(values)).sum()
-    loss.backward()
+    random_loss(states).backward()
     numbers = {"x": states.x[-1], "v": states.v[-1], "F": states.F[-1]}
     numbers |= {f"gradient {name}": tensor.grad for name, tensor in leaves.items()}
     return {name: tensor.detach().double().cpu().numpy() for name, tensor in numbers.items()}
 
 
+def random_loss(states: States) -> torch.Tensor:
+    """Every entry of x, v and F of all frames, weighed at random."""
+    generator = torch.Generator().manual_seed(1)
+    loss = 0.0
+    for values, scale in ((states.x, 1.0), (states.v, 0.1), (states.F, 0.1)):
+        loss = loss + scale * (values * torch.randn(values.shape, generator=generator).to(values)).sum()
+    return loss
+
+
 def reference(name: str, dtype: str, live: bool) -> dict[str, np.ndarray]:
-    """The CPU's numbers: computed now, or as `--write` left them (float64, the truth for both widths)."""
+    """The CPU's numbers of the plain form: computed now, or as `--write` left them (float64, for both widths)."""
     if live:
-        return run(CASES[name], "cpu", dtype)
+        return run(CASES[name], "cpu", dtype, "plain")
     with np.load(REFERENCE) as stored:
         return {key.split("/")[1]: stored[key].astype(float) for key in stored.files if key.split("/")[0] == name}
 
@@ -103,9 +122,11 @@ def differences(name: str, device: str, dtype: str, live: bool) -> dict[str, flo
 
 
 def write() -> None:
-    """Store the CPU's float64 numbers."""
+    """Store the CPU's float64 numbers of the plain form."""
     arrays = {
-        f"{name}/{key}": value for name, case in CASES.items() for key, value in run(case, "cpu", "float64").items()
+        f"{name}/{key}": value
+        for name, case in CASES.items()
+        for key, value in run(case, "cpu", "float64", "plain").items()
     }
     REFERENCE.parent.mkdir(exist_ok=True)
     np.savez_compressed(REFERENCE, **arrays)

@@ -63,6 +63,20 @@ def held_boxes(clamps: tuple[Clamp, ...], cell: float) -> tuple[Float[Array, "cl
     return lower - reach, upper + reach
 
 
+def box_corners(
+    lower: Float[Array, "*rollouts 3"],
+    upper: Float[Array, "*rollouts 3"],
+    margin: Float[Array, "*rollouts"] | float,
+    cell: float,
+    offset: Float[Array, "3"],
+) -> tuple[Float[Array, "*rollouts 3"], Float[Array, "*rollouts 3"]]:
+    """First node and number of nodes per axis of the boxes that `grid_box` makes, whole numbers, whatever their size."""
+    margin = np.asarray(margin)[..., None]
+    first = np.floor((lower - margin - offset) / cell - 0.5)
+    last = np.floor((upper + margin - offset) / cell - 0.5) + 3
+    return first, last - first + 1
+
+
 def grid_box(
     lower: Float[Array, "3"], upper: Float[Array, "3"], margin: float, cell: float, offset: Float[Array, "3"]
 ) -> GridBox | None:
@@ -74,9 +88,7 @@ def grid_box(
         cell: dx [m].
         offset: position of lattice node (0, 0, 0) [m].
     """
-    first = np.floor((lower - margin - offset) / cell - 0.5)
-    last = np.floor((upper + margin - offset) / cell - 0.5) + 3
-    count = last - first + 1
+    first, count = box_corners(lower, upper, margin, cell, offset)
     if not np.isfinite(count).all() or count.max() > LARGEST_EDGE:
         return None
     return GridBox(tuple(int(i) for i in first), tuple(int(c) for c in count))

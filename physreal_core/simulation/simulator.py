@@ -1,28 +1,30 @@
-"""Frames to states as one differentiable torch function, its backward the exact adjoint of the discrete step.
+"""One body in its scene: rollouts as differentiable torch functions, one, many at once, or frame by frame.
 
-The forward pass keeps particle states at frame times only; the backward pass recomputes one frame's substeps at a time
-and runs their adjoint. Memory grows with frames and with substeps per frame, not with their product.
+The backward pass is the exact adjoint of the discrete step (`frames`, and `cuda.frames` for the GPU's fast form).
 """
 
-from collections.abc import Callable, Iterator
+from collections.abc import Iterator
 from contextlib import contextmanager
+from functools import partial
 
-import numpy as np
 import torch
 import warp as wp
 from torch.autograd.function import once_differentiable
 
-from physreal_core.array_types import Array, Float, Tensor
-from physreal_core.errors import InputError, SimulationError
+from physreal_core.array_types import Float, Tensor
+from physreal_core.errors import InputError
+from physreal_core.simulation.batch import BatchStates, PooledFrames, cores
 from physreal_core.simulation.body import Body, Clamp, Grip, PointLoad
-from physreal_core.simulation.box import GridBox, grid_box
 from physreal_core.simulation.config import SimulationConfig
+from physreal_core.simulation.cuda.frames import CudaFrames
+from physreal_core.simulation.cuda.stepper import CudaStepper
+from physreal_core.simulation.frames import Frames, Progress
 from physreal_core.simulation.parameters import PARAMETER_NAMES, Parameters, States, complete
+from physreal_core.simulation.play import Player
 from physreal_core.simulation.stepper import make_stepper
 from physreal_core.simulation.timestep import grip_rates, substeps_per_frame
 
-Progress = Callable[[int, int], None]
-ATTEMPTS = 4  # a frame whose particles leave their box is run again in a larger one, this many times in all
+Loop = Frames | PooledFrames | CudaFrames
 
 
 class Simulator:
@@ -47,15 +49,17 @@ class Simulator:
         if grip is not None:
             grip.check(body)
         self.body, self.config, self.grip = body, config, grip
+        self._scene = (body, config, grip, tuple(clamps), tuple(loads))
         self._side_stream: torch.cuda.Stream | None = None
-        self._grip_rates = grip_rates(body, grip)
+        self._substeps_of = partial(substeps_per_frame, body, config, rates=grip_rates(body, grip))
+        self._batch: tuple[int, Loop] | None = None
         with self._stream():
-            self._stepper = make_stepper(body, config, grip, tuple(clamps), tuple(loads))
-            self._x0 = torch.tensor(body.x0, dtype=self._stepper.types.torch_dtype, device=config.device)
+            self._loop = self._frames()
+        self._stepper = self._loop.stepper
 
     def substeps(self, parameters: Parameters) -> int:
         """Substeps per frame that a rollout with these parameters takes."""
-        return substeps_per_frame(self.body, self.config, self._complete(parameters), self._grip_rates)
+        return self._substeps_of(self._complete(parameters))
 
     def rollout(
         self, parameters: Parameters, controllers: Float[Tensor, "frames points 3"], progress: Progress | None = None
@@ -71,24 +75,71 @@ class Simulator:
             InputError: for parameters or controllers that do not fit.
             SimulationError: where a state turns non-finite or a particle leaves its grid.
         """
-        completed = self._complete(parameters)
         points = self._check_controllers(controllers)
-        tensors = [getattr(completed, name) for name in PARAMETER_NAMES]
-        keep = torch.is_grad_enabled() and any(t is not None and t.requires_grad for t in tensors)
-        return States(*_Rollout.apply(self, points, progress, keep, *tensors))
+        if isinstance(self._loop, CudaFrames):
+            states, failures = self._run(self._loop, self._complete(parameters, 1), points[:, None], progress)
+            states = [s.squeeze(1) for s in states]
+        else:
+            states, failures = self._run(self._loop, self._complete(parameters), points, progress)
+        if failures[0] is not None:
+            raise failures[0]
+        return States(*states)
 
-    def _complete(self, parameters: Parameters) -> Parameters:
-        return complete(parameters, self._stepper.shapes, self._stepper.types.torch_dtype, self.config.device)
+    def rollout_batch(
+        self, parameters: Parameters, controllers: Float[Tensor, "*rollouts frames points 3"]
+    ) -> BatchStates:
+        """Simulate R rollouts of the body at once: on a GPU in the same launches, on the CPU one per thread.
 
-    def _check_controllers(self, controllers: Tensor) -> Tensor:
-        needed = 0 if self.grip is None or len(self.grip.particles) == 0 else int(self.grip.controllers.max()) + 1
-        points = torch.as_tensor(controllers).detach().to(self._x0)
-        if points.ndim != 3 or points.shape[0] < 1 or points.shape[1] < needed or points.shape[2] != 3:
-            raise InputError(f"shape {tuple(points.shape)}", where="controllers", expected=f"(T, at least {needed}, 3)")
-        if not bool(torch.isfinite(points).all()):
-            frame = int((~torch.isfinite(points)).flatten(1).any(1).nonzero()[0])
-            raise InputError("a point is not finite", where=f"controllers, frame {frame}")
-        return points
+        Args:
+            parameters: as for `rollout`; those that differ between rollouts have an axis of rollouts before their full
+                shape, where axes of length one will do: Young's moduli of whole bodies are [R, 1], friction is [R].
+            controllers: controller points [m] at frame times, shape [T, C, 3] for all or [R, T, C, 3]; no gradient.
+
+        Returns:
+            States with a leading axis of rollouts, equal to those of single rollouts; on a GPU all of them take the
+            substeps that the stiffest needs. `failures` names the rollouts that could not go on.
+
+        Raises:
+            InputError: for parameters or controllers that do not fit, or none with an axis of rollouts.
+        """
+        rollouts = self._rollouts(parameters, controllers)
+        own = controllers if controllers.ndim == 4 else controllers.expand(rollouts, *controllers.shape)
+        points = torch.stack([self._check_controllers(c) for c in own], 1)
+        if self._batch is None or self._batch[0] != rollouts:
+            self._batch = None  # its arrays make room for the new ones
+            with self._stream():
+                self._batch = rollouts, self._batch_frames(rollouts)
+        states, failures = self._run(self._batch[1], self._complete(parameters, rollouts), points, None)
+        return BatchStates(*(s.transpose(0, 1) for s in states), tuple(failures))
+
+    def play(self, parameters: Parameters, controllers: Float[Tensor, "points 3"]) -> Player:
+        """Start a rollout that is stepped frame by frame; it has a form of the step of its own.
+
+        Args:
+            parameters: as for `rollout`; no gradient.
+            controllers: controller points [m] at the start, shape [C, 3].
+        """
+        with torch.no_grad():
+            points = self._check_controllers(controllers[None])[0]
+            with self._stream():
+                loop = self._frames()
+            completed = self._complete(parameters, 1) if isinstance(loop, CudaFrames) else self._complete(parameters)
+            return Player(loop.play(completed, points), self._stream, self._check_controllers)
+
+    # --- forms of the step --------------------------------------------------------------------------------------
+
+    def _frames(self, **options) -> Frames | CudaFrames:
+        """A frame loop of one rollout; options as of `make_stepper`."""
+        stepper = make_stepper(*self._scene, **options)
+        kind = CudaFrames if isinstance(stepper, CudaStepper) else Frames
+        return kind(self.body, self.config, stepper, self._substeps_of)
+
+    def _batch_frames(self, rollouts: int) -> PooledFrames | CudaFrames:
+        if isinstance(self._loop, CudaFrames):
+            stepper = CudaStepper(*self._scene, rollouts=rollouts)
+            return CudaFrames(self.body, self.config, stepper, self._substeps_of)
+        threads = cores() if self.config.device == "cpu" else 1
+        return PooledFrames(partial(self._frames, threads=1), rollouts, threads)
 
     @contextmanager
     def _stream(self) -> Iterator[None]:
@@ -105,133 +156,77 @@ class Simulator:
             yield
         caller.wait_stream(side)
 
-    # --- forward ------------------------------------------------------------------------------------------------
+    def _run(
+        self, loop: Loop, parameters: Parameters, points: Tensor, progress: Progress | None
+    ) -> tuple[list[Tensor], list]:
+        """States x, v, F of a loop as differentiable functions of the parameters, and its failures."""
+        tensors = [getattr(parameters, name) for name in PARAMETER_NAMES]
+        keep = torch.is_grad_enabled() and any(t is not None and t.requires_grad for t in tensors)
+        failures: list = []
+        states = _Rollout.apply(self._stream, loop, points, progress, keep, failures, *tensors)
+        return list(states), failures
 
-    def _forward(
-        self, parameters: Parameters, substeps: int, points: Tensor, progress: Progress | None, keep_affine: bool
-    ) -> tuple[Tensor, Tensor, Tensor, Tensor, list[GridBox]]:
-        """States at frame times (x, v, F and, if asked for, the affine velocity C), and the box of every frame."""
-        stepper, frames, n = self._stepper, len(points), len(self._x0)
-        stepper.load_parameters(parameters, substeps)
-        x, v = self._x0.new_empty(frames, n, 3), self._x0.new_empty(frames, n, 3)
-        F = self._x0.new_empty(frames, n, 3, 3)
-        C = self._x0.new_zeros(frames if keep_affine else 2, n, 3, 3)
-        x[0], v[0], F[0] = self._x0, parameters.initial_velocity, torch.eye(3)
-        boxes = []
-        for frame in range(frames - 1):
-            now, after = (frame, frame + 1) if keep_affine else (0, 1)
-            boxes.append(self._forward_frame(frame, (x[frame], v[frame], F[frame], C[now]), points))
-            x[frame + 1], v[frame + 1], F[frame + 1], C[after] = stepper.state()
-            if not keep_affine:
-                C[0] = C[1]
-            if progress is not None:
-                progress(frame + 1, frames - 1)
-        return x, v, F, C, boxes
+    # --- checks -------------------------------------------------------------------------------------------------
 
-    def _forward_frame(self, frame: int, state: tuple[Tensor, ...], points: Tensor) -> GridBox:
-        """Run one frame from `state`, in a box large enough; the result stays in the stepper."""
-        stepper = self._stepper
-        lower, upper, margin = self._motion_bound(state[0], state[1], points[frame : frame + 2])
-        for _ in range(ATTEMPTS):
-            box = grid_box(lower, upper, margin, stepper.cell, stepper.offset)
-            if box is None:
-                particle = int(state[1].norm(dim=1).argmax())
-                raise SimulationError("the body runs away", frame=frame, substep=0, particle=particle)
-            stepper.start_frame(box, points[frame : frame + 2], keep=False)
-            stepper.set_state(*state)
-            stepper.forward(keep=False)
-            outside, not_finite = stepper.failures()
-            if not_finite is not None:
-                raise SimulationError(
-                    "the state is not finite", frame=frame, substep=not_finite[0], particle=not_finite[1]
-                )
-            if outside is None:
-                return box
-            margin = 2.0 * margin + 4.0 * stepper.cell
-        raise SimulationError("a particle left the grid", frame=frame, substep=outside[0], particle=outside[1])
+    def _complete(self, parameters: Parameters, rollouts: int | None = None) -> Parameters:
+        shapes = self._stepper.shapes
+        if rollouts is not None:
+            shapes = {name: (rollouts, *shape) for name, shape in shapes.items()}
+        return complete(parameters, shapes, self._stepper.types.torch_dtype, self.config.device)
 
-    def _motion_bound(self, x: Tensor, v: Tensor, points: Tensor) -> tuple[Float[Array, "3"], Float[Array, "3"], float]:
-        """Where the particles are and where their velocities take them within a frame, and a margin for the forces."""
-        frame_time = 1.0 / self.config.fps
-        ahead = x + v * frame_time
-        travel = (points[1] - points[0]).norm(dim=-1).max() if points.shape[1] else x.new_zeros(())
-        bounds = torch.cat(
-            [
-                torch.minimum(x, ahead).amin(0),
-                torch.maximum(x, ahead).amax(0),
-                torch.stack([v.norm(dim=1).max(), travel]),
-            ]
+    def _rollouts(self, parameters: Parameters, controllers: Tensor) -> int:
+        """Length of the axis of rollouts."""
+        found = {"controllers": controllers.shape[0]} if controllers.ndim == 4 else {}
+        for name, shape in self._stepper.shapes.items():
+            value = getattr(parameters, name)
+            if value is not None and torch.as_tensor(value).ndim > len(shape):
+                found[f"Parameters.{name}"] = len(value)
+        if len(set(found.values())) != 1:
+            told = ", ".join(f"{name} {count}" for name, count in found.items())
+            raise InputError(
+                f"axes of rollouts: {told}" if found else "no parameter and no controllers have an axis of rollouts",
+                where="rollout_batch",
+                expected="one length, before the full shape of what differs",
+            )
+        return next(iter(found.values()))
+
+    def _check_controllers(self, controllers: Tensor) -> Tensor:
+        needed = 0 if self.grip is None or len(self.grip.particles) == 0 else int(self.grip.controllers.max()) + 1
+        points = (
+            torch.as_tensor(controllers).detach().to(device=self.config.device, dtype=self._stepper.types.torch_dtype)
         )
-        bounds = bounds.double().cpu().numpy()
-        fall = float(np.linalg.norm(self.config.gravity)) * frame_time**2
-        margin = self._stepper.cell + fall + 0.5 * bounds[6] * frame_time + bounds[7]
-        return bounds[:3], bounds[3:6], float(margin)
-
-    # --- backward -----------------------------------------------------------------------------------------------
-
-    def _backward(
-        self,
-        parameters: Parameters,
-        substeps: int,
-        points: Tensor,
-        states: tuple[Tensor, Tensor, Tensor, Tensor],
-        boxes: list[GridBox],
-        bars: tuple[Tensor | None, Tensor | None, Tensor | None],
-        progress: Progress | None,
-    ) -> dict[str, Tensor]:
-        """Gradients by parameter name, of losses whose derivatives by x, v, F at frame times are `bars`."""
-        stepper, frames = self._stepper, len(points)
-        stepper.load_parameters(parameters, substeps)
-        stepper.clear_adjoints()
-        last = _last_frame(bars)
-        self._inject(bars, last)
-        for frame in reversed(range(last)):
-            stepper.start_frame(boxes[frame], points[frame : frame + 2], keep=True)
-            stepper.set_state(*(state[frame] for state in states))
-            stepper.forward(keep=True)
-            stepper.backward()
-            self._inject(bars, frame)
-            if progress is not None:
-                progress(frames - 1 - frame, frames - 1)
-        return stepper.gradients()
-
-    def _inject(self, bars: tuple[Tensor | None, Tensor | None, Tensor | None], frame: int) -> None:
-        self._stepper.add_adjoints(*(None if bar is None else bar[frame] for bar in bars))
-
-
-def _last_frame(bars: tuple[Tensor | None, ...]) -> int:
-    """Last frame at which a loss acts; frames after it have no adjoint."""
-    acting = [bar.flatten(1).any(1) for bar in bars if bar is not None]
-    if not acting:
-        return 0
-    frames = torch.stack(acting).any(0).nonzero().flatten()
-    return int(frames[-1]) if len(frames) else 0
+        if points.ndim != 3 or points.shape[0] < 1 or points.shape[1] < needed or points.shape[2] != 3:
+            raise InputError(f"shape {tuple(points.shape)}", where="controllers", expected=f"(T, at least {needed}, 3)")
+        if not bool(torch.isfinite(points).all()):
+            frame = int((~torch.isfinite(points)).flatten(1).any(1).nonzero()[0])
+            raise InputError("a point is not finite", where=f"controllers, frame {frame}")
+        return points
 
 
 class _Rollout(torch.autograd.Function):
-    """Binds `Simulator._forward` and `Simulator._backward` to torch's graph."""
+    """Binds a frame loop's `forward` and `backward` to torch's graph."""
 
     @staticmethod
-    def forward(ctx, simulator: Simulator, points: Tensor, progress: Progress | None, keep: bool, *tensors):
-        parameters = Parameters(*tensors)
-        substeps = substeps_per_frame(simulator.body, simulator.config, parameters, simulator._grip_rates)
-        with simulator._stream():
-            x, v, F, C, boxes = simulator._forward(parameters, substeps, points, progress, keep_affine=keep)
+    def forward(
+        ctx, stream, loop: Loop, points: Tensor, progress: Progress | None, keep: bool, failures: list, *tensors
+    ):
+        with stream():
+            x, v, F, record = loop.forward(Parameters(*tensors), points, progress, keep)
+        failures.extend(record.failures)
         ctx.set_materialize_grads(False)
         if keep:
             ctx.save_for_backward(points, x, v, F, *(t for t in tensors if t is not None))
             ctx.present = [t is not None for t in tensors]
-            ctx.rest = (simulator, progress, substeps, C, boxes)
+            ctx.rest = (stream, loop, progress, record)
         return x, v, F
 
     @staticmethod
     @once_differentiable
     def backward(ctx, x_bar: Tensor | None, v_bar: Tensor | None, F_bar: Tensor | None):
-        simulator, progress, substeps, C, boxes = ctx.rest
+        stream, loop, progress, record = ctx.rest
         points, x, v, F, *saved = ctx.saved_tensors
         given = iter(saved)
         parameters = Parameters(*(next(given) if present else None for present in ctx.present))
-        bars = (x_bar, v_bar, F_bar)
-        with simulator._stream():
-            gradients = simulator._backward(parameters, substeps, points, (x, v, F, C), boxes, bars, progress)
-        return (None, None, None, None, *(gradients.get(name) for name in PARAMETER_NAMES))
+        with stream():
+            gradients = loop.backward(parameters, record, points, (x, v, F), (x_bar, v_bar, F_bar), progress)
+        return (*[None] * 6, *(gradients.get(name) for name in PARAMETER_NAMES))

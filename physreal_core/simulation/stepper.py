@@ -8,6 +8,7 @@ from physreal_core.array_types import Array, Float
 from physreal_core.simulation.body import Body, Clamp, Grip, PointLoad
 from physreal_core.simulation.box import GridBox
 from physreal_core.simulation.config import SimulationConfig
+from physreal_core.simulation.cuda.stepper import CudaStepper
 from physreal_core.simulation.native import NativeStepper, has_laws
 from physreal_core.simulation.parameters import Parameters
 from physreal_core.simulation.plain import PlainStepper
@@ -75,13 +76,15 @@ def make_stepper(
     clamps: tuple[Clamp, ...],
     loads: tuple[PointLoad, ...],
     threads: int | None = None,
-) -> Stepper:
+) -> Stepper | CudaStepper:
     """The form of the step that `config.kernels` and `config.device` ask for; the plain one for a law without a C++ twin.
 
     Args:
         body, config, grip, clamps, loads: as for `Simulator`.
         threads: of the fast form on the CPU; by default torch's number.
     """
-    if config.kernels == "fast" and config.device == "cpu" and has_laws(config):
+    if config.kernels == "fast" and config.device != "cpu":
+        return CudaStepper(body, config, grip, clamps, loads)
+    if config.kernels == "fast" and has_laws(config):
         return NativeStepper(body, config, grip, clamps, loads, threads)
     return PlainStepper(body, config, grip, clamps, loads)

@@ -77,12 +77,12 @@ def grip_step(config: SimulationConfig, parameters: Parameters, rates: GripRates
     """Courant number times 2 / (omega + gamma) of the fastest mode of the grip [s]."""
     if parameters.grip_stiffness is None:
         return math.inf
-    stiffness, damping = float(parameters.grip_stiffness.detach()), float(parameters.grip_damping.detach())
-    rate = math.sqrt(stiffness * rates.stiffness) + damping * rates.damping
+    stiffness, damping = (t.detach().double() for t in (parameters.grip_stiffness, parameters.grip_damping))
+    rate = float(((stiffness * rates.stiffness).sqrt() + damping * rates.damping).max())
     return config.courant * 2.0 / rate if rate > 0 else math.inf
 
 
 def substeps_per_frame(body: Body, config: SimulationConfig, parameters: Parameters, rates: GripRates) -> int:
-    """Number of equal substeps of a frame; not differentiated."""
+    """Number of equal substeps of a frame, of many rollouts the largest; not differentiated."""
     step = min(elastic_step(body, config, parameters), grip_step(config, parameters, rates))
     return max(1, math.ceil(1.0 / (config.fps * step)))

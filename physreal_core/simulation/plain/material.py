@@ -191,7 +191,7 @@ def _hybrid_flow(law: str, residual: ResidualConfig, dtype: str) -> SimpleNamesp
     types = scalar_types(dtype)
     scalar, vec2, mat33 = types.scalar, types.vec2, types.mat33
     module = kernel_module(f"flow_{law}_{_tag(residual)}", dtype)
-    return_map, return_map_adjoint = plastic_functions(law, scalar) or _identity(dtype)
+    return_map, return_map_adjoint = plastic_functions(law, scalar) or identity_functions(dtype)
     functions = residual_functions(residual, scalar)
     neural, neural_adjoint = functions.plastic, functions.plastic_adjoint
 
@@ -252,7 +252,7 @@ def _hybrid_flow(law: str, residual: ResidualConfig, dtype: str) -> SimpleNamesp
 
 
 @functools.cache
-def _identity(dtype: str) -> tuple[wp.Function, wp.Function]:
+def identity_functions(dtype: str) -> tuple[wp.Function, wp.Function]:
     """The identity as a return map, for a plastic residual without a plastic expert."""
     types = scalar_types(dtype)
     scalar, vec2, mat33 = types.scalar, types.vec2, types.mat33

@@ -44,9 +44,11 @@ class NetworkArrays:
 class Phase:
     """A recorded launch whose leading integer arguments (substep and slots) change from call to call."""
 
-    def __init__(self, kernel: wp.Kernel, count: int, indices: int, arguments: list, device: str) -> None:
+    def __init__(
+        self, kernel: wp.Kernel, count: int, indices: int, arguments: list, device: str, block: int = 256
+    ) -> None:
         inputs = [0] * indices + arguments
-        self._launch = wp.launch(kernel, dim=count, inputs=inputs, device=device, record_cmd=True)
+        self._launch = wp.launch(kernel, dim=count, inputs=inputs, device=device, record_cmd=True, block_dim=block)
 
     def __call__(self, *indices: int) -> None:
         for position, index in enumerate(indices):

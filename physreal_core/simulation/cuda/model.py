@@ -1,0 +1,219 @@
+"""Arrays of a body in many rollouts that no frame changes, and adjoints: constants, parameters, bonds, box, networks.
+
+Arrays of particles exist twice: as the caller counts (`given`) and in the order of the kernels (`sorted`).
+"""
+
+import numpy as np
+import torch
+import warp as wp
+
+from physreal_core.simulation.body import Body, Clamp, Grip, PointLoad, load_forces
+from physreal_core.simulation.box import held_boxes
+from physreal_core.simulation.config import SimulationConfig
+from physreal_core.simulation.cuda.nodes import node_kernels
+from physreal_core.simulation.cuda.structs import particle_structs
+from physreal_core.simulation.parameters import Parameters
+from physreal_core.simulation.plain.grip import bond_functions
+from physreal_core.simulation.scalars import scalar_types
+
+WEIGHT_ROWS = 64  # copies of a network's weight adjoint on a GPU, so that its threads do not queue for one address
+
+
+class BodyModel:
+    """Model arrays and adjoints of `rollouts` copies of a body.
+
+    Attributes:
+        shapes: full shape of every parameter in use by name, without the axis of rollouts.
+        box: origin and count of each rollout's nodes, shape [R, 6].
+        controllers: controller points [m] at both ends of the frame, shape [R, 2, C, 3].
+        bars: adjoints of the state and of particles' parameters by name, each [P, ...], in the order of the kernels.
+    """
+
+    def __init__(
+        self,
+        body: Body,
+        config: SimulationConfig,
+        grip: Grip | None,
+        clamps: tuple[Clamp, ...],
+        loads: tuple[PointLoad, ...],
+        rollouts: int,
+        offset: np.ndarray,
+    ) -> None:
+        self.types, self.config, self.rollouts = scalar_types(config.dtype), config, rollouts
+        self.device, self.particles, self.offset = config.device, len(body.x0), offset
+        self.cell = body.cell
+        self.mass_floor = torch.finfo(self.types.torch_dtype).eps ** 2 * body.mass.min()
+        self.timing = self._zeros(3)  # dt, 1 / substeps, 1 / frame time
+        self.box = torch.zeros(rollouts, 6, dtype=torch.int32, device=self.device)
+        self.friction, self.grip = self._zeros(rollouts), self._zeros(rollouts, 2)
+        self.clamps = [wp.array(c, dtype=self.types.vec3, device=self.device) for c in held_boxes(clamps, body.cell)]
+        self.given = {
+            "mass": self._repeat(body.mass),
+            "volume": self._repeat(body.volume),
+            "load": self._repeat(load_forces(body, loads)),
+            "place": self._repeat(np.arange(self.particles, dtype=np.int32)),
+        }
+        self._bonds(body, grip)
+        self._parameters()
+        self.sorted = {name: given.clone() for name, given in self.given.items()}
+
+    def _zeros(self, *shape: int) -> torch.Tensor:
+        return torch.zeros(shape, dtype=self.types.torch_dtype, device=self.device)
+
+    def _repeat(self, values: np.ndarray) -> torch.Tensor:
+        """The same values for every rollout."""
+        dtype = torch.int32 if values.dtype == np.int32 else self.types.torch_dtype
+        tensor = torch.as_tensor(values, dtype=dtype, device=self.device)
+        return tensor.repeat(self.rollouts, *[1] * (tensor.ndim - 1))
+
+    def _bonds(self, body: Body, grip: Grip | None) -> None:
+        self.gripped = grip is not None and len(grip.particles) > 0
+        self.bonds = bond_functions(self.config.dtype).Bonds()
+        self.bonds.softening = self.types.scalar((1e-4 * body.spacing) ** 2)
+        begin = end = np.zeros(self.particles, dtype=np.int32)
+        count = 1
+        if self.gripped:
+            gripped, first, order = grip.by_particle()
+            begin, end = begin.copy(), end.copy()
+            begin[gripped], end[gripped] = first[:-1], first[1:]
+            count = int(grip.controllers.max()) + 1
+            for name, values, dtype in (
+                ("controller", grip.controllers, wp.int32),
+                ("weight", grip.weights, self.types.scalar),
+                ("rest_length", grip.rest_lengths, self.types.scalar),
+            ):
+                setattr(self.bonds, name, wp.array(values[order], dtype=dtype, device=self.device))
+        self.given |= {"bond_begin": self._repeat(begin), "bond_end": self._repeat(end)}
+        self.controllers = self._zeros(self.rollouts, 2, count, 3)
+
+    def _parameters(self) -> None:
+        n, config = self.particles, self.config
+        self.shapes = {"youngs_modulus": (n,), "poissons_ratio": (n,), "initial_velocity": (n, 3)}
+        if config.ground_height is not None:
+            self.shapes["friction_coefficient"] = ()
+        if self.gripped:
+            self.shapes |= {"grip_stiffness": (), "grip_damping": ()}
+        if config.plastic_law != "identity":
+            self.shapes["plastic"] = (n, 2)
+        p = self.rollouts * n
+        self.given |= {"E": self._zeros(p), "nu": self._zeros(p), "plastic": self._zeros(p, 2)}
+        sizes = {"x": (3,), "v": (3,), "F": (3, 3), "C": (3, 3), "E": (), "nu": (), "plastic": (2,), "grip": (2,)}
+        self.bars = {name: self._zeros(p, *size) for name, size in sizes.items()}
+        self.weight_rows = 1 if self.device == "cpu" else WEIGHT_ROWS
+        self.weights, self.weights_bar = {}, {}
+        for kind, residual in (("elastic", config.elastic_residual), ("plastic", config.plastic_residual)):
+            width, latent = 1, 1
+            if residual is not None:
+                width, latent = residual.weight_count, max(1, residual.latent_size)
+                self.shapes[f"network_{kind}"] = (width,)
+                if residual.latent_size:
+                    self.shapes[f"latent_{kind}"] = (n, latent)
+            self.given[f"latent_{kind}"] = self._zeros(p, latent)
+            self.bars[f"latent_{kind}"] = self._zeros(p, latent)
+            self.weights[kind] = self._zeros(self.rollouts, width)
+            self.weights_bar[kind] = self._zeros(self.rollouts * self.weight_rows, width)
+
+    # --- Warp's view --------------------------------------------------------------------------------------------
+
+    def particle_struct(self, nodes: int):
+        """`structs.Model` over these arrays, for boxes with room for `nodes` nodes."""
+        vec2, vec3 = self.types.vec2, self.types.vec3
+        model = particle_structs(self.config.dtype).Model()
+        model.particles, model.nodes = self.particles, nodes
+        model.offset, model.cells_per_metre = vec3(*self.offset), self.types.scalar(1.0 / self.cell)
+        for name, values in self.sorted.items():
+            setattr(model, name, wp.from_torch(values, {"load": vec3, "plastic": vec2}.get(name)))
+        for kind, weights in self.weights.items():
+            setattr(model, f"weights_{kind}", wp.from_torch(weights))
+        model.bonds, model.grip, model.controllers = self.bonds, wp.from_torch(self.grip), self._controller_array()
+        model.timing, model.box = wp.from_torch(self.timing), wp.from_torch(self.box)
+        return model
+
+    def _controller_array(self) -> wp.array:
+        return wp.from_torch(self.controllers, self.types.vec3)
+
+    def node_struct(self, nodes: int):
+        """`nodes.Nodes` over these arrays, for boxes with room for `nodes` nodes."""
+        model, vec3, scalar = node_kernels(self.config.dtype).Nodes(), self.types.vec3, self.types.scalar
+        model.nodes, model.offset, model.cell = nodes, vec3(*self.offset), scalar(self.cell)
+        model.gravity, model.mass_floor = vec3(*self.config.gravity), scalar(self.mass_floor)
+        model.has_ground = int(self.config.ground_height is not None)
+        model.clamp_lower, model.clamp_upper = self.clamps
+        model.timing, model.box = wp.from_torch(self.timing), wp.from_torch(self.box)
+        model.friction = wp.from_torch(self.friction)
+        return model
+
+    def bar_struct(self):
+        """`structs.Bars` over the adjoints."""
+        types = self.types
+        dtypes = {"x": types.vec3, "v": types.vec3, "F": types.mat33, "C": types.mat33}
+        dtypes |= {"plastic": types.vec2, "grip": types.vec2}
+        bars = particle_structs(self.config.dtype).Bars()
+        for name, values in self.bars.items():
+            setattr(bars, name, wp.from_torch(values, dtypes.get(name)))
+        for kind, values in self.weights_bar.items():
+            setattr(bars, f"weights_{kind}", wp.from_torch(values))
+        bars.weight_rows = self.weight_rows
+        return bars
+
+    # --- values -------------------------------------------------------------------------------------------------
+
+    def load(self, parameters: Parameters, substeps: int) -> None:
+        """Take over parameters with an axis of rollouts; `sort` puts them in order."""
+        fps = self.config.fps
+        timing = torch.tensor([1.0 / (fps * substeps), 1.0 / substeps, fps], dtype=torch.float64)
+        self.timing.copy_(timing)
+        self._give("E", parameters.youngs_modulus)
+        self._give("nu", parameters.poissons_ratio)
+        if parameters.friction_coefficient is not None:
+            self.friction.copy_(parameters.friction_coefficient)
+        if parameters.plastic is not None:
+            self._give("plastic", parameters.plastic)
+        for kind in ("elastic", "plastic"):
+            if f"network_{kind}" in self.shapes:
+                self.weights[kind].copy_(getattr(parameters, f"network_{kind}"))
+            if f"latent_{kind}" in self.shapes:
+                self._give(f"latent_{kind}", getattr(parameters, f"latent_{kind}"))
+        if self.gripped:
+            self.grip[:, 0], self.grip[:, 1] = parameters.grip_stiffness, parameters.grip_damping
+
+    def _give(self, name: str, values: torch.Tensor) -> None:
+        self.given[name].copy_(values.reshape(self.given[name].shape))
+
+    def sort(self, order: torch.Tensor) -> None:
+        """Put the particles' constants and parameters in this order."""
+        for name, given in self.given.items():
+            torch.index_select(given, 0, order, out=self.sorted[name])
+
+    def sort_bars(self, index: torch.Tensor) -> None:
+        """Take the adjoints of particles from these places."""
+        for bar in self.bars.values():
+            bar.copy_(bar[index])
+
+    def clear_bars(self) -> None:
+        """Set the adjoints to zero."""
+        for bar in (*self.bars.values(), *self.weights_bar.values()):
+            bar.zero_()
+
+    def gradients(self, order: torch.Tensor, friction_bar: torch.Tensor) -> dict[str, torch.Tensor]:
+        """Adjoints of the parameters in use by name, with an axis of rollouts, as the caller counts.
+
+        Args:
+            order: caller's number of each particle.
+            friction_bar: adjoint of the friction coefficient, shape [R].
+        """
+        own = {name: torch.empty_like(bar).index_copy_(0, order, bar) for name, bar in self.bars.items()}
+        grip = own["grip"].view(self.rollouts, -1, 2).sum(1)
+        found = {
+            "youngs_modulus": own["E"],
+            "poissons_ratio": own["nu"],
+            "plastic": own["plastic"],
+            "initial_velocity": own["v"],
+            "friction_coefficient": friction_bar,
+            "grip_stiffness": grip[:, 0],
+            "grip_damping": grip[:, 1],
+        }
+        for kind, bar in self.weights_bar.items():
+            found[f"latent_{kind}"] = own[f"latent_{kind}"]
+            found[f"network_{kind}"] = bar.view(self.rollouts, self.weight_rows, -1).sum(1)
+        return {name: found[name].reshape(self.rollouts, *shape) for name, shape in self.shapes.items()}

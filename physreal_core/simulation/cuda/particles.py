@@ -1,0 +1,139 @@
+"""Particle phases fused: grid to particle, plastic flow, stress, grip and particle to grid in one kernel.
+
+Between two launches lies one node phase. A kernel that opens a frame only scatters (`leaving`), one that closes it only
+gathers (`arriving`). Slots count from the frame's first one, `first[0]`, so that one CUDA graph serves every frame.
+"""
+
+import functools
+
+import warp as wp
+
+from physreal_core.simulation.constitutive import ResidualConfig
+from physreal_core.simulation.cuda.adder import lane_adder
+from physreal_core.simulation.cuda.material import flow_functions, stress_functions
+from physreal_core.simulation.cuda.structs import particle_structs
+from physreal_core.simulation.plain.grip import bond_functions
+from physreal_core.simulation.plain.lattice import lattice_functions
+from physreal_core.simulation.plain.transfer_functions import transfer_functions
+from physreal_core.simulation.plain.transfers import NOT_FINITE, OUTSIDE
+from physreal_core.simulation.scalars import scalar_types
+
+Law = tuple[str, ResidualConfig | None]
+"""Name of an expert and its residual."""
+
+
+@functools.cache
+def forward_kernel(
+    module: wp.Module, elastic: Law, plastic: Law, gripped: bool, dtype: str, arriving: bool, leaving: bool
+) -> wp.Kernel:
+    """The kernel from the nodes' velocities of one substep to the momenta of the next, or one of its halves.
+
+    Args:
+        module: where it is compiled.
+        elastic, plastic: the laws.
+        gripped: whether there are bonds.
+        dtype: "float32" or "float64".
+        arriving: whether it gathers and flows.
+        leaving: whether it scatters; if not, it checks the state.
+    """
+    types, lattice = scalar_types(dtype), lattice_functions(dtype)
+    vec3, vec4, mat33 = types.vec3, types.vec4, types.mat33
+    structs, transfer = particle_structs(dtype), transfer_functions(dtype, lane_adder(dtype))
+    Model, States = structs.Model, structs.States
+    relative, inside, base_cell, fraction = lattice.relative, lattice.inside, lattice.base_cell, lattice.fraction
+    node, weights = lattice.node, lattice.weights
+    affine_momentum, scatter, gather = transfer.affine_momentum, transfer.scatter, transfer.gather
+    stress, flow = stress_functions(*elastic, dtype).stress, flow_functions(*plastic, dtype).flow
+    bonds_force = bond_functions(dtype).bonds_force
+
+    @wp.func
+    def report(model: Model, status: wp.array(dtype=wp.int64), rollout: int, kind: int, substep: int, p: int):
+        key = wp.int64(substep) * wp.int64(model.particles) + wp.int64(model.place[p])
+        wp.atomic_min(status, 2 * rollout + kind, key)
+
+    @wp.kernel(module=module)
+    def forward(
+        substep: wp.int32,  # of the state that is scattered or checked
+        slot: wp.int32,
+        slot_next: wp.int32,
+        grid_slot: wp.int32,
+        keep: wp.int32,
+        # Model:
+        model: Model,
+        first: wp.array(dtype=wp.int32),
+        # Data in:
+        velocity_in: wp.array(dtype=vec4),
+        # Data in and out: `slot_next` may be `slot`
+        states: States,
+        # Data out:
+        momentum_out: wp.array2d(dtype=vec4),
+        status_out: wp.array(dtype=wp.int64),
+    ):
+        p = wp.tid()
+        rollout = p / model.particles
+        row = rollout * model.nodes
+        box = model.box[rollout]
+        dt = model.timing[0]
+        now = first[0] + slot
+        after = first[0] + slot_next
+        x = states.x[now, p]
+        F = states.F[now, p]
+        v = vec3()
+        C = mat33()
+        if arriving:
+            r0 = relative(x, model.offset, model.cells_per_metre, box)
+            if not inside(r0, box):
+                states.x[after, p] = x
+                return
+            base0 = base_cell(r0)
+            f0 = fraction(r0, base0)
+            g = gather(velocity_in, box, row + node(base0, box), f0, weights(f0), model.cells_per_metre)
+            v = g.v
+            C = g.C
+            x += dt * v
+            F = flow(
+                F + dt * (C * F), model.E[p], model.nu[p], model.plastic[p], model.timing, p,
+                model.latent_plastic, model.weights_plastic[rollout],
+            )  # fmt: skip
+            states.x[after, p] = x
+            states.F[after, p] = F
+            if keep != 0 or not leaving:
+                states.v[after, p] = v
+                states.C[after, p] = C
+        else:
+            v = states.v[now, p]
+            C = states.C[now, p]
+        r = relative(x, model.offset, model.cells_per_metre, box)
+        if leaving:
+            m = model.mass[p]
+            tau = stress(F, model.E[p], model.nu[p], p, model.latent_elastic, model.weights_elastic[rollout])
+            if keep != 0:
+                states.tau[after, p] = tau
+            force = model.load[p]
+            if gripped:
+                force = bonds_force(
+                    model.bonds, model.bond_begin[p], model.bond_end[p], model.grip[rollout, 0],
+                    model.grip[rollout, 1], model.timing, substep, model.controllers[rollout], x, v, force,
+                )  # fmt: skip
+            A = affine_momentum(m, model.volume[p], C, tau, dt, model.cells_per_metre)
+            momentum = m * v + dt * force
+            size = wp.dot(momentum, momentum) + wp.ddot(A, A)
+            if not inside(r, box) or not wp.isfinite(size):
+                kind = OUTSIDE
+                if not wp.isfinite(wp.dot(r, r) + size):
+                    kind = NOT_FINITE
+                report(model, status_out, rollout, kind, substep, p)
+                return
+            base = base_cell(r)
+            f = fraction(r, base)
+            q = momentum - A * f
+            scatter(
+                momentum_out[first[0] + grid_slot], box, row + node(base, box), weights(f), vec4(q[0], q[1], q[2], m), A
+            )
+        else:
+            if not wp.isfinite(wp.dot(r, r) + wp.dot(v, v) + wp.ddot(F, F)):
+                report(model, status_out, rollout, NOT_FINITE, substep, p)
+            elif not inside(r, box):
+                report(model, status_out, rollout, OUTSIDE, substep, p)
+
+    return forward

@@ -1,0 +1,145 @@
+"""Adjoint of the fused particle phases: of particle to grid, grip and stress, then of plastic flow and grid to particle.
+
+The launch at a state takes the adjoints of the momenta that this state scattered (`arriving`) and scatters those of the
+velocities it was gathered from (`leaving`); at the ends of a frame one half falls away.
+"""
+
+import functools
+
+import warp as wp
+
+from physreal_core.simulation.cuda.adder import lane_adder
+from physreal_core.simulation.cuda.material import flow_functions, stress_functions
+from physreal_core.simulation.cuda.particles import Law
+from physreal_core.simulation.cuda.structs import particle_structs
+from physreal_core.simulation.plain.grip import bond_functions
+from physreal_core.simulation.plain.lattice import lattice_functions
+from physreal_core.simulation.plain.transfer_functions import transfer_functions
+from physreal_core.simulation.scalars import scalar_types
+
+
+@functools.cache
+def backward_kernel(
+    module: wp.Module, elastic: Law, plastic: Law, gripped: bool, dtype: str, arriving: bool, leaving: bool
+) -> wp.Kernel:
+    """Adjoint of `particles.forward_kernel`; arguments as there, the halves as the backward pass meets them."""
+    types, lattice = scalar_types(dtype), lattice_functions(dtype)
+    scalar, vec2, vec3, vec4, mat33 = types.scalar, types.vec2, types.vec3, types.vec4, types.mat33
+    structs, transfer = particle_structs(dtype), transfer_functions(dtype, lane_adder(dtype))
+    Model, States, Bars = structs.Model, structs.States, structs.Bars
+    relative, inside, base_cell, fraction = lattice.relative, lattice.inside, lattice.base_cell, lattice.fraction
+    node, weights, weight_slopes = lattice.node, lattice.weights, lattice.weight_slopes
+    affine_momentum = transfer.affine_momentum
+    scatter_adjoint, gather_adjoint = transfer.scatter_adjoint, transfer.gather_adjoint
+    stress_adjoint = stress_functions(*elastic, dtype).stress_adjoint
+    flow_adjoint = flow_functions(*plastic, dtype).flow_adjoint
+    flows = plastic != ("identity", None)
+    bonds = bond_functions(dtype)
+    bonds_force, bonds_adjoint = bonds.bonds_force, bonds.bonds_adjoint
+    zero, four = scalar(0.0), scalar(4.0)
+
+    @wp.kernel(module=module)
+    def backward(
+        slot: wp.int32,  # of the state, and its substep
+        # Model:
+        model: Model,
+        first: wp.array(dtype=wp.int32),
+        # Data in:
+        velocity_in: wp.array(dtype=vec4),
+        states: States,
+        # Data in and out: nodes' adjoints, of momenta in row slot % 2, of velocities in the other
+        node_bar: wp.array2d(dtype=vec4),
+        bars: Bars,
+    ):
+        p = wp.tid()
+        rollout = p / model.particles
+        row = rollout * model.nodes
+        box = model.box[rollout]
+        dt = model.timing[0]
+        cells_per_metre = model.cells_per_metre
+        weight_row = rollout * bars.weight_rows + p % bars.weight_rows
+        at = first[0] + slot
+        E = model.E[p]
+        nu = model.nu[p]
+        E_bar = bars.E[p]
+        nu_bar = bars.nu[p]
+        x_bar = bars.x[p]
+        F_bar = bars.F[p]
+        v_bar = vec3()
+        C_bar = mat33()
+        v = states.v[at, p]
+        C = states.C[at, p]
+        if arriving:
+            x = states.x[at, p]
+            r = relative(x, model.offset, cells_per_metre, box)
+            if not inside(r, box):
+                return
+            base = base_cell(r)
+            f = fraction(r, base)
+            m = model.mass[p]
+            volume = model.volume[p]
+            force = model.load[p]
+            if gripped:
+                force = bonds_force(
+                    model.bonds, model.bond_begin[p], model.bond_end[p], model.grip[rollout, 0],
+                    model.grip[rollout, 1], model.timing, slot, model.controllers[rollout], x, v, force,
+                )  # fmt: skip
+            A = affine_momentum(m, volume, C, states.tau[at, p], dt, cells_per_metre)
+            q3 = m * v + dt * force - A * f
+            q = vec4(q3[0], q3[1], q3[2], m)
+            bar = scatter_adjoint(node_bar[slot % 2], box, row + node(base, box), f, weights(f), weight_slopes(f), q, A)
+            x_bar += cells_per_metre * (bar.slope - wp.transpose(A) * bar.q)
+            v_bar = m * bar.q
+            C_bar = (m / cells_per_metre) * bar.A
+            tau_bar = (-four * dt * volume * cells_per_metre) * bar.A
+            if gripped:
+                pull = bonds_adjoint(
+                    model.bonds, model.bond_begin[p], model.bond_end[p], model.grip[rollout, 0],
+                    model.grip[rollout, 1], model.timing, slot, model.controllers[rollout], x, v, dt * bar.q,
+                )  # fmt: skip
+                x_bar += pull.x
+                v_bar += pull.v
+                bars.grip[p] = bars.grip[p] + vec2(pull.stiffness, pull.damping)
+            s = stress_adjoint(
+                states.F[at, p], E, nu, p, model.latent_elastic, model.weights_elastic[rollout], tau_bar,
+                bars.latent_elastic, bars.weights_elastic, weight_row,
+            )  # fmt: skip
+            F_bar += s.F
+            E_bar += s.E
+            nu_bar += s.nu
+        else:
+            v_bar = bars.v[p]
+            C_bar = bars.C[p]
+        if leaving:
+            F0 = states.F[at - 1, p]
+            r0 = relative(states.x[at - 1, p], model.offset, cells_per_metre, box)
+            if not inside(r0, box):
+                return
+            base0 = base_cell(r0)
+            f0 = fraction(r0, base0)
+            if flows:
+                back = flow_adjoint(
+                    F0 + dt * (C * F0), E, nu, model.plastic[p], model.timing, p, model.latent_plastic,
+                    model.weights_plastic[rollout], F_bar, bars.latent_plastic, bars.weights_plastic, weight_row,
+                )  # fmt: skip
+                F_bar = back.F
+                E_bar += back.E
+                nu_bar += back.nu
+                bars.plastic[p] = bars.plastic[p] + back.y
+            A0 = (four * cells_per_metre) * (C_bar + dt * F_bar * wp.transpose(F0))
+            p3 = v_bar + dt * x_bar - A0 * f0
+            slope = gather_adjoint(
+                velocity_in, node_bar[(slot + 1) % 2], box, row + node(base0, box), weights(f0), weight_slopes(f0),
+                vec4(p3[0], p3[1], p3[2], zero), A0,
+            )  # fmt: skip
+            x_bar += cells_per_metre * (slope - wp.transpose(A0) * v)
+            F_bar += dt * wp.transpose(C) * F_bar
+        else:
+            bars.v[p] = v_bar
+            bars.C[p] = C_bar
+        bars.x[p] = x_bar
+        bars.F[p] = F_bar
+        bars.E[p] = E_bar
+        bars.nu[p] = nu_bar
+
+    return backward

@@ -1,0 +1,211 @@
+"""One frame of substeps of many rollouts of one body at once, forward and adjoint, as CUDA graphs.
+
+It offers what `stepper.Stepper` does with a leading axis of rollouts on every array, and more: the order of particles,
+and frames that are kept. Rollouts, states and gradients are given and taken in the caller's order. The kernels run on the
+CPU too, launch by launch, for the tests.
+"""
+
+import torch
+import warp as wp
+
+from physreal_core.simulation.body import Body, Clamp, Grip, PointLoad
+from physreal_core.simulation.box import LARGEST_EDGE, lattice_offset
+from physreal_core.simulation.config import SimulationConfig
+from physreal_core.simulation.cuda.launches import FrameLaunches
+from physreal_core.simulation.cuda.model import BodyModel
+from physreal_core.simulation.parameters import Parameters
+from physreal_core.simulation.scalars import scalar_types
+
+KEPT_SHARE = 0.25
+"""Share of a GPU's memory for frames whose substeps are kept for the backward pass. 20 frames of 50 substeps of 20 000
+particles take 3 GB; images and networks of a fit want the rest. On the CPU nothing is kept."""
+NODE_RESERVE = 1.2  # boxes grow as a body deforms, and new arrays mean new graphs
+GRAPHS = 12  # kept at once; each number of substeps needs up to three
+
+
+class CudaStepper:
+    """Arrays, launches and graphs of `rollouts` copies of a body.
+
+    State arrays are [slots, P, ...] with P = rollouts x particles. A kept frame takes `substeps + 1` slots, slot s for
+    the state after s substeps; behind the kept frames lie the working slots, for all other frames.
+
+    Attributes:
+        shapes: full shape of every parameter in use by name, without the axis of rollouts.
+        order: the caller's number (rollout x particles + particle) of each particle, shape [P].
+        kept_bytes: memory that kept frames may take.
+        holder: whose frames are kept; None if nobody's.
+    """
+
+    def __init__(
+        self,
+        body: Body,
+        config: SimulationConfig,
+        grip: Grip | None,
+        clamps: tuple[Clamp, ...],
+        loads: tuple[PointLoad, ...],
+        rollouts: int = 1,
+    ) -> None:
+        self.types, self.device = scalar_types(config.dtype), config.device
+        self.particles, self.rollouts, self.cell = len(body.x0), rollouts, body.cell
+        self.offset = lattice_offset(body, config.ground_height, clamps)
+        self.model = BodyModel(body, config, grip, clamps, loads, rollouts, self.offset)
+        self.shapes = self.model.shapes
+        self.substeps = self.slots = self.nodes = self.kept_slots = 0
+        self.kept_bytes = 0
+        if self.device != "cpu":
+            self.kept_bytes = int(KEPT_SHARE * torch.cuda.get_device_properties(self.device).total_memory)
+        self.holder: object | None = None
+        self.order = torch.arange(rollouts * self.particles, device=self.device)
+        self.status = torch.zeros(2 * rollouts, dtype=torch.int64, device=self.device)
+        self._first = torch.zeros(1, dtype=torch.int32, device=self.device)
+        self._slot = 0
+        self._launches: FrameLaunches | None = None
+        self._graphs: dict[tuple[str, int], wp.Graph] = {}
+        self._lattice = torch.as_tensor(self.offset, dtype=self.types.torch_dtype, device=self.device)
+
+    # --- memory -------------------------------------------------------------------------------------------------
+
+    def frame_bytes(self, nodes: int) -> int:
+        """Bytes of a kept frame: 33 numbers a particle and 4 a node, for each substep."""
+        numbers = self.rollouts * (33 * self.particles + 4 * max(int(NODE_RESERVE * nodes), self.nodes))
+        return (self.substeps + 1) * numbers * self.types.torch_dtype.itemsize
+
+    def keep_frames(self, holder: object, frames: int, nodes: int) -> int:
+        """Make room to keep as many of a rollout's frames as `kept_bytes` allows; who held frames loses them.
+
+        Args:
+            holder: the rollout.
+            frames: how many there are.
+            nodes: nodes of the first frame's box.
+
+        Returns:
+            How many will be kept.
+        """
+        kept = min(frames, self.kept_bytes // self.frame_bytes(nodes))
+        self.holder, self.kept_slots = None, 0
+        slots = kept * (self.substeps + 1)
+        self.reserve(slots + (2 if kept == frames else self.substeps + 1), nodes)
+        if kept:
+            self.holder, self.kept_slots = holder, slots
+        return kept
+
+    def reserve(self, working: int, nodes: int) -> bool:
+        """Make room for `working` slots and for boxes of so many nodes; whether arrays moved, and all states are lost."""
+        if self.kept_slots + working <= self.slots and nodes <= self.nodes:
+            return False
+        self.holder, self.kept_slots = None, 0
+        if working <= self.slots and nodes <= self.nodes:
+            return True
+        if nodes > self.nodes:
+            self.nodes = int(NODE_RESERVE * nodes)
+        self.slots = max(self.slots, working)
+        friction_bar = 0.0 if self._launches is None else self._friction_bar()  # a backward pass may be under way
+        self._launches = None
+        self._graphs.clear()
+        self._launches = FrameLaunches(self.model, self.slots, self.nodes, self._first, self.status)
+        self._launches.friction_bar.view(self.rollouts, -1)[:, 0] = friction_bar
+        return True
+
+    # --- one rollout --------------------------------------------------------------------------------------------
+
+    def load_parameters(self, parameters: Parameters, substeps: int) -> None:
+        """Take over parameters (complete, with an axis of rollouts) and the number of substeps in a frame."""
+        self.substeps = substeps
+        self.model.load(parameters, substeps)
+        self.model.sort(self.order)
+
+    def cell_order(self, x: torch.Tensor) -> torch.Tensor:
+        """Order of the particles by columns of cells, rollout by rollout, shape [P]; x is [R, N, 3]."""
+        cells = ((x.reshape(self.rollouts, -1, 3) - self._lattice) / self.cell - 0.5).floor()
+        cells = (cells - cells.amin(1, keepdim=True)).nan_to_num().clamp(0, LARGEST_EDGE).int()
+        key = (cells[..., 0] * (LARGEST_EDGE + 1) + cells[..., 1]) * (LARGEST_EDGE + 1) + cells[..., 2]
+        places = torch.argsort(key, dim=1, stable=True)
+        return (places + self.particles * torch.arange(self.rollouts, device=self.device)[:, None]).flatten()
+
+    def use_order(self, order: torch.Tensor) -> None:
+        """Sort parameters and adjoints; the state has to be put in again."""
+        if order is self.order:
+            return
+        place = torch.empty_like(order)
+        place[self.order] = torch.arange(len(order), device=self.device)
+        self.model.sort_bars(place[order])
+        self.model.sort(order)
+        self.order = order
+
+    def start_frame(self, box: torch.Tensor, controllers: torch.Tensor, kept: int | None) -> None:
+        """Place the grids and choose the slots.
+
+        Args:
+            box: origin and count of each rollout's nodes, shape [R, 6], int32; `reserve` has made room.
+            controllers: controller points [m] at both ends of the frame, shape [R, 2, C, 3].
+            kept: number of the frame among the kept ones; None for the working slots.
+        """
+        self._slot = self.kept_slots if kept is None else kept * (self.substeps + 1)
+        self._first.fill_(self._slot)
+        self.model.box.copy_(box)
+        if self.model.gripped:
+            self.model.controllers.copy_(controllers[:, :, : self.model.controllers.shape[2]])
+
+    def set_state(self, x: torch.Tensor, v: torch.Tensor, F: torch.Tensor, C: torch.Tensor) -> None:
+        """Put in the state at the frame's start, each [R, N, ...]."""
+        for name, value in (("x", x), ("v", v), ("F", F), ("C", C)):
+            torch.index_select(value.flatten(0, 1), 0, self.order, out=self._launches.states[name][self._slot])
+
+    def write_state(self, out: tuple[torch.Tensor, ...], keep: bool) -> None:
+        """Write the state at the frame's end to x, v, F, C, each contiguous [R, N, ...]."""
+        slot = self._slot + (self.substeps if keep else 0)
+        for name, target in zip("xvFC", out, strict=True):
+            target.flatten(0, 1).index_copy_(0, self.order, self._launches.states[name][slot])
+
+    def void(self, rollout: int) -> None:
+        """Take a rollout out of the kept frame, so that its adjoint is zero."""
+        n, slots = self.particles, slice(self._slot, self._slot + self.substeps + 1)
+        self._launches.states["x"][slots, rollout * n : (rollout + 1) * n] = torch.nan
+        self._launches.momentum[slots, rollout * self.nodes : (rollout + 1) * self.nodes] = 0.0
+
+    def forward(self, keep: bool) -> None:
+        """All substeps of the frame; with `keep` everything that `backward` needs stays."""
+        launches = self._launches
+        self._run(f"forward, keep={keep}", lambda: launches.forward(self.substeps, keep))
+
+    def backward(self) -> None:
+        """Adjoint of the kept frame: the state's adjoints go from its end to its start; the parameters' grow."""
+        launches = self._launches
+        self._run("backward", lambda: launches.backward(self.substeps))
+
+    def _run(self, name: str, launches) -> None:
+        """Launch one by one on the CPU, on a GPU as a CUDA graph captured when first needed."""
+        if self.device == "cpu":
+            launches()
+            return
+        key = (name, self.substeps)
+        if key not in self._graphs:
+            if len(self._graphs) >= GRAPHS:
+                self._graphs.pop(next(iter(self._graphs)))
+            with wp.ScopedCapture(device=self.device, force_module_load=False) as capture:
+                launches()
+            self._graphs[key] = capture.graph
+        wp.capture_launch(self._graphs[key])
+
+    # --- adjoints -----------------------------------------------------------------------------------------------
+
+    def clear_adjoints(self) -> None:
+        """Set all adjoints to zero."""
+        self.model.clear_bars()
+        if self._launches is not None:
+            self._launches.friction_bar.zero_()
+
+    def add_adjoints(self, x_bar: torch.Tensor | None, v_bar: torch.Tensor | None, F_bar: torch.Tensor | None) -> None:
+        """Add derivatives of the loss by the state where the adjoint stands now, each [R, N, ...]."""
+        for name, bar in (("x", x_bar), ("v", v_bar), ("F", F_bar)):
+            if bar is not None:
+                self.model.bars[name] += bar.flatten(0, 1)[self.order]
+
+    def gradients(self) -> dict[str, torch.Tensor]:
+        """Adjoints of the parameters in use by name, with an axis of rollouts."""
+        return self.model.gradients(self.order, self._friction_bar())
+
+    def _friction_bar(self) -> torch.Tensor:
+        if self._launches is None:
+            return torch.zeros(self.rollouts, dtype=self.types.torch_dtype, device=self.device)
+        return self._launches.friction_bar.view(self.rollouts, -1).sum(1)

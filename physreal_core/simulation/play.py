@@ -1,0 +1,52 @@
+"""A rollout frame by frame, for interactive use: controller points in, state out, nothing kept."""
+
+from collections.abc import Callable, Generator
+from contextlib import AbstractContextManager
+from dataclasses import dataclass
+
+import torch
+
+from physreal_core.array_types import Float, Tensor
+from physreal_core.simulation.stepper import State
+
+
+@dataclass
+class FrameState:
+    """State at one frame time: x [N, 3] m, v [N, 3] m/s, F [N, 3, 3]; its arrays are valid until the step after next."""
+
+    x: Float[Tensor, "particles 3"]
+    v: Float[Tensor, "particles 3"]
+    F: Float[Tensor, "particles 3 3"]
+
+
+class Player:
+    """A rollout that goes on for as long as it is stepped; made by `Simulator.play`.
+
+    Attributes:
+        frame: number of the frame time where it stands.
+        state: the state there.
+    """
+
+    def __init__(
+        self,
+        frames: Generator[State, Tensor, None],
+        stream: Callable[[], AbstractContextManager],
+        check: Callable[[Tensor], Tensor],
+    ) -> None:
+        self._frames, self._stream, self._check = frames, stream, check
+        self.frame = 0
+        with torch.no_grad(), stream():
+            self.state = FrameState(*next(frames)[:3])
+
+    def step(self, controllers: Float[Tensor, "points 3"]) -> FrameState:
+        """Go on by one frame, in which the controller points move to `controllers` [m], shape [C, 3].
+
+        Raises:
+            InputError: for controllers that do not fit.
+            SimulationError: where the state turns non-finite or a particle leaves its grid; the player has then ended.
+        """
+        points = self._check(controllers[None])[0]
+        with torch.no_grad(), self._stream():
+            self.state = FrameState(*self._frames.send(points)[:3])
+        self.frame += 1
+        return self.state

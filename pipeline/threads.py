@@ -1,4 +1,4 @@
-"""How many threads numerical libraries start: as many as this process may really use, in a container too."""
+"""How many threads numerical libraries start, as many as this process may really use, and that they sleep between jobs."""
 
 import os
 from pathlib import Path
@@ -10,6 +10,8 @@ def limit_threads() -> None:
     """Set the usual variables, unless the user has; to be called before numpy or torch is imported."""
     for name in VARIABLES:
         os.environ.setdefault(name, str(available_cores()))
+    # torch's threads would spin after each small operation, on the cores that the simulator's own threads need.
+    os.environ.setdefault("OMP_WAIT_POLICY", "PASSIVE")
 
 
 def available_cores(quota_file: Path = Path("/sys/fs/cgroup/cpu.max")) -> int:

@@ -153,7 +153,7 @@ class Descent:
             free.grad = None
         with torch.set_grad_enabled(gradient):
             data, terms = self._evaluate(self.values(), horizon)
-            total = data + self._anchoring()
+            total = data.cpu() + self._anchoring()
             if gradient and math.isfinite(total.item()):
                 total.backward()
         return total.item(), terms

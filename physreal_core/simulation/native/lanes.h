@@ -71,6 +71,17 @@ template <class V> inline V max(V a, V b) { return a > b ? a : b; }
 template <class V> inline V abs(V x) { return __builtin_elementwise_abs(x); }
 template <class V> inline V sqrt(V x) { return __builtin_elementwise_sqrt(x); }
 
+// 1 / sqrt(x) to about two ulp, 0 < x < infinity.
+template <class V> inline V inverse_sqrt(V x) { return Scalar<V>(1) / sqrt(x); }
+
+#if defined(__AVX512F__)
+// Here the processor has an estimate of 14 bits: with a step of Newton's twice as fast as root and division.
+template <> inline Lanes<float> inverse_sqrt(Lanes<float> x) {
+    const Lanes<float> estimate = __builtin_ia32_rsqrt14ps512_mask(x, x, 0xffff);
+    return estimate + 0.5f * estimate * (1.0f - x * estimate * estimate);
+}
+#endif
+
 template <class M> inline bool any(M mask) { return __builtin_reduce_or(mask) != 0; }
 
 // Sum over the lanes, by halves.

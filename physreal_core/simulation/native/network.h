@@ -62,15 +62,21 @@ template <int LATENT_, int HIDDEN_> struct Network {
         V inputs[INPUTS], one, first[HIDDEN], one_again, second[HIDDEN];  // the ones stand for the biases' inputs
     };
 
+    // Of the hidden layers, at the present activations.
+    template <class V> struct Slopes {
+        V first[HIDDEN], second[HIDDEN];
+    };
+
     // From `inputs` to the rest, and to the outputs.
-    template <class V> static void forward(const Scalar<V>* weights, Activations<V>& h, V (&outputs)[OUTPUTS]) {
+    template <class V>
+    static void forward(const Scalar<V>* weights, Activations<V>& h, Slopes<V>& slopes, V (&outputs)[OUTPUTS]) {
         h.one = h.one_again = splat<V>(1);
         for (int i = 0; i < HIDDEN; ++i) h.first[i] = splat<V>(weights[BIAS_1 + i]);
         add_product<HIDDEN, INPUTS, 1, HIDDEN>(weights, h.inputs, h.first);
-        activate(h.first);
+        activate(h.first, slopes.first);
         for (int i = 0; i < HIDDEN; ++i) h.second[i] = splat<V>(weights[BIAS_2 + i]);
         add_product<HIDDEN, HIDDEN, 1, HIDDEN>(weights + WEIGHT_2, h.first, h.second);
-        activate(h.second);
+        activate(h.second, slopes.second);
         for (int o = 0; o < OUTPUTS; ++o) outputs[o] = splat<V>(weights[BIAS_3 + o]);
         add_product<OUTPUTS, HIDDEN, HIDDEN, 1>(weights + WEIGHT_3, h.second, outputs);
     }
@@ -95,16 +101,16 @@ template <int LATENT_, int HIDDEN_> struct Network {
             : batch_(reinterpret_cast<Block*>(__builtin_align_up(workspace, alignof(V)))), weights_bar_(weights_bar) {}
 
         // Inputs' adjoint of one block; the weights' is added when the batch is full or finished.
-        void operator()(const S* weights, const Activations<V>& h, const V (&outputs_bar)[OUTPUTS],
-                        V (&inputs_bar)[INPUTS]) {
+        void operator()(const S* weights, const Activations<V>& h, const Slopes<V>& slopes,
+                        const V (&outputs_bar)[OUTPUTS], V (&inputs_bar)[INPUTS]) {
             Block& block = batch_[count_];
             block.h = h;
             for (int o = 0; o < OUTPUTS; ++o) block.outputs_bar[o] = outputs_bar[o];
             for (int i = 0; i < HIDDEN; ++i) block.second_bar[i] = block.first_bar[i] = V{};
             add_product<HIDDEN, OUTPUTS, 1, HIDDEN>(weights + WEIGHT_3, outputs_bar, block.second_bar);
-            activate_adjoint(h.second, block.second_bar);
+            for (int i = 0; i < HIDDEN; ++i) block.second_bar[i] *= slopes.second[i];
             add_product<HIDDEN, HIDDEN, HIDDEN, 1>(weights + WEIGHT_2, block.second_bar, block.first_bar);
-            activate_adjoint(h.first, block.first_bar);
+            for (int i = 0; i < HIDDEN; ++i) block.first_bar[i] *= slopes.first[i];
             for (int i = 0; i < INPUTS; ++i) inputs_bar[i] = V{};
             add_product<INPUTS, HIDDEN, HIDDEN, 1>(weights, block.first_bar, inputs_bar);
             if (++count_ == BATCH) finish();
@@ -121,14 +127,11 @@ template <int LATENT_, int HIDDEN_> struct Network {
     };
 
 private:
-    template <class V> static void activate(V (&x)[HIDDEN]) {
-        for (int i = 0; i < HIDDEN; ++i) x[i] = x[i] / sqrt(Scalar<V>(1) + x[i] * x[i]);
-    }
-
-    template <class V> static void activate_adjoint(const V (&y)[HIDDEN], V (&bar)[HIDDEN]) {
+    template <class V> static void activate(V (&x)[HIDDEN], V (&slope)[HIDDEN]) {
         for (int i = 0; i < HIDDEN; ++i) {
-            const V s = Scalar<V>(1) - y[i] * y[i];  // 1 / (1 + x^2)
-            bar[i] *= s * sqrt(s);
+            const V r = inverse_sqrt(Scalar<V>(1) + x[i] * x[i]);
+            slope[i] = r * r * r;
+            x[i] *= r;
         }
     }
 };

@@ -22,6 +22,7 @@ template <class V, class Net> class ResidualDirection {
     using S_ = Scalar<V>;
     static constexpr S_ ROOT = 0.70710678118654752440;  // sqrt(1/2): Mandel's scaling of the entries off the diagonal
     typename Net::template Activations<V> h_;
+    typename Net::template Slopes<V> slopes_;
     V b_[OUTPUTS], shrink_;  // s / sqrt(1 + |s|^2)
 
     // R^T F - I: symmetric.
@@ -47,7 +48,7 @@ public:
                                             determinant(F) - S_(1)};
         for (int j = 0; j < STRAIN_FEATURES; ++j) h_.inputs[j] = (S_(1) / inputs.strain_scale) * strains[j];
         for (int q = 0; q < Net::LATENT; ++q) h_.inputs[STRAIN_FEATURES + q] = load(inputs.latent + q * inputs.stride);
-        Net::forward(inputs.weights, h_, b_);
+        Net::forward(inputs.weights, h_, slopes_, b_);
         V square = b_[0] * b_[0];
         for (int o = 1; o < OUTPUTS; ++o) square += b_[o] * b_[o];
         shrink_ = S_(1) / sqrt(S_(1) + square);
@@ -70,7 +71,7 @@ public:
         for (int o = 1; o < OUTPUTS; ++o) along += b_[o] * outputs_bar[o];
         for (int o = 0; o < OUTPUTS; ++o) outputs_bar[o] = shrink_ * (outputs_bar[o] - along * b_[o]);
         V x_bar[Net::INPUTS];
-        network_adjoint(inputs.weights, h_, outputs_bar, x_bar);
+        network_adjoint(inputs.weights, h_, slopes_, outputs_bar, x_bar);
         for (int q = 0; q < Net::LATENT; ++q) {
             S_* row = latent_bar + q * inputs.stride;
             store(row, load(row) + x_bar[STRAIN_FEATURES + q]);

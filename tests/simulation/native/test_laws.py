@@ -8,7 +8,7 @@ import torch
 
 from physreal_core.simulation.constitutive import ELASTIC_LAWS, ResidualConfig, reference
 from tests.simulation.constitutive import kernels
-from tests.simulation.constitutive.points import generic_points, special_points
+from tests.simulation.constitutive.points import generic_points, rotations, special_points
 from tests.simulation.native.laws_driver import LANES, elementary, material
 
 TOLERANCE = {"float64": 1e-12, "float32": 2e-5}
@@ -134,6 +134,26 @@ def test_nothing_flows_where_no_particle_yields():
     np.testing.assert_array_equal(ours.out, a.F)
     np.testing.assert_array_equal(ours.F_bar, a.seed)
     assert not ours.E_bar.any() and not ours.nu_bar.any() and not ours.y_bar.any()
+
+
+@pytest.mark.parametrize("dtype", DTYPES)
+@pytest.mark.parametrize("strain", [1e-3, 0.03, 0.6])
+def test_flow_begins_at_the_surface_where_all_particles_are_near_it(strain, dtype):
+    """Blocks of which every particle is just inside, or just outside: none of either may be told from a bound alone."""
+    rng = np.random.default_rng(5)
+    count, E, nu = 32, 4.0, 0.25
+    direction = rng.normal(size=(count, 3))
+    direction -= direction.mean(1, keepdims=True)
+    direction /= np.linalg.norm(direction, axis=1, keepdims=True)
+    yield_stress = np.sqrt(1.5) * strain * E / (1 + nu)  # where |dev eps| is `strain`
+    y = np.tile((yield_stress, 0.0), (count, 1))
+    evaluate = material("neo_hookean", "von_mises", None, dtype)
+    for factor in (0.999, 1.001):
+        sigma = np.exp(factor * strain * direction + rng.normal(size=(count, 1)) / 10)
+        F = (rotations(count, rng) * sigma[:, None, :]) @ rotations(count, rng)
+        F = F.astype(dtype).astype(np.float64)
+        out = evaluate(F, F, np.full(count, E), np.full(count, nu), y=y, dt=DT, flow=True).out
+        np.testing.assert_array_equal((out != F).any((1, 2)), factor > 1)
 
 
 def hybrid_stress(law: str, a: SimpleNamespace) -> SimpleNamespace:

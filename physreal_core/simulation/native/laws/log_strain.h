@@ -14,7 +14,7 @@ template <class V> struct Principal {
     Vec3<V> eps;
 };
 
-// Turns rows i, j of A, and columns i, j of Q with them, until the rows are orthogonal; the tangent of the angle.
+// Turns rows i, j of A, and columns i, j of Q with them, until the rows are orthogonal; the sine of the angle.
 template <class V> inline V jacobi_rotation(Mat3<V>& A, Mat3<V>& Q, int i, int j) {
     using S = Scalar<V>;
     constexpr S ROUNDING = sizeof(S) == 4 ? S(2e-7) : S(4e-16);
@@ -22,19 +22,20 @@ template <class V> inline V jacobi_rotation(Mat3<V>& A, Mat3<V>& Q, int i, int j
     const V b = A(j, 0) * A(j, 0) + A(j, 1) * A(j, 1) + A(j, 2) * A(j, 2);
     const V c = A(i, 0) * A(j, 0) + A(i, 1) * A(j, 1) + A(i, 2) * A(j, 2);
     const V difference = b - a, twice = S(2) * c;
-    V tangent = twice / (abs(difference) + sqrt(difference * difference + twice * twice));
-    tangent = select(difference < S(0), -tangent, tangent);
-    // rows that are orthogonal already: the angle would be noise where a and b are equal
-    tangent = select(c * c > ROUNDING * ROUNDING * a * b, tangent, V{});
-    const V cosine = S(1) / sqrt(S(1) + tangent * tangent);
+    const V adjacent = abs(difference) + sqrt(difference * difference + twice * twice);
+    const V opposite = select(difference < S(0), -twice, twice);
+    const V inverse = inverse_sqrt(adjacent * adjacent + opposite * opposite);
+    // rows that are orthogonal already stay: the angle would be noise where a and b are equal
+    const Mask<V> turns = c * c > ROUNDING * ROUNDING * a * b;
+    const V cosine = select(turns, adjacent * inverse, splat<V>(1)), sine = select(turns, opposite * inverse, V{});
     for (int k = 0; k < 3; ++k) {
         const V row = A(i, k), column = Q(k, i);
-        A(i, k) = cosine * (row - tangent * A(j, k));
-        A(j, k) = cosine * (A(j, k) + tangent * row);
-        Q(k, i) = cosine * (column - tangent * Q(k, j));
-        Q(k, j) = cosine * (Q(k, j) + tangent * column);
+        A(i, k) = cosine * row - sine * A(j, k);
+        A(j, k) = cosine * A(j, k) + sine * row;
+        Q(k, i) = cosine * column - sine * Q(k, j);
+        Q(k, j) = cosine * Q(k, j) + sine * column;
     }
-    return abs(tangent);
+    return abs(sine);
 }
 
 template <class V> inline Principal<V> principal(const Mat3<V>& F) {

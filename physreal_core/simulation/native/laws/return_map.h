@@ -54,16 +54,16 @@ template <class Law> struct ReturnMap {
     // F_trial itself, bit for bit, in the lanes that do not yield.
     template <class V>
     static Mat3<V> flow(const Mat3<V>& trial, V E, V nu, V y0, V y1, Scalar<V> dt) {
+        if (!may_yield(trial, E, nu, y0, y1, dt)) return trial;
         const Step<V> step(trial, E, nu, y0, y1, dt);
-        if (!any(step.yields)) return trial;
         return where(step.yields, step.exponential() * trial, trial);
     }
 
     template <class V>
     static FlowAdjoint<V> adjoint(const Mat3<V>& trial, V E, V nu, V y0, V y1, Scalar<V> dt, const Mat3<V>& F_bar) {
-        const Step<V> step(trial, E, nu, y0, y1, dt);
-        if (!any(step.yields)) return {F_bar, V{}, V{}, V{}, V{}};
         using S = Scalar<V>;
+        if (!may_yield(trial, E, nu, y0, y1, dt)) return {F_bar, V{}, V{}, V{}, V{}};
+        const Step<V> step(trial, E, nu, y0, y1, dt);
         const Mat3<V>& Q = step.p.Q;
         const Mat3<V> H_bar = (transpose(Q) * F_bar) * transpose(step.p.A);  // principal frame, as what follows
         const Mat3<V> delta_bar = exponential_adjoint(step.delta, H_bar);
@@ -84,6 +84,20 @@ template <class Law> struct ReturnMap {
     }
 
 private:
+    // Whether any lane can yield, without a principal frame: with b = F F^T, m = tr(b) / 3 and x = |b / m - I| < 1,
+    // q <= |log(b / m)| / 2 <= -log(1 - x) / 2 <= x / (2 (1 - x)), and every law yields above some q at a given trace.
+    template <class V> static bool may_yield(const Mat3<V>& trial, V E, V nu, V y0, V y1, Scalar<V> dt) {
+        using S = Scalar<V>;
+        constexpr S MARGIN = 100 * ITERATE_TOLERANCE<S> * ITERATE_TOLERANCE<S>;  // rounding, here and in principal()
+        const Mat3<V> b = symmetric_product(trial, transpose(trial));
+        const V m = S(1.0 / 3.0) * trace(b);
+        const Mat3<V> deviator = b - identity_times(m);
+        const V x = sqrt(dot(deviator, deviator)) / m;
+        const V bound = S(1.01) * S(0.5) * x / (S(1) - x) + MARGIN;
+        const V q = select(x < S(0.9), bound, splat<V>(S(__builtin_inff())));
+        return any(Law::radial(q, log(determinant(trial)), E, nu, y0, y1, dt).yields);
+    }
+
     // The trial strain, and the change `delta` of the principal strains that the law asks for.
     template <class V> struct Step {
         Principal<V> p;

@@ -168,15 +168,22 @@ def faster(row: dict, rows: list[dict], what: str, device: str) -> float | None:
 
 def rate_tables(rows: list[dict], device: str) -> None:
     """Rates of every implementation, and how many times faster ours is on as many threads."""
+    columns = {"processor": "per processor second", "wall": "wall, median", "best": "wall, best"}
+    if device != "cpu":
+        del columns["processor"]
     for what in WORK:
         print(f"**{what.replace('_', ' + ')}**, millions of particle-substeps per second")
-        head = ["", "threads", "per processor second", "wall, median", "wall, best", "ours is faster by"]
         body = [
-            [r["label"], str(r["threads"]), *(number(r[what][k]) for k in ("processor", "wall", "best")),
-             number(faster(r, rows, what, device))]
-            for r in rows if what in r
-        ]  # fmt: skip
-        table(head, body)
+            [
+                r["label"],
+                str(r["threads"]),
+                *(number(r[what][k]) for k in columns),
+                number(faster(r, rows, what, device)),
+            ]
+            for r in rows
+            if what in r
+        ]
+        table(["", "threads", *columns.values(), "ours is faster by"], body)
 
 
 def memory_table(device: str, scene: Scene) -> dict[str, list[int | None]]:
@@ -319,6 +326,7 @@ def main() -> None:
     parser.add_argument("--sweep", action="store_true", help="how cost grows with particles, substeps and frames")
     parser.add_argument("--warp-mpm", default="", metavar="PATH", help="a checkout of the public warp-mpm repository")
     parser.add_argument("--particles", type=int, default=20_000)
+    parser.add_argument("--frames", type=int, help="of 50 substeps; 2 on the CPU, 8 on CUDA if not given")
     parser.add_argument("--rounds", type=int, default=5, help="measurements of each implementation")
     parser.add_argument("--json", type=Path, help="write the numbers there as well")
     args = parser.parse_args()
@@ -326,7 +334,8 @@ def main() -> None:
     if args.quick:
         result = quick(Scene(args.particles, frames=1, substeps_per_frame=50), began)
     else:
-        result = full(Scene(args.particles), args.device, args.rounds, args.warp_mpm)
+        frames = args.frames or (2 if args.device == "cpu" else 8)
+        result = full(Scene(args.particles, frames), args.device, args.rounds, args.warp_mpm)
         if args.sweep:
             result["sweeps"] = sweeps(args.device, rounds=2)
     if args.json:

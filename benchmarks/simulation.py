@@ -21,7 +21,7 @@ from benchmarks.workers import Job, Unavailable, Worker
 
 OURS, TAPE = "ours", "Warp tape"
 WORK = ("forward", "forward_backward")
-SHORTEST = 0.3  # s; shorter runs are repeated within one measurement
+TURN = 0.5  # s; short runs are repeated for so long when it is an implementation's turn
 QUICK_UNTIL = 32.0  # s after the start no new round begins
 SIZES = (1_000, 2_000, 5_000, 10_000, 20_000, 50_000, 100_000)
 CUDA_SIZES = (*SIZES, 200_000, 500_000, 1_000_000)
@@ -31,7 +31,7 @@ TAPE_SUBSTEPS = 400  # in the sweeps the tape goes no further, for its memory
 BATCH = (32, 5_000)  # rollouts at once, particles of each
 
 Times = dict[str, list[tuple[float, float]]]
-"""Wall and processor time [s] of each measurement, by kind of work."""
+"""Wall and processor time [s] of each run, by kind of work."""
 
 
 def jobs(device: str, warp_mpm: str) -> list[Job]:
@@ -76,15 +76,13 @@ def start(wanted: list[Job], scene: Scene, device: str) -> list[Worker]:
 
 def measure(workers: list[Worker], rounds: int, until: float = float("inf")) -> list[Times]:
     """Times of every worker, taken in turn; no round after the first begins past `until` (of time.monotonic)."""
-    repeats, found = {}, [{what: [] for what in worker.abilities} for worker in workers]
+    found = [{what: [] for what in worker.abilities} for worker in workers]
     for done in range(rounds):
         if done and time.monotonic() > until:
             break
         for worker, times in zip(workers, found, strict=True):
             for what in worker.abilities:
-                key = worker, what
-                times[what].append(worker.time(what, repeats.get(key, 1)))
-                repeats[key] = max(1, min(20, round(SHORTEST / times[what][-1][0])))
+                times[what] += worker.time(what, TURN)
     return found
 
 
@@ -158,12 +156,9 @@ def basis(row: dict, device: str) -> str:
     return "processor" if device == "cpu" and row["threads"] == 1 else "wall"
 
 
-def faster(row: dict, rows: list[dict], what: str, device: str) -> float | None:
-    """How many times faster ours is on as many threads."""
-    ours = next((r for r in rows if r["label"] == OURS and r["threads"] == row["threads"]), None)
-    if ours is None or what not in row or what not in ours:
-        return None
-    return ours[what][basis(row, device)] / row[what][basis(row, device)]
+def faster(row: dict, ours: dict | None, what: str, kind: str) -> float | None:
+    """How many times faster ours is, by one kind of rate."""
+    return None if ours is None or what not in row or what not in ours else ours[what][kind] / row[what][kind]
 
 
 def rate_tables(rows: list[dict], device: str) -> None:
@@ -172,18 +167,20 @@ def rate_tables(rows: list[dict], device: str) -> None:
     if device != "cpu":
         del columns["processor"]
     for what in WORK:
-        print(f"**{what.replace('_', ' + ')}**, millions of particle-substeps per second")
-        body = [
-            [
-                r["label"],
-                str(r["threads"]),
-                *(number(r[what][k]) for k in columns),
-                number(faster(r, rows, what, device)),
-            ]
-            for r in rows
-            if what in r
-        ]
-        table(["", "threads", *columns.values(), "ours is faster by"], body)
+        print(
+            f"**{what.replace('_', ' + ')}**, millions of particle-substeps per second; and how many times that ours is"
+        )
+        body = []
+        for row in (r for r in rows if what in r):
+            ours = next((r for r in rows if r["label"] == OURS and r["threads"] == row["threads"]), None)
+            ratios = [number(faster(row, ours, what, kind)) for kind in columns]
+            body.append([row["label"], str(row["threads"]), *(number(row[what][k]) for k in columns), *ratios])
+        table(["", "threads", *columns.values(), *(f"ours, {name}" for name in columns.values())], body)
+    two = next((r for r in rows if r["label"] == OURS and r["threads"] == 2), None)
+    tape = next((r for r in rows if r["label"] == TAPE), None)
+    if two and tape:
+        ratios = [number(faster(tape, two, "forward_backward", kind)) for kind in ("wall", "best")]
+        print(f"Ours on two threads against the tape, which has one: median {ratios[0]}, best {ratios[1]}\n")
 
 
 def memory_table(device: str, scene: Scene) -> dict[str, list[int | None]]:
@@ -290,7 +287,7 @@ def quick(scene: Scene, began: float) -> dict:
     rows = run([Job(OURS, "ours"), Job(TAPE, "warp_tape")], scene, "cpu", 5, began + QUICK_UNTIL)
     rate_tables(rows, "cpu")
     ours, tape = rows
-    ratio = faster(tape, rows, "forward_backward", "cpu")
+    ratio = faster(tape, ours, "forward_backward", "processor")
     print(f"forward + backward, tape's time over ours: {ratio:.3g}")
     by_count = {what: {str(scene.particles): ours[what]["processor"]} for what in WORK}
     return {

@@ -70,11 +70,10 @@ class Worker:
         self.abilities = self._receive()["abilities"]
         return self.abilities
 
-    def time(self, what: str, repeats: int = 1) -> tuple[float, float]:
-        """Wall and processor time [s] of one run, the mean of `repeats` in a row."""
-        self._send({"run": what, "repeats": repeats})
-        answer = self._receive()
-        return answer["wall"], answer["processor"]
+    def time(self, what: str, seconds: float) -> list[tuple[float, float]]:
+        """Wall and processor time [s] of every run within `seconds`, at least one."""
+        self._send({"run": what, "seconds": seconds})
+        return [tuple(times) for times in self._receive()["times"]]
 
     def memory(self) -> int:
         """Peak memory [B] of making the implementation and running it forward and backward; before any `time`."""
@@ -129,8 +128,7 @@ def serve() -> None:
             if implementation is None:
                 implementation = make(scene)
                 implementation.forward()
-            wall, processor = _timed(getattr(implementation, request["run"]), request["repeats"])
-            answer(wall=wall, processor=processor)
+            answer(times=_timed(getattr(implementation, request["run"]), request["seconds"]))
     except Exception as error:  # noqa: BLE001 (the parent names the implementation and goes on with the others)
         answer(error=f"{type(error).__name__}: {error}" if not isinstance(error, Unavailable) else str(error))
 
@@ -143,11 +141,13 @@ def _warm_up(make: Callable[[Scene], Any], scene: Scene) -> list[str]:
     return abilities
 
 
-def _timed(work: Callable[[], None], repeats: int) -> tuple[float, float]:
-    wall, processor = time.perf_counter(), time.process_time()
-    for _ in range(repeats):
+def _timed(work: Callable[[], None], seconds: float) -> list[tuple[float, float]]:
+    began, times = time.perf_counter(), []
+    while not times or time.perf_counter() - began < seconds:
+        wall, processor = time.perf_counter(), time.process_time()
         work()
-    return (time.perf_counter() - wall) / repeats, (time.process_time() - processor) / repeats
+        times.append((time.perf_counter() - wall, time.process_time() - processor))
+    return times
 
 
 def _peak_memory(make: Callable[[Scene], Any], scene: Scene, device: str) -> int:

@@ -39,7 +39,7 @@ class Ours:
             fps=1.0 / (scene.time_step * scene.substeps_per_frame), ground_height=ground, courant=courant(scene),
             gravity=scene.gravity, device=device, kernels=kernels,
         )  # fmt: skip
-        points, grip = _grip(x0, spacing) if scene.contact else (np.zeros((0, 3)), None)
+        points, grip = gripped_top(x0, spacing) if scene.contact else (np.zeros((0, 3)), None)
         lift = 5e-4 * np.arange(scene.frames + 1)[:, None, None] * np.array([0.0, 0.0, 1.0])
         self.controllers = torch.as_tensor(points + lift, dtype=torch.float32)
         self.parameters = self._parameters(x0)
@@ -107,7 +107,7 @@ def courant(scene: Scene) -> float:
     return step * ((lam + 2 * mu) / scene.density) ** 0.5 / scene.cell
 
 
-def _grip(x0: np.ndarray, spacing: float) -> tuple[np.ndarray, Grip]:
+def gripped_top(x0: np.ndarray, spacing: float) -> tuple[np.ndarray, Grip]:
     """Controller points [m], shape [30, 3], over the block's top, and the bonds to their nearest particles."""
     low, high = x0.min(0), x0.max(0)
     across = [np.linspace(low[d], high[d], count + 2)[1:-1] for d, count in enumerate(CONTROLLERS)]

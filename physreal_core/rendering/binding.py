@@ -10,6 +10,7 @@ from scipy.spatial import cKDTree
 
 from physreal_core.array_types import Array, Float, Tensor
 from physreal_core.errors import InputError
+from physreal_core.rendering.carrying import CarryGaussians
 from physreal_core.rendering.gaussians import Gaussians
 
 
@@ -38,6 +39,23 @@ class Binding:
         object.__setattr__(moved, "neighbours", self.neighbours.to(device))
         object.__setattr__(moved, "weights", self.weights.to(device))
         return moved
+
+    def of_type(self, like: Tensor, particles: int) -> tuple[Tensor, Tensor]:
+        """Neighbours as int32 and weights in the type of `like`, summing to 1 there too, on its device; made once.
+
+        Raises:
+            InputError: for a neighbour that is none of the `particles`.
+        """
+        key = (like.dtype, like.device)
+        if self.__dict__.get("_of_type", (None,))[0] != key:
+            weights = self.weights.to(like)
+            table = self.neighbours.to(like.device, torch.int32), weights / weights.sum(dim=1, keepdim=True)
+            ids = (int(self.neighbours.min()), int(self.neighbours.max())) if len(weights) else (0, -1)
+            object.__setattr__(self, "_of_type", (key, ids, table))
+        _, (lowest, highest), table = self._of_type
+        if lowest < 0 or highest >= particles:
+            raise InputError(f"neighbours {lowest} to {highest}", where="Binding", expected=f"0 to {particles - 1}")
+        return table
 
 
 def bind(
@@ -107,8 +125,29 @@ def carry_gaussians(
     x0: Float[Tensor, "particles 3"],
     x: Float[Tensor, "*frames particles 3"],
     F: Float[Tensor, "*frames particles 3 3"],
+    covariances0: Float[Tensor, "gaussians 3 3"] | None = None,
 ) -> tuple[Float[Tensor, "*frames gaussians 3"], Float[Tensor, "*frames gaussians 3 3"]]:
-    """Means [m] as `carry_points`, covariances [m^2] as A C0 A^T with the blended deformation A = sum_i w_i F_i."""
+    """Means [m] as `carry_points`, covariances [m^2] as A C0 A^T with the blended deformation A = sum_i w_i F_i.
+
+    Differentiable in x and F alone (`carry_gaussians_plain` is in the Gaussians too).
+
+    Args:
+        covariances0: the Gaussians' own covariances [m^2], for a caller that draws the same ones often.
+    """
+    with torch.no_grad():
+        covariances0 = gaussians.covariances() if covariances0 is None else covariances0
+        neighbours, weights = binding.of_type(x, x.shape[-2])
+        fixed = neighbours, weights, x0.to(x), gaussians.means.to(x), covariances0.to(x)
+    frames = x.shape[:-2]
+    flat = x.reshape(-1, *x.shape[-2:]), F.to(x).reshape(-1, *F.shape[-3:])
+    means, covariances = CarryGaussians.apply(*flat, *fixed)
+    return means.reshape(*frames, *means.shape[1:]), covariances.reshape(*frames, *covariances.shape[1:])
+
+
+def carry_gaussians_plain(
+    binding: Binding, gaussians: Gaussians, x0: Tensor, x: Tensor, F: Tensor
+) -> tuple[Tensor, Tensor]:
+    """`carry_gaussians` in plain torch: its readable twin, differentiable in the Gaussians as well."""
     offset, A = _blend(binding, x0, x, F)
     return offset + _applied(A, gaussians.means.to(x)), A @ gaussians.covariances().to(x) @ A.transpose(-1, -2)
 

@@ -2,9 +2,12 @@
 
 from __future__ import annotations
 
+import pytest
 import torch
 
+from physreal_core.errors import InputError
 from physreal_core.rendering import Gaussians, bind, carried_rotations, carry_gaussians, carry_points, rotation_matrices
+from physreal_core.rendering.binding import carry_gaussians_plain
 
 ROTATION = rotation_matrices(torch.tensor([0.3, -0.8, 0.5, 0.2], dtype=torch.float64))
 AFFINE = torch.tensor([[1.2, 0.3, -0.1], [0.0, 0.8, 0.4], [-0.2, 0.1, 1.1]], dtype=torch.float64)
@@ -54,6 +57,32 @@ def test_rotation_of_a_stretched_body() -> None:
     U = torch.diag(torch.tensor([1.5, 0.7, 1.1], dtype=torch.float64))
     turned = carried_rotations(binding, (ROTATION @ U).expand(len(x0), 3, 3))
     torch.testing.assert_close(turned, ROTATION.expand(30, 3, 3), rtol=0, atol=1e-12)
+
+
+@pytest.mark.parametrize("dtype", [torch.float64, torch.float32])
+@pytest.mark.parametrize("frames", [(), (7,)])
+def test_one_pass_equals_plain_torch(dtype: torch.dtype, frames: tuple[int, ...], monkeypatch) -> None:
+    """Means, covariances and the gradients of a random projection of them; frames go to several threads."""
+    monkeypatch.setattr("physreal_core.rendering.carrying._POINTS_A_THREAD", 1)
+    x0, _, g, binding = _scene()
+    generator = torch.Generator().manual_seed(1)
+    randn = lambda *shape: torch.randn(*shape, generator=generator, dtype=torch.float64)
+    x, F = x0 + 0.1 * randn(*frames, 50, 3), torch.eye(3, dtype=torch.float64) + 0.2 * randn(*frames, 50, 3, 3)
+    bars = randn(*frames, 30, 3).to(dtype), 100 * randn(*frames, 30, 3, 3).to(dtype)
+    results = []
+    for carry in (carry_gaussians, carry_gaussians_plain):
+        leaves = [a.to(dtype).requires_grad_(True) for a in (x, F)]
+        carried = carry(binding, g.to(dtype), x0.to(dtype), *leaves)
+        results.append([*carried, *torch.autograd.grad(carried, leaves, bars)])
+    tolerance = 1e-13 if dtype == torch.float64 else 1e-5  # 8 terms, then products of 3x3 matrices
+    for got, expected in zip(*results, strict=True):
+        assert (got - expected).abs().max() <= tolerance * expected.abs().max()
+
+
+def test_neighbours_that_are_no_particles() -> None:
+    x0, _, g, binding = _scene()
+    with pytest.raises(InputError, match="0 to 19"):
+        carry_gaussians(binding, g, x0[:20], x0[:20], torch.eye(3, dtype=torch.float64).expand(20, 3, 3))
 
 
 def test_gradients() -> None:

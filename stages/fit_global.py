@@ -19,7 +19,7 @@ def run(context: StageContext) -> None:
     variables = variables_of({name: getattr(params, name) for name in VARIABLES})
     config = ScanConfig(**params.scan.model_dump())
     with context.timed("scan"):
-        model, found = start_from_scan(objective, model, variables, config, context.scratch / "scan.json")
+        model, found = start_from_scan(objective, model, variables, config)
     scan = [{"youngs_modulus": modulus, "objective": finite_or_none(total)} for modulus, total in found]
     model, result = descend(context, objective, model, variables, uniform_start(model, variables))
     write_fit(context, objective, model, result, scan=scan)

@@ -4,9 +4,7 @@ Each starts from the model before it and keeps the best iterate, so none ends wo
 """
 
 import dataclasses
-import json
 import math
-import os
 from collections.abc import Callable
 from dataclasses import dataclass
 from pathlib import Path
@@ -68,7 +66,7 @@ def fit_material(
 
 
 def start_from_scan(
-    objective: Objective, model: Model, variables: list[Variable], config: ScanConfig, record: Path | None = None
+    objective: Objective, model: Model, variables: list[Variable], config: ScanConfig
 ) -> tuple[Model, list[tuple[float, float]]]:
     """Stage 1's model with the best Young's modulus of the scan, and what `scan_youngs_modulus` found.
 
@@ -77,42 +75,26 @@ def start_from_scan(
     moved = next((variable for variable in variables if variable.name == "youngs_modulus"), None)
     if config.count < 2 or moved is None:
         return model, []
-    found = scan_youngs_modulus(objective, model, moved, config, record)
+    found = scan_youngs_modulus(objective, model, moved, config)
     best = min(found, key=lambda entry: entry[1])[0]
     return model.with_fields(youngs_modulus=torch.full((1,), best)), found
 
 
 def scan_youngs_modulus(
-    objective: Objective, model: Model, variable: Variable, config: ScanConfig, record: Path | None = None
+    objective: Objective, model: Model, variable: Variable, config: ScanConfig
 ) -> list[tuple[float, float]]:
     """(E [Pa], objective) at a geometric series of Young's moduli around the model's, cut to the variable's range.
 
     The objective has several minima in E (a swing in phase with the measured one, or a period off); the descent starts at the
-    lowest. A rollout that fails counts as infinite. With `record`, each value is written there, and found again after a kill.
+    lowest. A rollout that fails counts as infinite.
     """
     centre = model.fields["youngs_modulus"].mean().item()
     steps = [config.factor ** (i - (config.count - 1) / 2) for i in range(config.count)]
     moduli = sorted({min(max(centre * step, variable.lower), variable.upper) for step in steps})
-    done = json.loads(record.read_text()) if record is not None and record.exists() else []
-    for modulus in moduli[len(done) :]:
-        done.append([modulus, _total_at(objective, model, modulus)])
-        if record is not None:
-            temporary = record.with_name(record.name + ".partial")
-            temporary.write_text(json.dumps(done))
-            os.replace(temporary, record)
-    if all(math.isinf(total) for _, total in done):
+    totals = objective.totals_at(model.fields, "youngs_modulus", moduli)
+    if all(math.isinf(total) for total in totals):
         raise SimulationError("no Young's modulus of the scan gives a finite loss", frame=0, substep=0, particle=0)
-    return [(modulus, total) for modulus, total in done]
-
-
-def _total_at(objective: Objective, model: Model, modulus: float) -> float:
-    fields = {**model.fields, "youngs_modulus": torch.full((1,), modulus, dtype=torch.float64)}
-    try:
-        with torch.no_grad():
-            total = objective(fields, objective.full_horizon)[0].item()
-    except SimulationError:
-        return math.inf
-    return total if math.isfinite(total) else math.inf
+    return list(zip(moduli, totals, strict=True))
 
 
 def uniform_start(model: Model, variables: list[Variable]) -> Fields:

@@ -1,6 +1,7 @@
 """From patch fields to one number: interpolation to particles, rollout, and the sum of the weighted terms."""
 
-from collections.abc import Callable
+import dataclasses
+import math
 
 import torch
 from torch import Tensor
@@ -10,7 +11,7 @@ from physreal_core.fitting.losses import LossConfig
 from physreal_core.fitting.model import Model, particle_parameters
 from physreal_core.fitting.problem import Problem
 from physreal_core.fitting.stopwatch import Stopwatch
-from physreal_core.simulation import Simulator, States
+from physreal_core.simulation import Parameters, Simulator, States
 
 Fields = dict[str, Tensor]
 
@@ -23,30 +24,19 @@ class Objective:
         model: says the laws, the residual networks and the numerical setting; its fields are not used.
         config: weights and scales.
         device: where everything is computed; the problem's tensors are moved there once. `fields` may stay on the CPU.
-        rollout: `(parameters, controllers) -> states`; the problem's own simulator if not given.
 
     Attributes:
         stopwatch: seconds per part of all evaluations and their backward passes.
     """
 
-    def __init__(
-        self,
-        problem: Problem,
-        model: Model,
-        config: LossConfig,
-        *,
-        device: str = "cpu",
-        rollout: Callable | None = None,
-    ) -> None:
+    def __init__(self, problem: Problem, model: Model, config: LossConfig, *, device: str = "cpu") -> None:
         simulation = model.simulation_config(problem.fps, device)
         self.problem, self.config, self.device = problem.to(device), config, device
         self.dtype = torch.float64 if simulation.dtype == "float64" else torch.float32
         self.stopwatch = Stopwatch(device)
         self._x0 = torch.tensor(problem.body.x0, dtype=self.dtype, device=device)
         self._controllers = self.problem.controllers.to(self.dtype)
-        if rollout is None:
-            rollout = Simulator(problem.body, simulation, problem.grip, problem.clamps, problem.loads).rollout
-        self._rollout = rollout
+        self._simulator = Simulator(problem.body, simulation, problem.grip, problem.clamps, problem.loads)
 
     @property
     def full_horizon(self) -> int:
@@ -57,14 +47,12 @@ class Objective:
 
     def rollout(self, fields: Fields, frames: int) -> States:
         """States of the first `frames` frames under patch fields."""
-        problem, watch = self.problem, self.stopwatch
-        parameters = particle_parameters(
-            fields, problem.patch_neighbours, problem.patch_weights, dtype=self.dtype, device=self.device
-        )
+        watch = self.stopwatch
+        parameters = self._parameters(fields)
         for tensor in vars(parameters).values():
             watch.lap_in_backward("other", tensor)
         watch.lap("simulation, forward")
-        states = self._rollout(parameters, self._controllers[:frames])
+        states = self._simulator.rollout(parameters, self._controllers[:frames])
         for tensor in (states.x, states.F):
             watch.lap_in_backward("simulation, backward", tensor)
         watch.lap("other")
@@ -76,7 +64,32 @@ class Objective:
         Terms: `track_3d`, `track_2d`, `mask`, `settled` as they apply, and for the log `track_error` or
         `settled_error` [m].
         """
-        states = self.rollout(fields, horizon)
+        return self._measure(self.rollout(fields, horizon))
+
+    def totals_at(self, fields: Fields, name: str, values: list[float]) -> list[float]:
+        """The total over the full horizon with `name` set to each value everywhere, from rollouts at once, no gradient.
+
+        Infinite where a rollout fails or the total is not finite.
+        """
+        with torch.no_grad():
+            own = torch.tensor(values, dtype=self.dtype, device=self.device)[:, None]
+            parameters = dataclasses.replace(self._parameters(fields), **{name: own})
+            self.stopwatch.lap("simulation, forward")
+            batch = self._simulator.rollout_batch(parameters, self._controllers[: self.full_horizon])
+            totals = []
+            for row, failure in enumerate(batch.failures):
+                states = States(batch.x[row], batch.v[row], batch.F[row])
+                totals.append(math.inf if failure is not None else self._measure(states)[0].item())
+        return [total if math.isfinite(total) else math.inf for total in totals]
+
+    def _parameters(self, fields: Fields) -> Parameters:
+        problem = self.problem
+        return particle_parameters(
+            fields, problem.patch_neighbours, problem.patch_weights, dtype=self.dtype, device=self.device
+        )
+
+    def _measure(self, states: States) -> tuple[Tensor, dict[str, float]]:
+        """The weighted total and its terms."""
         weighted, terms = [], {}
         for part, measure in (("tracks", self._motion), ("masks", self._silhouettes)):
             self.stopwatch.lap(part)

@@ -27,14 +27,14 @@ class Parameters:
 
     youngs_modulus: Float[Tensor, "..."]
     poissons_ratio: Float[Tensor, "..."]
-    friction_coefficient: Float[Tensor, ""] | None = None
-    grip_stiffness: Float[Tensor, ""] | None = None
-    grip_damping: Float[Tensor, ""] | None = None
+    friction_coefficient: Float[Tensor, "..."] | None = None
+    grip_stiffness: Float[Tensor, "..."] | None = None
+    grip_damping: Float[Tensor, "..."] | None = None
     plastic: Float[Tensor, "... 2"] | None = None
-    latent_elastic: Float[Tensor, "particles latent"] | None = None
-    latent_plastic: Float[Tensor, "particles latent"] | None = None
-    network_elastic: Float[Tensor, " weights"] | None = None
-    network_plastic: Float[Tensor, " weights"] | None = None
+    latent_elastic: Float[Tensor, "... particles latent"] | None = None
+    latent_plastic: Float[Tensor, "... particles latent"] | None = None
+    network_elastic: Float[Tensor, "... weights"] | None = None
+    network_plastic: Float[Tensor, "... weights"] | None = None
     initial_velocity: Float[Tensor, "... 3"] | None = None
 
 
@@ -45,9 +45,9 @@ PARAMETER_NAMES = tuple(field.name for field in fields(Parameters))
 class States:
     """Particle states at frame times, frame 0 first: x [T, N, 3] m, v [T, N, 3] m/s, F [T, N, 3, 3]."""
 
-    x: Float[Tensor, "frames particles 3"]
-    v: Float[Tensor, "frames particles 3"]
-    F: Float[Tensor, "frames particles 3 3"]
+    x: Float[Tensor, "*rollouts frames particles 3"]
+    v: Float[Tensor, "*rollouts frames particles 3"]
+    F: Float[Tensor, "*rollouts frames particles 3 3"]
 
 
 def complete(parameters: Parameters, shapes: dict[str, tuple[int, ...]], dtype: torch.dtype, device: str) -> Parameters:

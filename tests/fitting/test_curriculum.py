@@ -1,10 +1,12 @@
 """The three stages on a tiny scene of known truth."""
 
 import math
+from dataclasses import replace
 
 import pytest
 import torch
 
+from physreal_core.errors import SimulationError
 from physreal_core.fitting.curriculum import (
     NETWORK_FIELDS,
     ScanConfig,
@@ -44,24 +46,31 @@ def test_stage_1_recovers_stiffness_and_friction():
     assert model.patch_count == 4 and model.fields["youngs_modulus"].unique().numel() == 1
 
 
-def test_the_scan_counts_a_failed_rollout_as_infinite(tmp_path):
+def test_the_scan_gives_the_totals_of_single_rollouts():
+    """To a thousandth: the batch shares no grid between threads, so its sums are added in another order."""
     truth = scene.model()
     objective = Objective(scene.problem(truth), truth, LossConfig())
-    real = objective.rollout
+    found = scan_youngs_modulus(objective, truth, MODULUS, ScanConfig(count=3, factor=2.0))
+    assert [modulus for modulus, _ in found] == pytest.approx([1.5e4, 3e4, 6e4])
+    for modulus, total in found:
+        with torch.no_grad():
+            alone = objective({**truth.fields, "youngs_modulus": torch.tensor([modulus])}, 12)[0].item()
+        assert total == pytest.approx(alone, rel=1e-3, abs=1e-6)
 
-    def breaks_when_soft(fields, frames):
-        from physreal_core.errors import SimulationError
 
-        if fields["youngs_modulus"].min() < 2e4:
-            raise SimulationError("a particle left", frame=1, substep=2, particle=3)
-        return real(fields, frames)
+def test_the_scan_counts_a_failed_rollout_as_infinite():
+    truth = scene.model()
+    objective = Objective(scene.problem(truth), truth, LossConfig())
+    simulate = objective._simulator.rollout_batch
 
-    objective.rollout = breaks_when_soft
-    record = tmp_path / "scan.json"
-    found = scan_youngs_modulus(objective, truth, MODULUS, ScanConfig(count=3, factor=4.0), record)
-    assert math.isinf(found[0][1]) and found[1][1] < found[2][1]
-    objective.rollout = None
-    assert scan_youngs_modulus(objective, truth, MODULUS, ScanConfig(count=3, factor=4.0), record) == found
+    def breaks_when_soft(parameters, controllers):
+        batch = simulate(parameters, controllers)
+        batch.x[0, 5:] = math.nan
+        return replace(batch, failures=(SimulationError("a particle left", frame=5, substep=2, particle=3), None, None))
+
+    objective._simulator.rollout_batch = breaks_when_soft
+    found = scan_youngs_modulus(objective, truth, MODULUS, ScanConfig(count=3, factor=4.0))
+    assert math.isinf(found[0][1]) and found[1][1] < found[2][1] < math.inf
 
 
 def test_stage_2_finds_the_soft_patch():

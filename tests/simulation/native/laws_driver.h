@@ -51,7 +51,7 @@ void flow_of_all(const MaterialArrays<S>& arrays, const S* F_in, const S* bar_in
 // in the same order; of the workspace, F, the result's adjoint, the result and F's adjoint.
 // numbers: dt, share, beta_elastic, beta_plastic, strain_scale.
 template <class S, template <class> class Elastic, class Plastic, class ElasticNetwork, class PlasticNetwork>
-void evaluate(const unsigned long* rows, const S* numbers, long stride, bool flow, bool backward) {
+void evaluate(const unsigned long long* rows, const S* numbers, long stride, bool flow, bool backward) {
     using M = Material<S, Elastic, Plastic, ElasticNetwork, PlasticNetwork>;
     const auto row = [&](int i) { return reinterpret_cast<S*>(rows[i]); };
     const MaterialArrays<S> arrays = {row(0),     row(1),     row(2),     row(3),     row(4),  row(5),  row(6),

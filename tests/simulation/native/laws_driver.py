@@ -34,7 +34,9 @@ def material(
     tag = "expert" if residual is None else f"{residual.latent_size}_{residual.hidden}"
     module = native_module(f"test_{elastic}_{plastic}_{tag}_{machine}", dtype, HEADER, flags=MACHINES[machine])
     laws = f"physreal::{ELASTIC[elastic]}, physreal::{PLASTIC[plastic]}, physreal::{network}, physreal::{network}"
-    call = f"physreal::evaluate<{c_type}, {laws}>((unsigned long*)rows.data, numbers.data, stride, flow, backward);"
+    call = (
+        f"physreal::evaluate<{c_type}, {laws}>((unsigned long long*)rows.data, numbers.data, stride, flow, backward);"
+    )
 
     @wp.func_native(call)
     def evaluate_all(

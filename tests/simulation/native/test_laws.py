@@ -6,15 +6,15 @@ import numpy as np
 import pytest
 import torch
 
-from physreal_core.simulation.constitutive import ELASTIC_LAWS, ResidualConfig, reference
+from physreal_core.simulation.constitutive import ResidualConfig, reference
 from tests.simulation.constitutive import kernels
 from tests.simulation.constitutive.points import generic_points, rotations, special_points
-from tests.simulation.native.laws_driver import LANES, elementary, material
+from tests.simulation.native.laws_driver import ELASTIC, LANES, elementary, material
 
 TOLERANCE = {"float64": 1e-12, "float32": 2e-5}
 """Relative errors that rounding leaves: of 1e-16, and of 6e-8, where singular values are as small as 1/50."""
 DTYPES = sorted(TOLERANCE)
-LAWS = sorted(ELASTIC_LAWS)
+LAWS = sorted(ELASTIC)
 FLOWS = [  # law and its parameters: viscous, perfect; with cohesion and friction, without either
     ("von_mises", (0.5, 0.3)),
     ("von_mises", (0.5, 0.0)),

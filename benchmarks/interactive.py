@@ -61,6 +61,7 @@ class Session:
         focal = 1.2 * SIZE[1]
         K = torch.tensor([[focal, 0, SIZE[0] / 2 - 0.5], [0, focal, SIZE[1] / 2 - 0.5], [0, 0, 1]])
         self.camera = Camera(K, pose, *SIZE).to(device)
+        self.covariances = self.gaussians.covariances()
         self.colours, self.opacities = self.gaussians.colours(self.camera.centre), self.gaussians.opacities()
 
     def simulate(self) -> None:
@@ -71,7 +72,9 @@ class Session:
 
     def carry(self) -> None:
         """Means and covariances now."""
-        self.carried = carry_gaussians(self.binding, self.gaussians, self.x0, self.state.x, self.state.F)
+        self.carried = carry_gaussians(
+            self.binding, self.gaussians, self.x0, self.state.x, self.state.F, self.covariances
+        )
 
     def draw(self) -> None:
         """The picture."""

@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 from dataclasses import dataclass
-from functools import partial
+from functools import cache, partial
 
 import torch
 
@@ -64,8 +64,16 @@ def rasterise(
     pose = camera.T_world_camera if T_world_camera is None else T_world_camera
     pose = pose.to(means)
     chosen = choose_backend(means.device, means.dtype, backend)
-    background = torch.as_tensor(background).to(means)
+    background = (
+        background.to(means) if isinstance(background, Tensor) else _colour(background, means.dtype, means.device)
+    )
     return Rendering(*_BACKENDS[chosen](means, covariances, opacities, colours, camera, pose, background))
+
+
+@cache
+def _colour(rgb: tuple[float, ...], dtype: torch.dtype, device: torch.device) -> Tensor:
+    """A fixed colour as a tensor: made once, since each copy to a GPU takes longer than most of its kernels."""
+    return torch.tensor(rgb, dtype=dtype, device=device)
 
 
 def _in_camera_frame(draw, means, covariances, opacities, colours, camera, pose, background) -> tuple[Tensor, ...]:

@@ -1,7 +1,8 @@
 """Frame after frame of one rollout, forward and adjoint, through a form of the step.
 
 The forward pass keeps particle states at frame times only; the backward pass recomputes one frame's substeps at a time
-and runs their adjoint. Memory grows with frames and with substeps per frame, not with their product.
+and runs their adjoint. Memory grows with frames and with substeps per frame, not with their product; up to a fixed
+amount, a stepper may keep whole frames, which then need not be computed again.
 """
 
 from collections.abc import Callable, Generator
@@ -26,12 +27,15 @@ Bars = tuple[Tensor | None, Tensor | None, Tensor | None]
 ATTEMPTS = 4  # a frame whose particles leave their box is run again in a larger one, this many times in all
 
 
-def larger(margin: float, cell: float) -> float:
+PerRollout = float | Float[Array, " rollouts"]
+
+
+def larger(margin: PerRollout, cell: float) -> PerRollout:
     """Margin [m] of the box in which a frame is run again."""
     return 2.0 * margin + 4.0 * cell
 
 
-def margin_of(config: SimulationConfig, cell: float, speed: float, travel: float) -> float:
+def margin_of(config: SimulationConfig, cell: float, speed: PerRollout, travel: PerRollout) -> PerRollout:
     """By how much particles may miss where their velocities take them within a frame [m].
 
     Args:
@@ -54,12 +58,14 @@ class Record:
         C: affine velocities at frame times, shape [T, N, 3, 3].
         boxes: of every frame that ran.
         failures: what ended the rollout early, one entry.
+        kept: leading frames that the stepper keeps, while its `holder` is this record.
     """
 
     substeps: int
     C: Tensor
     boxes: list[GridBox] = field(default_factory=list)
     failures: list[SimulationError | None] = field(default_factory=lambda: [None])
+    kept: int = 0
 
 
 class Frames:
@@ -85,8 +91,9 @@ class Frames:
         x[0], v[0], F[0] = self._x0, parameters.initial_velocity, torch.eye(3)
         for frame in range(frames - 1):
             now, after = (frame, frame + 1) if keep else (0, 1)
+            state = (x[frame], v[frame], F[frame], C[now])
             try:
-                box = self._advance(frame, (x[frame], v[frame], F[frame], C[now]), points[frame : frame + 2])
+                box = self._advance(frame, state, points[frame : frame + 2], record if keep else None)
             except SimulationError as error:
                 record.failures[0] = error
                 for states in (x, v, F):
@@ -108,16 +115,17 @@ class Frames:
         state, frame = (*state, self._x0.new_zeros(n, 3, 3)), 0
         while True:
             following = yield state
-            self._advance(frame, state, torch.stack([points, following]))
+            self._advance(frame, state, torch.stack([points, following]).to(self._x0))
             state, points, frame = tuple(t.clone() for t in self.stepper.state()), following, frame + 1
 
-    def _advance(self, frame: int, state: State, points: Tensor) -> GridBox:
+    def _advance(self, frame: int, state: State, points: Tensor, record: Record | None = None) -> GridBox:
         """Run one frame from `state`, in a box large enough; the result stays in the stepper.
 
         Args:
-            frame: its number, for the errors.
+            frame: its number.
             state: at its start.
             points: controller points [m] at both of its ends, shape [2, C, 3].
+            record: of the rollout, if a backward pass may follow.
 
         Raises:
             SimulationError: where a state turns non-finite or a particle leaves its grid.
@@ -129,9 +137,12 @@ class Frames:
             if box is None:
                 particle = int(state[1].norm(dim=1).argmax())
                 raise SimulationError("the body runs away", frame=frame, substep=0, particle=particle)
-            stepper.start_frame(box, points, keep=False)
+            if record is not None and frame == 0:
+                record.kept = stepper.keep_frames(record, len(record.C) - 1, box.nodes)
+            kept = frame if record is not None and frame < record.kept else None
+            stepper.start_frame(box, points, keep=kept is not None, kept=kept)
             stepper.set_state(*state)
-            stepper.forward(keep=False)
+            stepper.forward(keep=kept is not None)
             outside, not_finite = stepper.failures()
             if not_finite is not None:
                 raise SimulationError(
@@ -172,9 +183,11 @@ class Frames:
         last = min(last_frame(bars), len(record.boxes))
         self._inject(bars, last)
         for frame in reversed(range(last)):
-            stepper.start_frame(record.boxes[frame], points[frame : frame + 2], keep=True)
-            stepper.set_state(*(state[frame] for state in (*states, record.C)))
-            stepper.forward(keep=True)
+            kept = frame if frame < record.kept and stepper.holder is record else None
+            stepper.start_frame(record.boxes[frame], points[frame : frame + 2], keep=True, kept=kept)
+            if kept is None:
+                stepper.set_state(*(state[frame] for state in (*states, record.C)))
+                stepper.forward(keep=True)
             stepper.backward()
             self._inject(bars, frame)
             if progress is not None:

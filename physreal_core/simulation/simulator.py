@@ -50,7 +50,7 @@ class Simulator:
             grip.check(body)
         self.body, self.config, self.grip = body, config, grip
         self._scene = (body, config, grip, tuple(clamps), tuple(loads))
-        self._side_stream: torch.cuda.Stream | None = None
+        self._side_streams: tuple[torch.cuda.Stream, wp.Stream] | None = None
         self._substeps_of = partial(substeps_per_frame, body, config, rates=grip_rates(body, grip))
         self._batch: tuple[int, Loop] | None = None
         with self._stream():
@@ -75,7 +75,7 @@ class Simulator:
             InputError: for parameters or controllers that do not fit.
             SimulationError: where a state turns non-finite or a particle leaves its grid.
         """
-        points = self._check_controllers(controllers)
+        points = self._check_controllers(controllers).to(self.config.device)
         if isinstance(self._loop, CudaFrames):
             states, failures = self._run(self._loop, self._complete(parameters, 1), points[:, None], progress)
             states = [s.squeeze(1) for s in states]
@@ -104,7 +104,7 @@ class Simulator:
         """
         rollouts = self._rollouts(parameters, controllers)
         own = controllers if controllers.ndim == 4 else controllers.expand(rollouts, *controllers.shape)
-        points = torch.stack([self._check_controllers(c) for c in own], 1)
+        points = torch.stack([self._check_controllers(c) for c in own], 1).to(self.config.device)
         if self._batch is None or self._batch[0] != rollouts:
             self._batch = None  # its arrays make room for the new ones
             with self._stream():
@@ -120,7 +120,7 @@ class Simulator:
             controllers: controller points [m] at the start, shape [C, 3].
         """
         with torch.no_grad():
-            points = self._check_controllers(controllers[None])[0]
+            points = self._check_controllers(controllers.cpu()[None])[0]
             with self._stream():
                 loop = self._frames()
             completed = self._complete(parameters, 1) if isinstance(loop, CudaFrames) else self._complete(parameters)
@@ -139,7 +139,7 @@ class Simulator:
             stepper = CudaStepper(*self._scene, rollouts=rollouts)
             return CudaFrames(self.body, self.config, stepper, self._substeps_of)
         threads = cores() if self.config.device == "cpu" else 1
-        return PooledFrames(partial(self._frames, threads=1), rollouts, threads)
+        return PooledFrames(partial(self._frames, threads=1, kept_bytes=0), rollouts, threads)
 
     @contextmanager
     def _stream(self) -> Iterator[None]:
@@ -147,12 +147,13 @@ class Simulator:
         if self.config.device == "cpu":
             yield
             return
-        if self._side_stream is None:
+        if self._side_streams is None:
             wp.init()  # `stream_from_torch` does not do so itself
-            self._side_stream = torch.cuda.Stream(self.config.device)
-        side, caller = self._side_stream, torch.cuda.current_stream(self.config.device)
+            stream = torch.cuda.Stream(self.config.device)
+            self._side_streams = stream, wp.stream_from_torch(stream)
+        (side, warp_side), caller = self._side_streams, torch.cuda.current_stream(self.config.device)
         side.wait_stream(caller)
-        with torch.cuda.stream(side), wp.ScopedStream(wp.stream_from_torch(side)):
+        with torch.cuda.stream(side), wp.ScopedStream(warp_side, sync_enter=False):
             yield
         caller.wait_stream(side)
 
@@ -192,9 +193,7 @@ class Simulator:
 
     def _check_controllers(self, controllers: Tensor) -> Tensor:
         needed = 0 if self.grip is None or len(self.grip.particles) == 0 else int(self.grip.controllers.max()) + 1
-        points = (
-            torch.as_tensor(controllers).detach().to(device=self.config.device, dtype=self._stepper.types.torch_dtype)
-        )
+        points = torch.as_tensor(controllers).detach().to(self._stepper.types.torch_dtype)
         if points.ndim != 3 or points.shape[0] < 1 or points.shape[1] < needed or points.shape[2] != 3:
             raise InputError(f"shape {tuple(points.shape)}", where="controllers", expected=f"(T, at least {needed}, 3)")
         if not bool(torch.isfinite(points).all()):

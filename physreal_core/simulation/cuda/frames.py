@@ -10,18 +10,19 @@ from dataclasses import dataclass, field
 import numpy as np
 import torch
 
-from physreal_core.array_types import Array, Float, Tensor
+from physreal_core.array_types import Array, Float, Int, Tensor
 from physreal_core.errors import SimulationError
 from physreal_core.simulation.body import Body
 from physreal_core.simulation.box import LARGEST_EDGE, box_corners
 from physreal_core.simulation.config import SimulationConfig
+from physreal_core.simulation.cuda.report import bounds
 from physreal_core.simulation.cuda.stepper import CudaStepper
 from physreal_core.simulation.frames import ATTEMPTS, Bars, Progress, Substeps, larger, last_frame, margin_of
 from physreal_core.simulation.parameters import Parameters
 from physreal_core.simulation.stepper import State
 
 SORT_FRAMES = 4  # frames after which particles are put in the order of their cells again
-_NONE = float(torch.iinfo(torch.int64).max)
+_NONE = torch.iinfo(torch.int64).max
 
 
 @dataclass
@@ -50,7 +51,7 @@ class _Course:
     """What a frame leaves for the next one.
 
     Attributes:
-        bounds: of the motion, per rollout, see `CudaFrames._look`.
+        bounds: of the motion, per rollout, see `report.bounds`.
         moved: whether the state has to be put into the stepper anew.
         kept_frames: how many frames of the rollout are to be kept if there is room.
     """
@@ -91,7 +92,7 @@ class CudaFrames:
         record = CudaRecord(self._substeps(parameters), C, failures=[None] * stepper.rollouts)
         stepper.load_parameters(parameters, record.substeps)
         x[0], v[0], F[0] = self._x0, parameters.initial_velocity, torch.eye(3).to(self._x0)
-        travel, course = self._travel(points), _Course(self._look(x[0], v[0])[:, :7])
+        travel, course = self._travel(points), _Course(self._first_bounds(x[0], v[0]))
         for frame in range(frames - 1):
             now, after = (frame, frame + 1) if keep else (frame % 2, (frame + 1) % 2)
             start, end = ((x[f], v[f], F[f], C[c]) for f, c in ((frame, now), (frame + 1, after)))
@@ -116,13 +117,14 @@ class CudaFrames:
         for values, target in zip((self._x0, parameters.initial_velocity, torch.eye(3)), states[0][:3], strict=True):
             target.copy_(values)
         stepper.load_parameters(parameters, self._substeps(parameters))
-        course, frame = _Course(self._look(*states[0][:2])[:, :7]), 0
+        course, frame = _Course(self._first_bounds(*states[0][:2])), 0
         while True:
             start, end = states[frame % 2], states[(frame + 1) % 2]
             following = yield tuple(t[0] for t in start)
             both = torch.stack([points, following])[:, None]
             record = CudaRecord(stepper.substeps, start[3], failures=[None])
-            self._advance(frame, start, end, both, self._travel(both)[0], record, course)
+            travel = self._travel(both)[0]
+            self._advance(frame, start, end, both.to(self._x0), travel, record, course)
             if record.failures[0] is not None:
                 raise record.failures[0]
             points, frame = following, frame + 1
@@ -149,7 +151,7 @@ class CudaFrames:
         """
         stepper = self.stepper
         if frame % SORT_FRAMES == 0:
-            stepper.use_order(stepper.cell_order(start[0]))
+            stepper.use_order(stepper.cell_order(start[0]), adjoints=False)
             course.moved = True
         margins = margin_of(self.config, stepper.cell, course.bounds[:, 6], travel)
         for attempt in range(ATTEMPTS):
@@ -160,8 +162,8 @@ class CudaFrames:
                 stepper.set_state(*start)
             stepper.forward(kept is not None)
             stepper.write_state(end, kept is not None)
-            seen = self._look(end[0], end[1])
-            again = self._judge(frame, seen[:, 7:], record, attempt == ATTEMPTS - 1)
+            report = stepper.report()
+            again = self._judge(frame, report[:, :2], record, attempt == ATTEMPTS - 1)
             if not again.any():
                 break
             margins = np.where(again, larger(margins, stepper.cell), margins)
@@ -169,7 +171,7 @@ class CudaFrames:
         record.orders.append(stepper.order)
         failed = [r for r, failure in enumerate(record.failures) if failure is not None and failure.frame == frame]
         end[0][failed] = torch.nan  # which keeps it out of every grid from here on
-        course.bounds, course.moved = seen[:, :7], bool(failed) or kept is not None
+        course.bounds, course.moved = bounds(report), bool(failed) or kept is not None
 
     def _room(self, frame: int, nodes: int, record: CudaRecord, course: _Course) -> int | None:
         """Make room for the frame; its number among the kept ones, None if it is not kept."""
@@ -185,29 +187,23 @@ class CudaFrames:
             return np.zeros((len(points), points.shape[1]))
         return (points[1:] - points[:-1]).norm(dim=-1).amax(-1).double().cpu().numpy()
 
-    def _look(self, x: Tensor, v: Tensor) -> Float[Array, "rollouts 9"]:
-        """The one wait of a frame: per rollout lower and upper corner of where particles are and where their velocities
-        take them within a frame [m], largest speed [m/s], first failure outside and not finite."""
+    def _first_bounds(self, x: Tensor, v: Tensor) -> Float[Array, "rollouts 7"]:
+        """`report.bounds` of a state [R, N, 3] that no frame has reported on."""
         ahead = torch.add(x, v, alpha=1.0 / self.config.fps)
-        seen = [
-            torch.minimum(x.amin(1), ahead.amin(1)),
-            torch.maximum(x.amax(1), ahead.amax(1)),
-            v.norm(dim=2).amax(1, keepdim=True),
-            self.stepper.status.view(-1, 2),
-        ]
-        return torch.cat([s.double() for s in seen], 1).cpu().numpy()
+        seen = [torch.minimum(x, ahead).amin(1), torch.maximum(x, ahead).amax(1), v.norm(dim=2).amax(1, keepdim=True)]
+        return torch.cat(seen, 1).double().cpu().numpy()
 
     def _place(
         self,
         frame: int,
         v: Tensor,
-        bounds: Float[Array, "rollouts 7"],
+        motion: Float[Array, "rollouts 7"],
         margins: Float[Array, " rollouts"],
         record: CudaRecord,
     ) -> tuple[int, Tensor]:
         """Nodes of a rollout and boxes [R, 6] of one shape; a rollout that needs too large a one has failed."""
         stepper = self.stepper
-        first, count = box_corners(bounds[:, :3], bounds[:, 3:6], margins, stepper.cell, stepper.offset)
+        first, count = box_corners(motion[:, :3], motion[:, 3:6], margins, stepper.cell, stepper.offset)
         fits = np.isfinite(count).all(1) & (count.max(1) <= LARGEST_EDGE)
         for rollout, failure in enumerate(record.failures):
             if failure is None and not fits[rollout]:
@@ -225,7 +221,7 @@ class CudaFrames:
             self._box_rows, self._box = rows, torch.tensor(rows, device=self._x0.device)
         return int(rows[0, 3:].prod()), self._box
 
-    def _judge(self, frame: int, keys: Float[Array, "rollouts 2"], record: CudaRecord, last: bool) -> np.ndarray:
+    def _judge(self, frame: int, keys: Int[Array, "rollouts 2"], record: CudaRecord, last: bool) -> np.ndarray:
         """Put down which rollouts have failed; returns whose particles only need a larger box, shape [R]."""
         again = np.zeros(len(keys), dtype=bool)
         if (keys == _NONE).all():
@@ -264,11 +260,11 @@ class CudaFrames:
         bars = self._before_failures(bars, record)
         last = min(last_frame(bars), len(record.boxes))
         if last:
-            stepper.use_order(record.orders[last - 1])
+            stepper.use_order(record.orders[last - 1], adjoints=False)
         self._inject(bars, last)
         for frame in reversed(range(last)):
             kept = frame if held and frame < record.kept else None
-            stepper.use_order(record.orders[frame])
+            stepper.use_order(record.orders[frame], adjoints=True)
             stepper.start_frame(record.boxes[frame][1], points[frame : frame + 2].transpose(0, 1), kept)
             if kept is None:
                 stepper.set_state(*(state[frame] for state in (*states, record.C)))

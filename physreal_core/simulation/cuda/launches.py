@@ -26,10 +26,10 @@ class FrameLaunches:
         slots: states and grids there is room for.
         nodes: nodes of each rollout there is room for.
         first: number of the frame's first slot, shape [1].
-        status: first failures of the frame, outside and not finite by turns, shape [2 R].
+        report: what the host learns of the frame, see `report`, shape [9 R].
     """
 
-    def __init__(self, model: BodyModel, slots: int, nodes: int, first: torch.Tensor, status: torch.Tensor) -> None:
+    def __init__(self, model: BodyModel, slots: int, nodes: int, first: torch.Tensor, report: torch.Tensor) -> None:
         self.model, types = model, model.types
         count, rows = model.rollouts * model.particles, model.rollouts * nodes
 
@@ -39,9 +39,9 @@ class FrameLaunches:
         self.states = {name: empty(slots, count, *size) for name, size in SIZES.items()}
         self.momentum, self._velocity, self._node_bar = empty(slots, rows, 4), empty(rows, 4), empty(2, rows, 4)
         self.friction_bar = torch.zeros(rows, dtype=types.torch_dtype, device=model.device)
-        self._record(count, rows, nodes, wp.from_torch(first), wp.from_torch(status))
+        self._record(count, rows, nodes, wp.from_torch(first), wp.from_torch(report))
 
-    def _record(self, count: int, rows: int, nodes: int, first: wp.array, status: wp.array) -> None:
+    def _record(self, count: int, rows: int, nodes: int, first: wp.array, report: wp.array) -> None:
         model, types, config = self.model, self.model.types, self.model.config
         states = particle_structs(config.dtype).States()
         for name, values in self.states.items():
@@ -57,27 +57,22 @@ class FrameLaunches:
         module = kernel_module(family, config.dtype)
         material = (module, elastic, plastic, model.gripped, config.dtype)
 
+        # all kernels of a module before the first launch, which compiles it
+        forward = {half: forward_kernel(*material, *half) for half in HALVES}
+        backward = {half: backward_kernel(*material, *half) for half in HALVES}
+        kernels = node_kernels(config.dtype)
+
         def phase(kernel: wp.Kernel, threads: int, indices: int, *arguments) -> Phase:
             return Phase(kernel, threads, indices, list(arguments), model.device, BLOCK)
 
-        self._forward = {
-            half: phase(
-                forward_kernel(*material, *half), count, 5, particle_model, first, velocity, states, momentum, status
-            )
-            for half in HALVES
-        }
-        self._backward = {
-            half: phase(
-                backward_kernel(*material, *half), count, 1, particle_model, first, velocity, states, node_bar, bars
-            )
-            for half in HALVES
-        }
-        kernels = node_kernels(config.dtype)
-        self._start = phase(kernels.start, rows, 0, first, momentum, status)
+        ahead = (particle_model, first, velocity, states, momentum, report)
+        back = (particle_model, first, velocity, states, node_bar, bars)
+        friction_bar = wp.from_torch(self.friction_bar)
+        self._forward = {half: phase(kernel, count, 5, *ahead) for half, kernel in forward.items()}
+        self._backward = {half: phase(kernel, count, 1, *back) for half, kernel in backward.items()}
+        self._start = phase(kernels.start, rows, 0, first, momentum, report)
         self._update = phase(kernels.update, rows, 2, node_model, first, momentum, velocity)
-        self._turn = phase(
-            kernels.turn, rows, 3, node_model, first, momentum, node_bar, wp.from_torch(self.friction_bar), velocity
-        )
+        self._turn = phase(kernels.turn, rows, 3, node_model, first, momentum, node_bar, friction_bar, velocity)
 
     def forward(self, substeps: int, keep: bool) -> None:
         """All substeps of the frame: from its first slot to slot `substeps` with `keep`, else within the first."""

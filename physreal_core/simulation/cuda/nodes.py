@@ -9,10 +9,9 @@ from types import SimpleNamespace
 
 import warp as wp
 
+from physreal_core.simulation.cuda.report import COLUMNS, FAILURES, LEAST, NOT_FAILED
 from physreal_core.simulation.plain.grid import FREE, node_functions
 from physreal_core.simulation.scalars import kernel_module, scalar_types
-
-NOT_FAILED = wp.constant(wp.int64((1 << 63) - 1))
 
 
 @functools.cache
@@ -55,12 +54,14 @@ def node_kernels(dtype: str) -> SimpleNamespace:
         first: wp.array(dtype=wp.int32),
         # Data out:
         momentum_out: wp.array2d(dtype=vec4),
-        status_out: wp.array(dtype=wp.int64),
+        report_out: wp.array(dtype=wp.int64),
     ):
         n = wp.tid()
         momentum_out[first[0], n] = vec4()
-        if n < status_out.shape[0]:
-            status_out[n] = NOT_FAILED
+        if n < report_out.shape[0]:
+            report_out[n] = LEAST
+            if n % COLUMNS < FAILURES:
+                report_out[n] = NOT_FAILED
 
     @wp.kernel(module=module)
     def update(

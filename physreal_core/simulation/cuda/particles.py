@@ -11,6 +11,7 @@ import warp as wp
 from physreal_core.simulation.constitutive import ResidualConfig
 from physreal_core.simulation.cuda.adder import lane_adder
 from physreal_core.simulation.cuda.material import flow_functions, stress_functions
+from physreal_core.simulation.cuda.report import COLUMNS, FAILURES, raise_to
 from physreal_core.simulation.cuda.structs import particle_structs
 from physreal_core.simulation.plain.grip import bond_functions
 from physreal_core.simulation.plain.lattice import lattice_functions
@@ -34,10 +35,10 @@ def forward_kernel(
         gripped: whether there are bonds.
         dtype: "float32" or "float64".
         arriving: whether it gathers and flows.
-        leaving: whether it scatters; if not, it checks the state.
+        leaving: whether it scatters; if not, it checks the state and reports on it.
     """
     types, lattice = scalar_types(dtype), lattice_functions(dtype)
-    vec3, vec4, mat33 = types.vec3, types.vec4, types.mat33
+    scalar, vec3, vec4, mat33 = types.scalar, types.vec3, types.vec4, types.mat33
     structs, transfer = particle_structs(dtype), transfer_functions(dtype, lane_adder(dtype))
     Model, States = structs.Model, structs.States
     relative, inside, base_cell, fraction = lattice.relative, lattice.inside, lattice.base_cell, lattice.fraction
@@ -47,9 +48,19 @@ def forward_kernel(
     bonds_force = bond_functions(dtype).bonds_force
 
     @wp.func
-    def report(model: Model, status: wp.array(dtype=wp.int64), rollout: int, kind: int, substep: int, p: int):
+    def fail(model: Model, report: wp.array(dtype=wp.int64), rollout: int, kind: int, substep: int, p: int):
         key = wp.int64(substep) * wp.int64(model.particles) + wp.int64(model.place[p])
-        wp.atomic_min(status, 2 * rollout + kind, key)
+        wp.atomic_min(report, COLUMNS * rollout + kind, key)
+
+    @wp.func
+    def look(report: wp.array(dtype=wp.int64), rollout: int, x: vec3, ahead: vec3, speed: scalar):
+        entry = COLUMNS * rollout + FAILURES
+        low = wp.min(x, ahead)
+        high = wp.max(x, ahead)
+        for axis in range(3):
+            raise_to(report, entry + axis, rollout, -wp.float64(low[axis]))
+            raise_to(report, entry + 3 + axis, rollout, wp.float64(high[axis]))
+        raise_to(report, entry + 6, rollout, wp.float64(speed))
 
     @wp.kernel(module=module)
     def forward(
@@ -67,7 +78,7 @@ def forward_kernel(
         states: States,
         # Data out:
         momentum_out: wp.array2d(dtype=vec4),
-        status_out: wp.array(dtype=wp.int64),
+        report_out: wp.array(dtype=wp.int64),
     ):
         p = wp.tid()
         rollout = p / model.particles
@@ -122,7 +133,7 @@ def forward_kernel(
                 kind = OUTSIDE
                 if not wp.isfinite(wp.dot(r, r) + size):
                     kind = NOT_FINITE
-                report(model, status_out, rollout, kind, substep, p)
+                fail(model, report_out, rollout, kind, substep, p)
                 return
             base = base_cell(r)
             f = fraction(r, base)
@@ -131,9 +142,10 @@ def forward_kernel(
                 momentum_out[first[0] + grid_slot], box, row + node(base, box), weights(f), vec4(q[0], q[1], q[2], m), A
             )
         else:
+            look(report_out, rollout, x, x + v / model.timing[2], wp.length(v))
             if not wp.isfinite(wp.dot(r, r) + wp.dot(v, v) + wp.ddot(F, F)):
-                report(model, status_out, rollout, NOT_FINITE, substep, p)
+                fail(model, report_out, rollout, NOT_FINITE, substep, p)
             elif not inside(r, box):
-                report(model, status_out, rollout, OUTSIDE, substep, p)
+                fail(model, report_out, rollout, OUTSIDE, substep, p)
 
     return forward

@@ -8,11 +8,13 @@ CPU too, launch by launch, for the tests.
 import torch
 import warp as wp
 
+from physreal_core.array_types import Array, Int
 from physreal_core.simulation.body import Body, Clamp, Grip, PointLoad
 from physreal_core.simulation.box import LARGEST_EDGE, lattice_offset
 from physreal_core.simulation.config import SimulationConfig
 from physreal_core.simulation.cuda.launches import FrameLaunches
 from physreal_core.simulation.cuda.model import BodyModel
+from physreal_core.simulation.cuda.report import COLUMNS
 from physreal_core.simulation.parameters import Parameters
 from physreal_core.simulation.scalars import scalar_types
 
@@ -56,7 +58,7 @@ class CudaStepper:
             self.kept_bytes = int(KEPT_SHARE * torch.cuda.get_device_properties(self.device).total_memory)
         self.holder: object | None = None
         self.order = torch.arange(rollouts * self.particles, device=self.device)
-        self.status = torch.zeros(2 * rollouts, dtype=torch.int64, device=self.device)
+        self._report = torch.zeros(rollouts, COLUMNS, dtype=torch.int64, device=self.device)
         self._first = torch.zeros(1, dtype=torch.int32, device=self.device)
         self._slot = 0
         self._launches: FrameLaunches | None = None
@@ -102,7 +104,7 @@ class CudaStepper:
         friction_bar = 0.0 if self._launches is None else self._friction_bar()  # a backward pass may be under way
         self._launches = None
         self._graphs.clear()
-        self._launches = FrameLaunches(self.model, self.slots, self.nodes, self._first, self.status)
+        self._launches = FrameLaunches(self.model, self.slots, self.nodes, self._first, self._report.view(-1))
         self._launches.friction_bar.view(self.rollouts, -1)[:, 0] = friction_bar
         return True
 
@@ -122,13 +124,14 @@ class CudaStepper:
         places = torch.argsort(key, dim=1, stable=True)
         return (places + self.particles * torch.arange(self.rollouts, device=self.device)[:, None]).flatten()
 
-    def use_order(self, order: torch.Tensor) -> None:
-        """Sort parameters and adjoints; the state has to be put in again."""
+    def use_order(self, order: torch.Tensor, adjoints: bool) -> None:
+        """Sort parameters and, if they are in use, adjoints; the state has to be put in again."""
         if order is self.order:
             return
-        place = torch.empty_like(order)
-        place[self.order] = torch.arange(len(order), device=self.device)
-        self.model.sort_bars(place[order])
+        if adjoints:
+            place = torch.empty_like(order)
+            place[self.order] = torch.arange(len(order), device=self.device)
+            self.model.sort_bars(place[order])
         self.model.sort(order)
         self.order = order
 
@@ -167,6 +170,10 @@ class CudaStepper:
         """All substeps of the frame; with `keep` everything that `backward` needs stays."""
         launches = self._launches
         self._run(f"forward, keep={keep}", lambda: launches.forward(self.substeps, keep))
+
+    def report(self) -> Int[Array, "rollouts 9"]:
+        """Wait for the frame, and what there is to know of it, see `report`."""
+        return self._report.cpu().numpy()
 
     def backward(self) -> None:
         """Adjoint of the kept frame: the state's adjoints go from its end to its start; the parameters' grow."""

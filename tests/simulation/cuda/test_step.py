@@ -1,0 +1,194 @@
+"""The fused form of the step held to the plain one: on the CPU everywhere, on a GPU where there is one."""
+
+import numpy as np
+import pytest
+import torch
+
+from benchmarks.agreement import CASES, random_loss, run, scene
+from physreal_core.errors import InputError, SimulationError
+from physreal_core.simulation import Body, Parameters, PointLoad, SimulationConfig, Simulator, States
+from physreal_core.simulation import simulator as simulator_module
+from physreal_core.simulation.cuda.stepper import CudaStepper
+from tests.simulation.scenes import block
+
+NO_GPU = pytest.mark.skipif(not torch.cuda.is_available(), reason="no CUDA device")
+ALL_FEATURES = CASES["residuals"]  # von Mises, both networks, grip, ground, stiffness by particle
+
+
+@pytest.fixture(params=["cpu", pytest.param("cuda:0", marks=NO_GPU)])
+def device(request, monkeypatch) -> str:
+    """A device on which every simulator takes the fused form."""
+    monkeypatch.setattr(simulator_module, "make_stepper", lambda *scene, **_: CudaStepper(*scene))
+    return request.param
+
+
+def worst(ours: dict[str, np.ndarray], theirs: dict[str, np.ndarray]) -> float:
+    return max(np.linalg.norm(ours[k] - theirs[k]) / np.linalg.norm(theirs[k]) for k in theirs)
+
+
+SLOW = ("neo-Hookean", "Hencky, von Mises", "Drucker-Prager", "fixed corotated")  # to compile
+MATERIALS = [pytest.param(name, marks=pytest.mark.slow if name in SLOW else ()) for name in CASES]
+
+
+@pytest.mark.parametrize("name", MATERIALS)
+def test_values_and_gradients_are_the_plain_forms_to_rounding(name, device, monkeypatch):
+    """Both add in another order: 1e-16 a sum, grown over some fifty substeps to 1e-13."""
+    ours = run(CASES[name], device, "float64")
+    monkeypatch.undo()
+    assert worst(ours, run(CASES[name], device, "float64", "plain")) < 1e-11
+
+
+def rollout(simulator: Simulator, leaves: dict, controllers: torch.Tensor) -> dict[str, np.ndarray]:
+    """Last states and gradients, by name."""
+    fresh = {name: leaf.detach().clone().requires_grad_() for name, leaf in leaves.items()}
+    states = simulator.rollout(Parameters(**fresh), controllers)
+    random_loss(states).backward()
+    numbers = {"x": states.x[-1], "F": states.F[-1]} | {name: leaf.grad for name, leaf in fresh.items()}
+    return {name: tensor.detach().cpu().numpy() for name, tensor in numbers.items()}
+
+
+def test_kept_frames_give_what_recomputed_ones_do(device):
+    """With room for no frame, for two of three and for all; memory stays within the budget plus one frame."""
+    simulator, leaves, controllers = scene(ALL_FEATURES, device, "float64")
+    stepper, found, slots = simulator._stepper, [], []
+    for frames in (0, 2, 9):
+        stepper.substeps = simulator.substeps(Parameters(**leaves))
+        stepper.kept_bytes = frames * stepper.frame_bytes(stepper.nodes or 2000)
+        found.append(rollout(simulator, leaves, controllers))
+        slots.append(stepper.slots // (stepper.substeps + 1))
+    assert slots[0] == 1 and slots[1] >= 2 and slots[2] == 3
+    assert worst(found[1], found[0]) < 1e-11
+    assert worst(found[2], found[0]) < 1e-11
+
+
+def test_a_gradient_survives_other_rollouts_before_it(device):
+    """Kept frames belong to one rollout: another one, or one in larger boxes, takes them away, and they are recomputed."""
+    simulator, leaves, controllers = scene(ALL_FEATURES, device, "float64")
+    simulator._stepper.kept_bytes = 10**9
+    expected = rollout(simulator, leaves, controllers)
+    fresh = {name: leaf.detach().clone().requires_grad_() for name, leaf in leaves.items()}
+    states = simulator.rollout(Parameters(**fresh), controllers)
+    faster = fresh | {"initial_velocity": torch.tensor([2.0, 1.0, 1.0]), "youngs_modulus": torch.tensor(9e3)}
+    simulator.rollout(Parameters(**faster), controllers)
+    with torch.no_grad():
+        simulator.rollout(Parameters(**faster), controllers)
+    random_loss(states).backward()
+    assert worst({n: leaf.grad.cpu().numpy() for n, leaf in fresh.items()}, {n: expected[n] for n in fresh}) < 1e-11
+
+
+def differing(leaves: dict) -> list[dict]:
+    """Three sets of parameters, the first the softest; all need the substeps that the stiffest needs."""
+    sets = []
+    for scale in (0.7, 1.0, 1.0):
+        own = {name: leaf.detach().clone() for name, leaf in leaves.items()}
+        own["youngs_modulus"] *= scale
+        own["youngs_modulus"][0] = 3e3
+        own["friction_coefficient"] = torch.tensor(0.3 * scale, dtype=torch.float64)
+        sets.append(own)
+    sets[2]["initial_velocity"] = sets[2]["initial_velocity"] * -0.5
+    return sets
+
+
+def test_a_batch_gives_the_single_rollouts(device):
+    """Values and gradients, of parameters that differ and of those that are shared, in one pass."""
+    simulator, leaves, controllers = scene(ALL_FEATURES, device, "float64")
+    sets = differing(leaves)
+    own_points = [controllers, controllers + 0.001, controllers]
+    gradients, expected = [], []
+    for own, points in zip(sets, own_points, strict=True):
+        fresh = {name: value.clone().requires_grad_() for name, value in own.items()}
+        states = simulator.rollout(Parameters(**fresh), points)
+        random_loss(states).backward()
+        gradients.append(fresh)
+        expected.append(states)
+    names = ("youngs_modulus", "friction_coefficient", "initial_velocity")
+    batch = {name: torch.stack([own[name] for own in sets]).requires_grad_() for name in names}
+    batch |= {name: leaf.detach().clone().requires_grad_() for name, leaf in leaves.items() if name not in names}
+    states = simulator.rollout_batch(Parameters(**batch), torch.stack(own_points))
+    assert states.x.shape == (3, *expected[0].x.shape)
+    assert states.failures == (None, None, None)
+    sum(random_loss(States(states.x[r], states.v[r], states.F[r])) for r in range(3)).backward()
+    for rollout_number, one in enumerate(expected):
+        for ours, theirs in ((states.x, one.x), (states.v, one.v), (states.F, one.F)):
+            assert (ours[rollout_number] - theirs).norm() < 1e-12 * theirs.norm()
+    for name, leaf in batch.items():
+        theirs = torch.stack([own[name].grad for own in gradients])
+        theirs = theirs if name in names else theirs.sum(0)
+        assert (leaf.grad - theirs).norm() < 1e-11 * theirs.norm(), name
+
+
+def test_a_failing_rollout_leaves_the_others_alone(device):
+    """The middle one inverts in its first frame, the last one is too fast for any grid: both say so, without gradient."""
+    body = block((4, 4, 4))
+    config = SimulationConfig(fps=60, gravity=(0.0, 0.0, 0.0), ground_height=None, dtype="float64", device=device)
+    simulator = Simulator(body, config)
+    spin = 5.0 * torch.as_tensor(body.x0 - body.x0.mean(0)).flip(1)
+    collapse = torch.zeros(64, 3, dtype=torch.float64)
+    collapse[:, 0] = -4000.0 * torch.as_tensor(body.x0[:, 0] - body.x0[:, 0].mean())
+    velocity = torch.stack([spin, collapse, 1e4 * torch.ones_like(spin)]).to(device).requires_grad_()
+    E = torch.tensor(2e3, dtype=torch.float64, requires_grad=True)
+    nu, controllers = torch.tensor(0.3), torch.zeros(4, 0, 3)
+    states = simulator.rollout_batch(Parameters(E, nu, initial_velocity=velocity), controllers)
+    assert states.failures[0] is None
+    assert [(type(f), f.frame) for f in states.failures[1:]] == [(SimulationError, 0)] * 2
+    assert "not finite" in str(states.failures[1]) and "runs away" in str(states.failures[2])
+    with pytest.raises(SimulationError) as caught:
+        simulator.rollout(Parameters(E, nu, initial_velocity=velocity[1]), controllers)
+    assert str(caught.value) == str(states.failures[1])
+    assert torch.isfinite(states.x[1, 0]).all() and torch.isnan(states.x[1, 1:]).all()
+    alone = simulator.rollout(Parameters(E, nu, initial_velocity=velocity[0]), controllers)
+    assert torch.allclose(states.x[0], alone.x, rtol=1e-12, atol=0)
+    (states.x[0].square().sum() + states.v[1, 0].sum()).backward()
+    together, velocity.grad, E.grad = (velocity.grad, E.grad), None, None
+    alone.x.square().sum().backward()
+    assert torch.allclose(together[1], E.grad, rtol=1e-10)
+    assert torch.allclose(together[0][0], velocity.grad[0], rtol=1e-9, atol=1e-15)
+    assert torch.equal(together[0][1], torch.ones_like(spin)) and not together[0][2].any()
+
+
+def test_particles_in_any_order_give_the_same_numbers(device):
+    """The caller's order is kept although the kernels work cell by cell; failures name the caller's particle."""
+    body = block((4, 4, 4))
+    shuffled = np.random.default_rng(0).permutation(64)
+    config = SimulationConfig(fps=60, dtype="float64", device=device)
+    velocity = torch.randn(64, 3, generator=torch.Generator().manual_seed(0), dtype=torch.float64)
+    found = []
+    for order in (np.arange(64), shuffled):
+        own = Body(body.x0[order], body.volume[order], body.density[order], body.spacing)
+        leaf = velocity[order].clone().requires_grad_()
+        parameters = Parameters(torch.tensor(2e3), torch.tensor(0.3), initial_velocity=leaf)
+        states = Simulator(own, config).rollout(parameters, torch.zeros(7, 0, 3))
+        states.F.square().sum().backward()
+        found.append((states.x.detach().cpu(), leaf.grad))
+    for a, b in zip(*found, strict=True):
+        assert torch.allclose(a[..., shuffled, :], b, rtol=1e-10, atol=1e-14)
+
+
+def test_boxes_that_grow(device):
+    """Pulled from rest farther than its velocity foretells, alone and beside one that is not: both get larger boxes."""
+    body = block((3, 3, 3))
+    config = SimulationConfig(fps=10, gravity=(0.0, 0.0, 0.0), ground_height=None, dtype="float64", device=device)
+    load = PointLoad(np.arange(27), np.ones(27), (30.0 * body.mass.sum(), 0.0, 0.0))  # 0.15 m in a frame, seven cells
+    simulator = Simulator(body, config, loads=(load,))
+    speed = torch.tensor([[[0.0, 0.0, 0.0]], [[-3.0, 0.0, 0.0]]])
+    parameters = Parameters(torch.tensor(2e3), torch.tensor(0.3), initial_velocity=speed)
+    states = simulator.rollout_batch(parameters, torch.zeros(4, 0, 3))
+    assert states.failures == (None, None)
+    substeps, time = simulator.substeps(Parameters(torch.tensor(2e3), torch.tensor(0.3))), torch.arange(4) / 10
+    for v0, x in zip((0.0, -3.0), states.x.cpu(), strict=True):
+        expected = 0.015 + v0 * time + 15.0 * time * (time + 0.1 / substeps)
+        assert torch.allclose(x[..., 0].mean(1), expected.double(), atol=1e-6)
+
+
+def test_play_goes_where_a_rollout_goes(device):
+    simulator, leaves, controllers = scene(ALL_FEATURES, device, "float64")
+    parameters = Parameters(**{name: leaf.detach() for name, leaf in leaves.items()})
+    states = simulator.rollout(parameters, controllers)
+    player = simulator.play(parameters, controllers[0])
+    for frame in range(1, len(controllers)):
+        state = player.step(controllers[frame])
+        assert player.frame == frame
+        assert torch.allclose(state.x, states.x[frame], rtol=1e-12)
+        assert torch.allclose(state.F, states.F[frame], rtol=1e-11, atol=1e-13)
+    with pytest.raises(InputError, match="controllers"):
+        player.step(controllers[0, :1])

@@ -49,8 +49,13 @@ def model(patch_count: int = 4, *, dtype: str = "float32", **values: float) -> M
     return uniform_model(patches, MATERIAL | values, elastic_law="fixed_corotated", simulation=setting)
 
 
-def problem(truth: Model, *, frames: int = 12, observed: int = 12, with_masks: bool = True) -> Problem:
-    """What a camera and a tracker would have seen of `truth`: the hand goes up and along, the far end drags."""
+def problem(
+    truth: Model, *, frames: int = 12, observed: int = 12, with_masks: bool = True, device: str = "cpu"
+) -> Problem:
+    """What a camera and a tracker would have seen of `truth`: the hand goes up and along, the far end drags.
+
+    Simulated and rendered on `device`; what is returned is on the CPU.
+    """
     bar = body()
     bonds, hand = grip(bar)
     times = np.linspace(0.0, 1.0, frames)[:, None, None]
@@ -66,7 +71,7 @@ def problem(truth: Model, *, frames: int = 12, observed: int = 12, with_masks: b
         grip=bonds,
         tracks=_tracks(bar, np.zeros((frames, len(bar.x0), 3)), None),
     )
-    states = simulate(empty, truth)
+    states = simulate(empty, truth, device)
     camera = _camera()
     return dataclasses.replace(
         empty,
@@ -76,13 +81,12 @@ def problem(truth: Model, *, frames: int = 12, observed: int = 12, with_masks: b
     )
 
 
-def simulate(given: Problem, truth: Model):
+def simulate(given: Problem, truth: Model, device: str = "cpu"):
     """States over all frames."""
-    config = truth.simulation_config(given.fps)
+    config = truth.simulation_config(given.fps, device)
     dtype = torch.float64 if config.dtype == "float64" else torch.float32
-    parameters = particle_parameters(
-        truth.fields, given.patch_neighbours, given.patch_weights, dtype=dtype, device="cpu"
-    )
+    patches = given.patch_neighbours.to(device), given.patch_weights.to(device)
+    parameters = particle_parameters(truth.fields, *patches, dtype=dtype, device=device)
     with torch.no_grad():
         return Simulator(given.body, config, given.grip).rollout(parameters, given.controllers.to(dtype))
 
@@ -111,7 +115,7 @@ def _tracks(bar: Body, states, camera: Camera | None) -> TrackObservations:
             points0, binding, torch.zeros(frames, len(points0), 3), known, torch.zeros(frames, len(points0))
         )
     x0 = torch.from_numpy(bar.x0).to(states.x)
-    points = torch.stack([carry_points(binding, points0, x0, x, F) for x, F in zip(states.x, states.F, strict=True)])
+    points = carry_points(binding, points0, x0, states.x, states.F).cpu()
     known = torch.ones(points.shape[:2], dtype=torch.bool)
     known[3, 1] = known[5:8, 4] = False
     measured = torch.where(known[..., None], points, torch.full_like(points, float("nan")))
@@ -126,8 +130,9 @@ def _masks(bar: Body, states, camera: Camera, observed: int) -> MaskObservations
     binding = bind(centres, bar.x0, 1)
     frames = torch.tensor([observed // 2, observed - 1])
     x0 = torch.from_numpy(bar.x0).to(states.x)
-    shots = [render_carried(gaussians, binding, x0, states.x[t], states.F[t], camera).alpha for t in frames]
-    coverage = torch.stack(shots).float()
+    there = gaussians.to(x0.device)
+    shots = [render_carried(there, binding, x0, states.x[t], states.F[t], camera).alpha for t in frames]
+    coverage = torch.stack(shots).float().cpu()
     known = torch.ones(coverage.shape, dtype=torch.bool)
     known[:, :12, 40:] = False
     return MaskObservations(frames, coverage, known, camera, gaussians, binding)

@@ -16,9 +16,36 @@ EXPERTS = ("youngs_modulus", "poissons_ratio", "friction_coefficient", "grip_sti
 RESIDUALS = ("latent_elastic", "latent_plastic", "network_elastic", "network_plastic")
 
 
+CUDA = pytest.param("cuda:0", marks=pytest.mark.skipif(not torch.cuda.is_available(), reason="no CUDA device"))
+PLAIN = {
+    False: {
+        "total": 0.16637189177098757,
+        "mask": 0.024730454391100325,
+        "youngs_modulus": 3.0538008687785106e-06,
+        "poissons_ratio": 0.04142115122473873,
+        "friction_coefficient": 0.2559887898714283,
+        "grip_stiffness": 0.38676505820783913,
+        "grip_damping": 0.0031237091454346345,
+    },
+    True: {
+        "total": 0.1641845157846352,
+        "mask": 0.022914312294197575,
+        "latent_elastic": 0.0013430378255848883,
+        "latent_plastic": 0.0007616842198306651,
+        "network_elastic": 0.07270212382462878,
+        "network_plastic": 0.044048203440829777,
+    },
+}
+"""By whether there are residuals: the objective, its mask term, and the norms of its gradients."""
+
+
+def _truth():
+    return scene.model(dtype="float64")
+
+
 @pytest.fixture(scope="module")
 def given():
-    return scene.problem(scene.model(dtype="float64"), frames=6, observed=6)
+    return scene.problem(_truth(), frames=6, observed=6)
 
 
 def _model(residual: bool):
@@ -50,6 +77,23 @@ def test_gradient_is_that_of_finite_differences(given, names, residual):
         exact = (leaf.grad * direction).sum().item()
         assert abs(numeric) > 1e-7, f"{name} has no effect here, so the check would prove nothing"
         assert exact == pytest.approx(numeric, rel=TOLERANCE), name
+
+
+@pytest.mark.parametrize("device", ["cpu", CUDA])
+@pytest.mark.parametrize("residual", [False, True])
+def test_value_and_gradients_are_those_of_the_plain_form_in_double_precision(device, residual):
+    """The numbers were computed by the plain kernels on the CPU: every form and device is held to the same ones."""
+    model = _model(residual)
+    objective = Objective(
+        scene.problem(_truth(), frames=6, observed=6, device=device), model, LossConfig(), device=device
+    )
+    names = RESIDUALS if residual else EXPERTS
+    leaves = {name: model.fields[name].clone().requires_grad_() for name in names}
+    total, terms = objective({**model.fields, **leaves}, 6)
+    total.backward()
+    found = {"total": total.item(), "mask": terms["mask"]}
+    found |= {name: leaf.grad.norm().item() for name, leaf in leaves.items()}
+    assert found == pytest.approx(PLAIN[residual], rel=1e-8)
 
 
 def test_weights_scale_their_terms(given):

@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import json
 from dataclasses import dataclass
+from functools import cached_property
 from pathlib import Path
 
 import torch
@@ -41,7 +42,7 @@ class Camera:
         object.__setattr__(self, "K", K)
         object.__setattr__(self, "T_world_camera", pose)
 
-    @property
+    @cached_property
     def intrinsics(self) -> tuple[float, float, float, float]:
         """fx, fy, cx, cy [px]."""
         return float(self.K[0, 0]), float(self.K[1, 1]), float(self.K[0, 2]), float(self.K[1, 2])

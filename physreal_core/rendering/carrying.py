@@ -11,7 +11,7 @@ import torch
 import warp as wp
 from torch.autograd.function import once_differentiable
 
-from physreal_core.native import launch_on_threads, native_module
+from physreal_core.native import launch_on_threads, native_module, on_torch_stream
 
 _WORDS = 18  # members of Carrying in cuda/carrying.h
 _POINTS_A_THREAD = 4_000  # a thread with less work than this costs more to start than it saves
@@ -55,8 +55,8 @@ def _launch(phase: str, tensors, outputs) -> None:
     if not x.is_cuda:
         launch_on_threads(getattr(kernels, phase), threads, carrying)
         return
-    stream = wp.stream_from_torch(torch.cuda.current_stream(x.device))
-    wp.launch(getattr(kernels, f"{phase}_all"), work, [carrying], device=wp.device_from_torch(x.device), stream=stream)
+    with on_torch_stream(x.device):
+        wp.launch(getattr(kernels, f"{phase}_all"), work, [carrying], device=wp.device_from_torch(x.device))
 
 
 @cache

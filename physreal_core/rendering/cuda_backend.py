@@ -3,7 +3,6 @@
 Twin: `reference.py`. The same code runs on the CPU, slowly, where the tests hold it to the twin.
 """
 
-from contextlib import nullcontext
 from functools import cache
 from pathlib import Path
 from types import SimpleNamespace
@@ -12,12 +11,12 @@ import torch
 import warp as wp
 
 from physreal_core.array_types import Float, Tensor
-from physreal_core.native import native_module
+from physreal_core.native import native_module, on_torch_stream
 from physreal_core.rendering.camera import Camera
 from physreal_core.rendering.scene import BOX, INPUT_BARS, INPUTS, MOMENTS, OUTPUT_BARS, OUTPUTS, SCALARS, SPLAT, Scene
 from physreal_core.rendering.torch_function import rasterise_with
 
-_BLOCK = 64  # threads that draw a tile, as in cuda/compositing.h
+_BLOCK = 128  # threads that draw a tile, as in cuda/compositing.h
 _WARP = 32
 _PHASES = ("project", "list_tiles", "find_starts", "composite_tile", "composite_tile_adjoint", "project_adjoint")
 
@@ -45,7 +44,7 @@ class CudaRun:
     def forward(self, inputs: list[Tensor]) -> list[Tensor]:
         """RGB, depth, alpha and transmittance."""
         s, count = self.scene, len(inputs[0])
-        with self._stream():
+        with on_torch_stream(self.scene.like.device):
             s.point(INPUTS, inputs)
             s.hold("splats", count * SPLAT)
             s.hold("boxes", count * BOX, torch.int32)
@@ -80,7 +79,7 @@ class CudaRun:
     def backward(self, inputs: list[Tensor], outputs: list[Tensor], bars: list[Tensor | None]) -> list[Tensor]:
         """Derivatives by means, covariances, opacities, colours and pose."""
         s, count = self.scene, len(inputs[0])
-        with self._stream():
+        with on_torch_stream(self.scene.like.device):
             gradients = [torch.empty_like(a) for a in inputs[:4]]
             s.point((*INPUTS, *OUTPUTS, *OUTPUT_BARS, *INPUT_BARS), (*inputs, *outputs, *bars, *gradients))
             sums = s.keep("moments", s.like.new_zeros(count * MOMENTS + 12))
@@ -98,12 +97,6 @@ class CudaRun:
         kernels, fields = self.kernels, self.scene.fields
         scene = kernels.Scene.from_buffer_copy(fields)
         wp.launch(getattr(kernels, phase), count, [scene], device=self.device, block_dim=block or 128)
-
-    def _stream(self):
-        """Launch on torch's current CUDA stream, so that kernels and tensor operations keep their order."""
-        if not self.device.is_cuda:
-            return nullcontext()
-        return wp.ScopedStream(wp.stream_from_torch(torch.cuda.current_stream(self.scene.like.device)))
 
 
 @cache

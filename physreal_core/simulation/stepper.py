@@ -30,6 +30,7 @@ class Stepper(Protocol):
         offset: position of lattice node (0, 0, 0) [m], shape [3].
         shapes: full shape of every parameter in use, by name.
         slots: states of all particles that there is room for.
+        holder: the rollout whose frames are kept, if any.
     """
 
     types: ScalarTypes
@@ -37,12 +38,32 @@ class Stepper(Protocol):
     offset: Float[Array, "3"]
     shapes: dict[str, tuple[int, ...]]
     slots: int
+    holder: object | None
 
     def load_parameters(self, parameters: Parameters, substeps: int) -> None:
         """Take over a rollout's parameters (complete, of this stepper's type) and its substeps per frame."""
 
-    def start_frame(self, box: GridBox, controllers: torch.Tensor, keep: bool) -> None:
-        """Place the grid; controllers [2, C, 3] are the controller points [m] at both ends of the frame."""
+    def keep_frames(self, holder: object, frames: int, nodes: int) -> int:
+        """Make room to keep a rollout's frames for its backward pass; whoever held some loses them.
+
+        Args:
+            holder: the rollout, of which the stepper remembers that the kept frames are its.
+            frames: how many there are.
+            nodes: nodes of the first frame's box.
+
+        Returns:
+            How many of the first will be kept.
+        """
+
+    def start_frame(self, box: GridBox, controllers: torch.Tensor, keep: bool, kept: int | None = None) -> None:
+        """Place the grid.
+
+        Args:
+            box: the nodes.
+            controllers: controller points [m] at both ends of the frame, shape [2, C, 3].
+            keep: whether `backward` is to follow.
+            kept: number of the frame among the kept ones; if it ran as such, `backward` may follow at once.
+        """
 
     def set_state(self, x: torch.Tensor, v: torch.Tensor, F: torch.Tensor, C: torch.Tensor) -> None:
         """Put in the state at the frame's start."""
@@ -76,15 +97,17 @@ def make_stepper(
     clamps: tuple[Clamp, ...],
     loads: tuple[PointLoad, ...],
     threads: int | None = None,
+    kept_bytes: int | None = None,
 ) -> Stepper | CudaStepper:
     """The form of the step that `config.kernels` and `config.device` ask for; the plain one for a law without a C++ twin.
 
     Args:
         body, config, grip, clamps, loads: as for `Simulator`.
         threads: of the fast form on the CPU; by default torch's number.
+        kept_bytes: memory for kept frames of the fast form on the CPU; by default its own.
     """
     if config.kernels == "fast" and config.device != "cpu":
         return CudaStepper(body, config, grip, clamps, loads)
     if config.kernels == "fast" and has_laws(config):
-        return NativeStepper(body, config, grip, clamps, loads, threads)
+        return NativeStepper(body, config, grip, clamps, loads, threads, kept_bytes)
     return PlainStepper(body, config, grip, clamps, loads)

@@ -17,6 +17,7 @@ from physreal_core.simulation.scalars import scalar_types
 
 BLOCK = 16  # particles; the widest block that a machine works on, to which rows of particles are filled up
 PARTICLES_PER_THREAD = 256  # fewer are not worth the threads' meeting three times a substep
+NODE_RESERVE = 1.2  # boxes grow as a body deforms
 KEPT_BYTES = 2**28
 """Memory for frames whose substeps stay for the backward pass, which then need not be computed again: a fifth of a
 gradient's time. With 1500 particles it holds 15 frames of 80 substeps; much more would leave the processor's caches."""
@@ -31,7 +32,7 @@ class Substeps:
 
     Attributes:
         state: after every substep, shape [slots, 24, stride].
-        momentum: the grids, shape [substeps, nodes, 4].
+        momentum: the grids [substeps, nodes, 4], flat, and room to spare.
         order: the caller's particle at each place.
     """
 
@@ -53,6 +54,7 @@ class NativeStepper:
         body, config, grip, clamps, loads: as for `Simulator`.
         threads: threads of a frame; by default torch's number, fewer for few particles. The sums' order, and with it
             the last digits, depend on it.
+        kept_bytes: memory for kept frames; `KEPT_BYTES` by default.
     """
 
     def __init__(
@@ -63,11 +65,13 @@ class NativeStepper:
         clamps: tuple[Clamp, ...],
         loads: tuple[PointLoad, ...],
         threads: int | None = None,
+        kept_bytes: int | None = None,
     ) -> None:
         self.types, self.config = scalar_types(config.dtype), config
         self.cell, self.particles = body.cell, len(body.x0)
         self.offset = lattice_offset(body, config.ground_height, clamps)
         self.threads = min(threads or torch.get_num_threads(), max(1, self.particles // PARTICLES_PER_THREAD))
+        self._kept_bytes = KEPT_BYTES if kept_bytes is None else kept_bytes
         self.substeps = self._nodes = 0
         self.holder: object | None = None
         self._working, self._kept = self._no_substeps(), []
@@ -192,28 +196,27 @@ class NativeStepper:
         return sum(len(substeps.state) for substeps in (self._working, *self._kept))
 
     def _no_substeps(self) -> Substeps:
-        return Substeps(self._zeros(0, 0, 0), self._zeros(0, 0, 0))
+        return Substeps(self._zeros(0, 0, 0), self._zeros(0))
 
     def _reserve_grids(self, nodes: int) -> None:
         if nodes <= self._nodes:
             return
-        self._nodes = int(1.2 * nodes)
+        self._nodes = int(NODE_RESERVE * nodes)
         for name, count in (("scratch", self.threads), ("velocity", 1), ("node_bar", 1)):
             self._hold(name, self._zeros(count, self._nodes + 4, 4))
         self._hold("kind", self._zeros(self._nodes, dtype=torch.uint8))
 
-    def _reserve_substeps(self, substeps: Substeps, keep: bool) -> None:
+    def _reserve_substeps(self, substeps: Substeps, keep: bool, nodes: int) -> None:
         slots = self.substeps + 1 if keep else 1
         if slots > len(substeps.state):
             substeps.state = torch.empty(slots, STATE_ROWS, self._frame.stride, dtype=self.types.torch_dtype)
-        count, nodes = substeps.momentum.shape[:2]
-        if keep and (self.substeps > count or self._nodes > nodes):
-            substeps.momentum = torch.empty(self.substeps, self._nodes, 4, dtype=self.types.torch_dtype)
+        if keep and 4 * self.substeps * nodes > substeps.momentum.numel():
+            substeps.momentum = torch.empty(4 * self.substeps * int(NODE_RESERVE * nodes), dtype=self.types.torch_dtype)
 
     def keep_frames(self, holder: object, frames: int, nodes: int) -> int:
         """How many of a rollout's frames, each with boxes of about `nodes` nodes, may be kept; who held some loses them."""
-        numbers = STATE_ROWS * self._frame.stride + 4 * max(self._nodes, int(1.2 * nodes))
-        kept = min(frames, KEPT_BYTES // ((self.substeps + 1) * numbers * self.types.torch_dtype.itemsize))
+        numbers = STATE_ROWS * self._frame.stride + 4 * int(NODE_RESERVE * nodes)
+        kept = min(frames, self._kept_bytes // ((self.substeps + 1) * numbers * self.types.torch_dtype.itemsize))
         self.holder = holder if kept else None
         self._kept = self._kept[:kept] + [self._no_substeps() for _ in range(kept - len(self._kept))]
         return kept
@@ -246,7 +249,7 @@ class NativeStepper:
         """
         self._reserve_grids(box.nodes)
         self._current = self._working if kept is None else self._kept[kept]
-        self._reserve_substeps(self._current, keep)
+        self._reserve_substeps(self._current, keep, box.nodes)
         self._frame.state, self._frame.momentum = self._current.state.data_ptr(), self._current.momentum.data_ptr()
         if self._current.order is not None:
             self._frame.order = self._current.order.data_ptr()

@@ -67,6 +67,8 @@ class PlainStepper:
     slot s holds the state after s substeps, which the adjoint needs.
     """
 
+    holder = None
+
     def __init__(
         self,
         body: Body,
@@ -267,7 +269,11 @@ class PlainStepper:
         if self.gripped:
             self.grip[0], self.grip[1] = parameters.grip_stiffness, parameters.grip_damping
 
-    def start_frame(self, box: GridBox, controllers: torch.Tensor, keep: bool) -> None:
+    def keep_frames(self, holder: object, frames: int, nodes: int) -> int:
+        """None: every frame is computed again for its adjoint."""
+        return 0
+
+    def start_frame(self, box: GridBox, controllers: torch.Tensor, keep: bool, kept: int | None = None) -> None:
         """Place the grid; controllers [2, C, 3] are the controller points [m] at both ends of the frame."""
         self._reserve(keep, box.nodes)
         self.box.copy_(torch.tensor([*box.origin, *box.count], dtype=torch.int32))

@@ -9,7 +9,6 @@ import torch
 from physreal_core.errors import SimulationError
 from physreal_core.simulation import Clamp, Parameters, PointLoad, SimulationConfig, Simulator
 from physreal_core.simulation.constitutive import ELASTIC_LAWS, PLASTIC_LAWS, ResidualConfig, initial_weights
-from physreal_core.simulation.native import NativeStepper
 from physreal_core.simulation.native.stepper import PARTICLES_PER_THREAD
 from tests.simulation.scenes import block, random_loss, two_point_grip
 
@@ -27,9 +26,10 @@ def scene(counts=(7, 6, 5), threads=1, **options):
     clamp = Clamp((-1.0, -1.0, -1.0), (0.015, 0.015, 0.015))
     load = PointLoad(np.array([len(body.x0) - 1]), np.ones(1), (0.0, 0.002, 0.0))
     config = SimulationConfig(fps=60, **options)
+    before = torch.get_num_threads()
+    torch.set_num_threads(threads)
     simulator = Simulator(body, config, two_point_grip(body, points, 8), (clamp,), (load,))
-    if config.kernels == "fast":
-        simulator._stepper = NativeStepper(body, config, simulator.grip, (clamp,), (load,), threads)
+    torch.set_num_threads(before)
     time = torch.linspace(0, 1, FRAMES, dtype=torch.float64)[:, None, None]
     controllers = torch.as_tensor(points) + time * torch.tensor([0.01, 0.005, 0.01], dtype=torch.float64)
     return simulator, parameters(simulator), controllers
@@ -118,3 +118,24 @@ def test_a_failure_is_the_plain_forms():
             simulator.rollout(replace(given, initial_velocity=inwards), controllers)
         places.append((raised.value.frame, raised.value.substep, raised.value.particle))
     assert places[0] == places[1]
+
+
+def test_kept_frames_change_nothing(monkeypatch):
+    """Kept and recomputed frames give the same bits; what is kept stays within the budget."""
+
+    def run(budget):
+        monkeypatch.setattr("physreal_core.simulation.native.stepper.KEPT_BYTES", budget)
+        simulator, given, controllers = scene()
+        states = simulator.rollout(given, controllers[[0, 1, 2, 2, 1]])
+        states.x.square().sum().backward()
+        kept = simulator._stepper._kept
+        sizes = [t.numel() * t.element_size() for frame in kept for t in (frame.state, frame.momentum)]
+        assert sum(sizes) <= budget
+        return len(kept), sum(sizes), given.youngs_modulus.grad
+
+    all_kept, size, gradient = run(2**28)
+    assert all_kept == 4
+    for budget, expected in ((0, 0), (int(0.7 * size), 2)):
+        kept, _, found = run(budget)
+        assert kept == expected
+        assert torch.equal(found, gradient)

@@ -26,7 +26,7 @@ QUICK_UNTIL = 32.0  # s after the start no new round begins
 SIZES = (1_000, 2_000, 5_000, 10_000, 20_000, 50_000, 100_000)
 CUDA_SIZES = (*SIZES, 200_000, 500_000, 1_000_000)
 RATED = (20_000, 100_000, 1_000_000)  # on CUDA, where 20 000 particles do not fill the card
-MEMORY_FRAMES = (2, 4, 8)
+MEMORY_FRAMES = (2, 4, 8, 16)
 TAPE_SUBSTEPS = 400  # in the sweeps the tape goes no further, for its memory
 BATCH = (32, 5_000)  # rollouts at once, particles of each
 

@@ -12,12 +12,15 @@ constexpr int LANES = 8;
 constexpr int LANES = 4;
 #endif
 
-template <class S> using Lanes = S __attribute__((vector_size(sizeof(S) * LANES)));
+template <class S>
+using Lanes = S __attribute__((vector_size(sizeof(S) * LANES)));
 
 // Of the vector type V: its scalar, its masks (signed integers as wide), and the IEEE format of the scalar.
-template <class V> struct LaneTraits;
+template <class V>
+struct LaneTraits;
 
-template <> struct LaneTraits<Lanes<float>> {
+template <>
+struct LaneTraits<Lanes<float>> {
     using Scalar = float;
     using Mask = Lanes<int>;
     static constexpr int MANTISSA_BITS = 23, EXPONENT_BIAS = 127;
@@ -30,7 +33,8 @@ template <> struct LaneTraits<Lanes<float>> {
     static constexpr float LOG_SERIES[] = {0.66666662693f, 0.40000972152f, 0.28498786688f, 0.24279078841f};
 };
 
-template <> struct LaneTraits<Lanes<double>> {
+template <>
+struct LaneTraits<Lanes<double>> {
     using Scalar = double;
     using Mask = Lanes<long long>;
     static constexpr int MANTISSA_BITS = 52, EXPONENT_BIAS = 1023;
@@ -45,47 +49,80 @@ template <> struct LaneTraits<Lanes<double>> {
                                             1.479819860511658591e-1};
 };
 
-template <class V> using Scalar = typename LaneTraits<V>::Scalar;
-template <class V> using Mask = typename LaneTraits<V>::Mask;
+template <class V>
+using Scalar = typename LaneTraits<V>::Scalar;
+template <class V>
+using Mask = typename LaneTraits<V>::Mask;
 
 // The same bits as another type of the same size.
-template <class To, class From> inline To bits_as(From from) {
+template <class To, class From>
+inline To bits_as(From from) {
     static_assert(sizeof(To) == sizeof(From));
     return __builtin_bit_cast(To, from);
 }
 
-template <class V> inline V splat(Scalar<V> s) { return s - V{}; }  // x - 0 is x, also for x = -0
+template <class V>
+inline V splat(Scalar<V> s) {
+    return s - V{};
+}  // x - 0 is x, also for x = -0
 
-template <class S> inline Lanes<S> load(const S* from) {
+template <class S>
+inline Lanes<S> load(const S* from) {
     Lanes<S> value;
     __builtin_memcpy(&value, from, sizeof(value));
     return value;
 }
 
-template <class V> inline void store(Scalar<V>* to, V value) { __builtin_memcpy(to, &value, sizeof(value)); }
+template <class V>
+inline void store(Scalar<V>* to, V value) {
+    __builtin_memcpy(to, &value, sizeof(value));
+}
 
-template <class V> inline V select(Mask<V> mask, V where_set, V elsewhere) { return mask ? where_set : elsewhere; }
+template <class V>
+inline V select(Mask<V> mask, V where_set, V elsewhere) {
+    return mask ? where_set : elsewhere;
+}
 
-template <class V> inline V min(V a, V b) { return a < b ? a : b; }
-template <class V> inline V max(V a, V b) { return a > b ? a : b; }
-template <class V> inline V abs(V x) { return __builtin_elementwise_abs(x); }
-template <class V> inline V sqrt(V x) { return __builtin_elementwise_sqrt(x); }
+template <class V>
+inline V min(V a, V b) {
+    return a < b ? a : b;
+}
+template <class V>
+inline V max(V a, V b) {
+    return a > b ? a : b;
+}
+template <class V>
+inline V abs(V x) {
+    return __builtin_elementwise_abs(x);
+}
+template <class V>
+inline V sqrt(V x) {
+    return __builtin_elementwise_sqrt(x);
+}
 
 // 1 / sqrt(x) to about two ulp, 0 < x < infinity.
-template <class V> inline V inverse_sqrt(V x) { return Scalar<V>(1) / sqrt(x); }
+template <class V>
+inline V inverse_sqrt(V x) {
+    return Scalar<V>(1) / sqrt(x);
+}
 
 #if defined(__AVX512F__)
 // Here the processor has an estimate of 14 bits: with a step of Newton's twice as fast as root and division.
-template <> inline Lanes<float> inverse_sqrt(Lanes<float> x) {
+template <>
+inline Lanes<float> inverse_sqrt(Lanes<float> x) {
     const Lanes<float> estimate = __builtin_ia32_rsqrt14ps512_mask(x, x, 0xffff);
     return estimate + 0.5f * estimate * (1.0f - x * estimate * estimate);
 }
 #endif
 
-template <class M> inline bool any(M mask) { return __builtin_reduce_or(mask) != 0; }
+template <class M>
+inline bool any(M mask) {
+    return __builtin_reduce_or(mask) != 0;
+}
 
 // Sum over the lanes, by halves.
-template <class S, int N> inline S sum_of_halves(const S* values) {
+template <class S, int N>
+inline S sum_of_halves(const S* values) {
     if constexpr (N == 1) {
         return values[0];
     } else {
@@ -97,13 +134,15 @@ template <class S, int N> inline S sum_of_halves(const S* values) {
     }
 }
 
-template <class V> inline Scalar<V> sum(V value) {
+template <class V>
+inline Scalar<V> sum(V value) {
     return sum_of_halves<Scalar<V>, LANES>(reinterpret_cast<const Scalar<V>*>(&value));
 }
 
 // Natural logarithm, below one ulp: log(2^k (1 + f)) by the odd series in s = f / (2 + f) of fdlibm (Sun Microsystems,
 // e_log.c). Minus infinity at 0, NaN below.
-template <class V> inline V log(V x) {
+template <class V>
+inline V log(V x) {
     using T = LaneTraits<V>;
     using S = Scalar<V>;
     using I = Mask<V>;
@@ -130,10 +169,14 @@ template <class V> inline V log(V x) {
     return select(x < S(0), splat<V>(S(__builtin_nanf(""))), value);
 }
 
-template <class S> constexpr S inverse_factorial(int n) { return n == 0 ? S(1) : inverse_factorial<S>(n - 1) / S(n); }
+template <class S>
+constexpr S inverse_factorial(int n) {
+    return n == 0 ? S(1) : inverse_factorial<S>(n - 1) / S(n);
+}
 
 // Exponential, about one ulp: 2^k times Taylor's polynomial on |r| <= log(2) / 2.
-template <class V> inline V exp(V x) {
+template <class V>
+inline V exp(V x) {
     using T = LaneTraits<V>;
     using S = Scalar<V>;
     using I = Mask<V>;
@@ -154,7 +197,8 @@ template <class V> inline V exp(V x) {
 }
 
 // Sine and cosine, about one ulp while |x| is below some thousand: Taylor's polynomials on |r| <= pi / 4.
-template <class V> inline void sin_cos(V x, V& sine, V& cosine) {
+template <class V>
+inline void sin_cos(V x, V& sine, V& cosine) {
     using T = LaneTraits<V>;
     using S = Scalar<V>;
     using I = Mask<V>;

@@ -14,7 +14,8 @@ namespace physreal {
 
 // Rows of `stride` particles, padded to whole blocks with F = 1, valid E and nu, and adjoints of zero. The bars and the
 // workspace are for the adjoints only; each thread has its own workspace and its own bars of the networks.
-template <class S> struct MaterialArrays {
+template <class S>
+struct MaterialArrays {
     const S *E, *nu;   // Young's modulus [Pa], Poisson's ratio
     const S* plastic;  // 2 rows: the law's parameters
     // latent codes, a row for each number, and the networks' flat weights
@@ -22,18 +23,25 @@ template <class S> struct MaterialArrays {
     S *E_bar, *nu_bar, *plastic_bar;
     S *latent_elastic_bar, *network_elastic_bar, *latent_plastic_bar, *network_plastic_bar;
     long stride;
-    S dt;     // substep [s]
-    S share;  // substep over frame duration
+    S dt;                                        // substep [s]
+    S share;                                     // substep over frame duration
     S beta_elastic, beta_plastic, strain_scale;  // of constitutive/residual_config.py
-    S* workspace;  // Material::workspace_size scalars
+    S* workspace;                                // Material::workspace_size scalars
 };
 
 // The polar rotation of F, from the expert where it has it.
-template <class Expert, class V> inline Mat3<V> rotation(const Expert&, const Mat3<V>& F) { return polar_rotation(F); }
-template <class V> inline Mat3<V> rotation(const FixedCorotated<V>& expert, const Mat3<V>&) { return expert.R; }
+template <class Expert, class V>
+inline Mat3<V> rotation(const Expert&, const Mat3<V>& F) {
+    return polar_rotation(F);
+}
+template <class V>
+inline Mat3<V> rotation(const FixedCorotated<V>& expert, const Mat3<V>&) {
+    return expert.R;
+}
 
 // The stress of an expert and its residual; just the expert's without a network.
-template <class V, class Expert, class Net> struct HybridStress {
+template <class V, class Expert, class Net>
+struct HybridStress {
     Expert expert;
     StressResidual<V, Net> residual;
     Mat3<V> tau;
@@ -42,7 +50,8 @@ template <class V, class Expert, class Net> struct HybridStress {
         : expert(F, E, nu), residual(F, rotation(expert, F), expert.tau, E, inputs), tau(expert.tau + residual.delta) {}
 };
 
-template <class V, class Expert> struct HybridStress<V, Expert, NoNetwork> : Expert {
+template <class V, class Expert>
+struct HybridStress<V, Expert, NoNetwork> : Expert {
     HybridStress(const Mat3<V>& F, V E, V nu, const ResidualInputs<Scalar<V>>&) : Expert(F, E, nu) {}
 };
 
@@ -76,7 +85,8 @@ public:
     using Stress = HybridStress<V, Elastic<V>, ElasticNetwork>;  // has `tau` [Pa], and what the adjoint needs
 
     explicit Material(const MaterialArrays<S>& arrays)
-        : a_(arrays), elastic_adjoint_(arrays.workspace, arrays.network_elastic_bar),
+        : a_(arrays),
+          elastic_adjoint_(arrays.workspace, arrays.network_elastic_bar),
           plastic_adjoint_(arrays.workspace + ElasticAdjoint::workspace_size, arrays.network_plastic_bar) {}
 
     // p: the first particle of a block, here and below.
@@ -85,8 +95,8 @@ public:
     // Adds to F_bar and to the rows of the parameters' adjoints.
     void stress_adjoint(int p, const Stress& stress, const Mat3<V>& F, const Mat3<V>& tau_bar, Mat3<V>& F_bar) {
         if constexpr (ElasticNetwork::present) {
-            const auto neural = stress.residual.adjoint(F, tau_bar, elastic_inputs(p), elastic_adjoint_,
-                                                        a_.latent_elastic_bar + p);
+            const auto neural =
+                stress.residual.adjoint(F, tau_bar, elastic_inputs(p), elastic_adjoint_, a_.latent_elastic_bar + p);
             F_bar += neural.F;
             add(a_.E_bar + p, neural.E);
             expert_adjoint(p, stress.expert, tau_bar + neural.tau_exp, F_bar);

@@ -6,76 +6,103 @@
 
 namespace physreal {
 
-template <class V> struct Vec3 {
+template <class V>
+struct Vec3 {
     V v[3];
     V& operator[](int i) { return v[i]; }
     const V& operator[](int i) const { return v[i]; }
 };
 
 // Row-major.
-template <class V> struct Mat3 {
+template <class V>
+struct Mat3 {
     V m[9];
     V& operator()(int i, int j) { return m[3 * i + j]; }
     const V& operator()(int i, int j) const { return m[3 * i + j]; }
 };
 
-template <class V> inline V dot(const Vec3<V>& a, const Vec3<V>& b) { return a[0] * b[0] + a[1] * b[1] + a[2] * b[2]; }
-template <class V> inline Vec3<V> operator+(const Vec3<V>& a, const Vec3<V>& b) {
+template <class V>
+inline V dot(const Vec3<V>& a, const Vec3<V>& b) {
+    return a[0] * b[0] + a[1] * b[1] + a[2] * b[2];
+}
+template <class V>
+inline Vec3<V> operator+(const Vec3<V>& a, const Vec3<V>& b) {
     return {{a[0] + b[0], a[1] + b[1], a[2] + b[2]}};
 }
-template <class V> inline Vec3<V> operator-(const Vec3<V>& a, const Vec3<V>& b) {
+template <class V>
+inline Vec3<V> operator-(const Vec3<V>& a, const Vec3<V>& b) {
     return {{a[0] - b[0], a[1] - b[1], a[2] - b[2]}};
 }
-template <class V> inline Vec3<V> operator*(V s, const Vec3<V>& a) { return {{s * a[0], s * a[1], s * a[2]}}; }
+template <class V>
+inline Vec3<V> operator*(V s, const Vec3<V>& a) {
+    return {{s * a[0], s * a[1], s * a[2]}};
+}
 
-template <class V> inline Mat3<V> diagonal(const Vec3<V>& d) {
+template <class V>
+inline Mat3<V> diagonal(const Vec3<V>& d) {
     Mat3<V> A = {};
     for (int i = 0; i < 3; ++i) A(i, i) = d[i];
     return A;
 }
 
-template <class V> inline Mat3<V> identity_times(V s) { return diagonal<V>({{s, s, s}}); }
+template <class V>
+inline Mat3<V> identity_times(V s) {
+    return diagonal<V>({{s, s, s}});
+}
 
-template <class V> inline Mat3<V>& operator+=(Mat3<V>& A, const Mat3<V>& B) {
+template <class V>
+inline Mat3<V>& operator+=(Mat3<V>& A, const Mat3<V>& B) {
     for (int i = 0; i < 9; ++i) A.m[i] += B.m[i];
     return A;
 }
-template <class V> inline Mat3<V> operator+(Mat3<V> A, const Mat3<V>& B) { return A += B; }
+template <class V>
+inline Mat3<V> operator+(Mat3<V> A, const Mat3<V>& B) {
+    return A += B;
+}
 
-template <class V> inline Mat3<V> operator-(const Mat3<V>& A, const Mat3<V>& B) {
+template <class V>
+inline Mat3<V> operator-(const Mat3<V>& A, const Mat3<V>& B) {
     Mat3<V> C;
     for (int i = 0; i < 9; ++i) C.m[i] = A.m[i] - B.m[i];
     return C;
 }
 
-template <class V> inline Mat3<V> operator*(V s, const Mat3<V>& A) {
+template <class V>
+inline Mat3<V> operator*(V s, const Mat3<V>& A) {
     Mat3<V> B;
     for (int i = 0; i < 9; ++i) B.m[i] = s * A.m[i];
     return B;
 }
-template <class V> inline Mat3<V> operator*(Scalar<V> s, const Mat3<V>& A) { return splat<V>(s) * A; }
+template <class V>
+inline Mat3<V> operator*(Scalar<V> s, const Mat3<V>& A) {
+    return splat<V>(s) * A;
+}
 
-template <class V> inline Mat3<V> operator*(const Mat3<V>& A, const Mat3<V>& B) {
+template <class V>
+inline Mat3<V> operator*(const Mat3<V>& A, const Mat3<V>& B) {
     Mat3<V> C;
     for (int i = 0; i < 3; ++i)
         for (int j = 0; j < 3; ++j) C(i, j) = A(i, 0) * B(0, j) + A(i, 1) * B(1, j) + A(i, 2) * B(2, j);
     return C;
 }
 
-template <class V> inline Vec3<V> operator*(const Mat3<V>& A, const Vec3<V>& b) {
+template <class V>
+inline Vec3<V> operator*(const Mat3<V>& A, const Vec3<V>& b) {
     Vec3<V> c;
     for (int i = 0; i < 3; ++i) c[i] = A(i, 0) * b[0] + A(i, 1) * b[1] + A(i, 2) * b[2];
     return c;
 }
 
-template <class V> inline Mat3<V> transpose(const Mat3<V>& A) {
+template <class V>
+inline Mat3<V> transpose(const Mat3<V>& A) {
     Mat3<V> B;
     for (int i = 0; i < 3; ++i)
         for (int j = 0; j < 3; ++j) B(i, j) = A(j, i);
     return B;
 }
 
-template <class V> inline Mat3<V> symmetric(const Mat3<V>& A) {
+template <class V>
+inline Mat3<V> symmetric(const Mat3<V>& A) {
     Mat3<V> B;
     for (int i = 0; i < 3; ++i) {
         B(i, i) = A(i, i);
@@ -85,24 +112,30 @@ template <class V> inline Mat3<V> symmetric(const Mat3<V>& A) {
 }
 
 // A B where it is known to be symmetric: six entries, mirrored.
-template <class V> inline Mat3<V> symmetric_product(const Mat3<V>& A, const Mat3<V>& B) {
+template <class V>
+inline Mat3<V> symmetric_product(const Mat3<V>& A, const Mat3<V>& B) {
     Mat3<V> C;
     for (int i = 0; i < 3; ++i)
         for (int j = 0; j <= i; ++j) C(i, j) = C(j, i) = A(i, 0) * B(0, j) + A(i, 1) * B(1, j) + A(i, 2) * B(2, j);
     return C;
 }
 
-template <class V> inline V trace(const Mat3<V>& A) { return A(0, 0) + A(1, 1) + A(2, 2); }
+template <class V>
+inline V trace(const Mat3<V>& A) {
+    return A(0, 0) + A(1, 1) + A(2, 2);
+}
 
 // Double contraction A : B.
-template <class V> inline V dot(const Mat3<V>& A, const Mat3<V>& B) {
+template <class V>
+inline V dot(const Mat3<V>& A, const Mat3<V>& B) {
     V sum = A.m[0] * B.m[0];
     for (int i = 1; i < 9; ++i) sum += A.m[i] * B.m[i];
     return sum;
 }
 
 // Derivative of the determinant: F^-T det F.
-template <class V> inline Mat3<V> cofactor(const Mat3<V>& F) {
+template <class V>
+inline Mat3<V> cofactor(const Mat3<V>& F) {
     Mat3<V> C;
     for (int i = 0; i < 3; ++i) {
         const int i1 = (i + 1) % 3, i2 = (i + 2) % 3;
@@ -115,24 +148,31 @@ template <class V> inline Mat3<V> cofactor(const Mat3<V>& F) {
 }
 
 // det F from F and its cofactor.
-template <class V> inline V determinant(const Mat3<V>& F, const Mat3<V>& C) {
+template <class V>
+inline V determinant(const Mat3<V>& F, const Mat3<V>& C) {
     return F(0, 0) * C(0, 0) + F(1, 0) * C(1, 0) + F(2, 0) * C(2, 0);
 }
-template <class V> inline V determinant(const Mat3<V>& F) { return determinant(F, cofactor(F)); }
+template <class V>
+inline V determinant(const Mat3<V>& F) {
+    return determinant(F, cofactor(F));
+}
 
 // NaN in the lanes where J <= 0 (or is NaN), 1 elsewhere.
-template <class V> inline V one_where_positive(V J) {
+template <class V>
+inline V one_where_positive(V J) {
     return select(J > Scalar<V>(0), splat<V>(1), splat<V>(Scalar<V>(__builtin_nanf(""))));
 }
 
 // Change of a Newton or Jacobi iterate below which the next, quadratically smaller one is rounding.
-template <class S> constexpr S ITERATE_TOLERANCE = sizeof(S) == 4 ? S(2e-4) : S(1e-8);
+template <class S>
+constexpr S ITERATE_TOLERANCE = sizeof(S) == 4 ? S(2e-4) : S(1e-8);
 
 // R of F = R U; NaN in the lanes where det F <= 0, so that an inverted particle is seen and not reflected.
 // Newton's iteration X <- (g X + X^-T / g) / 2 with Higham's Frobenius scaling g (SIAM J. Sci. Stat. Comput. 7(4),
 // 1986) until X is near: at most about nine steps however ill-conditioned F is, four at moderate strain. All lanes go
 // on until the last of them has converged.
-template <class V> inline Mat3<V> polar_rotation(const Mat3<V>& F) {
+template <class V>
+inline Mat3<V> polar_rotation(const Mat3<V>& F) {
     using S = Scalar<V>;
     constexpr int MOST_STEPS = 16;
     constexpr S FAR = 0.1, CONVERGED = ITERATE_TOLERANCE<S> * ITERATE_TOLERANCE<S>;
@@ -156,14 +196,15 @@ template <class V> inline Mat3<V> polar_rotation(const Mat3<V>& F) {
 }
 
 // F_bar of R = polar_rotation(F): dR = R [w]x with (tr(U) I - U) w = axl(R^T dF - dF^T R), a symmetric matrix.
-template <class V> inline Mat3<V> polar_rotation_adjoint(const Mat3<V>& F, const Mat3<V>& R, const Mat3<V>& R_bar) {
+template <class V>
+inline Mat3<V> polar_rotation_adjoint(const Mat3<V>& F, const Mat3<V>& R, const Mat3<V>& R_bar) {
     const Mat3<V> U = symmetric_product(transpose(R), F);
     const Mat3<V> W = transpose(R) * R_bar;
     const Vec3<V> axial = {{W(2, 1) - W(1, 2), W(0, 2) - W(2, 0), W(1, 0) - W(0, 1)}};
     const Mat3<V> K = identity_times(trace(U)) - U;
     const Mat3<V> C = cofactor(K);
     const Vec3<V> w = (Scalar<V>(1) / determinant(K, C)) * (C * axial);  // C symmetric, as K is
-    Mat3<V> F_bar;  // R [w]x
+    Mat3<V> F_bar;                                                       // R [w]x
     for (int i = 0; i < 3; ++i)
         for (int j = 0; j < 3; ++j) {
             const int j1 = (j + 1) % 3, j2 = (j + 2) % 3;

@@ -45,25 +45,27 @@ inline void add_outer_products(const V* rows, const V* columns, int blocks, int 
             add_outer_products<LEFT, COLUMNS, WIDTH>(rows + last, columns, blocks, stride, to + last * WIDTH);
     } else {
         constexpr int LEFT = COLUMNS % TILE, last = COLUMNS - LEFT;
-        for (int j = 0; j < last; j += TILE)
-            add_tile<ROWS, TILE, WIDTH>(rows, columns + j, blocks, stride, to + j);
+        for (int j = 0; j < last; j += TILE) add_tile<ROWS, TILE, WIDTH>(rows, columns + j, blocks, stride, to + j);
         if constexpr (LEFT > 0) add_tile<ROWS, LEFT, WIDTH>(rows, columns + last, blocks, stride, to + last);
     }
 }
 
 // A network with LATENT numbers of a particle's own beside the strain features, and HIDDEN units in each hidden layer.
-template <int LATENT_, int HIDDEN_> struct Network {
+template <int LATENT_, int HIDDEN_>
+struct Network {
     static constexpr bool present = true;
     static constexpr int LATENT = LATENT_, HIDDEN = HIDDEN_, INPUTS = STRAIN_FEATURES + LATENT;
     static constexpr int BIAS_1 = INPUTS * HIDDEN, WEIGHT_2 = BIAS_1 + HIDDEN, BIAS_2 = WEIGHT_2 + HIDDEN * HIDDEN;
     static constexpr int WEIGHT_3 = BIAS_2 + HIDDEN, BIAS_3 = WEIGHT_3 + OUTPUTS * HIDDEN;
 
-    template <class V> struct Activations {
+    template <class V>
+    struct Activations {
         V inputs[INPUTS], one, first[HIDDEN], one_again, second[HIDDEN];  // the ones stand for the biases' inputs
     };
 
     // Of the hidden layers, at the present activations.
-    template <class V> struct Slopes {
+    template <class V>
+    struct Slopes {
         V first[HIDDEN], second[HIDDEN];
     };
 
@@ -82,7 +84,8 @@ template <int LATENT_, int HIDDEN_> struct Network {
     }
 
     // The adjoint, over many blocks: the weights' is a matrix product over all particles, made of a batch at a time.
-    template <class S> class Adjoint {
+    template <class S>
+    class Adjoint {
         using V = Lanes<S>;
         struct Block {
             Activations<V> h;
@@ -127,7 +130,8 @@ template <int LATENT_, int HIDDEN_> struct Network {
     };
 
 private:
-    template <class V> static void activate(V (&x)[HIDDEN], V (&slope)[HIDDEN]) {
+    template <class V>
+    static void activate(V (&x)[HIDDEN], V (&slope)[HIDDEN]) {
         for (int i = 0; i < HIDDEN; ++i) {
             const V r = inverse_sqrt(Scalar<V>(1) + x[i] * x[i]);
             slope[i] = r * r * r;
@@ -141,7 +145,8 @@ struct NoNetwork {
     static constexpr bool present = false;
     static constexpr int LATENT = 0;
 
-    template <class S> struct Adjoint {
+    template <class S>
+    struct Adjoint {
         static constexpr int workspace_size = 0;
         Adjoint(S*, S*) {}
         void finish() {}

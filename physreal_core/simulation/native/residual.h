@@ -10,7 +10,8 @@ namespace physreal {
 
 // Of one residual: the network's flat weights, the block's latent code (rows `stride` apart), the residual's bound, and
 // the strain that counts as one.
-template <class S> struct ResidualInputs {
+template <class S>
+struct ResidualInputs {
     const S* weights;
     const S* latent;
     long stride;
@@ -18,7 +19,8 @@ template <class S> struct ResidualInputs {
 };
 
 // The network on the strain features of F = R U: S = s / sqrt(1 + |s|^2), |S| < 1, of its symmetric output s.
-template <class V, class Net> class ResidualDirection {
+template <class V, class Net>
+class ResidualDirection {
     using S_ = Scalar<V>;
     static constexpr S_ ROOT = 0.70710678118654752440;  // sqrt(1/2): Mandel's scaling of the entries off the diagonal
     typename Net::template Activations<V> h_;
@@ -36,16 +38,11 @@ public:
     ResidualDirection(const Mat3<V>& F, const Mat3<V>& R, const ResidualInputs<S_>& inputs) {
         const Mat3<V> W = stretch(F, R), C = symmetric_product(transpose(F), F);
         const V trace_W = trace(W);
-        const V strains[STRAIN_FEATURES] = {trace_W,
-                                            S_(0.5) * (trace_W * trace_W - dot(W, W)),
-                                            determinant(W),
-                                            C(0, 0) - S_(1),
-                                            C(1, 1) - S_(1),
-                                            C(2, 2) - S_(1),
-                                            C(0, 1),
-                                            C(0, 2),
-                                            C(1, 2),
-                                            determinant(F) - S_(1)};
+        const V strains[STRAIN_FEATURES] = {trace_W,         S_(0.5) * (trace_W * trace_W - dot(W, W)),
+                                            determinant(W),  C(0, 0) - S_(1),
+                                            C(1, 1) - S_(1), C(2, 2) - S_(1),
+                                            C(0, 1),         C(0, 2),
+                                            C(1, 2),         determinant(F) - S_(1)};
         for (int j = 0; j < STRAIN_FEATURES; ++j) h_.inputs[j] = (S_(1) / inputs.strain_scale) * strains[j];
         for (int q = 0; q < Net::LATENT; ++q) h_.inputs[STRAIN_FEATURES + q] = load(inputs.latent + q * inputs.stride);
         Net::forward(inputs.weights, h_, slopes_, b_);
@@ -93,13 +90,15 @@ private:
     }
 };
 
-template <class V> struct StressResidualAdjoint {
+template <class V>
+struct StressResidualAdjoint {
     Mat3<V> F, tau_exp;
     V E;
 };
 
 // What the elastic residual adds to the expert's stress.
-template <class V, class Net> class StressResidual {
+template <class V, class Net>
+class StressResidual {
     using S_ = Scalar<V>;
     static constexpr S_ SMALL_STRESS = 1e-4;  // over E: below, the residual fades quadratically instead of linearly
     ResidualDirection<V, Net> direction_;
@@ -131,12 +130,14 @@ public:
     }
 };
 
-template <class V> struct FlowResidualAdjoint {
+template <class V>
+struct FlowResidualAdjoint {
     Mat3<V> trial, F_exp;
 };
 
 // What the plastic residual adds to the expert's deformation gradient.
-template <class V, class Net> class FlowResidual {
+template <class V, class Net>
+class FlowResidual {
     using S_ = Scalar<V>;
     static constexpr S_ SMALL_STRAIN = 1e-3;  // Green strain below which it fades quadratically instead of linearly
     ResidualDirection<V, Net> direction_;

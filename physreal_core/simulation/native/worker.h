@@ -8,417 +8,382 @@
 #include "grip.h"
 #include "material.h"
 #include "nodes.h"
+#include "rows.h"
 #include "transfers.h"
 
 namespace physreal {
 
-template <class S, class Material> class Worker {
-  using V = Lanes<S>;
-  static constexpr int X = 0, VELOCITY = 3, DEFORMATION = 6, AFFINE = 15, STATE = 24;
-  enum Constant { MASS, VOLUME, LOAD, YOUNGS = 5, POISSON, PLASTIC, LATENT = 9 };
-  enum Bar { E_BAR, NU_BAR, PLASTIC_BAR, LATENT_BAR = 4 };
+template <class S, class Material>
+class Worker : ParticleRows<S> {
+    using V = Lanes<S>;
+    using Rows = ParticleRows<S>;
+    static constexpr int X = 0, VELOCITY = 3, DEFORMATION = 6, AFFINE = 15, STATE = 24;
+    enum Constant { MASS, VOLUME, LOAD, YOUNGS = 5, POISSON, PLASTIC, LATENT = 9 };
+    enum Bar { E_BAR, NU_BAR, PLASTIC_BAR, LATENT_BAR = 4 };
 
- public:
-  Worker(const Frame<S>& frame, int thread)
-      : frame_(frame),
-        thread_(thread),
-        first_(share_of(blocks(frame), thread, frame.threads) * LANES),
-        last_(min_of(share_of(blocks(frame), thread + 1, frame.threads) * LANES, frame.particles)),
-        box_{{frame.offset[0], frame.offset[1], frame.offset[2]},
-             1 / frame.cell,
-             {int(frame.origin[0]), int(frame.origin[1]), int(frame.origin[2])},
-             {int(frame.count[0]), int(frame.count[1]), int(frame.count[2])}},
-        first_node_(share_of(box_.nodes(), thread, frame.threads)),
-        last_node_(share_of(box_.nodes(), thread + 1, frame.threads)),
-        scratch_(frame.scratch + 4 * thread * Index(box_.nodes() + 4)),
-        material_(material_arrays(frame, thread)),
-        barrier_(frame.shared, frame.threads, frame.yield_) {}
+public:
+    Worker(const Frame<S>& frame, int thread)
+        : Rows(frame, thread),
+          frame_(frame),
+          thread_(thread),
+          box_{{frame.offset[0], frame.offset[1], frame.offset[2]},
+               1 / frame.cell,
+               {int(frame.origin[0]), int(frame.origin[1]), int(frame.origin[2])},
+               {int(frame.count[0]), int(frame.count[1]), int(frame.count[2])}},
+          first_node_(share_of(box_.nodes(), thread, frame.threads)),
+          last_node_(share_of(box_.nodes(), thread + 1, frame.threads)),
+          scratch_(frame.scratch + 4 * thread * Index(box_.nodes() + 4)),
+          material_(material_arrays(frame, thread)),
+          barrier_(frame.shared, frame.threads, frame.yield_) {}
 
-  void forward() {
-    load_model();
-    load_state();
-    barrier_.wait();
-    for (Index s = 0; s < frame_.substeps; s++) {
-      scatter_momentum(s);
-      barrier_.wait();
-      if (stopped()) return;
-      update_nodes(s);
-      barrier_.wait();
-      gather_velocity(s);
+    void forward() {
+        load_model();
+        load_state();
+        barrier_.wait();
+        for (Index s = 0; s < frame_.substeps; s++) {
+            scatter_momentum(s);
+            barrier_.wait();
+            if (stopped()) return;
+            update_nodes(s);
+            barrier_.wait();
+            gather_velocity(s);
+        }
+        check_state();
+        store_state();
     }
-    check_state();
-    store_state();
-  }
 
-  // Adjoint of a frame that `forward` has kept, with the same order of particles and number of threads.
-  void backward() {
-    load_model();
-    load_adjoint();
-    barrier_.wait();
-    velocities_of_kept(frame_.substeps - 1);
-    barrier_.wait();
-    for (Index s = frame_.substeps - 1; s >= 0; s--) {
-      scatter_velocity_bar(s);
-      barrier_.wait();
-      update_nodes_adjoint(s);
-      if (s > 0) velocities_of_kept(s - 1);
-      barrier_.wait();
-      gather_momentum_bar(s);
+    // Adjoint of a frame that `forward` has kept, with the same order of particles and number of threads.
+    void backward() {
+        load_model();
+        load_adjoint();
+        barrier_.wait();
+        velocities_of_kept(frame_.substeps - 1);
+        barrier_.wait();
+        for (Index s = frame_.substeps - 1; s >= 0; s--) {
+            scatter_velocity_bar(s);
+            barrier_.wait();
+            update_nodes_adjoint(s);
+            if (s > 0) velocities_of_kept(s - 1);
+            barrier_.wait();
+            gather_momentum_bar(s);
+        }
+        material_.finish();
+        store_adjoint();
     }
-    material_.finish();
-    store_adjoint();
-  }
 
- private:
-  const Frame<S>& frame_;
-  int thread_;
-  Index first_, last_;  // particles' places; first_ is a multiple of LANES
-  Box<S> box_;
-  Index first_node_, last_node_;
-  S* scratch_;
-  Material material_;
-  Barrier barrier_;
+private:
+    using Rows::add_rows, Rows::clear, Rows::first_, Rows::gather_rows, Rows::last_, Rows::lanes_from, Rows::matrix,
+        Rows::padded_end, Rows::put, Rows::row, Rows::scatter_rows, Rows::vector;
 
-  static Index blocks(const Frame<S>& frame) { return (frame.particles + LANES - 1) / LANES; }
-  static Index share_of(Index count, Index part, Index parts) { return count * part / parts; }
-  static Index min_of(Index a, Index b) { return a < b ? a : b; }
+    const Frame<S>& frame_;
+    int thread_;
+    Box<S> box_;
+    Index first_node_, last_node_;
+    S* scratch_;
+    Material material_;
+    Barrier barrier_;
 
-  S* state(Index slot) const { return frame_.state + slot * STATE * frame_.stride; }
-  V row(const S* rows, int r, Index p) const { return load(rows + r * frame_.stride + p); }
-  void put(S* rows, int r, Index p, V value) const { store(rows + r * frame_.stride + p, value); }
-
-  Vec3<V> vector(const S* rows, int r, Index p) const {
-    return {{row(rows, r, p), row(rows, r + 1, p), row(rows, r + 2, p)}};
-  }
-  Mat3<V> matrix(const S* rows, int r, Index p) const {
-    Mat3<V> M;
-    for (int i = 0; i < 9; i++) M.m[i] = row(rows, r + i, p);
-    return M;
-  }
-  void put(S* rows, int r, Index p, const Vec3<V>& value) const {
-    for (int i = 0; i < 3; i++) put(rows, r + i, p, value.v[i]);
-  }
-  void put(S* rows, int r, Index p, const Mat3<V>& value) const {
-    for (int i = 0; i < 9; i++) put(rows, r + i, p, value.m[i]);
-  }
-
-  int lanes_from(Index p) const { return int(min_of(LANES, last_ - p)); }
-
-  static MaterialArrays<S> material_arrays(const Frame<S>& f, int thread) {
-    auto constant = [&](int r) { return f.constants + r * f.stride; };
-    auto bar = [&](int r) { return f.bars + r * f.stride; };
-    MaterialArrays<S> a;
-    a.E = constant(YOUNGS);
-    a.nu = constant(POISSON);
-    a.plastic = constant(PLASTIC);
-    a.latent_elastic = constant(LATENT);
-    a.latent_plastic = constant(LATENT + int(f.latent_elastic_size));
-    a.network_elastic = f.network_elastic;
-    a.network_plastic = f.network_plastic;
-    a.E_bar = bar(E_BAR);
-    a.nu_bar = bar(NU_BAR);
-    a.plastic_bar = bar(PLASTIC_BAR);
-    a.latent_elastic_bar = bar(LATENT_BAR);
-    a.latent_plastic_bar = bar(LATENT_BAR + int(f.latent_elastic_size));
-    a.network_elastic_bar = f.network_elastic_bar + thread * f.weights_elastic;
-    a.network_plastic_bar = f.network_plastic_bar + thread * f.weights_plastic;
-    a.stride = f.stride;
-    a.dt = f.dt;
-    a.share = f.share;
-    a.beta_elastic = f.beta_elastic;
-    a.beta_plastic = f.beta_plastic;
-    a.strain_scale = f.strain_scale;
-    a.workspace = f.workspace + thread * f.workspace_size;
-    return a;
-  }
-
-  // --- in and out: the caller's layout [N, width] against rows of `stride` ------------------------------------------
-
-  void gather_rows(S* rows, const S* source, int width) const {
-    for (Index p = first_; p < padded_end(); p++) {
-      const S* from = source + width * Index(frame_.order[min_of(p, frame_.particles - 1)]);
-      for (int c = 0; c < width; c++) rows[c * frame_.stride + p] = from[c];
+    S* state(Index slot) const { return frame_.state + slot * STATE * frame_.stride; }
+    static MaterialArrays<S> material_arrays(const Frame<S>& f, int thread) {
+        auto constant = [&](int r) { return f.constants + r * f.stride; };
+        auto bar = [&](int r) { return f.bars + r * f.stride; };
+        MaterialArrays<S> a;
+        a.E = constant(YOUNGS);
+        a.nu = constant(POISSON);
+        a.plastic = constant(PLASTIC);
+        a.latent_elastic = constant(LATENT);
+        a.latent_plastic = constant(LATENT + int(f.latent_elastic_size));
+        a.network_elastic = f.network_elastic;
+        a.network_plastic = f.network_plastic;
+        a.E_bar = bar(E_BAR);
+        a.nu_bar = bar(NU_BAR);
+        a.plastic_bar = bar(PLASTIC_BAR);
+        a.latent_elastic_bar = bar(LATENT_BAR);
+        a.latent_plastic_bar = bar(LATENT_BAR + int(f.latent_elastic_size));
+        a.network_elastic_bar = f.network_elastic_bar + thread * f.weights_elastic;
+        a.network_plastic_bar = f.network_plastic_bar + thread * f.weights_plastic;
+        a.stride = f.stride;
+        a.dt = f.dt;
+        a.share = f.share;
+        a.beta_elastic = f.beta_elastic;
+        a.beta_plastic = f.beta_plastic;
+        a.strain_scale = f.strain_scale;
+        a.workspace = f.workspace + thread * f.workspace_size;
+        return a;
     }
-  }
-  void scatter_rows(S* target, const S* rows, int width) const {
-    for (Index p = first_; p < last_; p++) {
-      S* to = target + width * Index(frame_.order[p]);
-      for (int c = 0; c < width; c++) to[c] = rows[c * frame_.stride + p];
+
+    // --- in and out
+    // -----------------------------------------------------------------------------------------------------
+
+    // The last particle fills the block that is not full; nothing of those lanes is scattered or stored.
+    void load_state() {
+        const Frame<S>& f = frame_;
+        S* s = state(0);
+        gather_rows(s + X * f.stride, f.x, 3);
+        gather_rows(s + VELOCITY * f.stride, f.v, 3);
+        gather_rows(s + DEFORMATION * f.stride, f.F, 9);
+        gather_rows(s + AFFINE * f.stride, f.C, 9);
     }
-  }
-  void add_rows(S* target, const S* rows, int width) const {
-    for (Index p = first_; p < last_; p++) {
-      S* to = target + width * Index(frame_.order[p]);
-      for (int c = 0; c < width; c++) to[c] += rows[c * frame_.stride + p];
+
+    void load_model() {
+        const Frame<S>& f = frame_;
+        mark_nodes(f, first_node_, last_node_);
+        for (Index p = first_; p < last_; p++) f.place[f.order[p]] = int(p);
+        S* c = f.constants;
+        gather_rows(c + MASS * f.stride, f.mass, 1);
+        gather_rows(c + VOLUME * f.stride, f.volume, 1);
+        gather_rows(c + LOAD * f.stride, f.load, 3);
+        gather_rows(f.force, f.load, 3);
+        gather_rows(c + YOUNGS * f.stride, f.E, 1);
+        gather_rows(c + POISSON * f.stride, f.nu, 1);
+        gather_rows(c + PLASTIC * f.stride, f.plastic, 2);
+        gather_rows(c + LATENT * f.stride, f.latent_elastic, int(f.latent_elastic_size));
+        gather_rows(c + (LATENT + f.latent_elastic_size) * f.stride, f.latent_plastic, int(f.latent_plastic_size));
     }
-  }
-  Index padded_end() const { return last_ == frame_.particles ? frame_.stride : last_; }
-  void clear(S* rows, int count) const {
-    for (int r = 0; r < count; r++)
-      for (Index p = first_; p < padded_end(); p++) rows[r * frame_.stride + p] = 0;
-  }
 
-  // The last particle fills the block that is not full; nothing of those lanes is scattered or stored.
-  void load_state() {
-    const Frame<S>& f = frame_;
-    S* s = state(0);
-    gather_rows(s + X * f.stride, f.x, 3);
-    gather_rows(s + VELOCITY * f.stride, f.v, 3);
-    gather_rows(s + DEFORMATION * f.stride, f.F, 9);
-    gather_rows(s + AFFINE * f.stride, f.C, 9);
-  }
-
-  void load_model() {
-    const Frame<S>& f = frame_;
-    mark_nodes(f, first_node_, last_node_);
-    for (Index p = first_; p < last_; p++) f.place[f.order[p]] = int(p);
-    S* c = f.constants;
-    gather_rows(c + MASS * f.stride, f.mass, 1);
-    gather_rows(c + VOLUME * f.stride, f.volume, 1);
-    gather_rows(c + LOAD * f.stride, f.load, 3);
-    gather_rows(f.force, f.load, 3);
-    gather_rows(c + YOUNGS * f.stride, f.E, 1);
-    gather_rows(c + POISSON * f.stride, f.nu, 1);
-    gather_rows(c + PLASTIC * f.stride, f.plastic, 2);
-    gather_rows(c + LATENT * f.stride, f.latent_elastic, int(f.latent_elastic_size));
-    gather_rows(c + (LATENT + f.latent_elastic_size) * f.stride, f.latent_plastic, int(f.latent_plastic_size));
-  }
-
-  void store_state() const {
-    const Frame<S>& f = frame_;
-    const S* s = state(f.keep ? f.substeps : 0);
-    scatter_rows(f.x, s + X * f.stride, 3);
-    scatter_rows(f.v, s + VELOCITY * f.stride, 3);
-    scatter_rows(f.F, s + DEFORMATION * f.stride, 9);
-    scatter_rows(f.C, s + AFFINE * f.stride, 9);
-  }
-
-  void load_adjoint() {
-    const Frame<S>& f = frame_;
-    S* a = f.adjoint;
-    gather_rows(a + X * f.stride, f.x_bar, 3);
-    gather_rows(a + VELOCITY * f.stride, f.v_bar, 3);
-    gather_rows(a + DEFORMATION * f.stride, f.F_bar, 9);
-    gather_rows(a + AFFINE * f.stride, f.C_bar, 9);
-    for (int r = 0; r < STATE; r++)
-      for (Index p = last_; p < padded_end(); p++) a[r * f.stride + p] = 0;
-    clear(f.bars, LATENT_BAR + int(f.latent_elastic_size + f.latent_plastic_size));
-  }
-
-  void store_adjoint() const {
-    const Frame<S>& f = frame_;
-    const S *a = f.adjoint, *b = f.bars;
-    scatter_rows(f.x_bar, a + X * f.stride, 3);
-    scatter_rows(f.v_bar, a + VELOCITY * f.stride, 3);
-    scatter_rows(f.F_bar, a + DEFORMATION * f.stride, 9);
-    scatter_rows(f.C_bar, a + AFFINE * f.stride, 9);
-    add_rows(f.E_bar, b + E_BAR * f.stride, 1);
-    add_rows(f.nu_bar, b + NU_BAR * f.stride, 1);
-    add_rows(f.plastic_bar, b + PLASTIC_BAR * f.stride, 2);
-    add_rows(f.latent_elastic_bar, b + LATENT_BAR * f.stride, int(f.latent_elastic_size));
-    add_rows(f.latent_plastic_bar, b + (LATENT_BAR + f.latent_elastic_size) * f.stride, int(f.latent_plastic_size));
-  }
-
-  // --- forward ------------------------------------------------------------------------------------------------------
-
-  void clear_scratch() { __builtin_memset(scratch_, 0, 4 * (box_.nodes() + 4) * sizeof(S)); }
-
-  Mat3<V> affine_momentum(Index p, const Mat3<V>& C, const Mat3<V>& tau) const {
-    V m = row(frame_.constants, MASS, p) * frame_.cell;
-    V stress = row(frame_.constants, VOLUME, p) * (-4 * frame_.dt / frame_.cell);
-    Mat3<V> A;
-    for (int i = 0; i < 9; i++) A.m[i] = m * C.m[i] + stress * tau.m[i];
-    return A;
-  }
-  Vec3<V> pushed_momentum(Index p, const S* s) const {
-    V m = row(frame_.constants, MASS, p);
-    Vec3<V> q;
-    for (int d = 0; d < 3; d++) q.v[d] = m * row(s, VELOCITY + d, p) + frame_.dt * row(frame_.force, d, p);
-    return q;
-  }
-
-  void scatter_momentum(Index s) {
-    const S* now = state(frame_.keep ? s : 0);
-    grip_forces(frame_, s, now, frame_.constants + LOAD * frame_.stride, first_, last_);
-    clear_scratch();
-    Scatter<S> scatter(scratch_, box_);
-    for (Index p = first_; p < last_; p += LANES) {
-      Vec3<V> x = vector(now, X, p), momentum = pushed_momentum(p, now);
-      auto stress = material_.stress(int(p), matrix(now, DEFORMATION, p));
-      Mat3<V> A = affine_momentum(p, matrix(now, AFFINE, p), stress.tau);
-      Stencil<S> stencil(x.v, box_);
-      if (fails(s, p, stencil, x, momentum, A)) return;
-      AffineBlock<S> field(momentum, row(frame_.constants, MASS, p), A, stencil.fraction);
-      for (int l = 0; l < lanes_from(p); l++) scatter.add(stencil.base[l], field.of(l), stencil.weights(l));
+    void store_state() const {
+        const Frame<S>& f = frame_;
+        const S* s = state(f.keep ? f.substeps : 0);
+        scatter_rows(f.x, s + X * f.stride, 3);
+        scatter_rows(f.v, s + VELOCITY * f.stride, 3);
+        scatter_rows(f.F, s + DEFORMATION * f.stride, 9);
+        scatter_rows(f.C, s + AFFINE * f.stride, 9);
     }
-    scatter.flush();
-  }
 
-  void update_nodes(Index s) {
-    for (Index n = first_node_; n < last_node_; n++) {
-      Node<S> p = summed(frame_, box_.nodes(), n);
-      if (frame_.keep) write(frame_.momentum + 4 * (s * box_.nodes() + n), p);
-      write(frame_.velocity + 4 * n, node_velocity(frame_, p, frame_.kind[n]));
+    void load_adjoint() {
+        const Frame<S>& f = frame_;
+        S* a = f.adjoint;
+        gather_rows(a + X * f.stride, f.x_bar, 3);
+        gather_rows(a + VELOCITY * f.stride, f.v_bar, 3);
+        gather_rows(a + DEFORMATION * f.stride, f.F_bar, 9);
+        gather_rows(a + AFFINE * f.stride, f.C_bar, 9);
+        for (int r = 0; r < STATE; r++)
+            for (Index p = last_; p < padded_end(); p++) a[r * f.stride + p] = 0;
+        clear(f.bars, LATENT_BAR + int(f.latent_elastic_size + f.latent_plastic_size));
     }
-  }
 
-  void gather_velocity(Index s) {
-    const S* now = state(frame_.keep ? s : 0);
-    S* next = state(frame_.keep ? s + 1 : 0);
-    for (Index p = first_; p < last_; p += LANES) {
-      Vec3<V> x = vector(now, X, p);
-      Stencil<S> stencil(x.v, box_);
-      MomentBlock<S> moments;
-      for (int l = 0; l < lanes_from(p); l++)
-        moments.set(l, gather(frame_.velocity + 4 * Index(stencil.base[l]), box_, stencil.weights(l)));
-      Vec3<V> v = moments.sum();
-      Mat3<V> C = (4 / frame_.cell) * moments.about_particle(stencil.fraction), F = matrix(now, DEFORMATION, p);
-      F = F + frame_.dt * (C * F);
-      if constexpr (Material::flows) F = material_.flow(int(p), F);
-      for (int d = 0; d < 3; d++) put(next, X + d, p, x.v[d] + frame_.dt * v.v[d]);
-      put(next, VELOCITY, p, v);
-      put(next, DEFORMATION, p, F);
-      put(next, AFFINE, p, C);
+    void store_adjoint() const {
+        const Frame<S>& f = frame_;
+        const S *a = f.adjoint, *b = f.bars;
+        scatter_rows(f.x_bar, a + X * f.stride, 3);
+        scatter_rows(f.v_bar, a + VELOCITY * f.stride, 3);
+        scatter_rows(f.F_bar, a + DEFORMATION * f.stride, 9);
+        scatter_rows(f.C_bar, a + AFFINE * f.stride, 9);
+        add_rows(f.E_bar, b + E_BAR * f.stride, 1);
+        add_rows(f.nu_bar, b + NU_BAR * f.stride, 1);
+        add_rows(f.plastic_bar, b + PLASTIC_BAR * f.stride, 2);
+        add_rows(f.latent_elastic_bar, b + LATENT_BAR * f.stride, int(f.latent_elastic_size));
+        add_rows(f.latent_plastic_bar, b + (LATENT_BAR + f.latent_elastic_size) * f.stride, int(f.latent_plastic_size));
     }
-  }
 
-  // --- failures -----------------------------------------------------------------------------------------------------
+    // --- forward
+    // ------------------------------------------------------------------------------------------------------
 
-  bool stopped() const { return __atomic_load_n(frame_.shared + 32, __ATOMIC_RELAXED) != 0; }
+    void clear_scratch() { __builtin_memset(scratch_, 0, 4 * (box_.nodes() + 4) * sizeof(S)); }
 
-  void report(int kind, Index substep, Index p) {
-    Index& first = frame_.status[2 * thread_ + kind];
-    Index key = substep * frame_.particles + frame_.order[p];
-    if (key < first) first = key;
-    __atomic_store_n(frame_.shared + 32, 1, __ATOMIC_RELAXED);
-  }
-
-  // Whether a particle of the block must not be scattered; the frame then stops at this substep.
-  bool fails(Index s, Index p, const Stencil<S>& at, const Vec3<V>& x, const Vec3<V>& momentum, const Mat3<V>& A) {
-    V magnitude = dot(A, A);
-    for (int d = 0; d < 3; d++) magnitude += momentum.v[d] * momentum.v[d] + x.v[d] * x.v[d];
-    auto finite = (magnitude - magnitude) == V{};
-    if (!any(~(finite & at.inside))) return false;
-    bool failed = false;
-    for (int l = 0; l < lanes_from(p); l++)
-      if (!(finite[l] && at.inside[l])) {
-        report(finite[l] ? 0 : 1, s, p + l);
-        failed = true;
-      }
-    return failed;
-  }
-
-  void check_state() {
-    const S* end = state(frame_.keep ? frame_.substeps : 0);
-    for (Index p = first_; p < last_; p += LANES) {
-      Vec3<V> x = vector(end, X, p);
-      fails(frame_.substeps, p, Stencil<S>(x.v, box_), x, vector(end, VELOCITY, p), matrix(end, DEFORMATION, p));
+    Mat3<V> affine_momentum(Index p, const Mat3<V>& C, const Mat3<V>& tau) const {
+        V m = row(frame_.constants, MASS, p) * frame_.cell;
+        V stress = row(frame_.constants, VOLUME, p) * (-4 * frame_.dt / frame_.cell);
+        Mat3<V> A;
+        for (int i = 0; i < 9; i++) A.m[i] = m * C.m[i] + stress * tau.m[i];
+        return A;
     }
-  }
-
-  // --- adjoint ------------------------------------------------------------------------------------------------------
-
-  void velocities_of_kept(Index s) {
-    for (Index n = first_node_; n < last_node_; n++) {
-      Node<S> p = read<Node<S>>(frame_.momentum + 4 * (s * box_.nodes() + n));
-      write(frame_.velocity + 4 * n, node_velocity(frame_, p, frame_.kind[n]));
+    Vec3<V> pushed_momentum(Index p, const S* s) const {
+        V m = row(frame_.constants, MASS, p);
+        Vec3<V> q;
+        for (int d = 0; d < 3; d++) q.v[d] = m * row(s, VELOCITY + d, p) + frame_.dt * row(frame_.force, d, p);
+        return q;
     }
-  }
 
-  void scatter_velocity_bar(Index s) {
-    const S *now = state(s), *next = state(s + 1);
-    S* bar = frame_.adjoint;
-    clear_scratch();
-    Scatter<S> scatter(scratch_, box_);
-    for (Index p = first_; p < last_; p += LANES) {
-      Vec3<V> x = vector(now, X, p), v = vector(next, VELOCITY, p);
-      Mat3<V> F = matrix(now, DEFORMATION, p), C = matrix(next, AFFINE, p), F_bar = matrix(bar, DEFORMATION, p);
-      if constexpr (Material::flows) F_bar = material_.flow_adjoint(int(p), F + frame_.dt * (C * F), F_bar);
-      Stencil<S> stencil(x.v, box_);
-      Mat3<V> A = (4 / frame_.cell) * (matrix(bar, AFFINE, p) + frame_.dt * (F_bar * transpose(F)));
-      Vec3<V> q;
-      for (int d = 0; d < 3; d++) q.v[d] = row(bar, VELOCITY + d, p) + frame_.dt * row(bar, X + d, p);
-      AffineBlock<S> field(q, V{}, A, stencil.fraction);
-      GradientBlock<S> gradient;
-      for (int l = 0; l < lanes_from(p); l++) {
-        Affine<S> at = field.of(l);
-        AxisWeights<S> w = stencil.weights(l);
-        scatter.add(stencil.base[l], at, w);
-        gradient.set(l, weight_gradient(frame_.velocity + 4 * Index(stencil.base[l]), box_, at, w, stencil.slopes(l)));
-      }
-      add_position_gradient(p, gradient.value(), A, v);
-      put(bar, DEFORMATION, p, F_bar + frame_.dt * (transpose(C) * F_bar));
+    void scatter_momentum(Index s) {
+        const S* now = state(frame_.keep ? s : 0);
+        grip_forces(frame_, s, now, frame_.constants + LOAD * frame_.stride, first_, last_);
+        clear_scratch();
+        Scatter<S> scatter(scratch_, box_);
+        for (Index p = first_; p < last_; p += LANES) {
+            Vec3<V> x = vector(now, X, p), momentum = pushed_momentum(p, now);
+            auto stress = material_.stress(int(p), matrix(now, DEFORMATION, p));
+            Mat3<V> A = affine_momentum(p, matrix(now, AFFINE, p), stress.tau);
+            Stencil<S> stencil(x.v, box_);
+            if (fails(s, p, stencil, x, momentum, A)) return;
+            AffineBlock<S> field(momentum, row(frame_.constants, MASS, p), A, stencil.fraction);
+            for (int l = 0; l < lanes_from(p); l++) scatter.add(stencil.base[l], field.of(l), stencil.weights(l));
+        }
+        scatter.flush();
     }
-    scatter.flush();
-  }
 
-  // x_bar += (gradient by the weights - A^T value) / cell: the field moves along with its particle.
-  void add_position_gradient(Index p, const Vec3<V>& gradient, const Mat3<V>& A, const Vec3<V>& value) {
-    for (int d = 0; d < 3; d++) {
-      V carried = A(0, d) * value.v[0] + A(1, d) * value.v[1] + A(2, d) * value.v[2];
-      V x_bar = row(frame_.adjoint, X + d, p) + (gradient[d] - carried) * (1 / frame_.cell);
-      put(frame_.adjoint, X + d, p, x_bar);
+    void update_nodes(Index s) {
+        for (Index n = first_node_; n < last_node_; n++) {
+            Node<S> p = summed(frame_, box_.nodes(), n);
+            if (frame_.keep) write(frame_.momentum + 4 * (s * box_.nodes() + n), p);
+            write(frame_.velocity + 4 * n, node_velocity(frame_, p, frame_.kind[n]));
+        }
     }
-  }
 
-  void update_nodes_adjoint(Index s) {
-    S friction_bar = 0;
-    for (Index n = first_node_; n < last_node_; n++) {
-      Node<S> p = read<Node<S>>(frame_.momentum + 4 * (s * box_.nodes() + n));
-      Node<S> b = summed(frame_, box_.nodes(), n);
-      write(frame_.node_bar + 4 * n, node_adjoint(frame_, p, frame_.kind[n], b, friction_bar));
+    void gather_velocity(Index s) {
+        const S* now = state(frame_.keep ? s : 0);
+        S* next = state(frame_.keep ? s + 1 : 0);
+        for (Index p = first_; p < last_; p += LANES) {
+            Vec3<V> x = vector(now, X, p);
+            Stencil<S> stencil(x.v, box_);
+            MomentBlock<S> moments;
+            for (int l = 0; l < lanes_from(p); l++)
+                moments.set(l, gather(frame_.velocity + 4 * Index(stencil.base[l]), box_, stencil.weights(l)));
+            Vec3<V> v = moments.sum();
+            Mat3<V> C = (4 / frame_.cell) * moments.about_particle(stencil.fraction), F = matrix(now, DEFORMATION, p);
+            F = F + frame_.dt * (C * F);
+            if constexpr (Material::flows) F = material_.flow(int(p), F);
+            for (int d = 0; d < 3; d++) put(next, X + d, p, x.v[d] + frame_.dt * v.v[d]);
+            put(next, VELOCITY, p, v);
+            put(next, DEFORMATION, p, F);
+            put(next, AFFINE, p, C);
+        }
     }
-    frame_.sums[3 * thread_] += friction_bar;
-  }
 
-  void gather_momentum_bar(Index s) {
-    const S *now = state(s), *mass = frame_.constants + MASS * frame_.stride;
-    S* bar = frame_.adjoint;
-    grip_forces(frame_, s, now, frame_.constants + LOAD * frame_.stride, first_, last_);
-    for (Index p = first_; p < last_; p += LANES) {
-      Vec3<V> x = vector(now, X, p), momentum = pushed_momentum(p, now);
-      Mat3<V> F = matrix(now, DEFORMATION, p);
-      auto stress = material_.stress(int(p), F);
-      Mat3<V> A = affine_momentum(p, matrix(now, AFFINE, p), stress.tau);
-      Stencil<S> stencil(x.v, box_);
-      V m = load(mass + p), volume = row(frame_.constants, VOLUME, p);
-      AffineBlock<S> field(momentum, m, A, stencil.fraction);
-      MomentBlock<S> moments;
-      GradientBlock<S> gradient;
-      for (int l = 0; l < lanes_from(p); l++) {
-        const S* base = frame_.node_bar + 4 * Index(stencil.base[l]);
-        AxisWeights<S> w = stencil.weights(l);
-        moments.set(l, gather(base, box_, w));
-        gradient.set(l, weight_gradient(base, box_, field.of(l), w, stencil.slopes(l)));
-      }
-      Vec3<V> q_bar = moments.sum();
-      Mat3<V> A_bar = moments.about_particle(stencil.fraction);
-      add_position_gradient(p, gradient.value(), A, q_bar);
-      for (int d = 0; d < 3; d++) put(bar, VELOCITY + d, p, m * q_bar.v[d]);
-      put(bar, AFFINE, p, (m * frame_.cell) * A_bar);
-      Mat3<V> F_bar = matrix(bar, DEFORMATION, p);
-      material_.stress_adjoint(int(p), stress, F, (volume * (-4 * frame_.dt / frame_.cell)) * A_bar, F_bar);
-      put(bar, DEFORMATION, p, F_bar);
+    // --- failures
+    // -----------------------------------------------------------------------------------------------------
+
+    bool stopped() const { return __atomic_load_n(frame_.shared + 32, __ATOMIC_RELAXED) != 0; }
+
+    void report(int kind, Index substep, Index p) {
+        Index& first = frame_.status[2 * thread_ + kind];
+        Index key = substep * frame_.particles + frame_.order[p];
+        if (key < first) first = key;
+        __atomic_store_n(frame_.shared + 32, 1, __ATOMIC_RELAXED);
     }
-    grip_forces_adjoint(frame_, s, now, mass, first_, last_, frame_.sums + 3 * thread_);
-  }
+
+    // Whether a particle of the block must not be scattered; the frame then stops at this substep.
+    bool fails(Index s, Index p, const Stencil<S>& at, const Vec3<V>& x, const Vec3<V>& momentum, const Mat3<V>& A) {
+        V magnitude = dot(A, A);
+        for (int d = 0; d < 3; d++) magnitude += momentum.v[d] * momentum.v[d] + x.v[d] * x.v[d];
+        auto finite = (magnitude - magnitude) == V{};
+        if (!any(~(finite & at.inside))) return false;
+        bool failed = false;
+        for (int l = 0; l < lanes_from(p); l++)
+            if (!(finite[l] && at.inside[l])) {
+                report(finite[l] ? 0 : 1, s, p + l);
+                failed = true;
+            }
+        return failed;
+    }
+
+    void check_state() {
+        const S* end = state(frame_.keep ? frame_.substeps : 0);
+        for (Index p = first_; p < last_; p += LANES) {
+            Vec3<V> x = vector(end, X, p);
+            fails(frame_.substeps, p, Stencil<S>(x.v, box_), x, vector(end, VELOCITY, p), matrix(end, DEFORMATION, p));
+        }
+    }
+
+    // --- adjoint
+    // ------------------------------------------------------------------------------------------------------
+
+    void velocities_of_kept(Index s) {
+        for (Index n = first_node_; n < last_node_; n++) {
+            Node<S> p = read<Node<S>>(frame_.momentum + 4 * (s * box_.nodes() + n));
+            write(frame_.velocity + 4 * n, node_velocity(frame_, p, frame_.kind[n]));
+        }
+    }
+
+    void scatter_velocity_bar(Index s) {
+        const S *now = state(s), *next = state(s + 1);
+        S* bar = frame_.adjoint;
+        clear_scratch();
+        Scatter<S> scatter(scratch_, box_);
+        for (Index p = first_; p < last_; p += LANES) {
+            Vec3<V> x = vector(now, X, p), v = vector(next, VELOCITY, p);
+            Mat3<V> F = matrix(now, DEFORMATION, p), C = matrix(next, AFFINE, p), F_bar = matrix(bar, DEFORMATION, p);
+            if constexpr (Material::flows) F_bar = material_.flow_adjoint(int(p), F + frame_.dt * (C * F), F_bar);
+            Stencil<S> stencil(x.v, box_);
+            Mat3<V> A = (4 / frame_.cell) * (matrix(bar, AFFINE, p) + frame_.dt * (F_bar * transpose(F)));
+            Vec3<V> q;
+            for (int d = 0; d < 3; d++) q.v[d] = row(bar, VELOCITY + d, p) + frame_.dt * row(bar, X + d, p);
+            AffineBlock<S> field(q, V{}, A, stencil.fraction);
+            GradientBlock<S> gradient;
+            for (int l = 0; l < lanes_from(p); l++) {
+                Affine<S> at = field.of(l);
+                AxisWeights<S> w = stencil.weights(l);
+                scatter.add(stencil.base[l], at, w);
+                gradient.set(
+                    l, weight_gradient(frame_.velocity + 4 * Index(stencil.base[l]), box_, at, w, stencil.slopes(l)));
+            }
+            add_position_gradient(p, gradient.value(), A, v);
+            put(bar, DEFORMATION, p, F_bar + frame_.dt * (transpose(C) * F_bar));
+        }
+        scatter.flush();
+    }
+
+    // x_bar += (gradient by the weights - A^T value) / cell: the field moves along with its particle.
+    void add_position_gradient(Index p, const Vec3<V>& gradient, const Mat3<V>& A, const Vec3<V>& value) {
+        for (int d = 0; d < 3; d++) {
+            V carried = A(0, d) * value.v[0] + A(1, d) * value.v[1] + A(2, d) * value.v[2];
+            V x_bar = row(frame_.adjoint, X + d, p) + (gradient[d] - carried) * (1 / frame_.cell);
+            put(frame_.adjoint, X + d, p, x_bar);
+        }
+    }
+
+    void update_nodes_adjoint(Index s) {
+        S friction_bar = 0;
+        for (Index n = first_node_; n < last_node_; n++) {
+            Node<S> p = read<Node<S>>(frame_.momentum + 4 * (s * box_.nodes() + n));
+            Node<S> b = summed(frame_, box_.nodes(), n);
+            write(frame_.node_bar + 4 * n, node_adjoint(frame_, p, frame_.kind[n], b, friction_bar));
+        }
+        frame_.sums[3 * thread_] += friction_bar;
+    }
+
+    void gather_momentum_bar(Index s) {
+        const S *now = state(s), *mass = frame_.constants + MASS * frame_.stride;
+        S* bar = frame_.adjoint;
+        grip_forces(frame_, s, now, frame_.constants + LOAD * frame_.stride, first_, last_);
+        for (Index p = first_; p < last_; p += LANES) {
+            Vec3<V> x = vector(now, X, p), momentum = pushed_momentum(p, now);
+            Mat3<V> F = matrix(now, DEFORMATION, p);
+            auto stress = material_.stress(int(p), F);
+            Mat3<V> A = affine_momentum(p, matrix(now, AFFINE, p), stress.tau);
+            Stencil<S> stencil(x.v, box_);
+            V m = load(mass + p), volume = row(frame_.constants, VOLUME, p);
+            AffineBlock<S> field(momentum, m, A, stencil.fraction);
+            MomentBlock<S> moments;
+            GradientBlock<S> gradient;
+            for (int l = 0; l < lanes_from(p); l++) {
+                const S* base = frame_.node_bar + 4 * Index(stencil.base[l]);
+                AxisWeights<S> w = stencil.weights(l);
+                moments.set(l, gather(base, box_, w));
+                gradient.set(l, weight_gradient(base, box_, field.of(l), w, stencil.slopes(l)));
+            }
+            Vec3<V> q_bar = moments.sum();
+            Mat3<V> A_bar = moments.about_particle(stencil.fraction);
+            add_position_gradient(p, gradient.value(), A, q_bar);
+            for (int d = 0; d < 3; d++) put(bar, VELOCITY + d, p, m * q_bar.v[d]);
+            put(bar, AFFINE, p, (m * frame_.cell) * A_bar);
+            Mat3<V> F_bar = matrix(bar, DEFORMATION, p);
+            material_.stress_adjoint(int(p), stress, F, (volume * (-4 * frame_.dt / frame_.cell)) * A_bar, F_bar);
+            put(bar, DEFORMATION, p, F_bar);
+        }
+        grip_forces_adjoint(frame_, s, now, mass, first_, last_, frame_.sums + 3 * thread_);
+    }
 };
 
 template <class S, template <class> class Elastic, class Plastic, class ElasticNetwork, class PlasticNetwork>
 inline void forward_frame(unsigned long long frame, int thread) {
-  Worker<S, Material<S, Elastic, Plastic, ElasticNetwork, PlasticNetwork>>(*reinterpret_cast<const Frame<S>*>(frame), thread).forward();
+    Worker<S, Material<S, Elastic, Plastic, ElasticNetwork, PlasticNetwork>>(*reinterpret_cast<const Frame<S>*>(frame),
+                                                                             thread)
+        .forward();
 }
 
 template <class S, template <class> class Elastic, class Plastic, class ElasticNetwork, class PlasticNetwork>
 inline void backward_frame(unsigned long long frame, int thread) {
-  Worker<S, Material<S, Elastic, Plastic, ElasticNetwork, PlasticNetwork>>(*reinterpret_cast<const Frame<S>*>(frame), thread).backward();
+    Worker<S, Material<S, Elastic, Plastic, ElasticNetwork, PlasticNetwork>>(*reinterpret_cast<const Frame<S>*>(frame),
+                                                                             thread)
+        .backward();
 }
 
 // Bytes of a frame, and numbers of workspace that a thread needs.
 template <class S, template <class> class Elastic, class Plastic, class ElasticNetwork, class PlasticNetwork>
 inline void measure_frame(Index* sizes) {
-  sizes[0] = sizeof(Frame<S>);
-  sizes[1] = Material<S, Elastic, Plastic, ElasticNetwork, PlasticNetwork>::workspace_size;
+    sizes[0] = sizeof(Frame<S>);
+    sizes[1] = Material<S, Elastic, Plastic, ElasticNetwork, PlasticNetwork>::workspace_size;
 }
 
 }  // namespace physreal

@@ -5,13 +5,15 @@
 
 namespace physreal {
 
-template <class V> struct StressAdjoint {
+template <class V>
+struct StressAdjoint {
     Mat3<V> F;
     V E, nu;
 };
 
 // y0, y1: the two parameters of the law of plastic flow.
-template <class V> struct FlowAdjoint {
+template <class V>
+struct FlowAdjoint {
     Mat3<V> F;
     V E, nu, y0, y1;
 };

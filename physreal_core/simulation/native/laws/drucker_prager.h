@@ -11,7 +11,8 @@ struct DruckerPrager : ReturnMap<DruckerPrager> {
     static constexpr double ROOT = 0.81649658092772603273;  // sqrt(2/3)
 
     // alpha and k of the cone, and how they change with y.
-    template <class V> struct Cone {
+    template <class V>
+    struct Cone {
         using S = Scalar<V>;
         V sine, cosine, inverse, cohesion, alpha, k;
 
@@ -23,13 +24,13 @@ struct DruckerPrager : ReturnMap<DruckerPrager> {
         }
 
         V angle_bar(V alpha_bar, V k_bar) const {
-            return S(6.0 / ROOT) * (inverse * inverse) *
-                   (alpha_bar * cosine + k_bar * cohesion * (S(1) - S(3) * sine));
+            return S(6.0 / ROOT) * (inverse * inverse) * (alpha_bar * cosine + k_bar * cohesion * (S(1) - S(3) * sine));
         }
         V cohesion_bar(V k_bar) const { return S(6) * inverse * k_bar * cosine; }
     };
 
-    template <class V> static Radial<V> radial(V q, V t, V E, V nu, V y0, V y1, Scalar<V>) {
+    template <class V>
+    static Radial<V> radial(V q, V t, V E, V nu, V y0, V y1, Scalar<V>) {
         using S = Scalar<V>;
         const Lame<V> lame(E, nu);
         const Cone<V> cone(y0, y1);

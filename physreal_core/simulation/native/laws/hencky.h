@@ -8,7 +8,8 @@
 
 namespace physreal {
 
-template <class V> class Hencky {
+template <class V>
+class Hencky {
     using S = Scalar<V>;
     Lame<V> lame_;
     Principal<V> p_;

@@ -6,11 +6,13 @@
 
 namespace physreal {
 
-template <class V> struct LameAdjoint {
+template <class V>
+struct LameAdjoint {
     V E, nu;
 };
 
-template <class V> class Lame {
+template <class V>
+class Lame {
     using S = Scalar<V>;
     V nu_, of_shear_, of_bulk_;  // 1 / (1 + nu) and 1 / (1 - 2 nu)
 

@@ -7,7 +7,8 @@
 namespace physreal {
 
 // V = Q exp(eps) Q^T. NaN in `eps` where det F <= 0.
-template <class V> struct Principal {
+template <class V>
+struct Principal {
     Mat3<V> Q;        // columns: principal directions
     Mat3<V> A;        // Q^T F, with orthogonal rows
     Vec3<V> squares;  // of the singular values: exp(2 eps)
@@ -15,7 +16,8 @@ template <class V> struct Principal {
 };
 
 // Turns rows i, j of A, and columns i, j of Q with them, until the rows are orthogonal; the sine of the angle.
-template <class V> inline V jacobi_rotation(Mat3<V>& A, Mat3<V>& Q, int i, int j) {
+template <class V>
+inline V jacobi_rotation(Mat3<V>& A, Mat3<V>& Q, int i, int j) {
     using S = Scalar<V>;
     constexpr S ROUNDING = sizeof(S) == 4 ? S(2e-7) : S(4e-16);
     const V a = A(i, 0) * A(i, 0) + A(i, 1) * A(i, 1) + A(i, 2) * A(i, 2);
@@ -38,7 +40,8 @@ template <class V> inline V jacobi_rotation(Mat3<V>& A, Mat3<V>& Q, int i, int j
     return abs(sine);
 }
 
-template <class V> inline Principal<V> principal(const Mat3<V>& F) {
+template <class V>
+inline Principal<V> principal(const Mat3<V>& F) {
     using S = Scalar<V>;
     constexpr int MOST_SWEEPS = 10;
     Principal<V> p;
@@ -61,7 +64,8 @@ template <class V> inline Principal<V> principal(const Mat3<V>& F) {
 
 // Daleckii and Krein: (eps_i - eps_j) / (s_i^2 - s_j^2), half the divided difference of the logarithm at the squares of
 // the singular values; with z = (a - b) / (a + b) it is atanh(z) / z / (a + b), without cancellation where they meet.
-template <class V> inline V log_difference(const Principal<V>& p, int i, int j) {
+template <class V>
+inline V log_difference(const Principal<V>& p, int i, int j) {
     using S = Scalar<V>;
     constexpr int TERMS = sizeof(S) == 4 ? 4 : 9;  // of atanh's series, for |z| < 0.1
     const V difference = p.squares[i] - p.squares[j], inverse_sum = S(1) / (p.squares[i] + p.squares[j]);
@@ -73,7 +77,8 @@ template <class V> inline V log_difference(const Principal<V>& p, int i, int j) 
 }
 
 // F_bar of eps = log V, its adjoint eps_bar given in the principal frame and symmetric.
-template <class V> inline Mat3<V> log_strain_adjoint(const Principal<V>& p, const Mat3<V>& eps_bar) {
+template <class V>
+inline Mat3<V> log_strain_adjoint(const Principal<V>& p, const Mat3<V>& eps_bar) {
     using S = Scalar<V>;
     Mat3<V> b_bar;  // twice the adjoint of F F^T, in the principal frame
     for (int i = 0; i < 3; ++i) {
@@ -84,7 +89,8 @@ template <class V> inline Mat3<V> log_strain_adjoint(const Principal<V>& p, cons
 }
 
 // Q diag(d) Q^T.
-template <class V> inline Mat3<V> from_principal(const Mat3<V>& Q, const Vec3<V>& d) {
+template <class V>
+inline Mat3<V> from_principal(const Mat3<V>& Q, const Vec3<V>& d) {
     Mat3<V> scaled;
     for (int i = 0; i < 3; ++i)
         for (int j = 0; j < 3; ++j) scaled(i, j) = Q(i, j) * d[j];
@@ -92,7 +98,8 @@ template <class V> inline Mat3<V> from_principal(const Mat3<V>& Q, const Vec3<V>
 }
 
 // A symmetric matrix in the principal frame: Q^T A Q.
-template <class V> inline Mat3<V> to_principal(const Mat3<V>& Q, const Mat3<V>& A) {
+template <class V>
+inline Mat3<V> to_principal(const Mat3<V>& Q, const Mat3<V>& A) {
     return symmetric_product(transpose(Q), A * Q);
 }
 

@@ -7,7 +7,8 @@
 
 namespace physreal {
 
-template <class V> class NeoHookean {
+template <class V>
+class NeoHookean {
     using S = Scalar<V>;
     Lame<V> lame_;
     Mat3<V> F_, C_;

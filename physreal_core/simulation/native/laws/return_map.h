@@ -9,21 +9,27 @@
 namespace physreal {
 
 // Where a law puts deviator norm and trace, in the lanes that yield.
-template <class V> struct Radial {
+template <class V>
+struct Radial {
     Mask<V> yields;
     V q, t;
 };
 
-template <class V> struct RadialAdjoint {
+template <class V>
+struct RadialAdjoint {
     V q, t, E, nu, y0, y1;
 };
 
 // a / b, 0 where b is not positive.
-template <class V> inline V ratio(V a, V b) { return select(b > Scalar<V>(0), a / b, V{}); }
+template <class V>
+inline V ratio(V a, V b) {
+    return select(b > Scalar<V>(0), a / b, V{});
+}
 
 // eps_bar of H = exp(eps), all in the principal frame: Daleckii and Krein's divided differences of the exponential,
 // exp((x + y) / 2) sinh(d) / d with d = (x - y) / 2, by its series where x and y are near.
-template <class V> inline Mat3<V> exponential_adjoint(const Vec3<V>& eps, const Mat3<V>& H_bar) {
+template <class V>
+inline Mat3<V> exponential_adjoint(const Vec3<V>& eps, const Mat3<V>& H_bar) {
     using S = Scalar<V>;
     constexpr int TERMS = sizeof(S) == 4 ? 5 : 9;  // of sinh's series, for |d| < 0.5
     Vec3<V> root, whole;
@@ -48,7 +54,8 @@ template <class V> inline Mat3<V> exponential_adjoint(const Vec3<V>& eps, const 
 
 // `Law` has `radial(q, t, E, nu, y0, y1, dt)` and `radial_adjoint(q, t, E, nu, y0, y1, dt, q_new_bar, t_new_bar)`; only
 // the lanes that yield are used of the latter.
-template <class Law> struct ReturnMap {
+template <class Law>
+struct ReturnMap {
     static constexpr bool flows = true;
 
     // F_trial itself, bit for bit, in the lanes that do not yield.
@@ -86,7 +93,8 @@ template <class Law> struct ReturnMap {
 private:
     // Whether any lane can yield, without a principal frame: with b = F F^T, m = tr(b) / 3 and x = |b / m - I| < 1,
     // q <= |log(b / m)| / 2 <= -log(1 - x) / 2 <= x / (2 (1 - x)), and every law yields above some q at a given trace.
-    template <class V> static bool may_yield(const Mat3<V>& trial, V E, V nu, V y0, V y1, Scalar<V> dt) {
+    template <class V>
+    static bool may_yield(const Mat3<V>& trial, V E, V nu, V y0, V y1, Scalar<V> dt) {
         using S = Scalar<V>;
         constexpr S MARGIN = 100 * ITERATE_TOLERANCE<S> * ITERATE_TOLERANCE<S>;  // rounding, here and in principal()
         const Mat3<V> b = symmetric_product(trial, transpose(trial));
@@ -99,7 +107,8 @@ private:
     }
 
     // The trial strain, and the change `delta` of the principal strains that the law asks for.
-    template <class V> struct Step {
+    template <class V>
+    struct Step {
         Principal<V> p;
         V t, q, scale;
         Vec3<V> deviator, delta;
@@ -120,7 +129,8 @@ private:
         Mat3<V> exponential() const { return from_principal(p.Q, {{exp(delta[0]), exp(delta[1]), exp(delta[2])}}); }
     };
 
-    template <class V> static Mat3<V> where(Mask<V> mask, const Mat3<V>& where_set, const Mat3<V>& elsewhere) {
+    template <class V>
+    static Mat3<V> where(Mask<V> mask, const Mat3<V>& where_set, const Mat3<V>& elsewhere) {
         Mat3<V> out;
         for (int i = 0; i < 9; ++i) out.m[i] = select(mask, where_set.m[i], elsewhere.m[i]);
         return out;

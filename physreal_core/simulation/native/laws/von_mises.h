@@ -11,7 +11,8 @@ namespace physreal {
 struct VonMises : ReturnMap<VonMises> {
     static constexpr double ROOT = 0.81649658092772603273;  // sqrt(2/3)
 
-    template <class V> static Radial<V> radial(V q, V t, V E, V nu, V y0, V y1, Scalar<V> dt) {
+    template <class V>
+    static Radial<V> radial(V q, V t, V E, V nu, V y0, V y1, Scalar<V> dt) {
         using S = Scalar<V>;
         const V two_mu = S(2) * Lame<V>(E, nu).mu;
         const V radius = S(ROOT) * y0 / two_mu;
@@ -27,7 +28,11 @@ struct VonMises : ReturnMap<VonMises> {
         const V radius_bar = q_new_bar * fraction;
         const V two_mu_bar = -radius_bar * radius / two_mu - q_new_bar * excess * (S(1) - fraction) / stiffness;
         const LameAdjoint<V> material = lame.adjoint(S(2) * two_mu_bar, V{});
-        return {q_new_bar * (S(1) - fraction), t_new_bar, material.E, material.nu, radius_bar * S(ROOT) / two_mu,
+        return {q_new_bar * (S(1) - fraction),
+                t_new_bar,
+                material.E,
+                material.nu,
+                radius_bar * S(ROOT) / two_mu,
                 q_new_bar * excess * fraction / (stiffness * dt)};
     }
 };

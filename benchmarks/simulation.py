@@ -122,13 +122,13 @@ def memory(job: Job, scene: Scene, device: str) -> int | None:
 
 
 def single(job: Job, scene: Scene, device: str, rounds: int) -> dict | None:
-    """Seconds of wall time of one job's forward and forward + backward, best of the rounds, and its memory."""
+    """Seconds of one job's forward and forward + backward, best of the runs, and its memory; processor time on the CPU."""
     workers = start([job], scene, device)
     if not workers:
         return None
     (times,) = measure(workers, rounds)
     workers[0].close()
-    best = {what: min(wall for wall, _ in taken) for what, taken in times.items()}
+    best = {what: min(run[device == "cpu"] for run in taken) for what, taken in times.items()}
     return best | {"bytes": memory(job, scene, device)}
 
 
@@ -148,7 +148,9 @@ def table(head: list[str], rows: list[list[str]]) -> None:
 
 
 def number(value: float | None, digits: int = 3) -> str:
-    return "–" if value is None else f"{value:.{digits}g}"
+    if value is None:
+        return "–"
+    return f"{value:.0f}" if value >= 10 ** (digits - 1) else f"{value:.{digits}g}"
 
 
 def basis(row: dict, device: str) -> str:
@@ -193,7 +195,7 @@ def memory_table(device: str, scene: Scene) -> dict[str, list[int | None]]:
     print(
         f"**Memory** [MB] of forward + backward, {scene.particles} particles, {scene.substeps_per_frame} substeps a frame"
     )
-    rows = [[name, *(number(size and size / 1e6, 4) for size in sizes)] for name, sizes in found.items()]
+    rows = [[name, *(number(size and size / 1e6) for size in sizes)] for name, sizes in found.items()]
     table(["", *(f"{frames} frames" for frames in MEMORY_FRAMES)], rows)
     return found
 

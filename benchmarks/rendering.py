@@ -1,6 +1,6 @@
 """Speed of the rasterisers, forward and backward, each beside the others on the same scene.
 
-`python -m benchmarks.rendering [--device cuda:0] [--quick] [--json FILE]` prints one row per scene and backend: medians of
+`python -m benchmarks.rendering [--device cuda:0] [--threads N] [--quick] [--json FILE]` prints one row per scene and backend: medians of
 interleaved rounds, and how many times faster our own is than the plain-torch tile reference, the Warp kernels and gsplat
 (where it is installed). Scene: a ball of Gaussians with a wide spread of sizes, shapes and opacities that fills most of the image's height. All
 outputs (RGB, depth, alpha) are drawn and carry a gradient to means, covariances, opacities and colours.
@@ -147,11 +147,14 @@ def measure(names: list[str], count: int, size: tuple[int, int], device: str, ro
 def main() -> None:
     parser = argparse.ArgumentParser(description=__doc__, formatter_class=argparse.RawDescriptionHelpFormatter)
     parser.add_argument("--device", default="cpu")
+    parser.add_argument("--threads", type=int, help="of torch and of our own on the CPU")
     parser.add_argument("--rounds", type=int, default=15)
     parser.add_argument("--quick", action="store_true", help="two small scenes, few rounds")
     parser.add_argument("--json", type=Path, metavar="FILE", help="write the numbers there")
     parser.add_argument("--without-reference", action="store_true", help="leave the slow plain-torch rasteriser out")
     args = parser.parse_args()
+    if args.threads:
+        torch.set_num_threads(args.threads)
     cuda = torch.device(args.device).type == "cuda"
     rounds = 5 if args.quick else args.rounds
     own = "cuda" if cuda else "native"

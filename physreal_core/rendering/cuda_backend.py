@@ -22,23 +22,30 @@ _PHASES = ("project", "list_tiles", "find_starts", "composite_tile", "composite_
 
 
 def rasterise_cuda(
-    means: Float[Tensor, "gaussians 3"],
-    covariances: Float[Tensor, "gaussians 3 3"],
-    opacities: Float[Tensor, " gaussians"],
-    colours: Float[Tensor, "gaussians 3"],
+    means: Float[Tensor, "*frames gaussians 3"],
+    covariances: Float[Tensor, "*frames gaussians 3 3"],
+    opacities: Float[Tensor, "*frames gaussians"],
+    colours: Float[Tensor, "*frames gaussians 3"],
     camera: Camera,
     pose: Float[Tensor, "4 4"],
     background: Float[Tensor, " 3"],
-) -> tuple[Float[Tensor, "height width 3"], Float[Tensor, "height width"], Float[Tensor, "height width"]]:
-    """RGB over the background, depth [m] and alpha of Gaussians given in the world [m]; gradients reach every tensor."""
+) -> tuple[
+    Float[Tensor, "*frames height width 3"],
+    Float[Tensor, "*frames height width"],
+    Float[Tensor, "*frames height width"],
+]:
+    """RGB over the background, depth [m] and alpha of Gaussians given in the world [m]; gradients reach every tensor.
+
+    Frames share the view; all of them are drawn in the same launches.
+    """
     return rasterise_with(CudaRun, means, covariances, opacities, colours, pose, background, camera)
 
 
 class CudaRun:
     """One rendering, forward and backward, on torch's current stream."""
 
-    def __init__(self, means: Tensor, camera: Camera) -> None:
-        self.scene, self.kernels = Scene(means, camera), _kernels(SCALARS[means.dtype])
+    def __init__(self, means: Tensor, camera: Camera, frames: int) -> None:
+        self.scene, self.kernels = Scene(means, camera, frames), _kernels(SCALARS[means.dtype])
         self.device = wp.device_from_torch(means.device)
 
     def forward(self, inputs: list[Tensor]) -> list[Tensor]:

@@ -21,17 +21,18 @@ from physreal_core.rendering.warp_backend import rasterise_warp
 
 @dataclass(frozen=True, eq=False)
 class Rendering:
-    """One rendered view.
+    """One rendered view, or several frames of it.
 
     Args:
-        rgb: composited over the background, shape [H, W, 3].
-        depth: expected depth along the camera's z [m], normalised by alpha; 0 where nothing was drawn; shape [H, W].
-        alpha: 0 to 1, shape [H, W].
+        rgb: composited over the background, shape [*frames, H, W, 3].
+        depth: expected depth along the camera's z [m], normalised by alpha; 0 where nothing was drawn; shape
+            [*frames, H, W].
+        alpha: 0 to 1, shape [*frames, H, W].
     """
 
-    rgb: Float[Tensor, "height width 3"]
-    depth: Float[Tensor, "height width"]
-    alpha: Float[Tensor, "height width"]
+    rgb: Float[Tensor, "*frames height width 3"]
+    depth: Float[Tensor, "*frames height width"]
+    alpha: Float[Tensor, "*frames height width"]
 
 
 def rasterise(
@@ -48,10 +49,10 @@ def rasterise(
     """Render Gaussians front to back; gradients reach means, covariances, opacities, colours, the pose and background.
 
     Args:
-        means: centres in the world [m], shape [G, 3].
-        covariances: in the world [m^2], shape [G, 3, 3]; only the symmetric part is used.
-        opacities: 0 to 1, shape [G].
-        colours: RGB, 0 to 1, shape [G, 3].
+        means: centres in the world [m], shape [G, 3]; or of several frames, drawn at once, [*frames, G, 3].
+        covariances: in the world [m^2], shape [*frames, G, 3, 3]; only the symmetric part is used.
+        opacities: 0 to 1, shape [G] for all frames, or [*frames, G].
+        colours: RGB, 0 to 1, shape [G, 3] for all frames, or [*frames, G, 3].
         T_world_camera: pose used instead of the camera's own, for pose gradients.
         background: RGB.
         backend: "auto", "native" (vector C++, CPU), "cuda" (CUDA; on the CPU for tests), "gsplat" (needs CUDA and the
@@ -60,7 +61,7 @@ def rasterise(
     Returns:
         Rendering in the dtype and on the device of `means` (float32 or float64).
     """
-    _check(means, covariances, opacities, colours)
+    opacities, colours = _of_frames(means, covariances, opacities, colours)
     pose = camera.T_world_camera if T_world_camera is None else T_world_camera
     pose = pose.to(means)
     chosen = choose_backend(means.device, means.dtype, backend)
@@ -77,7 +78,11 @@ def _colour(rgb: tuple[float, ...], dtype: torch.dtype, device: torch.device) ->
 
 
 def _in_camera_frame(draw, means, covariances, opacities, colours, camera, pose, background) -> tuple[Tensor, ...]:
-    """Through a rasteriser that takes Gaussians in the camera's frame and gives unnormalised features over black."""
+    """Through a rasteriser that takes one frame in the camera's frame and gives unnormalised features over black."""
+    if means.ndim > 2:
+        return _frame_by_frame(
+            partial(_in_camera_frame, draw), means, covariances, opacities, colours, camera, pose, background
+        )
     rotation = pose[:3, :3]
     local_means = (means - pose[:3, 3]) @ rotation
     # R^T C R; C is symmetric, so its rows can be turned as row vectors: no batch of tiny matrix products.
@@ -135,22 +140,42 @@ def choose_backend(device: torch.device, dtype: torch.dtype, requested: str = "a
     return requested
 
 
+def _through_gsplat(means: Tensor, *rest) -> tuple[Tensor, ...]:
+    return _frame_by_frame(rasterise_gsplat, means, *rest) if means.ndim > 2 else rasterise_gsplat(means, *rest)
+
+
 _BACKENDS = {
     "native": rasterise_native,
     "cuda": rasterise_cuda,
-    "gsplat": rasterise_gsplat,
+    "gsplat": _through_gsplat,
     "warp": partial(_in_camera_frame, rasterise_warp),
     "reference": partial(_in_camera_frame, rasterise_reference),
 }
 
 
-def _check(means: Tensor, covariances: Tensor, opacities: Tensor, colours: Tensor) -> None:
-    count = len(means)
+def _of_frames(means: Tensor, covariances: Tensor, opacities: Tensor, colours: Tensor) -> tuple[Tensor, Tensor]:
+    """Opacities and colours with the frames that the means have; InputError where shapes or types do not fit."""
+    frames, count = means.shape[:-2], means.shape[-2] if means.ndim > 1 else 0
     got = [tuple(a.shape) for a in (means, covariances, opacities, colours)]
-    if got != [(count, 3), (count, 3, 3), (count,), (count, 3)]:
-        raise InputError(f"shapes {got}", where="rasterise", expected="[G, 3], [G, 3, 3], [G], [G, 3]")
+    shared, own = [(count,), (count, 3)], [(*frames, count), (*frames, count, 3)]
+    fits = got[:2] == [(*frames, count, 3), (*frames, count, 3, 3)] and means.ndim > 1
+    if not fits or any(
+        shape not in either for shape, either in zip(got[2:], zip(shared, own, strict=True), strict=True)
+    ):
+        raise InputError(
+            f"shapes {got}", where="rasterise", expected="[G, 3], [G, 3, 3], [G], [G, 3], or these after [*frames]"
+        )
     kinds = {(a.dtype, a.device) for a in (means, covariances, opacities, colours)}
     if len(kinds) > 1 or means.dtype not in (torch.float32, torch.float64):
         raise InputError(
             f"{sorted(map(str, kinds))}", where="rasterise", expected="all float32 or float64, on one device"
         )
+    return opacities.expand(own[0]), colours.expand(own[1])
+
+
+def _frame_by_frame(draw, means, covariances, opacities, colours, *view) -> tuple[Tensor, ...]:
+    """Frames through a rasteriser that draws one at a time."""
+    frames = means.shape[:-2]
+    parts = [a.flatten(0, len(frames) - 1).unbind(0) for a in (means, covariances, opacities, colours)]
+    drawn = [draw(*gaussians, *view) for gaussians in zip(*parts, strict=True)]
+    return tuple(torch.stack(outputs).unflatten(0, frames) for outputs in zip(*drawn, strict=True))

@@ -24,7 +24,7 @@ SPLAT, MOMENTS, BOX = 16, 16, 4  # numbers a Gaussian in the working arrays
 SCALARS = {torch.float32: "float", torch.float64: "double"}
 
 # The fields of Scene, group by group.
-_COUNTS = ("count", "threads", "width", "height", "tiles_x", "tiles_y", "pair_count")
+_COUNTS = ("count", "frames", "threads", "width", "height", "tiles_x", "tiles_y", "pair_count")
 _NUMBERS = (
     *("fx", "fy", "cx", "cy", "x_low", "x_high", "y_low", "y_high"),
     *("near", "low_pass", "alpha_min", "alpha_max", "transmittance_min"),
@@ -43,10 +43,10 @@ INPUT_BARS = ("means_bar", "covariances_bar", "opacities_bar", "colours_bar")
 class Scene:
     """One rendering: the structure that the kernels see, and the working arrays that stay from the image to the gradient."""
 
-    def __init__(self, like: Tensor, camera: Camera) -> None:
-        self.like, self.size = like.new_empty(0), (camera.height, camera.width)
+    def __init__(self, like: Tensor, camera: Camera, frames: int) -> None:
+        self.like, self.size = like.new_empty(0), (frames, camera.height, camera.width)
         self.fields = f = _structure(SCALARS[like.dtype])()
-        f.count, f.width, f.height = len(like), camera.width, camera.height
+        f.count, f.frames, f.width, f.height = len(like), frames, camera.width, camera.height
         f.tiles_x, f.tiles_y = -(-camera.width // TILE), -(-camera.height // TILE)
         f.fx, f.fy, f.cx, f.cy = camera.intrinsics
         f.x_low, f.x_high, f.y_low, f.y_high = jacobian_limits(camera)
@@ -61,8 +61,8 @@ class Scene:
 
     @property
     def tiles(self) -> int:
-        """Number of tiles of the image."""
-        return self.fields.tiles_x * self.fields.tiles_y
+        """Number of tiles of all images."""
+        return self.fields.frames * self.fields.tiles_x * self.fields.tiles_y
 
     def hold(self, name: str, length: int, dtype: torch.dtype | None = None) -> Tensor:
         """A new working array of this name, uninitialised."""

@@ -19,15 +19,21 @@ def rasterise_with(
     background: Tensor,
     camera: Camera,
 ) -> tuple[Tensor, Tensor, Tensor]:
-    """RGB, depth and alpha by `run`: `run(means, camera)` with `forward(inputs)` and `backward(inputs, outputs, bars)`."""
-    return _Rasterise.apply(means, covariances, opacities, colours, pose, background, camera, run)
+    """RGB, depth and alpha by `run(means, camera, frames)` with its `forward(inputs)` and `backward(inputs, outputs, bars)`.
+
+    Means [..., G, 3], covariances [..., G, 3, 3], opacities [..., G] and colours [..., G, 3] have the same leading axes.
+    """
+    frames = means.shape[:-2]
+    flat = means.reshape(-1, 3), covariances.reshape(-1, 3, 3), opacities.reshape(-1), colours.reshape(-1, 3)
+    outputs = _Rasterise.apply(*flat, pose, background, camera, frames.numel(), run)
+    return tuple(a.reshape(*frames, *a.shape[1:]) for a in outputs)
 
 
 class _Rasterise(torch.autograd.Function):
     @staticmethod
-    def forward(ctx, means, covariances, opacities, colours, pose, background, camera, run):
+    def forward(ctx, means, covariances, opacities, colours, pose, background, camera, frames, run):
         inputs = [a.detach().contiguous() for a in (means, covariances, opacities, colours, pose, background)]
-        ctx.run = run(inputs[0], camera)
+        ctx.run = run(inputs[0], camera, frames)
         outputs = ctx.run.forward(inputs)
         ctx.set_materialize_grads(False)
         ctx.save_for_backward(*inputs, *outputs)
@@ -37,7 +43,7 @@ class _Rasterise(torch.autograd.Function):
     @once_differentiable
     def backward(ctx, *bars):
         if all(bar is None for bar in bars):
-            return (None,) * 8
+            return (None,) * 9
         inputs, outputs = ctx.saved_tensors[:6], ctx.saved_tensors[6:]
         bars = [None if bar is None else bar.contiguous() for bar in bars]
         *gradients, pose_bar = ctx.run.backward(inputs, outputs, bars)
@@ -47,5 +53,5 @@ class _Rasterise(torch.autograd.Function):
             gradients.append(None)
         background_bar = None
         if ctx.needs_input_grad[5] and bars[0] is not None:
-            background_bar = torch.einsum("hw,hwc->c", outputs[3], bars[0])
-        return *gradients, background_bar, None, None
+            background_bar = torch.einsum("thw,thwc->c", outputs[3], bars[0])
+        return *gradients, background_bar, None, None, None

@@ -128,3 +128,16 @@ def test_equal_depths_keep_their_order(backend: str) -> None:
     means[:, 2] = 1.0
     scene = [means, covariances, opacities, colours]
     _agree(_all(backend, scene, cam), _all("reference", scene, cam))
+
+
+def test_frames_at_once_equal_frames_one_by_one(backend: str) -> None:
+    """Five frames of moving Gaussians, one of them out of view; opacities and colours are shared and sum their gradients."""
+    cam, (means, covariances, opacities, colours) = camera(), inputs()
+    shifts = 0.05 * torch.randn(5, 1, 3, generator=torch.Generator().manual_seed(3), dtype=torch.float64)
+    shifts[2] += 50.0
+    scene = [means.detach() + shifts, covariances.detach().expand(5, -1, -1, -1), opacities, colours]
+    got = _all(backend, scene, cam)
+    assert got[0].shape == (5, 30, 40, 3) and got[2][2].abs().max() == 0
+    _agree(got, _all("reference", scene, cam))
+    one = rasterise(scene[0][3], scene[1][3], opacities, colours, cam, background=(0.3, 0.1, 0.7), backend=backend)
+    assert torch.equal(got[0][3], one.rgb) and torch.equal(got[1][3], one.depth)

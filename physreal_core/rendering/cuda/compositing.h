@@ -25,20 +25,20 @@ template <class S> struct Batch
     int gaussians[THREADS];
 };
 
-template <class S> struct Tile
+template <class S> struct Tile : Corner
 {
-    int left, top, first, end;
+    int first, end;
 
     Tile(const Scene<S>& s, int index)
-        : left(index % s.tiles_x * TILE), top(index / s.tiles_x * TILE), first(s.starts[index]), end(s.starts[index + 1])
+        : Corner(s, index), first(s.starts[index]), end(s.starts[index + 1])
     {
     }
 
     // The pixel in row r of a thread, or -1 outside the image.
     long long pixel(const Scene<S>& s, int thread, int r) const
     {
-        const int x = left + thread % TILE, y = top + thread / TILE * ROWS + r;
-        return x < s.width && y < s.height ? y * s.width + x : -1;
+        const long long x = left + thread % TILE, y = top + thread / TILE * ROWS + r;
+        return x < s.width && y < s.height ? first_pixel + y * s.width + x : -1;
     }
 };
 

@@ -66,9 +66,10 @@ template <class S> inline void list_tiles(const Scene<S>& s, long long g)
         return;
     const Splat<S> splat = s.splats[g];
     const unsigned depth = s.ranks ? unsigned(s.ranks[g]) : bits_of(splat.features[3]);
+    const unsigned long long first_tile = s.first_tile(g);
     int place = s.ends[g] - s.counts[g];
     each_tile(s, splat, s.boxes[g], [&](int tile) {
-        s.pair_keys[place] = (unsigned long long)(tile) << 32 | depth;
+        s.pair_keys[place] = (first_tile + tile) << 32 | depth;
         s.lists[place++] = int(g);
     });
 }
@@ -78,7 +79,7 @@ template <class S> inline void find_starts(const Scene<S>& s, long long pair)
 {
     if (pair > s.pair_count)
         return;
-    const long long tiles = s.tiles_x * s.tiles_y;
+    const long long tiles = s.tiles();
     const long long tile = pair < s.pair_count ? (long long)(s.pair_keys[pair] >> 32) : tiles;
     for (long long t = pair ? (long long)(s.pair_keys[pair - 1] >> 32) + 1 : 0; t <= tile; ++t)
         s.starts[t] = int(pair);

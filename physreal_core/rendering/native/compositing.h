@@ -11,14 +11,13 @@ template <class S> using Row = Lanes<S, TILE>;  // a row of a tile is one set of
 template <class S> using RowMask = Mask<S, TILE>;
 
 // One tile of the image: where it lies and which of its pixels are in the image.
-template <class S> struct Tile
+template <class S> struct Tile : Corner
 {
-    long long left, top, columns, rows;
+    long long columns, rows;
     const int *first, *end;  // its Gaussians
 
     Tile(const Scene<S>& s, long long index)
-        : left(index % s.tiles_x * TILE), top(index / s.tiles_x * TILE),
-          columns(s.width - left < TILE ? s.width - left : TILE), rows(s.height - top < TILE ? s.height - top : TILE),
+        : Corner(s, index), columns(s.width - left < TILE ? s.width - left : TILE), rows(s.height - top < TILE ? s.height - top : TILE),
           first(s.lists + s.starts[index]), end(s.lists + s.starts[index + 1])
     {
     }
@@ -30,7 +29,7 @@ template <class S> struct Tile
     {
         for (int row = 0; row < rows; ++row)
             for (int lane = 0; lane < columns; ++lane)
-                visit((top + row) * s.width + left + lane, row, lane);
+                visit(first_pixel + (top + row) * s.width + left + lane, row, lane);
     }
 
     // Rows in which the Gaussian reaches the tile, a bit each; the slack is for rounding, the pixels are tested themselves.
@@ -166,7 +165,7 @@ template <class S, bool Features> void composite_tile_adjoint(const Scene<S>& s,
 
 template <class S> void composite(const Scene<S>& s, int thread)
 {
-    for (long long tile = thread; tile < s.tiles_x * s.tiles_y; tile += s.threads)
+    for (long long tile = thread; tile < s.tiles(); tile += s.threads)
         composite_tile(s, tile);
 }
 
@@ -174,7 +173,7 @@ template <class S> void composite_adjoint(const Scene<S>& s, int thread)
 {
     S* moments = s.moments + thread * s.count * MOMENTS;
     __builtin_memset(moments, 0, s.count * MOMENTS * sizeof(S));
-    for (long long tile = thread; tile < s.tiles_x * s.tiles_y; tile += s.threads)
+    for (long long tile = thread; tile < s.tiles(); tile += s.threads)
         if (s.rgb_bar || s.depth_bar)
             composite_tile_adjoint<S, true>(s, tile, moments);
         else

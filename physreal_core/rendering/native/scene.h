@@ -23,10 +23,11 @@ enum Moment { Q, Q_X, Q_Y, Q_XX, Q_XY, Q_YY, FEATURES, USED = FEATURES + 4, MOME
 // First and last tile along x and y; first > last where nothing is drawn.
 struct alignas(16) TileBox { int left, right, top, bottom; };
 
-// Mirrored field by field in scene.py.
+// One view of a number of frames, each with Gaussians of its own and as many; those of all frames stand one after another, and
+// so do the images and their tiles. Mirrored field by field in scene.py.
 template <class S> struct Scene
 {
-    long long count, threads, width, height, tiles_x, tiles_y, pair_count;
+    long long count, frames, threads, width, height, tiles_x, tiles_y, pair_count;
     S fx, fy, cx, cy;                                          // [px]
     S x_low, x_high, y_low, y_high;                            // x / z and y / z at which the Jacobian is taken
     S near, low_pass, alpha_min, alpha_max, transmittance_min;
@@ -43,11 +44,27 @@ template <class S> struct Scene
     int *counts, *ends;                                        // CUDA: [G] tiles of each Gaussian, and their running sum
     const int* ranks;                                          // CUDA: [G] places by depth, or null: depth itself
     unsigned long long* pair_keys;                             // CUDA: [pairs] tile, then depth
-    S *rgb, *depth, *alpha, *transmittance;                    // [H, W, 3], [H, W] each
+    S *rgb, *depth, *alpha, *transmittance;                    // [frames, H, W, 3], [frames, H, W] each
     const S *rgb_bar, *depth_bar, *alpha_bar;                  // d loss / d outputs; null where none
     S* moments;                                                // [threads, G, MOMENTS]
     S *means_bar, *covariances_bar, *opacities_bar, *colours_bar;
     S* pose_bar;                                               // [threads, 3, 4]
+
+    long long tiles() const { return frames * tiles_x * tiles_y; }
+    // The first tile of the frame that a Gaussian belongs to.
+    long long first_tile(long long g) const { return g / (count / frames) * (tiles_x * tiles_y); }
+};
+
+// Where a tile lies in its frame's image, and the number of that image's first pixel.
+struct Corner
+{
+    long long left, top, first_pixel;
+
+    template <class S> Corner(const Scene<S>& s, long long tile)
+        : left(tile % s.tiles_x * TILE), top(tile / s.tiles_x % s.tiles_y * TILE),
+          first_pixel(tile / (s.tiles_x * s.tiles_y) * s.width * s.height)
+    {
+    }
 };
 
 // The loss by one pixel: by the features, divided by alpha where the output was, and what the whole ray carries.

@@ -47,14 +47,15 @@ template <class S> long long sort_by_depth(const Scene<S>& s)
 
 template <class S> void list_tiles(const Scene<S>& s, int)
 {
-    const long long count = sort_by_depth(s), tiles = s.tiles_x * s.tiles_y;
+    const long long count = sort_by_depth(s), tiles = s.tiles();
     for (long long t = 0; t < tiles; ++t)
         s.cursors[t] = 0;
     const auto each_tile = [&](long long rank, auto&& visit) {
         const TileBox& box = s.boxes[s.order[rank]];
+        int* const cursors = s.cursors + s.first_tile(s.order[rank]);
         for (int y = box.top; y <= box.bottom; ++y)
             for (int x = box.left; x <= box.right; ++x)
-                visit(s.cursors[y * s.tiles_x + x]);
+                visit(cursors[y * s.tiles_x + x]);
     };
     for (long long rank = 0; rank < count; ++rank)
         each_tile(rank, [](int& cursor) { ++cursor; });

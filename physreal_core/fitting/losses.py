@@ -121,8 +121,7 @@ def mask_loss(masks: MaskObservations, x0: Tensor, x: Tensor, F: Tensor) -> Tens
     opacities = gaussians.opacities().to(x)
     colours = x.new_zeros(len(opacities), 3)
     carried = carry_gaussians(masks.binding, gaussians, x0, x[frames], F[frames])
-    views = zip(*(part.unbind(0) for part in carried), strict=True)
-    alpha = torch.stack([rasterise(*view, opacities, colours, masks.camera).alpha for view in views])
+    alpha = rasterise(*carried, opacities, colours, masks.camera).alpha
     rows = rows.to(x.device)
     return silhouette_loss(alpha, masks.coverage[rows], masks.known[rows]).mean()
 

@@ -21,7 +21,9 @@ from physreal_core.simulation.frames import ATTEMPTS, Bars, Progress, Substeps, 
 from physreal_core.simulation.parameters import Parameters
 from physreal_core.simulation.stepper import State
 
-SORT_FRAMES = 4  # frames after which particles are put in the order of their cells again
+SORT_FRAMES = 32
+"""Frames after which particles are put in the order of their cells again. On an H200 sorting every frame costs 20 000
+particles a third of their speed and a million 4 %; an elastic body's order stays good, one that flows loses it slowly."""
 _NONE = torch.iinfo(torch.int64).max
 
 

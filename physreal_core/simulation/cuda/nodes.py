@@ -42,7 +42,7 @@ def node_kernels(dtype: str) -> SimpleNamespace:
     @wp.func
     def kind_at(model: Nodes, n: int, rollout: int, p: vec4):
         kind = FREE
-        if p[3] > model.mass_floor:
+        if p[3] > model.mass_floor and (model.has_ground != 0 or model.clamp_lower.shape[0] > 0):
             kind = kind_of(
                 n - rollout * model.nodes, model.offset, model.cell, model.box[rollout], model.has_ground,
                 model.clamp_lower, model.clamp_upper,

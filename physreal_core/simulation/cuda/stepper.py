@@ -61,6 +61,7 @@ class CudaStepper:
         self._report = torch.zeros(rollouts, COLUMNS, dtype=torch.int64, device=self.device)
         self._first = torch.zeros(1, dtype=torch.int32, device=self.device)
         self._slot = 0
+        self._placed: tuple[int, torch.Tensor | None] = (0, None)  # slot and boxes that the device knows
         self._launches: FrameLaunches | None = None
         self._graphs: dict[tuple[str, int], wp.Graph] = {}
         self._lattice = torch.as_tensor(self.offset, dtype=self.types.torch_dtype, device=self.device)
@@ -144,8 +145,11 @@ class CudaStepper:
             kept: number of the frame among the kept ones; None for the working slots.
         """
         self._slot = self.kept_slots if kept is None else kept * (self.substeps + 1)
-        self._first.fill_(self._slot)
-        self.model.box.copy_(box)
+        if self._slot != self._placed[0]:
+            self._first.fill_(self._slot)
+        if box is not self._placed[1]:
+            self.model.box.copy_(box)
+        self._placed = self._slot, box
         if self.model.gripped:
             self.model.controllers.copy_(controllers[:, :, : self.model.controllers.shape[2]])
 

@@ -20,7 +20,7 @@ from physreal_core.rendering.scene import BOX, INPUT_BARS, INPUTS, MOMENTS, OUTP
 from physreal_core.rendering.torch_function import rasterise_with
 
 # A thread with less work than this costs more to start than it saves.
-_GAUSSIANS_A_THREAD, _PAIRS_A_THREAD = 4_000, 4_000
+_GAUSSIANS_A_THREAD, _PAIRS_A_THREAD = 10_000, 10_000
 _ONLY_FOR_LISTS = ("pairs", "cursors", "keys", "other_keys", "order", "other_order")
 _PHASES = ("project", "list_tiles", "composite", "composite_adjoint", "project_adjoint")
 

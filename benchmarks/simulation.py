@@ -22,7 +22,7 @@ from benchmarks.workers import Job, Unavailable, Worker
 OURS, TAPE = "ours", "Warp tape"
 WORK = ("forward", "forward_backward")
 TURN = 0.5  # s; short runs are repeated for so long when it is an implementation's turn
-QUICK_UNTIL = 32.0  # s after the start no new round begins
+QUICK_UNTIL = 28.0  # s after the start no new round begins
 SIZES = (1_000, 2_000, 5_000, 10_000, 20_000, 50_000, 100_000)
 CUDA_SIZES = (*SIZES, 200_000, 500_000, 1_000_000)
 RATED = (20_000, 100_000, 1_000_000)  # on CUDA, where 20 000 particles do not fill the card
@@ -165,7 +165,7 @@ def faster(row: dict, ours: dict | None, what: str, kind: str) -> float | None:
 
 def rate_tables(rows: list[dict], device: str) -> None:
     """Rates of every implementation, and how many times faster ours is on as many threads."""
-    columns = {"processor": "per processor second", "wall": "wall, median", "best": "wall, best"}
+    columns = {"processor": "processor time", "wall": "wall time, median", "best": "best"}
     if device != "cpu":
         del columns["processor"]
     for what in WORK:
@@ -177,7 +177,7 @@ def rate_tables(rows: list[dict], device: str) -> None:
             ours = next((r for r in rows if r["label"] == OURS and r["threads"] == row["threads"]), None)
             ratios = [number(faster(row, ours, what, kind)) for kind in columns]
             body.append([row["label"], str(row["threads"]), *(number(row[what][k]) for k in columns), *ratios])
-        table(["", "threads", *columns.values(), *(f"ours, {name}" for name in columns.values())], body)
+        table(["", "threads", *columns.values(), *(f"ours / it, {name}" for name in columns.values())], body)
     two = next((r for r in rows if r["label"] == OURS and r["threads"] == 2), None)
     tape = next((r for r in rows if r["label"] == TAPE), None)
     if two and tape:

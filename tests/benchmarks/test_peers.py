@@ -10,7 +10,6 @@ from benchmarks import simulation
 from benchmarks.peers import genesis, ours, plain_cpp, taichi_mpm3d, warp_mpm, warp_tape
 from benchmarks.scene import Scene, lattice
 from benchmarks.workers import Job, Worker
-from physreal_core.simulation import Simulator
 
 SCENE = Scene(particles=360, frames=2, substeps_per_frame=10)
 # Positions near 0.5 m are rounded by 3e-8 (float32), over twenty steps by a few times that. The block moves by 4e-3 m
@@ -78,7 +77,6 @@ def test_genesis_moves_particles_as_ours(plain):
         assert np.abs(peer.positions() - plain.positions()).max() < ROUNDING
 
 
-@pytest.mark.skipif(not hasattr(Simulator, "rollout_batch"), reason="one rollout at a time")
 def test_rollouts_at_once_differ_by_their_stiffness(plain):
     batch = ours.make(replace(SCENE, rollouts=2), "cpu", threads=2)
     batch.forward_backward()

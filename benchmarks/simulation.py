@@ -94,7 +94,7 @@ def run(wanted: list[Job], scene: Scene, device: str, rounds: int, until: float 
     for worker, times in zip(workers, found, strict=True):
         worker.close()
         row = {"label": worker.job.label, "threads": worker.job.threads, "contact": worker.job.contact}
-        rows.append(row | {what: rates(scene.work, taken) for what, taken in times.items()})
+        rows.append(row | {what: rates(scene.work * worker.job.rollouts, taken) for what, taken in times.items()})
     return rows
 
 

@@ -40,6 +40,11 @@ def node_kernels(dtype: str) -> SimpleNamespace:
         box: wp.array2d(dtype=wp.int32)  # [rollouts, 6]
 
     @wp.func
+    def used(model: Nodes, n: int, rollout: int):
+        """Whether a row of storage belongs to the rollout's box."""
+        return n - rollout * model.nodes < model.box[rollout, 3] * model.box[rollout, 4] * model.box[rollout, 5]
+
+    @wp.func
     def kind_at(model: Nodes, n: int, rollout: int, p: vec4):
         kind = FREE
         if p[3] > model.mass_floor and (model.has_ground != 0 or model.clamp_lower.shape[0] > 0):
@@ -77,6 +82,8 @@ def node_kernels(dtype: str) -> SimpleNamespace:
     ):
         n = wp.tid()
         rollout = n / model.nodes
+        if not used(model, n, rollout):
+            return
         p = momentum[first[0] + slot, n]
         kind = kind_at(model, n, rollout, p)
         velocity_out[n] = velocity_of(
@@ -102,6 +109,8 @@ def node_kernels(dtype: str) -> SimpleNamespace:
     ):
         n = wp.tid()
         rollout = n / model.nodes
+        if not used(model, n, rollout):
+            return
         friction = model.friction[rollout]
         if arriving != 0:
             p = momentum_in[first[0] + slot, n]

@@ -5,11 +5,13 @@ from pathlib import Path
 import warp as wp
 
 SHARED = Path(__file__).parent
-# Products and sums may fuse. NaN and infinity keep their meaning: a state that blew up must be seen.
-_FLAGS = "-ffp-contract=fast"
+# Products and sums may fuse; there is no fast-math: NaN and infinity keep their meaning, a state that blew up must be seen.
+# 512: else clang splits the vectors in two on some processors.
+# -Wno-psabi: vectors wider than the registers are passed between our own templates only, never over an ABI.
+_FLAGS = "-ffp-contract=fast -mprefer-vector-width=512 -Wno-psabi"
 
 
-def native_module(name: str, header: Path, *folders: Path, cuda: bool = False) -> wp.Module:
+def native_module(name: str, header: Path, *folders: Path, cuda: bool = False, machine: str | None = None) -> wp.Module:
     """Warp module `name` with `header` included before its kernels, and without Warp's own adjoints.
 
     Every header beside `header`, beside this file or in `folders` can be included by its bare name and is part of the
@@ -20,6 +22,7 @@ def native_module(name: str, header: Path, *folders: Path, cuda: bool = False) -
         header: the header that the others are included from.
         folders: where else to look for headers.
         cuda: whether `header` is for CUDA too.
+        machine: the compiler's flags for the processor; Warp's own, that is this machine's instruction set, where None.
     """
     folders = [header.parent, *folders, SHARED]
     preamble, paths = f'#include "{header.name}"', [str(folder) for folder in folders]
@@ -30,7 +33,7 @@ def native_module(name: str, header: Path, *folders: Path, cuda: bool = False) -
         extra_cuda_include_dirs=paths if cuda else None,
         extra_build_dependencies=[str(file) for folder in folders for file in sorted(folder.rglob("*.h"))],
     )
-    flags = f"{wp.config.cpu_compiler_flags} {_FLAGS}"
+    flags = f"{wp.config.cpu_compiler_flags if machine is None else machine} {_FLAGS}"
     module = wp.get_module(name)
     wp.set_module_options(
         {"enable_backward": False, "cpu_compiler_flags": flags, "extra_build_options": options}, module=module

@@ -1,62 +1,172 @@
-// Lanes<S, N>: N numbers of type S that go through the same arithmetic at once, in as many vector registers as the machine
-// needs for them. Operators act lane by lane; a comparison gives a Mask, and `mask ? a : b` chooses lane by lane.
+// Lanes<S, N>: N numbers of type S that go through the same arithmetic at once, in as many vector registers as the
+// machine needs for them, and the elementary functions on them. Operators act lane by lane; a comparison gives a Mask,
+// and `mask ? a : b` chooses lane by lane. Nothing here hides a NaN: it goes through every function.
 #pragma once
 
 namespace physreal {
 
-template <class S> struct Bits;  // the signed integer of the same width; of two such types, the one comparisons give
-template <> struct Bits<float> { using type = int; };
-#if __SIZEOF_LONG__ == 8
-template <> struct Bits<double> { using type = long; };
-#else
-template <> struct Bits<double> { using type = long long; };
-#endif
-
-template <class S, int N> using Lanes = S __attribute__((ext_vector_type(N)));
-template <class S, int N> using Mask = typename Bits<S>::type __attribute__((ext_vector_type(N)));
-
-// Lanes in one register of this machine.
+// Lanes that fill a register of this machine with floats; the usual width, for double too.
 #if defined(__AVX512F__)
-template <class S> constexpr int register_lanes = 64 / sizeof(S);
+constexpr int LANES = 16;
 #elif defined(__AVX__)
-template <class S> constexpr int register_lanes = 32 / sizeof(S);
+constexpr int LANES = 8;
 #else
-template <class S> constexpr int register_lanes = 16 / sizeof(S);
+constexpr int LANES = 4;
 #endif
 
-template <class S, int N> inline Lanes<S, N> load(const S* from)
-{
-    Lanes<S, N> lanes;
-    __builtin_memcpy(&lanes, from, sizeof(lanes));
-    return lanes;
+template <class S, int N = LANES>
+using Lanes = S __attribute__((ext_vector_type(N)));
+
+// Of a scalar: the signed integer that comparisons of it give, and its IEEE format.
+template <class S>
+struct Number;
+
+template <>
+struct Number<float> {
+    using Integer = int;
+    static constexpr int MANTISSA_BITS = 23, EXPONENT_BIAS = 127;
+    static constexpr float ROUNDS_TO_INTEGER = 12582912.0f;  // 1.5 * 2^23: adding it leaves no bits for a fraction
+    static constexpr float LN2_HIGH = 6.9313812256e-1f, LN2_LOW = 9.0580006145e-6f;  // few bits in the high part
+    static constexpr float SMALLEST_NORMAL = 1.17549435e-38f;
+    static constexpr float EXP_LOWEST = -104.0f, EXP_HIGHEST = 89.0f;  // beyond: 0 and infinity
+    static constexpr float HALF_PI_HIGH = 1.5707855225e+0f, HALF_PI_LOW = 1.0804273188e-5f;
+    static constexpr int EXP_TERMS = 8, SIN_TERMS = 5;
+    static constexpr float LOG_SERIES[] = {0.66666662693f, 0.40000972152f, 0.28498786688f, 0.24279078841f};
+};
+
+template <>
+struct Number<double> {
+#if __SIZEOF_LONG__ == 8
+    using Integer = long;
+#else
+    using Integer = long long;
+#endif
+    static constexpr int MANTISSA_BITS = 52, EXPONENT_BIAS = 1023;
+    static constexpr double ROUNDS_TO_INTEGER = 6755399441055744.0;  // 1.5 * 2^52
+    static constexpr double LN2_HIGH = 6.93147180369123816490e-1, LN2_LOW = 1.90821492927058770002e-10;
+    static constexpr double SMALLEST_NORMAL = 2.2250738585072014e-308;
+    static constexpr double EXP_LOWEST = -746.0, EXP_HIGHEST = 710.0;
+    static constexpr double HALF_PI_HIGH = 1.57079632673412561417e+0, HALF_PI_LOW = 6.07710050650619224932e-11;
+    static constexpr int EXP_TERMS = 13, SIN_TERMS = 9;
+    static constexpr double LOG_SERIES[] = {6.666666666666735130e-1, 3.999999999940941908e-1, 2.857142874366239149e-1,
+                                            2.222219843214978396e-1, 1.818357216161805012e-1, 1.531383769920937332e-1,
+                                            1.479819860511658591e-1};
+};
+
+template <class V>
+struct LaneTraits;
+template <class S, int N>
+struct LaneTraits<S __attribute__((ext_vector_type(N)))> {
+    using Scalar = S;
+    using Mask = Lanes<typename Number<S>::Integer, N>;
+    static constexpr int COUNT = N;
+};
+
+template <class V>
+using Scalar = typename LaneTraits<V>::Scalar;
+template <class V>
+using Mask = typename LaneTraits<V>::Mask;
+
+// The same bits as another type of the same size.
+template <class To, class From>
+inline To bits_as(From from) {
+    static_assert(sizeof(To) == sizeof(From));
+    return __builtin_bit_cast(To, from);
 }
 
-template <class S, int N> inline void store(S* to, Lanes<S, N> lanes) { __builtin_memcpy(to, &lanes, sizeof(lanes)); }
+template <class V>
+inline V splat(Scalar<V> s) {
+    return s - V{};
+}  // x - 0 is x, also for x = -0
+
+template <class S, int N = LANES>
+inline Lanes<S, N> load(const S* from) {
+    Lanes<S, N> value;
+    __builtin_memcpy(&value, from, sizeof(value));
+    return value;
+}
+
+template <class S, int N>
+inline void store(S* to, Lanes<S, N> value) {
+    __builtin_memcpy(to, &value, sizeof(value));
+}
 
 // 0, 1, 2, ...
-template <class S, int N> inline Lanes<S, N> iota()
-{
-    Lanes<S, N> lanes;
-    for (int i = 0; i < N; ++i)
-        lanes[i] = S(i);
-    return lanes;
+template <class S, int N>
+inline Lanes<S, N> iota() {
+    Lanes<S, N> value;
+    for (int i = 0; i < N; ++i) value[i] = S(i);
+    return value;
+}
+
+template <class V>
+inline V select(Mask<V> mask, V where_set, V elsewhere) {
+    return mask ? where_set : elsewhere;
+}
+
+template <class V>
+inline V min(V a, V b) {
+    return a < b ? a : b;
+}
+template <class V>
+inline V max(V a, V b) {
+    return a > b ? a : b;
+}
+template <class V>
+inline V abs(V x) {
+    return __builtin_elementwise_abs(x);
+}
+template <class V>
+inline V sqrt(V x) {
+    return __builtin_elementwise_sqrt(x);
+}
+template <class V>
+inline V ceil(V x) {
+    return __builtin_elementwise_ceil(x);
+}
+template <class V>
+inline V floor(V x) {
+    return __builtin_elementwise_floor(x);
+}
+
+// 1 / sqrt(x) to about two ulp, 0 < x < infinity.
+template <class V>
+inline V inverse_sqrt(V x) {
+    return Scalar<V>(1) / sqrt(x);
+}
+
+#if defined(__AVX512F__)
+// Here the processor has an estimate of 14 bits: with a step of Newton's twice as fast as root and division.
+template <>
+inline Lanes<float, 16> inverse_sqrt(Lanes<float, 16> x) {
+    const Lanes<float, 16> estimate = __builtin_ia32_rsqrt14ps512_mask(x, x, 0xffff);
+    return estimate + 0.5f * estimate * (1.0f - x * estimate * estimate);
+}
+#endif
+
+template <class M>
+inline bool any(M mask) {
+    return __builtin_reduce_or(mask) != 0;
+}
+template <class M>
+inline bool all(M mask) {
+    return __builtin_reduce_and(mask) != 0;
 }
 
 // Sum over the lanes, by halves: the order does not depend on the machine.
-template <class S, int N> inline S sum(Lanes<S, N> lanes)
-{
+template <class S, int N>
+inline S sum(Lanes<S, N> value) {
     if constexpr (N == 1)
-        return lanes[0];
+        return value[0];
     else
-        return sum<S, N / 2>(lanes.lo + lanes.hi);
+        return sum<S, N / 2>(value.lo + value.hi);
 }
 
 // Sums over the lanes of N vectors, each in the lane of its place.
-template <class S, int N> inline Lanes<S, N> sums(const Lanes<S, N> (&values)[N])
-{
+template <class S, int N>
+inline Lanes<S, N> sums(const Lanes<S, N> (&values)[N]) {
     Lanes<S, N> level[N];
-    for (int i = 0; i < N; ++i)
-        level[i] = values[i];
+    for (int i = 0; i < N; ++i) level[i] = values[i];
 #pragma unroll
     for (int count = N / 2; count > 0; count /= 2)
 #pragma unroll
@@ -70,97 +180,111 @@ template <class S, int N> inline Lanes<S, N> sums(const Lanes<S, N> (&values)[N]
 }
 
 // Bit i of the result is lane i of the mask.
-template <class I> inline unsigned bits(Lanes<I, 16> mask)
-{
+template <class I>
+inline unsigned bits(Lanes<I, 16> mask) {
     using Bools = bool __attribute__((ext_vector_type(16)));
     return __builtin_bit_cast(unsigned short, __builtin_convertvector(mask, Bools));
 }
 
-template <class I, int N> inline bool any(Lanes<I, N> mask) { return __builtin_reduce_or(mask) != 0; }
-template <class I, int N> inline bool all(Lanes<I, N> mask) { return __builtin_reduce_and(mask) != 0; }
-
-// exp(x) = 2^n e^r with |r| <= ln 2 / 2 and e^r by its Taylor polynomial: within 2 units in the last place. NaN stays NaN;
-// beyond `highest` and `lowest` x counts as the bound, where the result is still a normal number.
-template <class S> struct Exponential;
-template <> struct Exponential<float>
-{
-    static constexpr int terms = 6, mantissa = 23, bias = 127;
-    static constexpr float highest = 88.f, lowest = -87.f, round = 12582912.f;  // 1.5 * 2^23: its last bit counts ones
-    static constexpr float ln2_high = 0.693359375f, ln2_low = -2.12194440e-4f;
-};
-template <> struct Exponential<double>
-{
-    static constexpr int terms = 13, mantissa = 52, bias = 1023;
-    static constexpr double highest = 709., lowest = -708., round = 6755399441055744.;  // 1.5 * 2^52
-    static constexpr double ln2_high = 6.93147180369123816490e-01, ln2_low = 1.90821492927058770002e-10;
-};
-
-template <class S, int N> inline Lanes<S, N> exp(Lanes<S, N> x)
-{
-    using E = Exponential<S>;
-    x = x > E::highest ? Lanes<S, N>(E::highest) : x;
-    x = x < E::lowest ? Lanes<S, N>(E::lowest) : x;
-    const Lanes<S, N> shifted = x * S(1.4426950408889634) + E::round;
-    const Lanes<S, N> n = shifted - E::round;
-    const Lanes<S, N> r = (x - n * E::ln2_high) - n * E::ln2_low;
-    S factorials[E::terms + 1] = {S(1)};
-    for (int i = 1; i <= E::terms; ++i)
-        factorials[i] = factorials[i - 1] * S(i);
-    Lanes<S, N> p = S(1) / factorials[E::terms];
-#pragma unroll
-    for (int i = E::terms - 1; i >= 0; --i)
-        p = p * r + S(1) / factorials[i];
-    using Integers = Mask<S, N>;
-    const Integers power = (__builtin_bit_cast(Integers, shifted) + E::bias) << E::mantissa;
-    return p * __builtin_bit_cast(Lanes<S, N>, power);
+// Natural logarithm, below one ulp: log(2^k (1 + f)) by the odd series in s = f / (2 + f) of fdlibm (Sun Microsystems,
+// e_log.c). Minus infinity at 0, NaN below.
+template <class V>
+inline V log(V x) {
+    using T = Number<Scalar<V>>;
+    using S = Scalar<V>;
+    using I = Mask<V>;
+    const Mask<V> subnormal = x < T::SMALLEST_NORMAL;
+    const S lift = S(1ll << T::MANTISSA_BITS);
+    const I bits = bits_as<I>(select(subnormal, x * lift, x));
+    const I half_root = bits_as<I>(splat<V>(S(0.70710678118654752)));
+    const I exponent = (bits - half_root) >> T::MANTISSA_BITS;  // so that sqrt(1/2) <= mantissa < sqrt(2)
+    const V mantissa = bits_as<V>(bits - (exponent << T::MANTISSA_BITS));
+    const V integer = splat<V>(T::ROUNDS_TO_INTEGER);
+    V k = bits_as<V>(bits_as<I>(integer) + exponent) - integer;
+    k = select(subnormal, k - S(T::MANTISSA_BITS), k);
+    const V f = mantissa - S(1);
+    const V s = f / (f + S(2));
+    const V z = s * s;
+    constexpr int terms = sizeof(T::LOG_SERIES) / sizeof(S);
+    V series = splat<V>(T::LOG_SERIES[terms - 1]);
+    for (int i = terms - 2; i >= 0; --i) series = series * z + T::LOG_SERIES[i];
+    const V half_square = S(0.5) * f * f;
+    V value = k * T::LN2_HIGH - ((half_square - (s * (half_square + z * series) + k * T::LN2_LOW)) - f);
+    const V infinity = splat<V>(S(__builtin_inff()));
+    value = select(x < infinity, value, x);  // infinity and NaN are their own logarithms
+    value = select(x == S(0), -infinity, value);
+    return select(x < S(0), splat<V>(S(__builtin_nanf(""))), value);
 }
 
-// 2^x for x between the smallest and the largest exponent of a normal number; beyond them the result means nothing.
-template <class S, int N> inline Lanes<S, N> exp2_between(Lanes<S, N> x)
-{
-    using E = Exponential<S>;
-    using Integers = Mask<S, N>;
-    const Lanes<S, N> shifted = x + E::round;
-    const Lanes<S, N> r = x - (shifted - E::round);
-    S coefficients[E::terms + 1] = {S(1)};
-    for (int i = 1; i <= E::terms; ++i)
-        coefficients[i] = coefficients[i - 1] * S(0.6931471805599453) / S(i);
-    Lanes<S, N> p = coefficients[E::terms];
-#pragma unroll
-    for (int i = E::terms - 1; i >= 0; --i)
-        p = p * r + coefficients[i];
-    const Integers power = (__builtin_bit_cast(Integers, shifted) + E::bias) << E::mantissa;
-    return p * __builtin_bit_cast(Lanes<S, N>, power);
+template <class S>
+constexpr S inverse_factorial(int n) {
+    return n == 0 ? S(1) : inverse_factorial<S>(n - 1) / S(n);
 }
 
-// log(x) for normal x > 0: x = 2^n m with m in [sqrt(1/2), sqrt(2)), log m = 2 artanh((m - 1) / (m + 1)) by its series.
-// Zero and below give NaN, as does NaN.
-template <class S> struct Logarithm;
-template <> struct Logarithm<float> { static constexpr int terms = 5; };
-template <> struct Logarithm<double> { static constexpr int terms = 11; };
-
-template <class S, int N> inline Lanes<S, N> log(Lanes<S, N> x)
-{
-    using E = Exponential<S>;
-    using Integer = typename Bits<S>::type;
-    using Integers = Mask<S, N>;
-    const Integer half = __builtin_bit_cast(Integer, S(0.7071067811865476));
-    const Integers n = (__builtin_bit_cast(Integers, x) - half) >> E::mantissa;
-    const Lanes<S, N> m = __builtin_bit_cast(Lanes<S, N>, __builtin_bit_cast(Integers, x) - (n << E::mantissa));
-    const Lanes<S, N> s = (m - S(1)) / (m + S(1)), t = s * s;
-    Lanes<S, N> p = S(1) / S(2 * Logarithm<S>::terms + 1);
-#pragma unroll
-    for (int i = Logarithm<S>::terms - 1; i >= 0; --i)
-        p = p * t + S(1) / S(2 * i + 1);
-    const Lanes<S, N> exponent = __builtin_convertvector(n, Lanes<S, N>);
-    const Lanes<S, N> value = exponent * E::ln2_high + (S(2) * s * p + exponent * E::ln2_low);
-    return x > S(0) ? value : Lanes<S, N>(S(__builtin_nanf("")));
+// Exponential, about one ulp: 2^k times Taylor's polynomial on |r| <= log(2) / 2.
+template <class V>
+inline V exp(V x) {
+    using T = Number<Scalar<V>>;
+    using S = Scalar<V>;
+    using I = Mask<V>;
+    x = select(x > T::EXP_HIGHEST, splat<V>(T::EXP_HIGHEST), x);
+    x = select(x < T::EXP_LOWEST, splat<V>(T::EXP_LOWEST), x);
+    const V integer = splat<V>(T::ROUNDS_TO_INTEGER);
+    const V shifted = x * S(1.44269504088896340736) + integer;
+    const V k = shifted - integer;
+    const V r = (x - k * T::LN2_HIGH) - k * T::LN2_LOW;
+    V value = splat<V>(inverse_factorial<S>(T::EXP_TERMS));
+    for (int i = T::EXP_TERMS - 1; i >= 0; --i) value = value * r + inverse_factorial<S>(i);
+    // 2^k in two factors: either alone is in range where the result is subnormal or infinite
+    const I exponent = bits_as<I>(shifted) - bits_as<I>(integer);
+    const I half = exponent >> 1;
+    const V low = bits_as<V>((half + T::EXPONENT_BIAS) << T::MANTISSA_BITS);
+    const V high = bits_as<V>((exponent - half + T::EXPONENT_BIAS) << T::MANTISSA_BITS);
+    return value * low * high;
 }
 
-template <class S, int N> inline Lanes<S, N> sqrt(Lanes<S, N> x) { return __builtin_elementwise_sqrt(x); }
-template <class S, int N> inline Lanes<S, N> ceil(Lanes<S, N> x) { return __builtin_elementwise_ceil(x); }
-template <class S, int N> inline Lanes<S, N> floor(Lanes<S, N> x) { return __builtin_elementwise_floor(x); }
-template <class S, int N> inline Lanes<S, N> min(Lanes<S, N> a, Lanes<S, N> b) { return a < b ? a : b; }
-template <class S, int N> inline Lanes<S, N> max(Lanes<S, N> a, Lanes<S, N> b) { return a > b ? a : b; }
+// 2^x for x between the smallest and the largest exponent of a normal number; beyond them the result means nothing. Two
+// ulp.
+template <class V>
+inline V exp2_between(V x) {
+    using T = Number<Scalar<V>>;
+    using S = Scalar<V>;
+    using I = Mask<V>;
+    constexpr int terms = sizeof(S) == 4 ? 6 : 13;
+    const V integer = splat<V>(T::ROUNDS_TO_INTEGER);
+    const V shifted = x + integer;
+    const V r = x - (shifted - integer);
+    S coefficients[terms + 1] = {S(1)};
+    for (int i = 1; i <= terms; ++i) coefficients[i] = coefficients[i - 1] * S(0.6931471805599453) / S(i);
+    V p = splat<V>(coefficients[terms]);
+#pragma unroll
+    for (int i = terms - 1; i >= 0; --i) p = p * r + coefficients[i];
+    return p * bits_as<V>((bits_as<I>(shifted) + T::EXPONENT_BIAS) << T::MANTISSA_BITS);
+}
+
+// Sine and cosine, about one ulp while |x| is below some thousand: Taylor's polynomials on |r| <= pi / 4.
+template <class V>
+inline void sin_cos(V x, V& sine, V& cosine) {
+    using T = Number<Scalar<V>>;
+    using S = Scalar<V>;
+    using I = Mask<V>;
+    const V integer = splat<V>(T::ROUNDS_TO_INTEGER);
+    const V shifted = x * S(0.63661977236758134308) + integer;
+    const V k = shifted - integer;
+    const V r = (x - k * T::HALF_PI_HIGH) - k * T::HALF_PI_LOW;
+    const V z = -r * r;
+    V odd = splat<V>(inverse_factorial<S>(2 * T::SIN_TERMS - 1));
+    V even = splat<V>(inverse_factorial<S>(2 * T::SIN_TERMS));
+    for (int i = T::SIN_TERMS - 2; i >= 1; --i) odd = odd * z + inverse_factorial<S>(2 * i + 1);
+    for (int i = T::SIN_TERMS - 1; i >= 1; --i) even = even * z + inverse_factorial<S>(2 * i);
+    odd = r + r * (z * odd);
+    even = S(1) + z * even;
+    const I quarter = bits_as<I>(shifted) & 3;
+    const I swapped = (quarter & 1) != 0;
+    sine = select(swapped, even, odd);
+    cosine = select(swapped, odd, even);
+    sine = select((quarter & 2) != 0, -sine, sine);
+    cosine = select(((quarter + 1) & 2) != 0, -cosine, cosine);
+}
 
 }  // namespace physreal

@@ -8,9 +8,9 @@ template <class S> void probe(const S* x, S* exps, S* powers, S* logs, S* totals
 {
     for (int i = 0; i < count; i += 16) {
         const Lanes<S, 16> lanes = load<S, 16>(x + i);
-        store<S, 16>(exps + i, exp<S, 16>(lanes));
-        store<S, 16>(powers + i, exp2_between<S, 16>(lanes));
-        store<S, 16>(logs + i, log<S, 16>(lanes));
+        store<S, 16>(exps + i, exp(lanes));
+        store<S, 16>(powers + i, exp2_between(lanes));
+        store<S, 16>(logs + i, log(lanes));
         Lanes<S, 16> rows[16];
         for (int k = 0; k < 16; ++k)
             rows[k] = lanes * S(k);

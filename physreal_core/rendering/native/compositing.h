@@ -8,7 +8,7 @@
 namespace physreal {
 
 template <class S> using Row = Lanes<S, TILE>;  // a row of a tile is one set of lanes
-template <class S> using RowMask = Mask<S, TILE>;
+template <class S> using RowMask = Mask<Lanes<S, TILE>>;
 
 // One tile of the image: where it lies and which of its pixels are in the image.
 template <class S> struct Tile : Corner

@@ -65,7 +65,7 @@ template <class S> void project_adjoint(const Scene<S>& s, int thread)
     Axis<Batch<S>> axes_bar[3] = {}, centre_bar = {};
     for (long long first = blocks.first * BATCH; first < blocks.end * BATCH; first += BATCH) {
         const int valid = int(s.count - first < BATCH ? s.count - first : BATCH);
-        Mask<S, BATCH> drawn = {};
+        Mask<Lanes<S, BATCH>> drawn = {};
         Batch<S> m[USED] = {}, opacity = {}, K[3] = {};
         for (int i = 0; i < valid; ++i) {
             const TileBox& box = s.boxes[first + i];

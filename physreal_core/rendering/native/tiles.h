@@ -9,7 +9,7 @@ namespace physreal {
 // Fills `order` with the drawn Gaussians by depth and returns their number; equal depths keep their order.
 template <class S> long long sort_by_depth(const Scene<S>& s)
 {
-    using Key = typename Bits<S>::type;
+    using Key = typename Number<S>::Integer;
     constexpr int DIGIT = 11, VALUES = 1 << DIGIT;
     Key *keys = static_cast<Key*>(s.keys), *to_keys = static_cast<Key*>(s.other_keys);
     int *order = s.order, *to_order = s.other_order;

@@ -3,13 +3,14 @@
 import ctypes
 import functools
 from dataclasses import dataclass
+from pathlib import Path
 
 import torch
 import warp as wp
 
+from physreal_core.native import native_module
 from physreal_core.simulation.config import SimulationConfig
 from physreal_core.simulation.constitutive import ResidualConfig
-from physreal_core.simulation.native.build import native_module
 
 # Laws by the names of their C++ twins, in laws/ and included by material.h.
 _ELASTIC = {"fixed_corotated": "FixedCorotated", "neo_hookean": "NeoHookean", "hencky": "Hencky"}
@@ -79,8 +80,8 @@ def _network(residual: ResidualConfig | None) -> str:
 
 @functools.cache
 def _kernels(dtype: str, material: str) -> FrameKernels:
-    name = "frame_" + "".join(c if c.isalnum() else "_" for c in material.replace("physreal::", ""))
-    module = native_module(name, dtype, "worker.h")
+    name = f"physreal_frame_{dtype}_" + "".join(c if c.isalnum() else "_" for c in material.replace("physreal::", ""))
+    module = native_module(name, Path(__file__).parent / "worker.h")
     arguments = f"{'float' if dtype == 'float32' else 'double'}, {material}"
 
     @wp.func_native(f"physreal::forward_frame<{arguments}>(frame, thread);")

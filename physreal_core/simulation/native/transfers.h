@@ -12,9 +12,9 @@ namespace physreal {
 using Index = long long;
 
 template <class S>
-using Node = S __attribute__((vector_size(4 * sizeof(S))));
+using Node = Lanes<S, 4>;
 template <class S>
-using Row = S __attribute__((vector_size(16 * sizeof(S))));
+using Row = Lanes<S, 16>;
 
 template <class Vector, class S>
 inline Vector read(const S* from) {
@@ -53,8 +53,8 @@ using Count = typename __make_integer_seq<IndexSequence, int, N>::type;
 template <class S>
 class NodeBlock {
     using V = Lanes<S>;
-    using Pair = S __attribute__((vector_size(2 * sizeof(V))));
-    using All = S __attribute__((vector_size(4 * sizeof(V))));
+    using Pair = Lanes<S, 2 * LANES>;
+    using All = Lanes<S, 4 * LANES>;
 
 public:
     NodeBlock() : values_{} {}
@@ -132,7 +132,7 @@ struct Stencil {
 
     Stencil(const V (&x)[3], const Box<S>& box) {
         using Whole = decltype(inside);
-        using Ints = int __attribute__((vector_size(sizeof(int) * LANES)));
+        using Ints = Lanes<int>;
         Whole base_cell[3];
         inside = x[0] == x[0];
         for (int d = 0; d < 3; d++) {

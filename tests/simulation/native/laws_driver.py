@@ -8,10 +8,12 @@ from types import SimpleNamespace
 import numpy as np
 import warp as wp
 
+from physreal_core.native import native_module
+from physreal_core.simulation import native
 from physreal_core.simulation.constitutive import ResidualConfig
-from physreal_core.simulation.native.build import native_module
 
-HEADER = str(Path(__file__).with_name("laws_driver.h"))
+HEADER = Path(__file__).with_name("laws_driver.h")
+HEADERS = Path(native.__file__).parent
 ELASTIC = {"neo_hookean": "NeoHookean", "fixed_corotated": "FixedCorotated", "hencky": "Hencky"}
 PLASTIC = {"identity": "Identity", "von_mises": "VonMises", "drucker_prager": "DruckerPrager"}
 MOST_LANES = 16
@@ -32,7 +34,9 @@ def material(
     number, scalar, c_type = TYPES[dtype]
     network = "NoNetwork" if residual is None else f"Network<{residual.latent_size}, {residual.hidden}>"
     tag = "expert" if residual is None else f"{residual.latent_size}_{residual.hidden}"
-    module = native_module(f"test_{elastic}_{plastic}_{tag}_{machine}", dtype, HEADER, flags=MACHINES[machine])
+    module = native_module(
+        f"physreal_test_{elastic}_{plastic}_{tag}_{machine}_{dtype}", HEADER, HEADERS, machine=MACHINES[machine]
+    )
     laws = f"physreal::{ELASTIC[elastic]}, physreal::{PLASTIC[plastic]}, physreal::{network}, physreal::{network}"
     call = (
         f"physreal::evaluate<{c_type}, {laws}>((unsigned long long*)rows.data, numbers.data, stride, flow, backward);"
@@ -84,7 +88,7 @@ def elementary(x: np.ndarray, dtype: str) -> np.ndarray:
     @wp.func_native(f"physreal::elementary<{c_type}>(x.data, out.data, x.shape[0]);")
     def elementary_of(x: wp.array(dtype=scalar), out: wp.array2d(dtype=scalar)): ...
 
-    @wp.kernel(module=native_module("test_elementary", dtype, HEADER))
+    @wp.kernel(module=native_module(f"physreal_test_elementary_{dtype}", HEADER, HEADERS))
     def run(x: wp.array(dtype=scalar), out: wp.array2d(dtype=scalar)):
         elementary_of(x, out)
 

@@ -2,7 +2,7 @@
 // The twin of constitutive/lame.py; one division in all, the adjoint's included.
 #pragma once
 
-#include "../lanes.h"
+#include "lanes.h"
 
 namespace physreal {
 

@@ -23,7 +23,7 @@ class Scene:
         particles: number of particles N.
         frames: frames after the first; adapters without frames run `substeps` steps in one go.
         substeps_per_frame: steps between two frames.
-        contact: the block stands on the ground, its stiffness differs by patch and a grip holds its top; else it is free.
+        contact: the block stands on the ground, its stiffness differs by patch, a grip holds its top; else it is free.
         rollouts: blocks of this size that are simulated at once, each with a stiffness of its own.
     """
 

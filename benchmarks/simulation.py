@@ -1,8 +1,8 @@
 """Speed and memory of the simulator beside its peers: `python -m benchmarks.simulation [--device cuda:0] [--json FILE]`
 
-Every implementation runs the same scene (benchmarks/scene.py) in a process of its own, round after round in turn, so that
-a busy machine hits all alike. `--sweep` adds how cost grows with particles, substeps and frames; `--quick` compares
-ours with the Warp tape alone, within 50 s on two cores. Peers that are not installed are left out with a line.
+Every implementation runs the same scene (benchmarks/scene.py) in a process of its own, round after round in turn, so
+that a busy machine hits all alike. `--sweep` adds how cost grows with particles, substeps and frames; `--quick`
+compares ours with the Warp tape alone, within 50 s on two cores. Peers that are not installed are left out with a line.
 """
 
 from __future__ import annotations
@@ -122,7 +122,7 @@ def memory(job: Job, scene: Scene, device: str) -> int | None:
 
 
 def single(job: Job, scene: Scene, device: str, rounds: int) -> dict | None:
-    """Seconds of one job's forward and forward + backward, best of the runs, and its memory; processor time on the CPU."""
+    """Best seconds of one job's forward and forward + backward, on the CPU of processor time, and its memory [B]."""
     workers = start([job], scene, device)
     if not workers:
         return None
@@ -192,10 +192,9 @@ def memory_table(device: str, scene: Scene) -> dict[str, list[int | None]]:
         wanted += [Job(OURS, "ours", 2), Job(TAPE, "warp_tape")]
     scenes = [replace(scene, frames=frames) for frames in MEMORY_FRAMES]
     found = {f"{job.label}, {threads_of(job)}": [memory(job, s, device) for s in scenes] for job in wanted}
-    print(
-        f"**Memory** [MB] of forward + backward, {scene.particles} particles, {scene.substeps_per_frame} substeps a frame"
-    )
-    rows = [[name, *(number(size and size / 1e6) for size in sizes)] for name, sizes in found.items()]
+    size = f"{scene.particles} particles, {scene.substeps_per_frame} substeps a frame"
+    print(f"**Memory** [MB] of forward + backward, {size}")
+    rows = [[name, *(number(b and b / 1e6) for b in sizes)] for name, sizes in found.items()]
     table(["", *(f"{frames} frames" for frames in MEMORY_FRAMES)], rows)
     return found
 

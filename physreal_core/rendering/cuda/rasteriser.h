@@ -7,16 +7,17 @@
 namespace physreal {
 
 // On the CPU one thread stands for a whole block.
-inline int block_of(int thread)
-{
+inline int block_of(int thread) {
 #if defined(__CUDA_ARCH__)
-    return thread / THREADS;
+  return thread / THREADS;
 #else
-    return thread;
+  return thread;
 #endif
 }
 
 template <class S> inline void composite_tile(const Scene<S>& s, int thread) { composite(s, block_of(thread)); }
-template <class S> inline void composite_tile_adjoint(const Scene<S>& s, int thread) { composite_adjoint(s, block_of(thread)); }
+template <class S> inline void composite_tile_adjoint(const Scene<S>& s, int thread) {
+  composite_adjoint(s, block_of(thread));
+}
 
 }  // namespace physreal

@@ -1,4 +1,4 @@
-// The rasteriser on the CPU in phases; a phase that takes a thread's number runs on all threads at once, list_tiles on one.
+// The rasteriser on the CPU in phases, each run on all threads at once, but list_tiles on one.
 #pragma once
 
 #include "compositing.h"

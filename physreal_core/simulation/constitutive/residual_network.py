@@ -9,6 +9,7 @@ from functools import cache
 import warp as wp
 
 from physreal_core.simulation.constitutive.residual_config import OUTPUTS, STRAIN_FEATURES, ResidualConfig
+from physreal_core.simulation.constitutive.shared_sum import shared_adder
 
 
 @dataclass(frozen=True)
@@ -19,7 +20,7 @@ class Network:
         Strains, Outputs: vectors of length 10 and 6.
         forward: `(strains, particle, latent [N, L], weights [W]) -> Outputs`.
         adjoint: `(strains, particle, latent, weights, outputs_bar, latent_bar [N, L], weights_bar [rows, W], row)
-            -> strains_bar`; adds to `latent_bar[particle]` and, atomically, to `weights_bar[row]`.
+            -> strains_bar`; adds to `latent_bar[particle]` and, many particles at once, to `weights_bar[row]`.
     """
 
     Strains: type
@@ -46,6 +47,7 @@ def network_functions(config: ResidualConfig, scalar: type) -> Network:
     row_weight_3 = row_bias_2 + 1
     row_count = row_weight_3 + OUTPUTS
     bias_3 = row_count * hidden_count
+    add_hidden, add_outputs = shared_adder(Hidden, scalar), shared_adder(Outputs, scalar)
 
     @wp.struct
     class Activations:
@@ -115,25 +117,25 @@ def network_functions(config: ResidualConfig, scalar: type) -> Network:
         row: int,
     ):
         inputs, hidden, strain_features = int(input_count), int(hidden_count), int(STRAIN_FEATURES)
-        rows, rows_bar = rows_of(weights), rows_of(weights_bar[row])
+        rows = rows_of(weights)
         h = activations(strains, particle, latent, weights)
         a_bar = Hidden()
         for o in range(OUTPUTS):
             a_bar += out_bar[o] * rows[row_weight_3 + o]
-            wp.atomic_add(rows_bar, row_weight_3 + o, out_bar[o] * h.second)
-            wp.atomic_add(weights_bar, row, bias_3 + o, out_bar[o])
+            add_hidden(weights_bar, row, (row_weight_3 + o) * hidden_count, out_bar[o] * h.second)
+        add_outputs(weights_bar, row, bias_3, out_bar)
         a_bar = activate_adjoint(h.second, a_bar)
         first_bar = Hidden()
-        wp.atomic_add(rows_bar, row_bias_2, a_bar)
+        add_hidden(weights_bar, row, row_bias_2 * hidden_count, a_bar)
         for j in range(hidden):
             first_bar[j] = wp.dot(rows[row_weight_2 + j], a_bar)
-            wp.atomic_add(rows_bar, row_weight_2 + j, h.first[j] * a_bar)
+            add_hidden(weights_bar, row, (row_weight_2 + j) * hidden_count, h.first[j] * a_bar)
         a_bar = activate_adjoint(h.first, first_bar)
         inputs_bar = Inputs()
-        wp.atomic_add(rows_bar, row_bias_1, a_bar)
+        add_hidden(weights_bar, row, row_bias_1 * hidden_count, a_bar)
         for j in range(inputs):
             inputs_bar[j] = wp.dot(rows[j], a_bar)
-            wp.atomic_add(rows_bar, j, h.inputs[j] * a_bar)
+            add_hidden(weights_bar, row, j * hidden_count, h.inputs[j] * a_bar)
         strains_bar = Strains()
         for j in range(STRAIN_FEATURES):
             strains_bar[j] = inverse_scale * inputs_bar[j]

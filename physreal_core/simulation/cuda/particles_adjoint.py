@@ -57,7 +57,7 @@ def backward_kernel(
         box = model.box[rollout]
         dt = model.timing[0]
         cells_per_metre = model.cells_per_metre
-        weight_row = rollout * bars.weight_rows + p % bars.weight_rows
+        weight_row = rollout * bars.weight_rows + p / 32 % bars.weight_rows  # one to a warp, which sums its shares
         at = first[0] + slot
         E = model.E[p]
         nu = model.nu[p]

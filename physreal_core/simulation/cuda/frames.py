@@ -172,7 +172,8 @@ class CudaFrames:
         record.boxes.append((nodes, box))
         record.orders.append(stepper.order)
         failed = [r for r, failure in enumerate(record.failures) if failure is not None and failure.frame == frame]
-        end[0][failed] = torch.nan  # which keeps it out of every grid from here on
+        if failed:
+            end[0][failed] = torch.nan  # which keeps them out of every grid from here on
         course.bounds, course.moved = bounds(report), bool(failed) or kept is not None
 
     def _room(self, frame: int, nodes: int, record: CudaRecord, course: _Course) -> int | None:

@@ -169,9 +169,7 @@ def rate_tables(rows: list[dict], device: str) -> None:
     if device != "cpu":
         del columns["processor"]
     for what in WORK:
-        print(
-            f"**{what.replace('_', ' + ')}**, millions of particle-substeps per second; and how many times that ours is"
-        )
+        print(f"**{what.replace('_', ' + ')}**, millions of particle-substeps per second, and ours over it")
         body = []
         for row in (r for r in rows if what in r):
             ours = next((r for r in rows if r["label"] == OURS and r["threads"] == row["threads"]), None)

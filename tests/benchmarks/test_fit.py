@@ -42,7 +42,7 @@ def test_every_stage_comes_nearer_to_the_hidden_material():
     errors = [row["track_error_observed"] for row in rows]
     assert errors[1] < 0.3 * errors[0] and errors[3] < errors[2] < errors[1]
     assert all(row["parts"]["simulation, backward"] > 0.0 for row in rows[1:])
-    assert table(rows).count("\n") == 11
+    assert table(rows).count("\n") == 12
 
 
 def test_the_stages_records_are_shown(tmp_path):

@@ -140,6 +140,11 @@ def test_the_three_stages_follow_each_other_and_none_ends_worse(project):
         record = json.loads((folder / "fit.json").read_text())
         assert record["values"]["youngs_modulus"]["unit"] == "Pa" and record["observed_frames"] == 6
         objectives[stage] = record
+        phases = json.loads(project.record(stage, "lift").read_text())["phases"]
+        parts = {name: seconds for name, seconds in phases.items() if name.startswith("fit: ")}
+        assert parts["fit: simulation, forward"] > 0.0 and parts["fit: simulation, backward"] > 0.0
+        # The parts are rounded to milliseconds, and the bar's last line is drawn after them.
+        assert sum(parts.values()) == pytest.approx(phases["fit"], rel=0.05, abs=0.01)
     modulus = objectives["fit_global"]["values"]["youngs_modulus"]
     assert (
         modulus["min"] == modulus["max"] and 1.5e4 < modulus["mean"] < 6e4

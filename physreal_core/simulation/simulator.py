@@ -50,6 +50,7 @@ class Simulator:
             grip.check(body)
         self.body, self.config, self.grip = body, config, grip
         self._scene = (body, config, grip, tuple(clamps), tuple(loads))
+        self._threads = torch.get_num_threads()
         self._side_streams: tuple[torch.cuda.Stream, wp.Stream] | None = None
         self._substeps_of = partial(substeps_per_frame, body, config, rates=grip_rates(body, grip))
         self._batch: tuple[int, Loop] | None = None
@@ -130,7 +131,7 @@ class Simulator:
 
     def _frames(self, **options) -> Frames | CudaFrames:
         """A frame loop of one rollout; options as of `make_stepper`."""
-        stepper = make_stepper(*self._scene, **options)
+        stepper = make_stepper(*self._scene, **{"threads": self._threads, **options})
         kind = CudaFrames if isinstance(stepper, CudaStepper) else Frames
         return kind(self.body, self.config, stepper, self._substeps_of)
 
@@ -143,9 +144,10 @@ class Simulator:
 
     @contextmanager
     def _stream(self) -> Iterator[None]:
-        """Run torch and Warp on one side stream of the GPU, in order with the caller's, which may not allow graphs."""
+        """Where a loop runs: on a GPU on one side stream, in order with the caller's, which may not allow graphs."""
         if self.config.device == "cpu":
-            yield
+            with _one_torch_thread():
+                yield
             return
         if self._side_streams is None:
             wp.init()  # `stream_from_torch` does not do so itself
@@ -200,6 +202,17 @@ class Simulator:
             frame = int((~torch.isfinite(points)).flatten(1).any(1).nonzero()[0])
             raise InputError("a point is not finite", where=f"controllers, frame {frame}")
         return points
+
+
+@contextmanager
+def _one_torch_thread() -> Iterator[None]:
+    """Keep torch's small operations on this thread: its others would spin after each, on the cores that a frame needs."""
+    threads = torch.get_num_threads()
+    torch.set_num_threads(1)
+    try:
+        yield
+    finally:
+        torch.set_num_threads(threads)
 
 
 class _Rollout(torch.autograd.Function):

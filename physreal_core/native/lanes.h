@@ -5,6 +5,8 @@
 
 namespace physreal {
 
+using Index = long long;
+
 // Lanes that fill a register of this machine with floats; the usual width, for double too.
 #if defined(__AVX512F__)
 constexpr int LANES = 16;

@@ -24,5 +24,8 @@ def _launch(kernel: wp.Kernel, inputs: tuple, thread: int) -> None:
 
 @cache
 def _pool(process: int) -> ThreadPoolExecutor:
-    """The pool of this process: after a fork the parent's threads are gone."""
-    return ThreadPoolExecutor(os.cpu_count(), thread_name_prefix="native")
+    """The pool of this process: after a fork the parent's threads are gone. Threads are made when first needed.
+
+    There must be enough for all launches at once, since those of one call may wait for each other.
+    """
+    return ThreadPoolExecutor(1024, thread_name_prefix="native")

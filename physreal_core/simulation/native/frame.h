@@ -1,9 +1,8 @@
 // What one frame is given and what it leaves: plain data that stepper.py fills (same order and types there).
 #pragma once
+#include "lanes.h"
 
 namespace physreal {
-
-using Index = long long;
 
 // Particle arrays come in the caller's order and layout; the frame works on copies of them in the order of the cells,
 // as rows of `stride` numbers (structure of arrays). S is float or double.

@@ -1,13 +1,13 @@
 """One frame of substeps, forward and adjoint, as one call of vector C++ per thread (worker.h)."""
 
 import ctypes
-from concurrent.futures import ThreadPoolExecutor
 from dataclasses import dataclass
 
 import numpy as np
 import torch
 import warp as wp
 
+from physreal_core.native import launch_on_threads
 from physreal_core.simulation.body import Body, Clamp, Grip, PointLoad, load_forces
 from physreal_core.simulation.box import GridBox, held_boxes, lattice_offset
 from physreal_core.simulation.config import SimulationConfig
@@ -76,24 +76,16 @@ class NativeStepper:
         self.holder: object | None = None
         self._working, self._kept = self._no_substeps(), []
         self._current = self._working
+        wp.init()  # before tensors are wrapped for it
         self._kernels = frame_kernels(config)
         self._frame = frame_type(self.types.torch_dtype)()
         self._held: dict[str, torch.Tensor] = {}
-        self._pool = ThreadPoolExecutor(self.threads - 1) if self.threads > 1 else None
-        self._launches = {
-            name: [self._record(kernel, thread) for thread in range(self.threads)]
-            for name, kernel in (("forward", self._kernels.forward), ("backward", self._kernels.backward))
-        }
         self._set_model(body, clamps, loads)
         self._set_grip(body, grip)
         self._set_parameter_arrays()
         self._set_workspace()
 
     # --- arrays -------------------------------------------------------------------------------------------------
-
-    def _record(self, kernel: wp.Kernel, thread: int) -> wp.Launch:
-        address = ctypes.addressof(self._frame)
-        return wp.launch(kernel, dim=1, inputs=[address, thread], device="cpu", record_cmd=True)
 
     def _hold(self, name: str, value: torch.Tensor) -> torch.Tensor:
         """Keep a contiguous tensor alive and give the frame its address."""
@@ -272,18 +264,14 @@ class NativeStepper:
         i, j, k = (base - first).unbind(1)
         return torch.argsort((i * self._frame.count[1] + j) * self._frame.count[2] + k, stable=True).to(torch.int32)
 
-    def _run(self, name: str) -> None:
+    def _run(self, kernel: wp.Kernel) -> None:
         self._held["shared"].zero_()
-        launches = self._launches[name]
-        others = [self._pool.submit(launch.launch) for launch in launches[1:]]
-        launches[0].launch()
-        for other in others:
-            other.result()
+        launch_on_threads(kernel, self.threads, ctypes.addressof(self._frame))
 
     def forward(self, keep: bool) -> None:
         """All substeps of the frame, as `start_frame` was told; with `keep` all states and grids stay for the adjoint."""
         self._held["status"].fill_(_NONE)
-        self._run("forward")
+        self._run(self._kernels.forward)
 
     def failures(self) -> tuple[tuple[int, int] | None, tuple[int, int] | None]:
         """(substep, particle) of the first particle outside the grid and of the first non-finite one in this frame."""
@@ -296,7 +284,7 @@ class NativeStepper:
 
     def backward(self) -> None:
         """Adjoint of the kept frame: the state's adjoints go from its end to its start; parameters' adjoints grow."""
-        self._run("backward")
+        self._run(self._kernels.backward)
 
     def clear_adjoints(self) -> None:
         """Set all adjoints to zero."""

@@ -9,8 +9,6 @@
 
 namespace physreal {
 
-using Index = long long;
-
 template <class S>
 using Node = Lanes<S, 4>;
 template <class S>

@@ -2,7 +2,7 @@
 
 The forward pass keeps particle states at frame times only; the backward pass recomputes one frame's substeps at a time
 and runs their adjoint. Memory grows with frames and with substeps per frame, not with their product; up to a fixed
-amount, a stepper may keep whole frames, which then need not be computed again.
+amount, a stepper may keep something of each substep that makes the second time cheaper.
 """
 
 from collections.abc import Callable, Generator
@@ -58,7 +58,7 @@ class Record:
         C: affine velocities at frame times, shape [T, N, 3, 3].
         boxes: of every frame that ran.
         failures: what ended the rollout early, one entry.
-        kept: leading frames that the stepper keeps, while its `holder` is this record.
+        kept: leading frames of which the stepper keeps something, while its `holder` is this record.
     """
 
     substeps: int
@@ -140,9 +140,9 @@ class Frames:
             if record is not None and frame == 0:
                 record.kept = stepper.keep_frames(record, len(record.C) - 1, box.nodes)
             kept = frame if record is not None and frame < record.kept else None
-            stepper.start_frame(box, points, keep=kept is not None, kept=kept)
+            stepper.start_frame(box, points, keep=False, kept=kept)
             stepper.set_state(*state)
-            stepper.forward(keep=kept is not None)
+            stepper.forward(keep=False)
             outside, not_finite = stepper.failures()
             if not_finite is not None:
                 raise SimulationError(
@@ -185,9 +185,8 @@ class Frames:
         for frame in reversed(range(last)):
             kept = frame if frame < record.kept and stepper.holder is record else None
             stepper.start_frame(record.boxes[frame], points[frame : frame + 2], keep=True, kept=kept)
-            if kept is None:
-                stepper.set_state(*(state[frame] for state in (*states, record.C)))
-                stepper.forward(keep=True)
+            stepper.set_state(*(state[frame] for state in (*states, record.C)))
+            stepper.forward(keep=True)
             stepper.backward()
             self._inject(bars, frame)
             if progress is not None:

@@ -44,7 +44,7 @@ class Stepper(Protocol):
         """Take over a rollout's parameters (complete, of this stepper's type) and its substeps per frame."""
 
     def keep_frames(self, holder: object, frames: int, nodes: int) -> int:
-        """Make room to keep a rollout's frames for its backward pass; whoever held some loses them.
+        """Make room to keep what makes a rollout's frames cheaper the second time; whoever held some loses it.
 
         Args:
             holder: the rollout, of which the stepper remembers that the kept frames are its.
@@ -62,7 +62,7 @@ class Stepper(Protocol):
             box: the nodes.
             controllers: controller points [m] at both ends of the frame, shape [2, C, 3].
             keep: whether `backward` is to follow.
-            kept: number of the frame among the kept ones; if it ran as such, `backward` may follow at once.
+            kept: number of the frame among the kept ones; with `keep` it has run as such before, from the same state.
         """
 
     def set_state(self, x: torch.Tensor, v: torch.Tensor, F: torch.Tensor, C: torch.Tensor) -> None:

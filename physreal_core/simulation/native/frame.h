@@ -9,8 +9,10 @@ namespace physreal {
 template <class S>
 struct Frame {
     // Sizes:
-    Index particles, stride, threads, substeps, keep;
-    Index origin[3], count[3];  // the box of nodes
+    Index particles, stride, threads, substeps;
+    Index keep_states, keep_grids;  // whether those of all substeps stay
+    Index replay;                   // whether the grids are there already
+    Index origin[3], count[3];      // the box of nodes
     Index gripped, clamps, has_ground;
     Index latent_elastic_size, latent_plastic_size, weights_elastic, weights_plastic;
     Index workspace_size;  // numbers of workspace per thread

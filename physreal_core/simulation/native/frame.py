@@ -17,7 +17,7 @@ _ELASTIC = {"fixed_corotated": "FixedCorotated", "neo_hookean": "NeoHookean", "h
 _PLASTIC = {"identity": "Identity", "von_mises": "VonMises", "drucker_prager": "DruckerPrager"}
 
 _SIZES = (
-    "particles stride threads substeps keep origin:3 count:3 gripped clamps has_ground latent_elastic_size "
+    "particles stride threads substeps keep_states keep_grids replay origin:3 count:3 gripped clamps has_ground latent_elastic_size "
     "latent_plastic_size weights_elastic weights_plastic workspace_size yield_"
 )
 _SCALARS = (

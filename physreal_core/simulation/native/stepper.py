@@ -1,7 +1,6 @@
 """One frame of substeps, forward and adjoint, as one call of vector C++ per thread (worker.h)."""
 
 import ctypes
-from dataclasses import dataclass
 
 import numpy as np
 import torch
@@ -19,26 +18,12 @@ BLOCK = 16  # particles; the widest block that a machine works on, to which rows
 PARTICLES_PER_THREAD = 256  # fewer are not worth the threads' meeting three times a substep
 NODE_RESERVE = 1.2  # boxes grow as a body deforms
 KEPT_BYTES = 2**28
-"""Memory for frames whose substeps stay for the backward pass, which then need not be computed again: a fifth of a
-gradient's time. With 1500 particles it holds 15 frames of 80 substeps; much more would leave the processor's caches."""
+"""Memory for grids of frames that stay for the backward pass: with them a frame's states need less than half of the time
+that the frame took, since no stress is evaluated and nothing scattered again. A grid is a tenth of the particles' states:
+with 20 000 particles, 25 frames of 50 substeps fit."""
 STATE_ROWS, CONSTANT_ROWS, BAR_ROWS = 24, 9, 4  # of worker.h; latent codes come on top of the last two
 _NONE = torch.iinfo(torch.int64).max
 _STATE_SHAPES = {"x": (3,), "v": (3,), "F": (3, 3), "C": (3, 3)}
-
-
-@dataclass
-class Substeps:
-    """What the adjoint needs of a frame.
-
-    Attributes:
-        state: after every substep, shape [slots, 24, stride].
-        momentum: the grids [substeps, nodes, 4], flat, and room to spare.
-        order: the caller's particle at each place.
-    """
-
-    state: torch.Tensor
-    momentum: torch.Tensor
-    order: torch.Tensor | None = None
 
 
 def _yield_address() -> int:
@@ -54,7 +39,7 @@ class NativeStepper:
         body, config, grip, clamps, loads: as for `Simulator`.
         threads: threads of a frame; by default torch's number, fewer for few particles. The sums' order, and with it
             the last digits, depend on it.
-        kept_bytes: memory for kept frames; `KEPT_BYTES` by default.
+        kept_bytes: memory for kept grids; `KEPT_BYTES` by default.
     """
 
     def __init__(
@@ -72,10 +57,9 @@ class NativeStepper:
         self.offset = lattice_offset(body, config.ground_height, clamps)
         self.threads = min(threads or torch.get_num_threads(), max(1, self.particles // PARTICLES_PER_THREAD))
         self._kept_bytes = KEPT_BYTES if kept_bytes is None else kept_bytes
-        self.substeps = self._nodes = 0
+        self.substeps = self.slots = self._nodes = 0
         self.holder: object | None = None
-        self._working, self._kept = self._no_substeps(), []
-        self._current = self._working
+        self._grids, self._kept = self._zeros(0), []
         wp.init()  # before tensors are wrapped for it
         self._kernels = frame_kernels(config)
         self._frame = frame_type(self.types.torch_dtype)()
@@ -182,15 +166,7 @@ class NativeStepper:
         self._hold("shared", self._zeros(64, dtype=torch.int32))
         self._hold("status", self._zeros(self.threads, 2, dtype=torch.int64))
 
-    @property
-    def slots(self) -> int:
-        """States of all particles that there is room for."""
-        return sum(len(substeps.state) for substeps in (self._working, *self._kept))
-
-    def _no_substeps(self) -> Substeps:
-        return Substeps(self._zeros(0, 0, 0), self._zeros(0))
-
-    def _reserve_grids(self, nodes: int) -> None:
+    def _reserve_nodes(self, nodes: int) -> None:
         if nodes <= self._nodes:
             return
         self._nodes = int(NODE_RESERVE * nodes)
@@ -198,19 +174,25 @@ class NativeStepper:
             self._hold(name, self._zeros(count, self._nodes + 4, 4))
         self._hold("kind", self._zeros(self._nodes, dtype=torch.uint8))
 
-    def _reserve_substeps(self, substeps: Substeps, keep: bool, nodes: int) -> None:
-        slots = self.substeps + 1 if keep else 1
-        if slots > len(substeps.state):
-            substeps.state = torch.empty(slots, STATE_ROWS, self._frame.stride, dtype=self.types.torch_dtype)
-        if keep and 4 * self.substeps * nodes > substeps.momentum.numel():
-            substeps.momentum = torch.empty(4 * self.substeps * int(NODE_RESERVE * nodes), dtype=self.types.torch_dtype)
+    def _reserve_states(self, slots: int) -> None:
+        if slots <= self.slots:
+            return
+        self.slots = slots
+        self._hold("state", torch.empty(slots, STATE_ROWS, self._frame.stride, dtype=self.types.torch_dtype))
+
+    def _roomy(self, grids: torch.Tensor, nodes: int) -> torch.Tensor:
+        """`grids`, or others that have room for those of all substeps; flat."""
+        if 4 * self.substeps * nodes <= len(grids):
+            return grids
+        return torch.empty(4 * self.substeps * int(NODE_RESERVE * nodes), dtype=self.types.torch_dtype)
 
     def keep_frames(self, holder: object, frames: int, nodes: int) -> int:
-        """How many of a rollout's frames, each with boxes of about `nodes` nodes, may be kept; who held some loses them."""
-        numbers = STATE_ROWS * self._frame.stride + 4 * int(NODE_RESERVE * nodes)
-        kept = min(frames, self._kept_bytes // ((self.substeps + 1) * numbers * self.types.torch_dtype.itemsize))
+        """How many of a rollout's frames, each with boxes of about `nodes` nodes, may keep their grids; whose were kept is
+        forgotten."""
+        frame_bytes = 4 * self.substeps * int(NODE_RESERVE * nodes) * self.types.torch_dtype.itemsize
+        kept = min(frames, self._kept_bytes // frame_bytes)
         self.holder = holder if kept else None
-        self._kept = self._kept[:kept] + [self._no_substeps() for _ in range(kept - len(self._kept))]
+        self._kept = self._kept[:kept] + [self._zeros(0) for _ in range(kept - len(self._kept))]
         return kept
 
     # --- one rollout --------------------------------------------------------------------------------------------
@@ -237,25 +219,28 @@ class NativeStepper:
             box: the nodes.
             controllers: controller points [m] at both ends of the frame, shape [2, C, 3].
             keep: whether `backward` is to follow.
-            kept: number of the frame among the kept ones; if it ran as such, `backward` may follow at once.
+            kept: number of the frame among those whose grids are kept; with `keep` it has run as such before.
         """
-        self._reserve_grids(box.nodes)
-        self._current = self._working if kept is None else self._kept[kept]
-        self._reserve_substeps(self._current, keep, box.nodes)
-        self._frame.state, self._frame.momentum = self._current.state.data_ptr(), self._current.momentum.data_ptr()
-        if self._current.order is not None:
-            self._frame.order = self._current.order.data_ptr()
-        self._frame.keep = int(keep)
-        self._frame.origin[:], self._frame.count[:] = box.origin, box.count
+        frame = self._frame
+        frame.keep_states, frame.keep_grids = int(keep), int(keep or kept is not None)
+        frame.replay = int(keep and kept is not None)
+        frame.origin[:], frame.count[:] = box.origin, box.count
+        self._reserve_nodes(box.nodes)
+        self._reserve_states(self.substeps + 1 if keep else 1)
+        if kept is not None:
+            grids = self._kept[kept] = self._roomy(self._kept[kept], box.nodes)
+            frame.momentum = grids.data_ptr()
+        elif keep:
+            self._grids = self._roomy(self._grids, box.nodes)
+            frame.momentum = self._grids.data_ptr()
         if self.gripped:
-            self._hold("controllers", controllers[:, : self._frame.controller_points].detach())
+            self._hold("controllers", controllers[:, : frame.controller_points].detach())
 
     def set_state(self, x: torch.Tensor, v: torch.Tensor, F: torch.Tensor, C: torch.Tensor) -> None:
         """Put in the state at the frame's start."""
         for name, value in (("x", x), ("v", v), ("F", F), ("C", C)):
             self._held[name].copy_(value)
-        self._current.order = self._order(x)
-        self._frame.order = self._current.order.data_ptr()
+        self._hold("order", self._order(x))
 
     def _order(self, x: torch.Tensor) -> torch.Tensor:
         """Particles in the order of their cells, so that those of one cell follow each other."""
@@ -269,7 +254,7 @@ class NativeStepper:
         launch_on_threads(kernel, self.threads, ctypes.addressof(self._frame))
 
     def forward(self, keep: bool) -> None:
-        """All substeps of the frame, as `start_frame` was told; with `keep` all states and grids stay for the adjoint."""
+        """All substeps of the frame, as `start_frame` was told; with `keep` their states and grids stay for the adjoint."""
         self._held["status"].fill_(_NONE)
         self._run(self._kernels.forward)
 

@@ -40,6 +40,7 @@ public:
         load_model();
         load_state();
         barrier_.wait();
+        if (frame_.replay) return replay();
         for (Index s = 0; s < frame_.substeps; s++) {
             scatter_momentum(s);
             barrier_.wait();
@@ -52,7 +53,8 @@ public:
         store_state();
     }
 
-    // Adjoint of a frame that `forward` has kept, with the same order of particles and number of threads.
+    // Adjoint of a frame of which `forward` has kept states and grids, with the same order of particles and number of
+    // threads.
     void backward() {
         load_model();
         load_adjoint();
@@ -143,7 +145,7 @@ private:
 
     void store_state() const {
         const Frame<S>& f = frame_;
-        const S* s = state(f.keep ? f.substeps : 0);
+        const S* s = state(f.keep_states ? f.substeps : 0);
         scatter_rows(f.x, s + X * f.stride, 3);
         scatter_rows(f.v, s + VELOCITY * f.stride, 3);
         scatter_rows(f.F, s + DEFORMATION * f.stride, 9);
@@ -196,7 +198,7 @@ private:
     }
 
     void scatter_momentum(Index s) {
-        const S* now = state(frame_.keep ? s : 0);
+        const S* now = state(frame_.keep_states ? s : 0);
         grip_forces(frame_, s, now, frame_.constants + LOAD * frame_.stride, first_, last_);
         clear_scratch();
         Scatter<S> scatter(scratch_, box_);
@@ -215,14 +217,14 @@ private:
     void update_nodes(Index s) {
         for (Index n = first_node_; n < last_node_; n++) {
             Node<S> p = summed(frame_, box_.nodes(), n);
-            if (frame_.keep) write(frame_.momentum + 4 * (s * box_.nodes() + n), p);
+            if (frame_.keep_grids) write(frame_.momentum + 4 * (s * box_.nodes() + n), p);
             write(frame_.velocity + 4 * n, node_velocity(frame_, p, frame_.kind[n]));
         }
     }
 
     void gather_velocity(Index s) {
-        const S* now = state(frame_.keep ? s : 0);
-        S* next = state(frame_.keep ? s + 1 : 0);
+        const S* now = state(frame_.keep_states ? s : 0);
+        S* next = state(frame_.keep_states ? s + 1 : 0);
         for (Index p = first_; p < last_; p += LANES) {
             Vec3<V> x = vector(now, X, p);
             Stencil<S> stencil(x.v, box_);
@@ -237,6 +239,16 @@ private:
             put(next, VELOCITY, p, v);
             put(next, DEFORMATION, p, F);
             put(next, AFFINE, p, C);
+        }
+    }
+
+    // The states of a frame of which the grids are there: stresses and scatters are not needed again.
+    void replay() {
+        for (Index s = 0; s < frame_.substeps; s++) {
+            velocities_of_kept(s);
+            barrier_.wait();
+            gather_velocity(s);
+            barrier_.wait();
         }
     }
 
@@ -268,7 +280,7 @@ private:
     }
 
     void check_state() {
-        const S* end = state(frame_.keep ? frame_.substeps : 0);
+        const S* end = state(frame_.keep_states ? frame_.substeps : 0);
         for (Index p = first_; p < last_; p += LANES) {
             Vec3<V> x = vector(end, X, p);
             fails(frame_.substeps, p, Stencil<S>(x.v, box_), x, vector(end, VELOCITY, p), matrix(end, DEFORMATION, p));

@@ -36,6 +36,12 @@ def native_module(name: str, header: Path, *folders: Path, cuda: bool = False, m
     flags = f"{wp.config.cpu_compiler_flags if machine is None else machine} {_FLAGS}"
     module = wp.get_module(name)
     wp.set_module_options(
-        {"enable_backward": False, "optimization_level": 3, "cpu_compiler_flags": flags, "extra_build_options": options}, module=module
+        {
+            "enable_backward": False,
+            "optimization_level": 3,
+            "cpu_compiler_flags": flags,
+            "extra_build_options": options,
+        },
+        module=module,
     )
     return module

@@ -1,4 +1,4 @@
-"""The rasteriser on CUDA as one torch function: projection, tile lists and compositing in the C++ of `cuda/`.
+"""The rasteriser on CUDA as a run for `torch_function`: projection, tile lists and compositing in the C++ of `cuda/`.
 
 Twin: `reference.py`. The same code runs on the CPU, slowly, where the tests hold it to the twin.
 """
@@ -10,35 +10,14 @@ from types import SimpleNamespace
 import torch
 import warp as wp
 
-from physreal_core.array_types import Float, Tensor
+from physreal_core.array_types import Tensor
 from physreal_core.native import native_module, on_torch_stream
 from physreal_core.rendering.camera import Camera
 from physreal_core.rendering.scene import BOX, INPUT_BARS, INPUTS, MOMENTS, OUTPUT_BARS, OUTPUTS, SCALARS, SPLAT, Scene
-from physreal_core.rendering.torch_function import rasterise_with
 
 _BLOCK = 128  # threads that draw a tile, as in cuda/compositing.h
 _WARP = 32
 _PHASES = ("project", "list_tiles", "find_starts", "composite_tile", "composite_tile_adjoint", "project_adjoint")
-
-
-def rasterise_cuda(
-    means: Float[Tensor, "*frames gaussians 3"],
-    covariances: Float[Tensor, "*frames gaussians 3 3"],
-    opacities: Float[Tensor, "*frames gaussians"],
-    colours: Float[Tensor, "*frames gaussians 3"],
-    camera: Camera,
-    pose: Float[Tensor, "4 4"],
-    background: Float[Tensor, " 3"],
-) -> tuple[
-    Float[Tensor, "*frames height width 3"],
-    Float[Tensor, "*frames height width"],
-    Float[Tensor, "*frames height width"],
-]:
-    """RGB over the background, depth [m] and alpha of Gaussians given in the world [m]; gradients reach every tensor.
-
-    Frames share the view; all of them are drawn in the same launches.
-    """
-    return rasterise_with(CudaRun, means, covariances, opacities, colours, pose, background, camera)
 
 
 class CudaRun:

@@ -1,4 +1,4 @@
-"""The rasteriser on the CPU as one torch function: projection, tile lists and compositing in the C++ of `native/`.
+"""The rasteriser on the CPU as a run for `torch_function`: projection, tile lists and compositing in the C++ of `native/`.
 
 Twin: `reference.py`. Equal inputs and numbers of threads give equal bits; the image depends on no number of threads at all.
 """
@@ -13,36 +13,15 @@ from types import SimpleNamespace
 import torch
 import warp as wp
 
-from physreal_core.array_types import Float, Tensor
+from physreal_core.array_types import Tensor
 from physreal_core.native import launch_on_threads, native_module
 from physreal_core.rendering.camera import Camera
 from physreal_core.rendering.scene import BOX, INPUT_BARS, INPUTS, MOMENTS, OUTPUT_BARS, OUTPUTS, SCALARS, SPLAT, Scene
-from physreal_core.rendering.torch_function import rasterise_with
 
 # A thread with less work than this costs more to start than it saves.
 _GAUSSIANS_A_THREAD, _PAIRS_A_THREAD = 10_000, 10_000
 _ONLY_FOR_LISTS = ("pairs", "cursors", "keys", "other_keys", "order", "other_order")
 _PHASES = ("project", "list_tiles", "composite", "composite_adjoint", "project_adjoint")
-
-
-def rasterise_native(
-    means: Float[Tensor, "*frames gaussians 3"],
-    covariances: Float[Tensor, "*frames gaussians 3 3"],
-    opacities: Float[Tensor, "*frames gaussians"],
-    colours: Float[Tensor, "*frames gaussians 3"],
-    camera: Camera,
-    pose: Float[Tensor, "4 4"],
-    background: Float[Tensor, " 3"],
-) -> tuple[
-    Float[Tensor, "*frames height width 3"],
-    Float[Tensor, "*frames height width"],
-    Float[Tensor, "*frames height width"],
-]:
-    """RGB over the background, depth [m] and alpha of Gaussians given in the world [m]; gradients reach every tensor.
-
-    Frames share the view; all of them are drawn in the same launches.
-    """
-    return rasterise_with(NativeRun, means, covariances, opacities, colours, pose, background, camera)
 
 
 class NativeRun:

@@ -11,11 +11,12 @@ from physreal_core.array_types import Float, Tensor
 from physreal_core.errors import InputError
 from physreal_core.rendering.binding import Binding, carried_rotations, carry_gaussians
 from physreal_core.rendering.camera import Camera
-from physreal_core.rendering.cuda_backend import rasterise_cuda
+from physreal_core.rendering.cuda_backend import CudaRun
 from physreal_core.rendering.gaussians import Gaussians
 from physreal_core.rendering.gsplat_backend import gsplat_installed, rasterise_gsplat
-from physreal_core.rendering.native_backend import rasterise_native
+from physreal_core.rendering.native_backend import NativeRun
 from physreal_core.rendering.reference import ALPHA_MIN, rasterise_reference
+from physreal_core.rendering.torch_function import rasterise_with
 from physreal_core.rendering.warp_backend import rasterise_warp
 
 
@@ -145,8 +146,8 @@ def _through_gsplat(means: Tensor, *rest) -> tuple[Tensor, ...]:
 
 
 _BACKENDS = {
-    "native": rasterise_native,
-    "cuda": rasterise_cuda,
+    "native": partial(rasterise_with, NativeRun),
+    "cuda": partial(rasterise_with, CudaRun),
     "gsplat": _through_gsplat,
     "warp": partial(_in_camera_frame, rasterise_warp),
     "reference": partial(_in_camera_frame, rasterise_reference),

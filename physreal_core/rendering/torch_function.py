@@ -1,27 +1,32 @@
-"""What the native and the CUDA rasteriser look like to autograd: one function with a backward written by hand."""
+"""The native and the CUDA rasteriser to autograd: one function with a backward written by hand."""
 
 from __future__ import annotations
 
 import torch
 from torch.autograd.function import once_differentiable
 
-from physreal_core.array_types import Tensor
+from physreal_core.array_types import Float, Tensor
 from physreal_core.rendering.camera import Camera
 
 
 def rasterise_with(
     run: type,
-    means: Tensor,
-    covariances: Tensor,
-    opacities: Tensor,
-    colours: Tensor,
-    pose: Tensor,
-    background: Tensor,
+    means: Float[Tensor, "*frames gaussians 3"],
+    covariances: Float[Tensor, "*frames gaussians 3 3"],
+    opacities: Float[Tensor, "*frames gaussians"],
+    colours: Float[Tensor, "*frames gaussians 3"],
     camera: Camera,
-) -> tuple[Tensor, Tensor, Tensor]:
-    """RGB, depth and alpha by `run(means, camera, frames)` with its `forward(inputs)` and `backward(inputs, outputs, bars)`.
+    pose: Float[Tensor, "4 4"],
+    background: Float[Tensor, " 3"],
+) -> tuple[
+    Float[Tensor, "*frames height width 3"],
+    Float[Tensor, "*frames height width"],
+    Float[Tensor, "*frames height width"],
+]:
+    """RGB over the background, depth [m] and alpha of Gaussians given in the world [m]; gradients reach every tensor.
 
-    Means [..., G, 3], covariances [..., G, 3, 3], opacities [..., G] and colours [..., G, 3] have the same leading axes.
+    Frames share the view; all of them are drawn in the same launches, by `run(means, camera, frames)` with its
+    `forward(inputs)` and `backward(inputs, outputs, bars)`.
     """
     frames = means.shape[:-2]
     flat = means.reshape(-1, 3), covariances.reshape(-1, 3, 3), opacities.reshape(-1), colours.reshape(-1, 3)

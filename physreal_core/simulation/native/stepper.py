@@ -15,7 +15,7 @@ from physreal_core.simulation.parameters import Parameters
 from physreal_core.simulation.scalars import scalar_types
 
 BLOCK = 16  # particles; the widest block that a machine works on, to which rows of particles are filled up
-PARTICLES_PER_THREAD = 256  # fewer are not worth the threads' meeting three times a substep
+PARTICLES_PER_THREAD = 256  # fewer are not worth the threads' meeting twice a substep
 NODE_RESERVE = 1.2  # boxes grow as a body deforms
 KEPT_BYTES = 2**28
 """Memory for grids of frames that stay for the backward pass: with them a frame's states need less than half of the time

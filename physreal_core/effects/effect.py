@@ -1,0 +1,127 @@
+"""What a candidate effect is: a dormant term of the simulation, or of the observation, with named coefficients in SI units."""
+
+from collections.abc import Mapping
+from dataclasses import dataclass, replace
+from typing import ClassVar, Literal
+
+from physreal_core.array_types import Array, Float, Tensor
+from physreal_core.simulation import Body, Clamp, Grip, Parameters, SimulationConfig, States
+
+Family = Literal["around", "material", "mass", "contact", "grip", "measurement"]
+Values = Mapping[str, Tensor]
+"""Coefficients of one effect by name; each is a tensor of shape []."""
+
+
+@dataclass(frozen=True)
+class Coefficient:
+    """One number of an effect.
+
+    Args:
+        name: within its effect.
+        unit: SI, as in "N s/m"; "1" for none.
+        meaning: in words.
+        dormant: the value of an amplitude at which the effect is absent; for a shape, where it starts.
+        lower, upper: bounds of a fit.
+        scale: size of a plainly visible effect; the step of its tangent and the width of its prior.
+        kind: an `amplitude` switches the effect on; a `shape` (a place, a direction, an onset) means nothing without one.
+    """
+
+    name: str
+    unit: str
+    meaning: str
+    dormant: float
+    lower: float
+    upper: float
+    scale: float
+    kind: Literal["amplitude", "shape"] = "amplitude"
+
+
+@dataclass(frozen=True)
+class Setting:
+    """What an effect may look at beside its coefficients; nothing here is differentiated.
+
+    Args:
+        body, grip, clamps: the simulator's.
+        fps: frames per second.
+        gravity: [m/s2].
+        ground_height: z of the support plane [m], None without one.
+        controllers: measured controller points [m], shape [T, C, 3].
+        anchors: places in the body where something local may sit (its patches), shape [K, 3] m at frame 0.
+        T_world_camera: pose of the camera, shape [4, 4]; None for motion capture.
+    """
+
+    body: Body
+    grip: Grip | None
+    clamps: tuple[Clamp, ...]
+    fps: float
+    gravity: tuple[float, float, float]
+    ground_height: float | None
+    controllers: Float[Tensor, "frames controllers 3"]
+    anchors: Float[Array, "places 3"]
+    T_world_camera: Float[Array, "4 4"] | None = None
+
+
+@dataclass(frozen=True)
+class Inputs:
+    """Everything of a rollout that an effect may change; differentiable.
+
+    Args:
+        parameters: of the rollout, per particle.
+        controllers: controller points [m] at frame times, shape [T, C, 3].
+    """
+
+    parameters: Parameters
+    controllers: Float[Tensor, "frames controllers 3"]
+
+
+class Effect:
+    """One candidate: subclasses fill in the class variables and override `act` or, for the measurement, `observe`.
+
+    Attributes:
+        name: key in the registry, e.g. "linear_drag".
+        family: where it belongs.
+        words: what happens, in one sentence.
+        formula: the force or law, in plain text.
+        shows: where in space and time it shows.
+        told_by: the motion that shows it best, and tells it from its look-alikes.
+        coefficients: in the order in which they are reported.
+        terms: of `SimulationConfig.terms`, those that `act` fills.
+        laws: fields of `SimulationConfig` that it replaces, e.g. {"plastic_law": "von_mises"}.
+    """
+
+    name: ClassVar[str]
+    family: ClassVar[Family]
+    words: ClassVar[str]
+    formula: ClassVar[str]
+    shows: ClassVar[str]
+    told_by: ClassVar[str]
+    coefficients: ClassVar[tuple[Coefficient, ...]]
+    terms: ClassVar[tuple[str, ...]] = ()
+    laws: ClassVar[dict[str, str]] = {}
+
+    def act(self, inputs: Inputs, values: Values, setting: Setting) -> Inputs:
+        """The rollout's inputs with the effect in them. Several effects act one after another, so what is there is added to."""
+        return inputs
+
+    def observe(self, points: Float[Tensor, "frames points 3"], values: Values, setting: Setting) -> Tensor:
+        """Where the measurement would see points [m] that truly are at `points`."""
+        return points
+
+    def starts(self, setting: Setting, motion: States | None = None) -> tuple[dict[str, float], ...]:
+        """Values from which a search may begin, one dict per start; what is not named is dormant.
+
+        A start fixes the shapes (several places, several directions), and for an effect that has a threshold the
+        amplitude at which it just acts; any other amplitude is stepped by its scale.
+
+        Args:
+            setting: of the capture.
+            motion: the baseline's rollout, shapes [T, N, ...], for effects that have to look where the body goes.
+        """
+        return ({},)
+
+
+def configured(config: SimulationConfig, effects: tuple[Effect, ...]) -> SimulationConfig:
+    """The configuration with the terms and laws that these effects need."""
+    terms = tuple(sorted({*config.terms, *(term for effect in effects for term in effect.terms)}))
+    laws = {key: law for effect in effects for key, law in effect.laws.items()}
+    return replace(config, terms=terms, **laws)

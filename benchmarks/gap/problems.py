@@ -1,0 +1,171 @@
+"""From the captures of one object, tracks alone, to the problems that the search is given.
+
+What the stages do in several steps and files, with their numbers, in memory and without their packages: a case may run on a
+machine that has numpy, scipy, torch, warp, mujoco and trimesh alone. The truth beside a capture is not read here.
+"""
+
+import json
+from dataclasses import dataclass
+from pathlib import Path
+
+import numpy as np
+import torch
+
+from physreal_core.array_types import Array, Bool, Float, Int
+from physreal_core.errors import InputError
+from physreal_core.fitting import Model, Problem, TrackObservations, uniform_model
+from physreal_core.geometry import Mesh, bind_grip, farthest_points, fill_mesh, load_mesh, patch_weights, sample_surface
+from physreal_core.rendering import bind
+from physreal_core.simulation import Body, Grip
+
+BINDING_NEIGHBOURS, TRACK_DISTANCE, GRIP_RADIUS = 8, 0.01, 0.02  # of `sample_particles`; the latter two in [m]
+GUESS = {"youngs_modulus": 1e5, "poissons_ratio": 0.3, "friction_coefficient": 0.4, "grip_damping": 0.01}
+GRIP_STIFFNESS = 6e3  # of all bonds together, whatever their number [N]; a hand that holds firmly
+
+
+@dataclass(frozen=True)
+class Discretisation:
+    """How finely an object is cut.
+
+    Args:
+        particles: material points, about.
+        patches: places of the material field.
+    """
+
+    particles: int = 1400
+    patches: int = 8
+
+
+def problems_of(folder: Path, cut: Discretisation = Discretisation()) -> dict[str, Problem]:
+    """One problem per capture in `folder`, by the capture's name.
+
+    All have the same patches in the same order: those of the first, found again in the others by place, so that one model
+    holds for all. They must therefore show the object where it lies in the first.
+
+    Args:
+        folder: holds one capture folder per interaction with the same object (docs/captures.md, kind "tracks").
+        cut: particles and patches.
+
+    Raises:
+        InputError: there is no capture, a file is missing, or the captures show the object in different places.
+    """
+    captures = sorted(path.parent for path in Path(folder).glob("*/capture.json"))
+    if not captures:
+        raise InputError("no capture in it", where=str(folder), expected="folders with a capture.json")
+    problems: dict[str, Problem] = {}
+    places: Float[Array, "patches 3"] | None = None
+    for capture in captures:
+        mesh = load_mesh(capture / "shape_prior.glb")
+        spacing = (mesh.volume / cut.particles) ** (1 / 3)
+        x0, volume = fill_mesh(mesh, spacing)
+        chosen = farthest_points(x0, cut.patches) if places is None else _found_again(places, x0, spacing, capture)
+        places = x0[chosen] if places is None else places
+        problems[capture.name] = _problem(capture, mesh, x0, volume, spacing, chosen)
+    return problems
+
+
+def baseline_model(problem: Problem, guess: dict[str, float] = GUESS) -> Model:
+    """An elastic body of one guessed material lying on the ground: where a fit of `problem` begins.
+
+    Args:
+        problem: its patches carry the material.
+        guess: as `uniform_model` takes it; the grip's stiffness [N] is `GRIP_STIFFNESS` shared by the bonds unless given.
+    """
+    bonds = 1 if problem.grip is None else len(problem.grip.weights)
+    return uniform_model(
+        torch.from_numpy(problem.body.x0[patch_particles(problem)]),
+        {"grip_stiffness": GRIP_STIFFNESS / bonds} | guess,
+        elastic_law="fixed_corotated",
+        simulation={"ground_height": 0.0, "courant": 0.4, "dtype": "float32"},
+    )
+
+
+def patch_particles(problem: Problem) -> Int[Array, " patches"]:
+    """The particle in the middle of each patch: the one that takes its material from that patch alone."""
+    neighbours, weights = problem.patch_neighbours.numpy(), problem.patch_weights.numpy()
+    dense = np.zeros((len(neighbours), int(neighbours.max()) + 1))
+    np.put_along_axis(dense, neighbours, weights, axis=1)
+    return dense.argmax(axis=0)
+
+
+def tracks_on(mesh: Mesh, points0: Float[Array, "tracks 3"], known: Bool[Array, " tracks"]) -> Int[Array, " kept"]:
+    """The tracks seen in frame 0 that lie on the object there, chosen as `sample_particles` does.
+
+    Args:
+        mesh: the object at frame 0 [m].
+        points0: where the tracks are at frame 0 [m]; anything where `known` is false.
+    """
+    from scipy.spatial import cKDTree
+
+    surface = np.concatenate([mesh.vertices, sample_surface(mesh, 2000, oversampling=1).points])
+    seen = np.flatnonzero(known)
+    distance, _ = cKDTree(surface).query(points0[seen])
+    return seen[distance < TRACK_DISTANCE]
+
+
+def _problem(capture: Path, mesh: Mesh, x0: Array, volume: Array, spacing: float, patches: Array) -> Problem:
+    """The measurements of one capture, bound to the particles."""
+    facts = _facts(capture)
+    measured = _arrays(capture / "tracks3d.npz", "points3d", "valid3d", "sigma3d")
+    controllers = _arrays(capture / "controllers.npz", "points")["points"].astype(np.float32)
+    neighbours, weights = patch_weights(x0, patches)
+    pairs = bind_grip(x0, controllers, radius=GRIP_RADIUS, spacing=spacing)
+    return Problem(
+        body=Body(x0, volume, np.full(len(x0), facts["density"]), spacing),
+        fps=facts["fps"],
+        controllers=torch.from_numpy(controllers),
+        observed=facts["split"]["train"][1],
+        patch_neighbours=torch.from_numpy(neighbours),
+        patch_weights=torch.from_numpy(weights),
+        grip=Grip(pairs.particles, pairs.controllers, pairs.weights, pairs.rest_lengths)
+        if len(pairs.weights)
+        else None,
+        tracks=_observations(measured, mesh, x0),
+    )
+
+
+def _observations(measured: dict[str, Array], mesh: Mesh, x0: Array) -> TrackObservations:
+    """The tracks that lie on the object, carried by the particles near them."""
+    points, valid = measured["points3d"].astype(np.float32), measured["valid3d"].astype(bool)
+    ids = tracks_on(mesh, points[0], valid[0])
+    points0 = torch.from_numpy(points[0, ids])
+    chosen = (points[:, ids], valid[:, ids], measured["sigma3d"][:, ids].astype(np.float32))
+    return TrackObservations(points0, bind(points[0, ids], x0, BINDING_NEIGHBOURS), *map(torch.from_numpy, chosen))
+
+
+def _found_again(places: Array, x0: Array, spacing: float, capture: Path) -> Array:
+    """The particles [patches] nearest to `places` [patches, 3] m."""
+    from scipy.spatial import cKDTree
+
+    distance, nearest = cKDTree(x0).query(places)
+    if distance.max() > spacing or len(np.unique(nearest)) < len(nearest):
+        raise InputError(
+            f"a patch of the first capture lies {distance.max():.4f} m from any particle",
+            where=str(capture),
+            expected=f"captures that show the object in one place at frame 0, to within {spacing:.4f} m",
+        )
+    return nearest
+
+
+def _facts(capture: Path) -> dict:
+    """capture.json, without the pipeline's check of it (which needs its packages), but for what is used here."""
+    facts = json.loads((capture / "capture.json").read_text())
+    lacking = [key for key in ("fps", "density", "split") if key not in facts]
+    ignored = [key for key in ("clamps", "payloads") if facts.get(key)]
+    if lacking or ignored:
+        raise InputError(
+            f"keys missing: {lacking}, keys that are not handled here: {ignored}",
+            where=str(capture / "capture.json"),
+            expected="fps, density and split of an object that is gripped and lies on the ground",
+        )
+    return facts
+
+
+def _arrays(path: Path, *names: str) -> dict[str, Array]:
+    """Arrays of an .npz, InputError where the file or one of them is missing."""
+    if not path.is_file():
+        raise InputError("no such file", where=str(path), remedy="see docs/captures.md")
+    with np.load(path, allow_pickle=False) as file:
+        if missing := [name for name in names if name not in file]:
+            raise InputError(f"no array {missing[0]!r}", where=str(path), expected=", ".join(names))
+        return {name: file[name] for name in names}

@@ -6,6 +6,7 @@ import torch
 
 from physreal_core.errors import InputError
 from physreal_core.simulation.constitutive import ELASTIC_LAWS, PLASTIC_LAWS, ResidualConfig
+from physreal_core.simulation.terms import TERMS
 
 
 @dataclass(frozen=True)
@@ -20,6 +21,8 @@ class SimulationConfig:
         ground_height: z of the support plane [m]; None for no ground.
         courant: Courant number of the elastic wave and of the grip's oscillation; above about 0.6 steps go unstable.
         residual: neural residuals beside the expert laws; None for none. A bound beta of zero leaves that one out.
+        terms: optional terms in use, of `terms.TERMS`; each switches parameters of `Parameters` on. On a GPU any of them
+            takes the plain kernels.
         dtype: "float32", or "float64" for gradient proofs.
         device: "cpu" or "cuda:0".
         kernels: "fast", or "plain" for the one-kernel-per-phase form that the fast ones are held to.
@@ -32,6 +35,7 @@ class SimulationConfig:
     ground_height: float | None = 0.0
     courant: float = 0.4
     residual: ResidualConfig | None = None
+    terms: tuple[str, ...] = ()
     dtype: str = "float32"
     device: str = "cpu"
     kernels: str = "fast"
@@ -47,6 +51,7 @@ class SimulationConfig:
                 raise InputError(
                     f"{getattr(self, name)!r}", where=f"SimulationConfig.{name}", expected=" or ".join(known)
                 )
+        self._check_terms()
         if self.device.startswith("cuda") and not torch.cuda.is_available():
             raise InputError(
                 f"{self.device!r}, but torch sees no CUDA device",
@@ -59,6 +64,14 @@ class SimulationConfig:
                 raise InputError(
                     f"{getattr(self, name)}", where=f"SimulationConfig.{name}", expected="a positive number"
                 )
+
+    def _check_terms(self) -> None:
+        where = "SimulationConfig.terms"
+        for term in self.terms:
+            if term not in TERMS:
+                raise InputError(f"{term!r}", where=where, expected=" or ".join(TERMS))
+        if len(set(self.terms)) < len(self.terms):
+            raise InputError(f"{self.terms}", where=where, expected="each term once")
 
     @property
     def elastic_residual(self) -> ResidualConfig | None:

@@ -35,17 +35,18 @@ def larger(margin: PerRollout, cell: float) -> PerRollout:
     return 2.0 * margin + 4.0 * cell
 
 
-def margin_of(config: SimulationConfig, cell: float, speed: PerRollout, travel: PerRollout) -> PerRollout:
+def margin_of(fps: float | int, gravity: float, cell: float, speed: PerRollout, travel: PerRollout) -> PerRollout:
     """By how much particles may miss where their velocities take them within a frame [m].
 
     Args:
-        config: frame rate and gravity.
+        fps: frames per second.
+        gravity: its size [m/s2].
         cell: dx [m].
         speed: of the fastest particle [m/s].
         travel: of the fastest controller point within the frame [m].
     """
-    frame_time = 1.0 / config.fps
-    fall = float(np.linalg.norm(config.gravity)) * frame_time**2
+    frame_time = 1.0 / fps
+    fall = gravity * frame_time**2
     return cell + fall + 0.5 * speed * frame_time + travel
 
 
@@ -74,6 +75,18 @@ class Frames:
     def __init__(self, body: Body, config: SimulationConfig, stepper: Stepper, substeps: Substeps) -> None:
         self.config, self.stepper, self._substeps = config, stepper, substeps
         self._x0 = torch.tensor(body.x0, dtype=stepper.types.torch_dtype, device=config.device)
+        self._gravity = float(np.linalg.norm(config.gravity))  # of the rollout under way
+
+    def _start(self, parameters: Parameters, substeps: int) -> State:
+        """Load a rollout's parameters; its state at the first frame time, C = 0."""
+        self.stepper.load_parameters(parameters, substeps)
+        if parameters.gravity is not None:
+            self._gravity = float(parameters.gravity.norm())
+        x = self._x0 if parameters.initial_position is None else parameters.initial_position
+        F = parameters.initial_deformation
+        if F is None:
+            F = torch.eye(3).to(x).expand(len(x), 3, 3)
+        return x, parameters.initial_velocity, F, x.new_zeros(len(x), 3, 3)
 
     def forward(
         self, parameters: Parameters, points: Tensor, progress: Progress | None, keep: bool
@@ -87,8 +100,7 @@ class Frames:
         F = self._x0.new_empty(frames, n, 3, 3)
         C = self._x0.new_zeros(frames if keep else 2, n, 3, 3)
         record = Record(self._substeps(parameters), C)
-        self.stepper.load_parameters(parameters, record.substeps)
-        x[0], v[0], F[0] = self._x0, parameters.initial_velocity, torch.eye(3)
+        x[0], v[0], F[0], C[0] = self._start(parameters, record.substeps)
         for frame in range(frames - 1):
             now, after = (frame, frame + 1) if keep else (0, 1)
             state = (x[frame], v[frame], F[frame], C[now])
@@ -109,10 +121,7 @@ class Frames:
 
     def play(self, parameters: Parameters, points: Tensor) -> Generator[State, Tensor, None]:
         """Yields the state and takes the controller points [C, 3] of the next frame time; starts at `points`."""
-        self.stepper.load_parameters(parameters, self._substeps(parameters))
-        n = len(self._x0)
-        state = (self._x0, parameters.initial_velocity, torch.eye(3).to(self._x0).expand(n, 3, 3))
-        state, frame = (*state, self._x0.new_zeros(n, 3, 3)), 0
+        state, frame = self._start(parameters, self._substeps(parameters)), 0
         while True:
             following = yield state
             self._advance(frame, state, torch.stack([points, following]).to(self._x0))
@@ -165,7 +174,11 @@ class Frames:
             ]
         )
         bounds = bounds.double().cpu().numpy()
-        return bounds[:3], bounds[3:6], float(margin_of(self.config, self.stepper.cell, bounds[6], bounds[7]))
+        return (
+            bounds[:3],
+            bounds[3:6],
+            float(margin_of(self.config.fps, self._gravity, self.stepper.cell, bounds[6], bounds[7])),
+        )
 
     def backward(
         self,

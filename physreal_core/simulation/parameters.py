@@ -1,16 +1,20 @@
 """What a rollout is differentiated by, and what it returns: torch tensors in SI units."""
 
+from collections.abc import Mapping
 from dataclasses import dataclass, fields
 
 import torch
 
-from physreal_core.array_types import Float, Tensor
+from physreal_core.array_types import Array, Float, Tensor
 from physreal_core.errors import InputError
+from physreal_core.simulation.terms import TERM_OF
 
 
 @dataclass
 class Parameters:
     """Parameters of a rollout; any of them may require a gradient. None stands for zero, or for a part not in use.
+
+    Those of an optional term (`terms.TERMS`) are for a configuration that names it; None is then the term's dormant value.
 
     Args:
         youngs_modulus: [Pa], shape [N] (or one value for all).
@@ -23,6 +27,20 @@ class Parameters:
         latent_elastic, latent_plastic: latent codes of the neural residuals, shape [N, L].
         network_elastic, network_plastic: flat weights of the neural residuals, shape [W].
         initial_velocity: [m/s], shape [N, 3] (or [3]).
+        gravity: acceleration [m/s2], shape [3]; instead of the configuration's.
+        density: [kg/m3], shape [N]; instead of the body's, for inertia and weight.
+        force: constant force on every particle [N], shape [N, 3]; besides the loads.
+        initial_position: where the rollout starts [m], shape [N, 3]; instead of the body's x0.
+        initial_deformation: deformation gradient at the start, shape [N, 3, 3]; instead of 1, for a body under stress.
+        linear_drag, quadratic_drag: c1 [N s/m] and c2 [N s2/m2] of the force -(c1 + c2 |v|) v, shape [N].
+        adhesion: largest pull of the place that a particle starts from [N], shape [N].
+        adhesion_range: height at which it is reached [m], shape [].
+        obstacle: a capsule's centre [m], half axis [m] (0 for a ball), radius [m] and stiffness [1/s2], shape [8].
+        viscosity: Kelvin-Voigt shear and volume (lambda) viscosity [Pa s], shape [N, 2].
+        stiffening: Yeoh's second coefficient c of c (I1_bar - 3)^2 [Pa], shape [N].
+        fibre_modulus: k of k / 8 (|F a|^2 - 1)^2 [Pa], shape [N].
+        fibre_direction: unit vector a of the undeformed body, shape [N, 3].
+        friction_law: static excess of mu_f, the speed over which it fades [m/s], rise with speed [s/m], shape [3].
     """
 
     youngs_modulus: Float[Tensor, "..."]
@@ -36,6 +54,21 @@ class Parameters:
     network_elastic: Float[Tensor, "... weights"] | None = None
     network_plastic: Float[Tensor, "... weights"] | None = None
     initial_velocity: Float[Tensor, "... 3"] | None = None
+    gravity: Float[Tensor, "... 3"] | None = None
+    density: Float[Tensor, "..."] | None = None
+    force: Float[Tensor, "... 3"] | None = None
+    initial_position: Float[Tensor, "... 3"] | None = None
+    initial_deformation: Float[Tensor, "... 3 3"] | None = None
+    linear_drag: Float[Tensor, "..."] | None = None
+    quadratic_drag: Float[Tensor, "..."] | None = None
+    adhesion: Float[Tensor, "..."] | None = None
+    adhesion_range: Float[Tensor, "..."] | None = None
+    obstacle: Float[Tensor, "... 8"] | None = None
+    viscosity: Float[Tensor, "... 2"] | None = None
+    stiffening: Float[Tensor, "..."] | None = None
+    fibre_modulus: Float[Tensor, "..."] | None = None
+    fibre_direction: Float[Tensor, "... 3"] | None = None
+    friction_law: Float[Tensor, "... 3"] | None = None
 
 
 PARAMETER_NAMES = tuple(field.name for field in fields(Parameters))
@@ -50,35 +83,65 @@ class States:
     F: Float[Tensor, "*rollouts frames particles 3 3"]
 
 
-def complete(parameters: Parameters, shapes: dict[str, tuple[int, ...]], dtype: torch.dtype, device: str) -> Parameters:
+REQUIRED = ("youngs_modulus", "poissons_ratio", "plastic", "network_elastic", "network_plastic")
+
+
+def complete(
+    parameters: Parameters,
+    shapes: Mapping[str, tuple[int, ...]],
+    dormant: Mapping[str, Float[Array, "..."]],
+    dtype: torch.dtype,
+    device: str,
+) -> Parameters:
     """Every parameter in use as a tensor of its full shape, type and device; differentiable.
 
     Args:
         parameters: as given by the caller.
         shapes: full shape of every parameter in use; parameters that are not a key become None.
+        dormant: what those are that the caller leaves out, by name; zero for a name that is not a key.
         dtype: scalar type of the simulator.
         device: torch device of the simulator.
 
     Raises:
-        InputError: for a value that is missing, of the wrong shape or outside its range.
+        InputError: for a value that is missing, of the wrong shape, outside its range or of a term not in use.
     """
+    _check_terms(parameters, shapes)
     tensors = {}
     for name, shape in shapes.items():
         value = getattr(parameters, name)
         where = f"Parameters.{name}"
         if value is None:
-            if name in ("youngs_modulus", "poissons_ratio", "plastic", "network_elastic", "network_plastic"):
+            if name in REQUIRED:
                 raise InputError("missing", where=where, expected=f"a tensor of shape {shape}")
-            value = torch.zeros(shape)
+            value = dormant.get(name, 0.0)
+        value = torch.as_tensor(value)
         try:
-            tensors[name] = torch.as_tensor(value).to(device=device, dtype=dtype).expand(shape)
+            tensors[name] = value.to(device=device, dtype=dtype).expand(shape)
         except RuntimeError as error:
             raise InputError(f"shape {tuple(value.shape)}", where=where, expected=f"{shape}") from error
+    _check_ranges(tensors)
+    return Parameters(**{name: tensors.get(name) for name in PARAMETER_NAMES})
+
+
+def _check_terms(parameters: Parameters, shapes: Mapping[str, tuple[int, ...]]) -> None:
+    for name, term in TERM_OF.items():
+        if name not in shapes and getattr(parameters, name) is not None:
+            raise InputError(
+                f"given, but the term {term!r} is not in use",
+                where=f"Parameters.{name}",
+                expected=f"None, or {term!r} in SimulationConfig.terms",
+            )
+
+
+def _check_ranges(tensors: dict[str, Tensor]) -> None:
     _check_range("youngs_modulus", tensors, lambda E: E > 0, "positive values [Pa]")
     _check_range("poissons_ratio", tensors, lambda nu: (nu > -1) & (nu < 0.5), "values in (-1, 1/2)")
     for name in ("friction_coefficient", "grip_stiffness", "grip_damping"):
         _check_range(name, tensors, lambda value: value >= 0, "a value >= 0")
-    return Parameters(**{name: tensors.get(name) for name in PARAMETER_NAMES})
+    for name in ("density", "adhesion_range"):
+        _check_range(name, tensors, lambda value: value > 0, "positive values")
+    for name in TERM_OF.keys() - {"density", "adhesion_range"}:
+        _check_range(name, tensors, torch.isfinite, "finite values")
 
 
 def _check_range(name: str, tensors: dict[str, Tensor], valid, expected: str) -> None:

@@ -22,6 +22,7 @@ from physreal_core.simulation.frames import Frames, Progress
 from physreal_core.simulation.parameters import PARAMETER_NAMES, Parameters, States, complete
 from physreal_core.simulation.play import Player
 from physreal_core.simulation.stepper import make_stepper
+from physreal_core.simulation.terms import dormant_values
 from physreal_core.simulation.timestep import grip_rates, substeps_per_frame
 
 Loop = Frames | PooledFrames | CudaFrames
@@ -50,6 +51,7 @@ class Simulator:
             grip.check(body)
         self.body, self.config, self.grip = body, config, grip
         self._scene = (body, config, grip, tuple(clamps), tuple(loads))
+        self._dormant = dormant_values(config.terms, body, config.gravity)
         self._threads = torch.get_num_threads()
         self._side_streams: tuple[torch.cuda.Stream, wp.Stream] | None = None
         self._substeps_of = partial(substeps_per_frame, body, config, rates=grip_rates(body, grip))
@@ -175,7 +177,7 @@ class Simulator:
         shapes = self._stepper.shapes
         if rollouts is not None:
             shapes = {name: (rollouts, *shape) for name, shape in shapes.items()}
-        return complete(parameters, shapes, self._stepper.types.torch_dtype, self.config.device)
+        return complete(parameters, shapes, self._dormant, self._stepper.types.torch_dtype, self.config.device)
 
     def _rollouts(self, parameters: Parameters, controllers: Tensor) -> int:
         """Length of the axis of rollouts."""

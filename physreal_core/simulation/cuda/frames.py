@@ -69,6 +69,7 @@ class CudaFrames:
     def __init__(self, body: Body, config: SimulationConfig, stepper: CudaStepper, substeps: Substeps) -> None:
         self.config, self.stepper, self._substeps = config, stepper, substeps
         self._x0 = torch.tensor(body.x0, dtype=stepper.types.torch_dtype, device=config.device)
+        self._gravity = float(np.linalg.norm(config.gravity))
         self._box_rows: np.ndarray | None = None
 
     # --- forward ------------------------------------------------------------------------------------------------
@@ -155,7 +156,7 @@ class CudaFrames:
         if frame % SORT_FRAMES == 0:
             stepper.use_order(stepper.cell_order(start[0]), adjoints=False)
             course.moved = True
-        margins = margin_of(self.config, stepper.cell, course.bounds[:, 6], travel)
+        margins = margin_of(self.config.fps, self._gravity, stepper.cell, course.bounds[:, 6], travel)
         for attempt in range(ATTEMPTS):
             nodes, box = self._place(frame, start[1], course.bounds, margins, record)
             kept = self._room(frame, nodes, record, course)

@@ -16,6 +16,8 @@ from physreal_core.simulation.constitutive import ResidualConfig
 _ELASTIC = {"fixed_corotated": "FixedCorotated", "neo_hookean": "NeoHookean", "hencky": "Hencky"}
 _PLASTIC = {"identity": "Identity", "von_mises": "VonMises", "drucker_prager": "DruckerPrager"}
 
+_TERMS = frozenset({"initial_position", "initial_deformation"})  # optional terms that have a twin here
+
 _SIZES = (
     "particles stride threads substeps keep_states keep_grids replay origin:3 count:3 gripped clamps has_ground latent_elastic_size "
     "latent_plastic_size weights_elastic weights_plastic workspace_size yield_"
@@ -61,8 +63,8 @@ class FrameKernels:
 
 
 def has_laws(config: SimulationConfig) -> bool:
-    """Whether the configured laws have C++ twins here."""
-    return config.elastic_law in _ELASTIC and config.plastic_law in _PLASTIC
+    """Whether the configured laws and terms have C++ twins here."""
+    return config.elastic_law in _ELASTIC and config.plastic_law in _PLASTIC and _TERMS.issuperset(config.terms)
 
 
 def frame_kernels(config: SimulationConfig) -> FrameKernels:

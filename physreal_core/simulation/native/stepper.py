@@ -13,6 +13,7 @@ from physreal_core.simulation.config import SimulationConfig
 from physreal_core.simulation.native.frame import frame_kernels, frame_type
 from physreal_core.simulation.parameters import Parameters
 from physreal_core.simulation.scalars import scalar_types
+from physreal_core.simulation.terms import term_shapes
 
 BLOCK = 16  # particles; the widest block that a machine works on, to which rows of particles are filled up
 PARTICLES_PER_THREAD = 256  # fewer are not worth the threads' meeting twice a substep
@@ -122,6 +123,7 @@ class NativeStepper:
             self.shapes["friction_coefficient"] = ()
         if self.gripped:
             self.shapes |= {"grip_stiffness": (), "grip_damping": ()}
+        self.shapes |= term_shapes(self.config.terms, n)
         if self.config.plastic_law != "identity":
             self.shapes["plastic"] = (n, 2)
         self._hold("plastic", self._zeros(n, 2))
@@ -292,6 +294,8 @@ class NativeStepper:
             "poissons_ratio": held["nu_bar"].clone(),
             "plastic": held["plastic_bar"].clone(),
             "initial_velocity": held["v_bar"].clone(),
+            "initial_position": held["x_bar"].clone(),
+            "initial_deformation": held["F_bar"].clone(),
             "friction_coefficient": friction,
             "grip_stiffness": stiffness,
             "grip_damping": damping,

@@ -21,7 +21,9 @@ from physreal_core.simulation.plain.grip import bond_functions, grip_kernels
 from physreal_core.simulation.plain.material import flow_kernels, stress_kernels
 from physreal_core.simulation.plain.transfers import transfer_kernels
 from physreal_core.simulation.scalars import scalar_types
+from physreal_core.simulation.terms import term_shapes
 
+_TERMS = frozenset({"initial_position", "initial_deformation"})  # of the optional terms, those that stand here
 WEIGHT_ROWS = 64  # copies of a network's weight adjoint on a GPU, so that its threads do not queue for one address
 
 
@@ -77,6 +79,8 @@ class PlainStepper:
         clamps: tuple[Clamp, ...],
         loads: tuple[PointLoad, ...],
     ) -> None:
+        if not _TERMS.issuperset(config.terms):
+            raise NotImplementedError(f"terms {sorted(set(config.terms) - _TERMS)} of the plain step")
         self.types = scalar_types(config.dtype)
         self.device, self.config = config.device, config
         self.particles, self.cell = len(body.x0), body.cell
@@ -127,6 +131,7 @@ class PlainStepper:
             self.shapes["friction_coefficient"] = ()
         if self.gripped:
             self.shapes |= {"grip_stiffness": (), "grip_damping": ()}
+        self.shapes |= term_shapes(self.config.terms, n)
         self.E, self.nu, self.friction, self.grip = self._tensor(n), self._tensor(n), self._tensor(1), self._tensor(2)
         self.E_bar, self.nu_bar = self._tensor(n), self._tensor(n)
         self.friction_bar = self._tensor(1)
@@ -371,6 +376,8 @@ class PlainStepper:
             "poissons_ratio": self.nu_bar.clone(),
             "plastic": self.plastic_bar.clone(),
             "initial_velocity": self.v_bar.clone(),
+            "initial_position": self.x_bar.clone(),
+            "initial_deformation": self.F_bar.clone(),
             "friction_coefficient": self.friction_bar.sum(),
             "grip_stiffness": self.stiffness_bar.sum(),
             "grip_damping": self.damping_bar.sum(),

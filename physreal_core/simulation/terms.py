@@ -1,0 +1,84 @@
+"""Optional terms of a simulation: the parameters that each of them switches on, and the values at which it is absent.
+
+A term named in `SimulationConfig.terms` is part of every substep; without it its parameters must be None. The laws are
+stated where they are evaluated, in `plain` and, as vector C++, in `native`.
+"""
+
+from collections.abc import Iterable
+from dataclasses import dataclass
+
+import numpy as np
+
+from physreal_core.array_types import Array, Float
+from physreal_core.simulation.body import Body
+
+PARTICLES = "particles"
+
+
+@dataclass(frozen=True)
+class TermField:
+    """One parameter of a term.
+
+    Args:
+        shape: its full shape, where `PARTICLES` stands for their number.
+        dormant: the value at which the term is absent, of the shape's last axis or one number for all; None where it is
+            the body's or the configuration's own.
+    """
+
+    shape: tuple[int | str, ...]
+    dormant: float | tuple[float, ...] | None = 0.0
+
+
+TERMS: dict[str, dict[str, TermField]] = {
+    "gravity": {"gravity": TermField((3,), None)},
+    "density": {"density": TermField((PARTICLES,), None)},
+    "force": {"force": TermField((PARTICLES, 3))},
+    "initial_position": {"initial_position": TermField((PARTICLES, 3), None)},
+    "initial_deformation": {"initial_deformation": TermField((PARTICLES, 3, 3), None)},
+    "drag": {"linear_drag": TermField((PARTICLES,)), "quadratic_drag": TermField((PARTICLES,))},
+    "adhesion": {"adhesion": TermField((PARTICLES,)), "adhesion_range": TermField((), 1e-3)},
+    "obstacle": {"obstacle": TermField((8,))},
+    "viscosity": {"viscosity": TermField((PARTICLES, 2))},
+    "stiffening": {"stiffening": TermField((PARTICLES,))},
+    "fibres": {
+        "fibre_modulus": TermField((PARTICLES,)),
+        "fibre_direction": TermField((PARTICLES, 3), (1.0, 0.0, 0.0)),
+    },
+    "friction_law": {"friction_law": TermField((3,), (0.0, 1e-2, 0.0))},
+}
+"""Parameters by term, then by name of the field of `Parameters`."""
+
+TERM_OF = {name: term for term, parameters in TERMS.items() for name in parameters}
+"""The term that a parameter belongs to; parameters that every simulation has are not here."""
+
+
+def term_shapes(terms: Iterable[str], particles: int) -> dict[str, tuple[int, ...]]:
+    """Full shapes, by name, of the parameters that these terms switch on."""
+    return {
+        name: tuple(particles if size == PARTICLES else size for size in parameter.shape)
+        for term in terms
+        for name, parameter in TERMS[term].items()
+    }
+
+
+def dormant_values(
+    terms: Iterable[str], body: Body, gravity: tuple[float, float, float]
+) -> dict[str, Float[Array, "..."]]:
+    """What the parameters of these terms are where the caller leaves them out, in shapes that broadcast to the full ones.
+
+    Args:
+        terms: those in use.
+        body: the particles.
+        gravity: of the configuration [m/s2].
+    """
+    own = {
+        "gravity": np.asarray(gravity, dtype=np.float64),
+        "density": body.density,
+        "initial_position": body.x0,
+        "initial_deformation": np.eye(3),
+    }
+    return {
+        name: own[name] if parameter.dormant is None else np.asarray(parameter.dormant, dtype=np.float64)
+        for term in terms
+        for name, parameter in TERMS[term].items()
+    }

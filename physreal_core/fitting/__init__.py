@@ -20,8 +20,10 @@ from physreal_core.fitting.curriculum import (
 from physreal_core.fitting.descent import Descent, DescentConfig, DescentResult
 from physreal_core.fitting.losses import LossConfig
 from physreal_core.fitting.model import Model, load_model, particle_parameters, save_model, uniform_model
+from physreal_core.fitting.named_effects import effect_record
 from physreal_core.fitting.objective import Objective
 from physreal_core.fitting.problem import MaskObservations, Problem, TrackObservations, reduce_masks
+from physreal_core.fitting.rollouts import Rollouts
 from physreal_core.fitting.transfer import transfer_model
 from physreal_core.fitting.variables import TRANSFORMS, Variable
 
@@ -35,9 +37,11 @@ __all__ = [
     "Model",
     "Objective",
     "Problem",
+    "Rollouts",
     "ScanConfig",
     "TrackObservations",
     "Variable",
+    "effect_record",
     "fit_material",
     "load_model",
     "particle_parameters",

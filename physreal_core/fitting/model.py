@@ -13,7 +13,9 @@ import torch
 from torch import Tensor
 
 from physreal_core.array_types import Float
+from physreal_core.effects import configured
 from physreal_core.errors import InputError
+from physreal_core.fitting.named_effects import registered
 from physreal_core.simulation import Parameters, SimulationConfig
 from physreal_core.simulation.constitutive.residual_config import ResidualConfig
 
@@ -50,7 +52,10 @@ class Model:
         residual: sizes and bounds of the residual networks, None before Stage 3.
         simulation: what else the parameters hold for, as `SimulationConfig` takes it: `gravity`, `ground_height`, `courant`,
             `dtype`.
-        effects: named effects added to the simulator, as JSON-able records.
+        effects: named effects that act in every rollout, one after another; records as of `named_effects`.
+
+    Raises:
+        InputError: for effects that `named_effects.registered` refuses.
     """
 
     elastic_law: str
@@ -60,15 +65,19 @@ class Model:
     simulation: dict[str, Any] = field(default_factory=dict)
     effects: list[dict[str, Any]] = field(default_factory=list)
 
+    def __post_init__(self) -> None:
+        registered(self.effects)
+
     @property
     def patch_count(self) -> int:
         """Number of patches K."""
         return self.fields["patch_positions"].shape[0]
 
     def simulation_config(self, fps: float, device: str = "cpu") -> SimulationConfig:
-        """The simulator's configuration for a sequence of `fps` frames per second."""
+        """The simulator's configuration for a sequence of `fps` frames per second, with what the effects need."""
         laws = {"elastic_law": self.elastic_law, "plastic_law": self.plastic_law, "residual": self.residual}
-        return SimulationConfig(fps=fps, device=device, **laws, **self.simulation)
+        config = SimulationConfig(fps=fps, device=device, **laws, **self.simulation)
+        return configured(config, registered(self.effects))
 
     def with_fields(self, **fields: Tensor) -> "Model":
         """This model with some tensors replaced; patch fields of one row are given to all patches."""
@@ -175,6 +184,7 @@ def load_model(folder: Path) -> Model:
     fields = load_file(str(paths[1]))
     found = {name: list(tensor.shape) for name, tensor in fields.items()}
     named = {name: entry["shape"] for name, entry in record["tensors"].items()}
+    registered(record["effects"], where=f"{paths[0]}, effects")
     if found != named or not set(found) <= set(UNITS):
         raise InputError(f"tensors {found}", where=str(paths[1]), expected=f"{named}, as model.json beside it says")
     residual = None if record["residual"] is None else _residual_config(record["residual"])

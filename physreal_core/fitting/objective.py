@@ -1,6 +1,5 @@
 """From patch fields to one number: interpolation to particles, rollout, and the sum of the weighted terms."""
 
-import dataclasses
 import math
 
 import torch
@@ -8,12 +7,11 @@ from torch import Tensor
 
 from physreal_core.fitting import losses
 from physreal_core.fitting.losses import LossConfig
-from physreal_core.fitting.model import Model, particle_parameters
+from physreal_core.fitting.model import PATCH_FIELDS, Model
 from physreal_core.fitting.problem import Problem
+from physreal_core.fitting.rollouts import Fields, Rollouts
 from physreal_core.fitting.stopwatch import Stopwatch
-from physreal_core.simulation import Parameters, Simulator, States
-
-Fields = dict[str, Tensor]
+from physreal_core.simulation import States
 
 
 class Objective:
@@ -21,22 +19,21 @@ class Objective:
 
     Args:
         problem: the sequence.
-        model: says the laws, the residual networks and the numerical setting; its fields are not used.
+        model: says the laws, the residual networks, the numerical setting and the named effects; of its fields, only where
+            the patches are.
         config: weights and scales.
         device: where everything is computed; the problem's tensors are moved there once. `fields` may stay on the CPU.
 
     Attributes:
+        rollouts: of the problem, with the model's effects.
         stopwatch: seconds per part of all evaluations and their backward passes.
     """
 
     def __init__(self, problem: Problem, model: Model, config: LossConfig, *, device: str = "cpu") -> None:
-        simulation = model.simulation_config(problem.fps, device)
-        self.problem, self.config, self.device = problem.to(device), config, device
-        self.dtype = torch.float64 if simulation.dtype == "float64" else torch.float32
+        self.rollouts = Rollouts(problem, model, device=device)
+        self.problem, self.config, self.device = self.rollouts.problem, config, device
         self.stopwatch = Stopwatch(device)
-        self._x0 = torch.tensor(problem.body.x0, dtype=self.dtype, device=device)
-        self._controllers = self.problem.controllers.to(self.dtype)
-        self._simulator = Simulator(problem.body, simulation, problem.grip, problem.clamps, problem.loads)
+        self._x0 = torch.tensor(problem.body.x0, dtype=self.rollouts.dtype, device=device)
 
     @property
     def full_horizon(self) -> int:
@@ -46,13 +43,13 @@ class Objective:
         return self.problem.observed
 
     def rollout(self, fields: Fields, frames: int) -> States:
-        """States of the first `frames` frames under patch fields."""
+        """States of the first `frames` frames under patch fields, F as the motion since frame 0."""
         watch = self.stopwatch
-        parameters = self._parameters(fields)
-        for tensor in vars(parameters).values():
+        inputs = self.rollouts.inputs(fields)
+        for tensor in (inputs.controllers, *vars(inputs.parameters).values()):
             watch.lap_in_backward("other", tensor)
         watch.lap("simulation, forward")
-        states = self._simulator.rollout(parameters, self._controllers[:frames])
+        states = self.rollouts.simulate(inputs, frames)
         for tensor in (states.x, states.F):
             watch.lap_in_backward("simulation, backward", tensor)
         watch.lap("other")
@@ -72,21 +69,16 @@ class Objective:
         Infinite where a rollout fails or the total is not finite.
         """
         with torch.no_grad():
-            own = torch.tensor(values, dtype=self.dtype, device=self.device)[:, None]
-            parameters = dataclasses.replace(self._parameters(fields), **{name: own})
+            shape = (1,) if name in PATCH_FIELDS else ()
+            own = [torch.full(shape, value, dtype=torch.float64) for value in values]
+            inputs = [self.rollouts.inputs({**fields, name: value}) for value in own]
             self.stopwatch.lap("simulation, forward")
-            batch = self._simulator.rollout_batch(parameters, self._controllers[: self.full_horizon])
+            batch = self.rollouts.simulate_batch(inputs, self.full_horizon)
             totals = []
             for row, failure in enumerate(batch.failures):
                 states = States(batch.x[row], batch.v[row], batch.F[row])
                 totals.append(math.inf if failure is not None else self._measure(states)[0].item())
         return [total if math.isfinite(total) else math.inf for total in totals]
-
-    def _parameters(self, fields: Fields) -> Parameters:
-        problem = self.problem
-        return particle_parameters(
-            fields, problem.patch_neighbours, problem.patch_weights, dtype=self.dtype, device=self.device
-        )
 
     def _measure(self, states: States) -> tuple[Tensor, dict[str, float]]:
         """The weighted total and its terms."""
@@ -106,7 +98,7 @@ class Objective:
         tracks, camera, config = self.problem.tracks, self.problem.camera, self.config
         if tracks is None:
             return states.x.new_zeros((), dtype=torch.float64), {}
-        carried = losses.carried_tracks(tracks, self._x0, states.x, states.F)
+        carried = self.rollouts.seen(losses.carried_tracks(tracks, self._x0, states.x, states.F))
         if config.settled > 0.0:
             settled, error = losses.settled_loss(carried, tracks, self.problem.observed, config)
             return config.settled * settled.double(), {"settled": settled, "settled_error": error}
@@ -121,5 +113,5 @@ class Objective:
         """L_mask with its weight, and its term."""
         if self.problem.masks is None or self.config.mask == 0.0:
             return states.x.new_zeros((), dtype=torch.float64), {}
-        mask = losses.mask_loss(self.problem.masks, self._x0, states.x, states.F)
+        mask = losses.mask_loss(self.problem.masks, self._x0, self.rollouts.seen(states.x), states.F)
         return self.config.mask * mask.double(), {"mask": mask}

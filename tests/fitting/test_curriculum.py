@@ -61,14 +61,14 @@ def test_the_scan_gives_the_totals_of_single_rollouts():
 def test_the_scan_counts_a_failed_rollout_as_infinite():
     truth = scene.model()
     objective = Objective(scene.problem(truth), truth, LossConfig())
-    simulate = objective._simulator.rollout_batch
+    simulate = objective.rollouts._simulator.rollout_batch
 
     def breaks_when_soft(parameters, controllers):
         batch = simulate(parameters, controllers)
         batch.x[0, 5:] = math.nan
         return replace(batch, failures=(SimulationError("a particle left", frame=5, substep=2, particle=3), None, None))
 
-    objective._simulator.rollout_batch = breaks_when_soft
+    objective.rollouts._simulator.rollout_batch = breaks_when_soft
     found = scan_youngs_modulus(objective, truth, MODULUS, ScanConfig(count=3, factor=4.0))
     assert math.isinf(found[0][1]) and found[1][1] < found[2][1] < math.inf
 

@@ -1,0 +1,147 @@
+"""A problem rolled out under a model, its named effects included: the one way from patch fields and effects to states.
+
+An effect acts on what goes into the rollout (parameters, controller points, laws) or on where the measurement sees what comes
+out of it; the object itself is never corrected for the camera.
+"""
+
+import dataclasses
+from collections.abc import Mapping
+
+import torch
+from torch import Tensor
+
+from physreal_core.array_types import Float
+from physreal_core.effects import Inputs, Setting
+from physreal_core.fitting.model import Model, particle_parameters
+from physreal_core.fitting.named_effects import registered
+from physreal_core.fitting.problem import Problem
+from physreal_core.simulation import Parameters, Simulator, States
+from physreal_core.simulation.batch import BatchStates
+from physreal_core.simulation.play import Player
+
+Fields = dict[str, Tensor]
+EffectValues = Mapping[str, Mapping[str, Tensor | float]]
+"""Coefficients by name of the effect; what is not named has the model's numbers."""
+
+_POLAR_STEPS = 8
+"""Newton's iteration converges quadratically: from a stretch of two to double precision in seven steps."""
+
+
+class Rollouts:
+    """Rollouts of one problem under the laws, the numerical setting and the effects of one model.
+
+    Args:
+        problem: the sequence.
+        model: its fields give only the places of the patches; those that are rolled out are given with each call.
+        device: where everything is computed; the problem's tensors are moved there once.
+
+    Attributes:
+        problem: on `device`.
+        config: of the simulator, with the terms and laws that the effects need.
+        setting: what the effects may look at.
+        values: the model's coefficients of every effect, tensors of shape [].
+    """
+
+    def __init__(self, problem: Problem, model: Model, *, device: str = "cpu") -> None:
+        self.problem, self.device = problem.to(device), device
+        self.config = model.simulation_config(problem.fps, device)
+        self.dtype = torch.float64 if self.config.dtype == "float64" else torch.float32
+        self.values: dict[str, dict[str, Tensor]] = {
+            record["name"]: {name: self._number(value) for name, value in record["values"].items()}
+            for record in model.effects
+        }
+        self._effects = registered(model.effects)
+        self._simulator = Simulator(problem.body, self.config, problem.grip, problem.clamps, problem.loads)
+        self.setting = Setting(
+            body=problem.body,
+            grip=problem.grip,
+            clamps=problem.clamps,
+            fps=problem.fps,
+            gravity=self.config.gravity,
+            ground_height=self.config.ground_height,
+            controllers=self.problem.controllers.to(self.dtype),
+            anchors=model.fields["patch_positions"].numpy(),
+            T_world_camera=None if problem.camera is None else problem.camera.T_world_camera.cpu().numpy(),
+        )
+
+    def inputs(self, fields: Fields, values: EffectValues | None = None) -> Inputs:
+        """Everything that goes into the rollout; differentiable by `fields` and `values`.
+
+        Args:
+            fields: as of `Model.fields`; they may stay on the CPU.
+            values: coefficients in place of the model's.
+        """
+        near, weights = self.problem.patch_neighbours, self.problem.patch_weights
+        parameters = particle_parameters(fields, near, weights, dtype=self.dtype, device=self.device)
+        inputs = Inputs(parameters, self.setting.controllers)
+        for effect in self._effects:
+            inputs = effect.act(inputs, self._coefficients(effect.name, values), self.setting)
+        return inputs
+
+    def simulate(self, inputs: Inputs, frames: int | None = None) -> States:
+        """States of the first `frames` frames (default: all), F as the motion since frame 0 (see `motion_since_start`).
+
+        Raises:
+            SimulationError: where the rollout cannot go on.
+        """
+        states = self._simulator.rollout(inputs.parameters, inputs.controllers[:frames])
+        return motion_since_start(states, inputs.parameters)
+
+    def simulate_batch(self, inputs: list[Inputs], frames: int | None = None) -> BatchStates:
+        """The same for many at once, with an axis of rollouts; what ended one early stands in `failures`."""
+        parameters, controllers = stacked(inputs)
+        batch = self._simulator.rollout_batch(parameters, controllers[:, :frames])
+        return motion_since_start(batch, parameters)
+
+    def play(self, fields: Fields, values: EffectValues | None = None) -> Player:
+        """A rollout for new actions, stepped frame by frame from frame 0 on with the controller points that the caller gives.
+
+        An effect on the recorded controller points (a slip, a lag) has nothing to act on there.
+        """
+        with torch.no_grad():
+            return self._simulator.play(self.inputs(fields, values).parameters, self.setting.controllers[0])
+
+    def seen(self, points: Float[Tensor, "frames points 3"], values: EffectValues | None = None) -> Tensor:
+        """Where the measurement sees points that truly are at `points` [m], in the first frames."""
+        for effect in self._effects:
+            points = effect.observe(points, self._coefficients(effect.name, values), self.setting)
+        return points
+
+    def _coefficients(self, name: str, values: EffectValues | None) -> dict[str, Tensor]:
+        given = (values or {}).get(name, {})
+        return {**self.values[name], **{key: self._number(value) for key, value in given.items()}}
+
+    def _number(self, value: Tensor | float) -> Tensor:
+        return torch.as_tensor(value).to(self.device, self.dtype)
+
+
+def motion_since_start(states: States, parameters: Parameters) -> States:
+    """`states` with F as the motion since frame 0, which is what carries points and Gaussians.
+
+    A body that starts under stress starts with F0 = R S: its stretch S is no motion of the material since then, while its
+    rotation R is how the body as a whole was placed (F S^-1 = F F0^-1 R). Without one, F is the motion already.
+    """
+    F0 = parameters.initial_deformation
+    if F0 is None:
+        return states
+    inverse_stretch = torch.linalg.solve(F0, rotation_part(F0))
+    return dataclasses.replace(states, F=states.F @ inverse_stretch.unsqueeze(-4))
+
+
+def rotation_part(F: Float[Tensor, "*shape 3 3"]) -> Float[Tensor, "*shape 3 3"]:
+    """R of the polar decomposition F = R S (Higham 1986, Newton's iteration); smooth where singular values are equal, too."""
+    for _ in range(_POLAR_STEPS):
+        F = 0.5 * (F + torch.linalg.inv(F).mT)
+    return F
+
+
+def stacked(inputs: list[Inputs]) -> tuple[Parameters, Float[Tensor, "rollouts frames controllers 3"]]:
+    """What `Simulator.rollout_batch` takes, from the inputs of each rollout; all must have the same parameters in use."""
+
+    def together(name: str) -> Tensor | None:
+        rows = [getattr(one.parameters, name) for one in inputs]
+        return None if rows[0] is None else torch.stack(rows)
+
+    names = [field.name for field in dataclasses.fields(Parameters)]
+    parameters = Parameters(**{name: together(name) for name in names})
+    return parameters, torch.stack([one.controllers for one in inputs])

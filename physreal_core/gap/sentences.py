@@ -1,0 +1,117 @@
+"""What a disagreement is in one sentence for a person; ± is half of an interval that holds 90 %."""
+
+from __future__ import annotations
+
+from typing import TYPE_CHECKING
+
+import numpy as np
+from scipy import stats
+
+if TYPE_CHECKING:
+    from physreal_core.gap.signatures import Signature
+    from physreal_core.gap.where import Onset, Place, Where
+
+_HALF_WIDTH = float(stats.norm.ppf(0.95))
+_MOTION_WORDS = {
+    "still": "before anything moves",
+    "driven": "while the hand moves",
+    "swinging": "while swinging",
+    "settled": "once all has come to rest",
+}
+_CLEAR = 0.25
+"""A pattern that explains less of the departure than this share is not what a person would see."""
+
+
+def where_sentence(where: Where) -> str:
+    """The whole finding: when, in which phase, which part, how and by how much; or that there is nothing."""
+    if not where.significant:
+        return _agreement_sentence(where)
+    place = where.place
+    touches = any(cell.label == "on the ground" for cell in where.cells)
+    parts = [_when(where.onset, len(where.frames)), _phase(place, touches)]
+    start = ", ".join(part for part in parts if part)
+    subject = f"the {place.part} of the body" if place.part else "the body"
+    sentence = f"{start}, {subject} {_departure(place)}" if start else f"{subject} {_departure(place)}"
+    return f"{sentence[0].upper()}{sentence[1:]}{_before(where)}."
+
+
+def _agreement_sentence(where: Where) -> str:
+    sizes = where.sizes
+    numerics = f" and {millimetres(sizes.numerics)} of numerical error" if sizes.numerics > 0 else ""
+    return (
+        f"Simulation and measurement agree: they are {millimetres(sizes.residual)} apart (RMS), as "
+        f"{millimetres(sizes.noise)} of noise{numerics} would have it (p = {where.test.p_value:.2g})."
+    )
+
+
+def _when(onset: Onset | None, frames: int) -> str:
+    if onset is None:
+        return ""
+    lasts = onset.last >= frames - 1 - max(2, frames // 10)
+    if onset.frame <= 2:
+        return "from the start on" if lasts else f"up to frame {onset.last}"
+    return f"from frame {onset.frame} on" if lasts else f"between frames {onset.frame} and {onset.last}"
+
+
+def _phase(place: Place, touches: bool) -> str:
+    """Touching the ground or not is said only where both occur; one swings free all the same."""
+    motion = _MOTION_WORDS.get(place.motion or "", "")
+    if place.motion == "swinging" and place.support == "free":
+        return "while swinging free"
+    if place.support is None or not touches:
+        return motion
+    support = "where it is free" if place.support == "free" else "where it touches the ground"
+    return f"{motion} and {support}" if motion else support
+
+
+def _departure(place: Place) -> str:
+    first = place.signatures[0] if place.signatures else None
+    away = f"is {quantity(place.sizes.gap, place.sizes.deviation)} away from where the simulation has it"
+    if first is None or first.explained < _CLEAR or abs(first.size) < 2.0 * first.size_deviation:
+        return away
+    words = {"offset": _offset_words, "lag": _lag_words, "swing": _swing_words}[first.kind](first)
+    return f"{words}" if first.explained > 0.5 else f"{words}, which is {first.explained:.0%} of the gap"
+
+
+def _lag_words(signature: Signature) -> str:
+    verb = "lags behind" if signature.value > 0 else "is ahead of"
+    late = f"{1e3 * abs(signature.value):.0f} ms"
+    return f"{verb} the simulation by {quantity(signature.size, signature.size_deviation)} ({late})"
+
+
+def _swing_words(signature: Signature) -> str:
+    verb = "less" if signature.value < 0 else "further"
+    share = f"{abs(signature.value):.0%}"
+    return f"moves {verb} than the simulation, by {quantity(signature.size, signature.size_deviation)} ({share})"
+
+
+def _offset_words(signature: Signature) -> str:
+    size = quantity(signature.size, signature.size_deviation)
+    x, y, z = signature.direction
+    if abs(z) > 0.8:
+        return f"is {size} {'higher' if z > 0 else 'lower'} than the simulation has it"
+    heading = (("+x", "-x"), ("+y", "-y"))[int(abs(y) > abs(x))][int((x if abs(x) >= abs(y) else y) < 0)]
+    if abs(z) < 0.45:
+        return f"is {size} off to the side, towards {heading}"
+    return f"is {size} off, {'up' if z > 0 else 'down'} and towards {heading}"
+
+
+def _before(where: Where) -> str:
+    if where.onset is None or where.onset.frame <= 2:
+        return ""
+    quiet = where.frame_log10_p[: where.onset.earliest]
+    if len(quiet) == 0 or (quiet < np.log10(0.01 / len(where.frames))).any():
+        return ""
+    return "; nothing wrong before"
+
+
+def quantity(size: float, deviation: float) -> str:
+    """A length [m] with its 90 % half width, in millimetres: "9 ± 2 mm"."""
+    half = 1e3 * _HALF_WIDTH * deviation
+    digits = 0 if half >= 1.0 else 1
+    return f"{1e3 * abs(size):.{digits}f} ± {max(half, 10.0**-digits):.{digits}f} mm"
+
+
+def millimetres(size: float) -> str:
+    """A length [m]: "1.2 mm"."""
+    return f"{1e3 * size:.1f} mm"

@@ -1,0 +1,189 @@
+"""Where: a known disagreement is found at its frames, part, phase and size; noise and numerical error are no disagreement."""
+
+import json
+
+import numpy as np
+import pytest
+from scipy import stats
+
+from physreal_core.errors import InputError
+from physreal_core.gap.comparison import Comparison, agreement
+from physreal_core.gap.signatures import signatures
+from physreal_core.gap.where import find_onset, find_where
+from tests.gap import bar
+
+
+def find(truth, simulated, **options):
+    return find_where(bar.measure(truth, simulated, **options), bar.phases(simulated))
+
+
+def everywhere(comparison):
+    return np.ones(comparison.valid.shape, bool)
+
+
+def numerical_modes(count: int = 3) -> np.ndarray:
+    """Smooth displacements of a few millimetres, as re-runs at other resolutions give them."""
+    t, s = bar.times()[:, None], bar.along() / bar.along().max()
+    shapes = [0.004 * s**k * np.sin((k + 1) * 5 * t) for k in range(1, count + 1)]
+    return np.stack([shape[..., None] * np.eye(3)[k % 3] for k, shape in enumerate(shapes)])
+
+
+def test_a_lag_of_the_far_end_after_the_stop_is_told_in_one_sentence():
+    simulated = bar.bar(bar.times())
+    lag = 0.03
+    where = find(bar.bar(bar.times(), lag=lag), simulated)
+    assert where.significant
+    assert (where.place.motion, where.place.part) == ("swinging", "far end")
+    first = where.place.signatures[0]
+    assert first.kind == "lag"
+    # the far third of the bar moves with 0.7 of its tip's amplitude; half a percent is the curvature of the sine
+    assert abs(first.value - lag) < 3 * first.deviation + 0.05 * lag
+    assert bar.STOP <= where.onset.frame <= bar.STOP + 3
+    assert where.sentence.startswith(
+        f"From frame {where.onset.frame} on, while swinging free, the far end of the body lags"
+    )
+    assert where.sentence.endswith("; nothing wrong before.")
+
+
+def test_a_body_that_comes_to_rest_swings_less_than_the_elastic_one():
+    t = bar.times()
+    decay = 0.03 * np.exp(-2.0 * np.maximum(t - bar.STOP / bar.FPS, 0.0))
+    where = find(bar.bar(t, swing=decay), bar.bar(t))
+    first = where.place.signatures[0]
+    assert first.kind == "swing" and first.value < -5 * first.deviation
+    assert "moves less than the simulation" in where.sentence
+
+
+@pytest.mark.parametrize(("drop", "word"), [(-0.006, "lower"), (0.006, "higher")])
+def test_an_offset_from_the_start_has_its_size_and_direction(drop, word):
+    simulated = bar.bar(bar.times())
+    where = find(simulated + [0, 0, drop], simulated)
+    first = where.place.signatures[0]
+    assert first.kind == "offset"
+    np.testing.assert_allclose(first.value * np.array(first.direction), [0, 0, drop], atol=4 * first.deviation)
+    assert where.sentence.startswith("From the start on") and word in where.sentence
+    assert where.onset.frame == 0
+
+
+def test_a_passing_disagreement_has_an_end():
+    simulated = bar.bar(bar.times())
+    truth = simulated.copy()
+    truth[20:35, :, 0] += 0.005
+    where = find(truth, simulated)
+    assert (where.onset.frame, where.onset.last) == (20, 34)
+    first = where.place.signatures[0]
+    assert first.kind == "offset" and first.value == pytest.approx(0.005, abs=4 * first.deviation)
+    assert where.sentence.startswith("Between frames 20 and 34, ")
+
+
+def test_noise_alone_is_agreement_and_its_p_value_is_uniform():
+    simulated = bar.bar(bar.times())
+    modes = numerical_modes()
+    rng = np.random.default_rng(1)
+    p_values = []
+    for seed in range(200):
+        truth = simulated - np.tensordot(rng.standard_normal(len(modes)), modes, 1)
+        p_values.append(agreement(bar.measure(truth, simulated, seed=seed, modes=modes)).p_value)
+    assert stats.kstest(p_values, "uniform").pvalue > 1e-3
+
+
+def test_what_the_numerics_can_do_is_no_disagreement():
+    simulated, modes = bar.bar(bar.times()), numerical_modes()
+    truth = simulated - modes[0] + 0.5 * modes[1]
+    assert find(truth, simulated).significant
+    where = find(truth, simulated, modes=modes)
+    assert not where.significant and where.onset is None and where.place is None
+    assert where.sentence.startswith("Simulation and measurement agree")
+
+
+def test_noise_larger_than_said_is_measured_and_no_disagreement():
+    simulated = bar.bar(bar.times())
+    comparison = bar.measure(simulated, simulated, noise=2 * bar.NOISE)
+    assert comparison.noise_scale == pytest.approx(2.0, rel=0.05)  # 5000 numbers, each with a spread of about one
+    assert agreement(comparison).p_value > 0.01
+
+
+def test_a_swing_is_not_mistaken_for_noise():
+    t = bar.times()
+    comparison = bar.measure(bar.bar(t, swing=0.02), bar.bar(t))
+    assert comparison.noise_scale < 1.1
+
+
+def test_deviations_are_those_of_many_captures():
+    t = bar.times()
+    simulated, modes = bar.bar(t), numerical_modes()
+    rng = np.random.default_rng(2)
+    draws = []
+    for seed in range(300):
+        truth = bar.bar(t, lag=0.02) - np.tensordot(rng.standard_normal(len(modes)), modes, 1)
+        comparison = bar.measure(truth, simulated, seed=seed, modes=modes)
+        found = {s.kind: s for s in signatures(comparison, everywhere(comparison))}
+        draws.append([(s.value, s.deviation) for s in (found["lag"], found["swing"])])
+    values, deviations = np.moveaxis(np.array(draws), -1, 0)
+    # the spread of a spread over 300 draws is 4 %
+    np.testing.assert_allclose(values.std(0), deviations.mean(0), rtol=0.16)
+
+
+def test_sizes_tell_gap_from_noise_and_numerics():
+    simulated, modes = bar.bar(bar.times()), numerical_modes()
+    sizes = bar.measure(simulated + [0.003, 0, 0], simulated, modes=modes).rms()
+    assert sizes.noise == pytest.approx(np.sqrt(3) * bar.NOISE, rel=0.02)
+    assert sizes.residual == pytest.approx(np.sqrt(0.003**2 + 3 * bar.NOISE**2), rel=0.02)
+    assert sizes.numerics == pytest.approx(np.sqrt((modes**2).sum((0, 3)).mean()), rel=0.05)
+
+
+def test_phases_of_a_lift_that_stops():
+    found = bar.phases(bar.bar(bar.times())).spans()
+    assert [name for name, _, _ in found] == ["still", "driven", "swinging"]
+    # motion that sets in slowly is seen a few frames late
+    np.testing.assert_allclose([a for _, a, _ in found], [0, 5, bar.STOP], atol=3)
+
+
+def test_contact_is_named_where_the_disagreement_is_on_the_ground():
+    simulated = bar.bar(bar.times(), swing=0.0)
+    simulated[:, ::2, 2] = 0.0
+    truth = simulated.copy()
+    truth[10:, ::2, 0] -= 0.006
+    where = find(truth, simulated)
+    assert where.place.support == "on the ground" and "touches the ground" in where.sentence
+    assert "towards -x" in where.sentence
+
+
+def test_onset_needs_frames_that_last():
+    log10_p = np.zeros(40)
+    log10_p[5] = -9.0
+    log10_p[18:20] = -2.0
+    log10_p[20:38] = -9.0
+    onset = find_onset(log10_p, lasting=3)
+    assert (onset.frame, onset.earliest, onset.last) == (20, 18, 37)
+    assert find_onset(log10_p[:18], lasting=3) is None
+
+
+def test_the_record_is_json_with_one_number_per_frame_and_track():
+    simulated = bar.bar(bar.times())
+    record = json.loads(json.dumps(find(bar.bar(bar.times(), lag=0.03), simulated).as_record(), allow_nan=False))
+    assert len(record["frames"]["gap"]) == bar.FRAMES and len(record["tracks"]["gap"]) == bar.POINTS
+    assert record["significant"] is True and record["place"]["motion"] == "swinging"
+
+
+def test_few_tracks_and_empty_frames_are_no_obstacle():
+    simulated = bar.bar(bar.times())[:, :2]
+    comparison = bar.measure(simulated, simulated)
+    comparison.valid[10:20] = False
+    comparison = Comparison(simulated, comparison.measured, comparison.sigma, comparison.valid, bar.FPS)
+    labels = bar.phases(bar.bar(bar.times()))
+    labels = type(labels)(labels.motion, labels.touching[:, :2], labels.part[:2], labels.parts)
+    assert not find_where(comparison, labels).significant
+
+
+def test_input_that_cannot_be_compared_is_refused():
+    x, ones = np.zeros((4, 3, 3)), np.ones((4, 3))
+    valid = ones.astype(bool)
+    with pytest.raises(InputError, match="no valid entry"):
+        Comparison(x, x, ones, ~valid, 30.0)
+    with pytest.raises(InputError, match="frame 2, track 1"):
+        sigma = ones.copy()
+        sigma[2, 1] = 0.0
+        Comparison(x, x, sigma, valid, 30.0)
+    with pytest.raises(InputError, match="modes"):
+        Comparison(x, x, ones, valid, 30.0, np.zeros((2, 4, 2, 3)))

@@ -1,0 +1,116 @@
+"""The named effect goes into the model, if it shrinks the gap on frames and interactions that its fit never saw."""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+from dataclasses import dataclass
+
+import numpy as np
+
+from physreal_core.gap.disagreement import disagreements, held_out_gap
+from physreal_core.gap.evidence import Progress, fit_baseline
+from physreal_core.gap.experiment import Experiment
+from physreal_core.gap.least_squares import Fit, fit, together
+from physreal_core.gap.naming import fitted_effects
+from physreal_core.gap.report import Added, Candidate, GapReport
+from physreal_core.gap.screening import Screen, started
+from physreal_core.gap.settings import GapSettings
+
+
+def add_effect(
+    experiments: Sequence[Experiment],
+    report: GapReport,
+    settings: GapSettings | None = None,
+    progress: Progress = lambda message: None,
+    names: Sequence[str] | None = None,
+) -> Added:
+    """Put the named effects into the model and show what they do to the gap.
+
+    The gap is shown with fits to the training frames of one interaction, the one that tells most about the effects; its later
+    frames and all other interactions are held out. The numbers that go into the model come from all interactions.
+
+    Args:
+        experiments: as given to `find_gap`.
+        report: its result.
+        settings: of the search.
+        progress: called with a line of text now and then.
+        names: effects to add instead of the verdict's, as for a comparison with what is known to be true.
+    """
+    settings = settings or GapSettings()
+    chosen = tuple(report.verdict.names if names is None else names)
+    if not chosen or (names is None and report.verdict.kind == "unknown"):
+        return Added(False, (), report.fields, before=report.baseline)
+    number = _most_telling(report, chosen)
+    alone = _Fits([experiments[number]], settings, progress)
+    before = _shown(experiments, alone.baseline, number)
+    after = _shown(experiments, alone.with_effects(chosen), number)
+    rival = _runner_up(report, chosen)
+    runner_up = _shown(experiments, alone.with_effects(rival.names), number) if rival else ()
+    gap = held_out_gap(before), held_out_gap(after)
+    closed = 1.0 - gap[1] / gap[0] if gap[0] > 0 else 0.0
+    everything = alone if len(experiments) == 1 else _Fits(experiments, settings, progress)
+    final = _from_report(report, chosen) or _candidate(everything.with_effects(chosen))
+    adopted = bool(gap[1] < gap[0])
+    return Added(
+        adopted=adopted,
+        effects=final.effects if adopted else (),
+        fields=final.fields if adopted else report.fields,
+        before=before,
+        after=after,
+        runner_up=runner_up,
+        runner_up_names=rival.names if rival else (),
+        fitted_on=number,
+        numerical_floor=everything.evidence.floors,
+        closed=float(closed),
+    )
+
+
+@dataclass
+class _Fits:
+    """The baseline of some interactions, and fits beside it."""
+
+    experiments: Sequence[Experiment]
+    settings: GapSettings
+    progress: Progress
+
+    def __post_init__(self) -> None:
+        self.baseline, self.evidence = fit_baseline(self.experiments, self.settings, self.progress)
+
+    def with_effects(self, names: Sequence[str]) -> Fit:
+        """The best fit with these effects, added in the order in which they help."""
+        found, rest = self.baseline, list(names)
+        screen = Screen(self.baseline, self.evidence.train, rest, self.settings.priors)
+        while rest:
+            score = screen.scores_beside(found)[0]
+            rest.remove(score.start.effect)
+            unknowns, vector = started(self.baseline, found, score, self.settings.priors)
+            request = fit(unknowns, self.evidence.train, vector, self.settings.iterations, self.baseline.jacobian)
+            (found,) = together([request], self.experiments)
+        return found
+
+
+def _shown(experiments: Sequence[Experiment], found: Fit, number: int):
+    trial = found.unknowns.trial(found.vector)
+    return disagreements(experiments, [experiment.predict([trial])[0] for experiment in experiments], number)
+
+
+def _most_telling(report: GapReport, names: Sequence[str]) -> int:
+    """The interaction in which the effects show most."""
+    if not report.information:
+        return 0
+    return int(np.argmax([sum(sizes.get(name, 0.0) for name in names) for sizes in report.information]))
+
+
+def _runner_up(report: GapReport, chosen: Sequence[str]) -> Candidate | None:
+    """The most probable other answer of the same number of effects that was fitted."""
+    others = [c for c in report.candidates if c.gain is not None and len(c.names) == len(chosen) and c.names != chosen]
+    return others[0] if others else None
+
+
+def _from_report(report: GapReport, chosen: Sequence[str]) -> Candidate | None:
+    fitted = [c for c in report.candidates if c.gain is not None and set(c.names) == set(chosen)]
+    return fitted[0] if fitted else None
+
+
+def _candidate(found: Fit) -> Candidate:
+    return Candidate(fitted_effects(found), None, fields=found.unknowns.baseline_fields(found.vector))

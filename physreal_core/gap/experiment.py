@@ -1,0 +1,247 @@
+"""One interaction with its measurement: where a model with given effects says that the tracked points are."""
+
+from __future__ import annotations
+
+import dataclasses
+from collections.abc import Sequence
+from dataclasses import dataclass
+
+import numpy as np
+import torch
+
+from physreal_core.array_types import Array, Bool, Float, Tensor
+from physreal_core.effects import EFFECTS, Inputs, Setting, configured
+from physreal_core.errors import InputError
+from physreal_core.fitting.model import Model, particle_parameters
+from physreal_core.fitting.problem import Problem
+from physreal_core.rendering import carry_points
+from physreal_core.simulation import Body, Parameters, SimulationConfig, Simulator, States
+from physreal_core.simulation.parameters import PARAMETER_NAMES
+
+EffectValues = dict[str, dict[str, float]]
+"""Coefficients by the name of their effect, in the order in which the effects act."""
+
+
+@dataclass(frozen=True)
+class Trial:
+    """One rollout to make: baseline fields (as of `Model.fields`) and effects with their coefficients."""
+
+    fields: dict[str, Tensor]
+    effects: EffectValues = dataclasses.field(default_factory=dict)
+
+
+@dataclass(frozen=True)
+class Variant:
+    """The same model in another discretisation; its difference from the first is numerical error.
+
+    Args:
+        name: what differs.
+        cell: factor on the grid's cell.
+        courant: factor on the time step.
+        turn: angle by which body, hand and gravity are turned about the vertical against the grid [rad].
+        shift: by which they are moved against the grid, in cells along x and y.
+        elastic_law: another law of the same small-strain stiffness.
+    """
+
+    name: str
+    cell: float = 1.0
+    courant: float = 1.0
+    turn: float = 0.0
+    shift: tuple[float, float] = (0.0, 0.0)
+    elastic_law: str | None = None
+
+
+class Experiment:
+    """One interaction: problem, laws and measurement.
+
+    Args:
+        problem: body, hand and tracks; `observed` frames train, the rest is held out. Needs tracks with 3D positions.
+        model: laws, numerical setting and effects that are already known.
+        device: of the simulator.
+
+    Attributes:
+        measured: [T, J, 3] m, zero where not valid.
+        valid: [T, J].
+        sigma: [T, J] m, sensor noise.
+        setting: what effects may look at.
+    """
+
+    def __init__(self, problem: Problem, model: Model, device: str = "cpu") -> None:
+        if problem.tracks is None or not bool(problem.tracks.valid3d.any()):
+            raise InputError(
+                "no 3D tracks",
+                where="gap.Experiment",
+                expected="a sequence whose tracks have depth",
+                remedy="record depth, or give tracks3d.npz with the capture",
+            )
+        self.problem, self.model, self.device = problem, model, device
+        tracks = problem.tracks
+        valid = tracks.valid3d.numpy() & np.isfinite(tracks.points3d.numpy()).all(-1)
+        valid = valid & (np.arange(len(valid)) > 0)[:, None]  # frame 0 is where the model starts: no evidence
+        self.valid: Bool[Array, "frames tracks"] = valid
+        self.measured = np.where(valid[..., None], tracks.points3d.numpy().astype(np.float64), 0.0)
+        self.sigma = np.where(valid, tracks.sigma3d.numpy().astype(np.float64), 1.0)
+        self._config = model.simulation_config(problem.fps, device)
+        self._controllers = problem.controllers.to(torch.float32)
+        self._simulators: dict[tuple, Simulator] = {}
+        camera = problem.camera
+        self.setting = Setting(
+            body=problem.body,
+            grip=problem.grip,
+            clamps=problem.clamps,
+            fps=float(problem.fps),
+            gravity=tuple(self._config.gravity),
+            ground_height=self._config.ground_height,
+            controllers=self._controllers,
+            anchors=model.fields["patch_positions"].numpy(),
+            T_world_camera=None if camera is None else camera.T_world_camera.numpy(),
+        )
+
+    @property
+    def frames(self) -> int:
+        """Frames of the whole interval."""
+        return self.problem.frame_count
+
+    @property
+    def train(self) -> int:
+        """Leading frames that a fit may see."""
+        return self.problem.observed
+
+    @property
+    def points0(self) -> Float[Array, "tracks 3"]:
+        """The tracked material points at frame 0 [m]."""
+        return self.problem.tracks.points0.numpy().astype(np.float64)
+
+    def predict(
+        self, trials: Sequence[Trial], frames: int | None = None, variant: Variant | None = None
+    ) -> Float[Array, "trials frames tracks 3"]:
+        """Where the measurement would see the tracks under each trial [m]; not a number from where a rollout failed on.
+
+        Args:
+            trials: run together, in batches of those that need the same laws and terms.
+            frames: how many; all by default.
+            variant: another discretisation.
+        """
+        frames = frames or self.frames
+        predicted = np.full((len(trials), frames, len(self.points0), 3), np.nan)
+        groups: dict[tuple, list[int]] = {}
+        for row, trial in enumerate(trials):
+            groups.setdefault(self._signature(trial), []).append(row)
+        for rows in groups.values():
+            states = self.rollouts([trials[row] for row in rows], frames, variant)
+            for row, (x, F) in zip(rows, states, strict=True):
+                predicted[row] = self._observed(trials[row], x, F)
+        return predicted
+
+    def rollouts(
+        self, trials: Sequence[Trial], frames: int | None = None, variant: Variant | None = None
+    ) -> list[tuple[Tensor, Tensor]]:
+        """States x [T, N, 3] m and F [T, N, 3, 3] of trials that need the same laws and terms, in the capture's frame."""
+        config = self._configuration(trials[0])
+        stage = _Stage(self.problem, config, variant or Variant("itself"))
+        key = (config, variant)
+        if key not in self._simulators:
+            self._simulators[key] = Simulator(
+                stage.body, stage.config, self.problem.grip, self.problem.clamps, self.problem.loads
+            )
+        inputs = [stage.turned(self._inputs(trial, frames or self.frames)) for trial in trials]
+        states = _run(self._simulators[key], inputs)
+        return [stage.turned_back(x, F) for x, F in states]
+
+    def carried_starts(self, trial: Trial) -> Float[Array, "3 frames tracks 3"]:
+        """Where each track goes per metre by which its material point starts elsewhere along x, y and z."""
+        ((x, F),) = self.rollouts([trial])
+        here = self._observed(trial, x, F)
+        return np.stack([(self._observed(trial, x, F, 1e-3 * axis) - here) / 1e-3 for axis in torch.eye(3)])
+
+    def motion(self, trial: Trial) -> States:
+        """The whole rollout of one trial."""
+        ((x, F),) = self.rollouts([trial])
+        v = torch.gradient(x, spacing=1.0 / float(self.problem.fps), dim=0)[0]
+        return States(x, v, F)
+
+    # --- one trial ----------------------------------------------------------------------------------------------
+
+    def _known(self) -> EffectValues:
+        return {record["name"]: record["values"] for record in self.model.effects}
+
+    def _effects(self, trial: Trial) -> EffectValues:
+        return {**self._known(), **trial.effects}
+
+    def _signature(self, trial: Trial) -> SimulationConfig:
+        return self._configuration(trial)
+
+    def _configuration(self, trial: Trial) -> SimulationConfig:
+        return configured(self._config, tuple(EFFECTS[name] for name in self._effects(trial)))
+
+    def _inputs(self, trial: Trial, frames: int) -> Inputs:
+        problem = self.problem
+        parameters = particle_parameters(
+            trial.fields, problem.patch_neighbours, problem.patch_weights, dtype=torch.float32, device=self.device
+        )
+        inputs = Inputs(parameters, self._controllers)
+        for name, values in self._effects(trial).items():
+            inputs = EFFECTS[name].act(inputs, _tensors(values), self.setting)
+        return dataclasses.replace(inputs, controllers=inputs.controllers[:frames])
+
+    def _observed(
+        self, trial: Trial, x: Tensor, F: Tensor, shift: Float[Tensor, 3] | None = None
+    ) -> Float[Array, "frames tracks 3"]:
+        tracks = self.problem.tracks
+        x0 = torch.as_tensor(self.problem.body.x0, dtype=x.dtype)
+        points0 = tracks.points0.to(x) + (0.0 if shift is None else shift)
+        points = carry_points(tracks.binding, points0, x0, x, F)
+        for name, values in self._effects(trial).items():
+            points = EFFECTS[name].observe(points, _tensors(values), self.setting)
+        return points.double().numpy()
+
+
+class _Stage:
+    """Body and inputs as a variant of the discretisation sees them, and its states in the capture's own frame."""
+
+    def __init__(self, problem: Problem, config: SimulationConfig, variant: Variant) -> None:
+        body = problem.body
+        c, s = np.cos(variant.turn), np.sin(variant.turn)
+        self._turn = torch.tensor([[c, -s, 0.0], [s, c, 0.0], [0.0, 0.0, 1.0]], dtype=torch.float32)
+        spacing = body.spacing * variant.cell
+        self._centre = torch.as_tensor(body.x0.mean(0), dtype=torch.float32) * torch.tensor([1.0, 1.0, 0.0])
+        self._shift = torch.tensor([*variant.shift, 0.0]) * (2.0 * spacing)
+        x0 = self._moved(torch.as_tensor(body.x0, dtype=torch.float32)).double().numpy()
+        self.is_plain = variant.turn == 0.0 and variant.shift == (0.0, 0.0)
+        self.body = Body(body.x0 if self.is_plain else x0, body.volume, body.density, spacing)
+        law = {"elastic_law": variant.elastic_law} if variant.elastic_law else {}
+        gravity = tuple((self._turn.double() @ torch.tensor(config.gravity, dtype=torch.float64)).tolist())
+        self.config = dataclasses.replace(config, courant=config.courant * variant.courant, gravity=gravity, **law)
+
+    def _moved(self, points: Tensor) -> Tensor:
+        return (points - self._centre) @ self._turn.T + self._centre + self._shift
+
+    def turned(self, inputs: Inputs) -> Inputs:
+        """The inputs as this stage sees them."""
+        if self.is_plain:
+            return inputs
+        return dataclasses.replace(inputs, controllers=self._moved(inputs.controllers))
+
+    def turned_back(self, x: Tensor, F: Tensor) -> tuple[Tensor, Tensor]:
+        """States in the capture's frame."""
+        if self.is_plain:
+            return x, F
+        return (x - self._centre - self._shift) @ self._turn + self._centre, self._turn.T @ F @ self._turn
+
+
+def _tensors(values: dict[str, float]) -> dict[str, Tensor]:
+    return {name: torch.as_tensor(value, dtype=torch.float32) for name, value in values.items()}
+
+
+def _run(simulator: Simulator, inputs: list[Inputs]) -> list[tuple[Tensor, Tensor]]:
+    """States of all inputs, from one batch."""
+    with torch.no_grad():
+        batch = simulator.rollout_batch(_stacked(inputs), torch.stack([given.controllers for given in inputs]))
+    return [(batch.x[row], batch.F[row]) for row in range(len(inputs))]
+
+
+def _stacked(inputs: list[Inputs]) -> Parameters:
+    """Parameters with a leading axis of rollouts."""
+    columns = {name: [getattr(given.parameters, name) for given in inputs] for name in PARAMETER_NAMES}
+    stacked = {name: torch.stack(column) for name, column in columns.items() if column[0] is not None}
+    return Parameters(**stacked)

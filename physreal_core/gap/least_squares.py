@@ -1,0 +1,216 @@
+"""Regularised least squares on whitened residuals, many fits in lockstep so that all their rollouts run as one batch.
+
+A fit is a generator: it yields the trials it needs and is sent their predictions, one array per experiment. Levenberg-Marquardt
+with tangents by secants for the effects' coefficients and Broyden's update for the baseline's, whose tangents change little.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Callable, Generator, Sequence
+from dataclasses import dataclass
+
+import numpy as np
+
+from physreal_core.array_types import Array, Float
+from physreal_core.gap.experiment import Experiment, Trial
+from physreal_core.gap.noise import Noise
+from physreal_core.gap.unknowns import Unknowns
+
+Predictions = list[Array]
+"""Per experiment: [R, T, J, 3] m, the answers to R trials."""
+Request = Generator[list[Trial], Predictions, "Fit"]
+
+SHARES = (1.0, 0.35)  # of a step, tried at once
+LONGEST_BASELINE, LONGEST_EFFECT = 0.5, 1.5  # steps, in free coordinates
+SMALL_GAIN = 0.25  # [nat] expected of the next step, below which a fit has arrived
+
+
+@dataclass(frozen=True)
+class Fit:
+    """Where a fit ended.
+
+    Args:
+        unknowns, vector: what was fitted, and the values.
+        residual, jacobian: whitened, of all experiments, shapes [n] and [n, P].
+        predicted: per experiment [T, J, 3] m over its training frames.
+        energy: minus the log posterior density, up to constants that all fits to the same data share.
+    """
+
+    unknowns: Unknowns
+    vector: Float[Array, " unknowns"]
+    residual: Float[Array, " entries"]
+    jacobian: Float[Array, "entries unknowns"]
+    predicted: Predictions
+    energy: float
+
+    @property
+    def hessian(self) -> Float[Array, "unknowns unknowns"]:
+        """Of the energy, Gauss-Newton."""
+        return self.jacobian.T @ self.jacobian + self.unknowns.block.precision
+
+    @property
+    def covariance(self) -> Float[Array, "unknowns unknowns"]:
+        """Of the posterior (Laplace)."""
+        return np.linalg.inv(self.hessian)
+
+    @property
+    def log_evidence(self) -> float:
+        """Laplace's approximation, up to a constant that all fits to the same data share [nat]."""
+        block = self.unknowns.block
+        occam = np.linalg.slogdet(block.precision)[1] - np.linalg.slogdet(self.hessian)[1]
+        return -self.energy + 0.5 * float(occam) + np.log(2.0) * int(block.half.sum())
+
+
+class Data:
+    """Measurements of all experiments, as whitened residuals over their training frames."""
+
+    def __init__(self, experiments: Sequence[Experiment], noises: Sequence[Noise]) -> None:
+        self.experiments, self.noises = list(experiments), list(noises)
+
+    def residuals(self, predictions: Predictions) -> Float[Array, "entries trials"]:
+        """Whitened differences between predictions and measurements; not a number for a trial that failed."""
+        parts = [
+            noise.whiten(predicted - experiment.measured[: predicted.shape[1]])
+            for experiment, noise, predicted in zip(self.experiments, self.noises, predictions, strict=True)
+        ]
+        return np.concatenate(parts)
+
+    def changes(self, predictions: Predictions, reference: Predictions) -> Float[Array, "entries trials"]:
+        """Whitened changes of predictions against a reference [T, J, 3] per experiment."""
+        parts = [n.whiten(p - r) for n, p, r in zip(self.noises, predictions, reference, strict=True)]
+        return np.concatenate(parts)
+
+
+def tangents(
+    unknowns: Unknowns, vector: Float[Array, " unknowns"], columns: Sequence[int]
+) -> tuple[list[Trial], Float[Array, " columns"]]:
+    """Trials one step away along some unknowns, and the steps; a step that leaves the bounds goes the other way."""
+    block, trials, steps = unknowns.block, [], []
+    for column in columns:
+        step = block.steps[column]
+        if not block.lower[column] <= vector[column] + step <= block.upper[column]:
+            step = -step
+        moved = vector.copy()
+        moved[column] = np.clip(vector[column] + step, block.lower[column], block.upper[column])
+        trials.append(unknowns.trial(moved))
+        steps.append(moved[column] - vector[column] or step)
+    return trials, np.array(steps)
+
+
+def fit(
+    unknowns: Unknowns,
+    data: Data,
+    start: Float[Array, " unknowns"],
+    iterations: int,
+    jacobian: Float[Array, "entries known"] | None = None,
+) -> Request:
+    """Minimise the energy from `start`.
+
+    Args:
+        unknowns: what is fitted.
+        data: what to.
+        start: shape [P].
+        iterations: at most.
+        jacobian: whitened tangents of the baseline's unknowns near `start`, where they are known.
+    """
+    known = 0 if jacobian is None else jacobian.shape[1]
+    fresh = list(range(known, len(unknowns)))
+    trials, steps = tangents(unknowns, start, fresh)
+    predictions = yield [unknowns.trial(start), *trials]
+    now = [p[0] for p in predictions]
+    residual = data.residuals([p[:1] for p in predictions])[:, 0]
+    columns = data.changes([p[1:] for p in predictions], now) / steps
+    J = _finite(columns if jacobian is None else np.concatenate([jacobian, columns], axis=1))
+    vector, energy, damping = start, _energy(unknowns, start, residual), 0.0
+    refresh = list(range(unknowns.baseline, len(unknowns)))
+    renewed = jacobian is None
+    for _ in range(iterations):
+        step, expected = _step(unknowns, vector, residual, J, damping)
+        if expected < SMALL_GAIN:
+            break
+        steps_tried = [_clipped(unknowns, vector, share * step) for share in SHARES]
+        predictions = yield [unknowns.trial(vector + s) for s in steps_tried]
+        residuals = data.residuals(predictions)
+        energies = [_energy(unknowns, vector + s, residuals[:, i]) for i, s in enumerate(steps_tried)]
+        best = int(np.nanargmin(energies)) if np.isfinite(energies).any() else 0
+        if not energies[best] < energy:
+            if renewed and damping > 1.0:
+                break
+            damping = max(10.0 * damping, 0.3)
+            if not renewed:  # the tangents are old
+                trials, sizes = tangents(unknowns, vector, range(len(unknowns)))
+                answers = yield trials
+                J, renewed = _finite(data.changes(answers, now) / sizes), True
+            continue
+        taken, change = steps_tried[best], residuals[:, best] - residual
+        J = J + np.outer(change - J @ taken, taken) / float(taken @ taken)
+        vector, residual, damping = vector + taken, residuals[:, best], 0.3 * damping
+        gained, energy = energy - energies[best], energies[best]
+        now = [p[best] for p in predictions]
+        if refresh and gained > SMALL_GAIN:
+            trials, sizes = tangents(unknowns, vector, refresh)
+            answers = yield trials
+            J[:, refresh] = _finite(data.changes(answers, now) / sizes)
+        renewed = False
+    return Fit(unknowns, vector, residual, J, now, energy)
+
+
+def _energy(unknowns: Unknowns, vector: Array, residual: Array) -> float:
+    value = 0.5 * float(residual @ residual) + unknowns.prior_energy(vector)
+    return value if np.isfinite(value) else np.inf
+
+
+def _step(unknowns: Unknowns, vector: Array, residual: Array, J: Array, damping: float) -> tuple[Array, float]:
+    """A damped Gauss-Newton step that stays within the bounds, and the gain [nat] that the linear model expects of it."""
+    block = unknowns.block
+    gradient = J.T @ residual + block.precision @ (vector - block.mean)
+    H = J.T @ J + block.precision
+    free = np.ones(len(vector), dtype=bool)
+    step = np.zeros(len(vector))
+    for _ in range(len(vector)):
+        damped = H + damping * np.diag(np.diag(H))
+        step[:] = 0.0
+        step[free] = -np.linalg.solve(damped[np.ix_(free, free)], gradient[free])
+        at_lower = free & (vector <= block.lower) & (step < 0)
+        at_upper = free & (vector >= block.upper) & (step > 0)
+        if not (at_lower | at_upper).any():
+            break
+        free &= ~(at_lower | at_upper)
+    step = _clipped(unknowns, vector, step)
+    return step, -float(gradient @ step + 0.5 * step @ H @ step)
+
+
+def _clipped(unknowns: Unknowns, vector: Array, step: Array) -> Array:
+    """The step within the bounds and not longer than the linear model is good for."""
+    longest = np.where(np.arange(len(vector)) < unknowns.baseline, LONGEST_BASELINE, LONGEST_EFFECT)
+    share = min(1.0, float(np.min(longest / np.maximum(np.abs(step), 1e-12))))
+    return np.clip(vector + share * step, unknowns.block.lower, unknowns.block.upper) - vector
+
+
+def _finite(columns: Array) -> Array:
+    """Tangents of failed rollouts say nothing."""
+    return np.where(np.isfinite(columns).all(0), columns, 0.0)
+
+
+def together(
+    requests: Sequence[Request],
+    experiments: Sequence[Experiment],
+    progress: Callable[[int], None] = lambda rollouts: None,
+) -> list[Fit]:
+    """Runs fits in lockstep over the training frames: each round, the trials of all that still go on are one batch per experiment."""
+    fits: list[Fit | None] = [None] * len(requests)
+    wanted = {number: next(request) for number, request in enumerate(requests)}
+    while wanted:
+        trials = [trial for request in wanted.values() for trial in request]
+        predictions = [experiment.predict(trials, experiment.train) for experiment in experiments]
+        progress(len(trials) * len(experiments))
+        following, first = {}, 0
+        for number, asked in wanted.items():
+            own = [p[first : first + len(asked)] for p in predictions]
+            first += len(asked)
+            try:
+                following[number] = requests[number].send(own)
+            except StopIteration as done:
+                fits[number] = done.value
+        wanted = following
+    return fits

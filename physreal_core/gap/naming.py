@@ -1,0 +1,182 @@
+"""Which effect: evidence of fitted candidates, probabilities, the class that the data cannot tell apart, or `unknown`."""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+from dataclasses import dataclass
+
+import numpy as np
+
+from physreal_core.array_types import Array
+from physreal_core.effects import EFFECTS
+from physreal_core.gap.evidence import Evidence
+from physreal_core.gap.experiment import Experiment
+from physreal_core.gap.least_squares import Fit
+from physreal_core.gap.report import Candidate, FittedEffect, Verdict
+from physreal_core.gap.settings import GapSettings
+
+NINETY = 1.6449  # standard deviations on either side that hold 90 % of a Gaussian
+
+
+@dataclass(frozen=True)
+class Answer:
+    """One answer that was fitted: no effect, one or two.
+
+    Args:
+        fit: to the training frames of all interactions.
+        screened: gain that the score test promised [nat].
+        gain: in log evidence over the baseline [nat].
+        held_out: gain in half the squared residual of the held-out frames [nat].
+    """
+
+    fit: Fit
+    screened: float | None
+    gain: float
+    held_out: float
+
+    @property
+    def names(self) -> tuple[str, ...]:
+        return self.fit.unknowns.effects
+
+
+def answer_of(
+    fit: Fit,
+    screened: float | None,
+    baseline: Fit,
+    evidence: Evidence,
+    experiments: Sequence[Experiment],
+    energy: float,
+) -> Answer:
+    """Evaluates a fit against the baseline, whose held-out energy is `energy` [nat]."""
+    trial = fit.unknowns.trial(fit.vector)
+    predictions = [experiment.predict([trial])[0] for experiment in experiments]
+    held_out = energy - evidence.held_out_energy(predictions)
+    gain = fit.log_evidence - baseline.log_evidence
+    return Answer(fit, screened, gain, held_out if np.isfinite(held_out) else -np.inf)
+
+
+def fitted_effects(fit: Fit) -> tuple[FittedEffect, ...]:
+    """Coefficients with intervals from the curvature of the posterior."""
+    sd, effects, first = np.sqrt(np.diag(fit.covariance)), [], fit.unknowns.baseline
+    values = fit.unknowns.values(fit.vector)
+    for name in fit.unknowns.effects:
+        coefficients = EFFECTS[name].coefficients
+        reach = {c.name: NINETY * sd[first + i] * c.scale for i, c in enumerate(coefficients)}
+        intervals = {
+            c.name: (
+                max(c.lower, values[name][c.name] - reach[c.name]),
+                min(c.upper, values[name][c.name] + reach[c.name]),
+            )
+            for c in coefficients
+        }
+        effects.append(FittedEffect(name, values[name], intervals, {c.name: c.unit for c in coefficients}))
+        first += len(coefficients)
+    return tuple(effects)
+
+
+def probabilities(answers: Sequence[Answer], settings: GapSettings, library: int) -> Array:
+    """Of the answers, the first of which is `none`, from their gains at the calibrated temperature and their priors."""
+    something = 1.0 - settings.prior_none
+    single, pair = something * (1.0 - settings.prior_pair) / library, something * settings.prior_pair / library
+    priors = np.log([(settings.prior_none, single, pair)[len(answer.names)] for answer in answers])
+    gains = np.array([answer.gain + settings.held_out_weight * answer.held_out for answer in answers])
+    weights = priors + gains / settings.temperature
+    weights = np.exp(weights - weights.max())
+    return weights / weights.sum()
+
+
+def candidates_of(answers: Sequence[Answer], chances: Array) -> tuple[Candidate, ...]:
+    """Records of the answers, the most probable first."""
+    found = [
+        Candidate(
+            fitted_effects(a.fit),
+            a.screened,
+            a.gain,
+            a.held_out,
+            float(p),
+            a.fit.unknowns.baseline_fields(a.fit.vector),
+        )
+        for a, p in zip(answers, chances, strict=True)
+    ]
+    return tuple(sorted(found, key=lambda c: -c.probability))
+
+
+def verdict_of(
+    candidates: Sequence[Candidate], threshold: float, significant: bool, explained: float, settings: GapSettings
+) -> Verdict:
+    """The answer.
+
+    Args:
+        candidates: the most probable first.
+        threshold: gain that a candidate reaches by chance in the allowed share of captures without a missing effect.
+        significant: whether there is any disagreement beyond noise and numerics.
+        explained: share of the disagreement beyond noise and numerics that the best candidate closes.
+        settings: says what a class is.
+    """
+    best = candidates[0]
+    none = next(c for c in candidates if not c.names)
+    named = [c for c in candidates if c.names and c.gain is not None and c.gain > threshold]
+    if not best.names or not named or named[0] is not best:
+        if significant and best.names == () and not named:
+            pass
+        return _none(none, significant)
+    if significant and explained < settings.unexplained:
+        members = tuple(c.names for c in named[: settings.class_size])
+        return Verdict("unknown", best.names, members, 1.0 - none.probability, _unknown_sentence(best, explained))
+    members = [c for c in named if c.probability >= settings.class_ratio * best.probability][: settings.class_size]
+    total = sum(member.probability for member in members)
+    names = tuple(member.names for member in members)
+    if len(members) > 1:
+        return Verdict("class", best.names, names, total, _class_sentence(members), next_motion(names))
+    kind = "effect" if len(best.names) == 1 else "effects"
+    return Verdict(kind, best.names, names, total, _named_sentence(best))
+
+
+def next_motion(members: Sequence[tuple[str, ...]]) -> str:
+    """What to film next to tell the members of a class apart."""
+    effects = dict.fromkeys(name for names in members for name in names)
+    return "; ".join(f"{_words(name)}: {EFFECTS[name].told_by}" for name in effects)
+
+
+def _none(none: Candidate, significant: bool) -> Verdict:
+    sentence = (
+        "There is a disagreement beyond noise and numerical error, but no effect of the library explains it better than chance."
+        if significant
+        else "Nothing is missing that these frames could show beyond noise and numerical error."
+    )
+    return Verdict("unknown" if significant else "none", (), ((),), none.probability, sentence)
+
+
+def _words(name: str) -> str:
+    return name.replace("_", " ")
+
+
+def _sizes(candidate: Candidate) -> str:
+    parts = []
+    for effect in candidate.effects:
+        amplitudes = [c for c in EFFECTS[effect.name].coefficients if c.kind == "amplitude"]
+        sizes = ", ".join(_size(effect, c.name) for c in amplitudes)
+        parts.append(f"{_words(effect.name)} ({sizes})")
+    return " and ".join(parts)
+
+
+def _size(effect: FittedEffect, name: str) -> str:
+    low, high = effect.intervals[name]
+    unit = "" if effect.units[name] == "1" else f" {effect.units[name]}"
+    return f"{_words(name)} {effect.values[name]:.3g}{unit}, 90 % within {low:.3g} to {high:.3g}"
+
+
+def _named_sentence(best: Candidate) -> str:
+    return f"Missing: {_sizes(best)}, with probability {best.probability:.2f}."
+
+
+def _class_sentence(members: Sequence[Candidate]) -> str:
+    listed = "; ".join(f"{_sizes(member)}, probability {member.probability:.2f}" for member in members)
+    return f"These frames cannot tell apart: {listed}."
+
+
+def _unknown_sentence(best: Candidate, explained: float) -> str:
+    return (
+        f"Something is missing that the library does not hold: the best candidate, {_sizes(best)}, closes "
+        f"{100 * explained:.0f} % of the disagreement beyond noise and numerical error."
+    )

@@ -1,0 +1,142 @@
+"""How far residuals may be from zero without a missing effect: sensor noise and the simulator's own error.
+
+The covariance of the stacked residuals is N + U U^T: N is the sensor's, independent from entry to entry. The columns of U are
+the sensor's error in frame 0, which each track carries along; where a converged but different discretisation would move the
+points (differences between reruns at other grids and time steps); and a smooth field in space and time for what those
+reruns do not reach (Kennedy and O'Hagan 2001, "Bayesian calibration of computer models"). Without U thousands of entries
+would average away the sensor and find an effect in every capture.
+"""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+
+import numpy as np
+
+from physreal_core.array_types import Array, Bool, Float
+
+
+@dataclass(frozen=True)
+class ModelError:
+    """Size and smoothness of the simulator's own error; calibrated on captures without a missing effect.
+
+    Args:
+        rms: of the smooth field where the body has moved far [m].
+        moved: displacement from frame 0 over which it grows to that [m].
+        relative: part that grows with the local size of the reruns' differences.
+        reruns: size of the reruns' differences themselves, as modes.
+        time: correlation time [s].
+        length: correlation length, as a share of the body's extent.
+    """
+
+    rms: float = 0.0005
+    moved: float = 0.02
+    relative: float = 0.5
+    reruns: float = 1.0
+    time: float = 0.08
+    length: float = 0.35
+
+
+KEPT = 0.995
+"""Share of a kernel's trace that its leading eigenvectors must hold."""
+
+
+class Noise:
+    """Whitens residuals of one experiment over its first frames.
+
+    Args:
+        sigma: of the sensor [m], shape [T, J].
+        valid: [T, J].
+        points0: tracked points at frame 0 [m], shape [J, 3].
+        motion: where the model takes them [m], shape [T, J, 3].
+        modes: differences of reruns [m], shape [M, T, J, 3].
+        carried: where each track goes per metre by which it starts elsewhere along x, y, z, shape [3, T, J, 3].
+        fps: frames per second.
+        error: of the model.
+    """
+
+    def __init__(
+        self,
+        sigma: Float[Array, "frames tracks"],
+        valid: Bool[Array, "frames tracks"],
+        points0: Float[Array, "tracks 3"],
+        motion: Float[Array, "frames tracks 3"],
+        modes: Float[Array, "modes frames tracks 3"],
+        carried: Float[Array, "3 frames tracks 3"],
+        fps: float,
+        error: ModelError,
+    ) -> None:
+        self.valid, self.frames = valid, len(valid)
+        self._scale = 1.0 / np.repeat(sigma[valid], 3)
+        parts = [error.reruns * self.rows(modes), _smooth_field(valid, points0, motion, modes, fps, error)]
+        columns = np.concatenate([*parts, _starting_points(valid, sigma, self.rows(carried))], axis=1)
+        weighted = (columns * self._scale[:, None]).astype(np.float32)
+        values, vectors = np.linalg.eigh((weighted.T @ weighted).astype(np.float64))
+        kept = values > 1e-6 * max(values[-1], 1e-30)
+        self._values = values[kept]
+        self._basis = weighted @ (vectors[:, kept] / np.sqrt(values[kept])).astype(np.float32)
+        self.log_determinant = float(np.log1p(self._values).sum())
+
+    def rows(self, fields: Float[Array, "columns frames tracks 3"]) -> Float[Array, "entries columns"]:
+        """Valid entries of fields over at least these frames, stacked."""
+        return fields[:, : self.frames][:, self.valid].reshape(len(fields), -1).T
+
+    def whiten(self, fields: Float[Array, "columns frames tracks 3"]) -> Float[Array, "entries columns"]:
+        """Fields [m] as columns in units in which the residuals of a right model are independent and of size one."""
+        weighted = self.rows(fields) * self._scale[:, None]
+        shrink = 1.0 - 1.0 / np.sqrt(1.0 + self._values)
+        along = (self._basis.T @ weighted.astype(np.float32)).astype(np.float64)
+        return weighted - self._basis @ (shrink[:, None] * along)
+
+    def global_test(self, residual: Float[Array, "frames tracks 3"], freedom: int) -> dict[str, float]:
+        """Whether the smooth part of a residual [m] is larger than noise and model error allow.
+
+        The projections on the modes of model error have variance 1 + their eigenvalue; the sum of their squares in
+        those units is chi-square with as many degrees as modes, less what the baseline has fitted.
+        """
+        from scipy.stats import chi2
+
+        weighted = self.rows(residual[None])[:, 0] * self._scale
+        along = self._basis.T.astype(np.float64) @ weighted
+        statistic = float((along**2 / (1.0 + self._values)).sum())
+        degrees = max(len(self._values) - freedom, 1)
+        return {"statistic": statistic, "degrees": float(degrees), "p_value": float(chi2.sf(statistic, degrees))}
+
+
+def _smooth_field(valid, points0, motion, modes, fps: float, error: ModelError) -> Float[Array, "entries columns"]:
+    """Columns of a field that is smooth in space and time, as large as the model's error may be at each entry [m]."""
+    frames, tracks = valid.shape
+    extent = float(np.linalg.norm(np.ptp(points0, axis=0)))
+    space = _leading(points0, error.length * extent)
+    time = _leading(np.arange(frames)[:, None] / fps, error.time)
+    travelled = np.linalg.norm(motion[:frames] - motion[0], axis=-1)
+    reruns = np.sqrt((modes[:, :frames] ** 2).sum((0, -1)) / 3.0) if len(modes) else np.zeros((frames, tracks))
+    size = np.hypot(error.rms * (0.05 + np.tanh(travelled / error.moved)), error.relative * reruns)[valid]
+    frame, track = np.nonzero(valid)
+    field = (size[:, None, None] * time[frame][:, :, None] * space[track][:, None, :]).reshape(len(frame), -1)
+    rows = np.zeros((len(frame), 3, 3, field.shape[1]), dtype=np.float32)
+    for axis in range(3):
+        rows[:, axis, axis] = field
+    return rows.reshape(3 * len(frame), -1)
+
+
+def _starting_points(valid, sigma, carried: Float[Array, "entries 3"]) -> Float[Array, "entries columns"]:
+    """Columns of the sensor's error in frame 0 [m], three a track, as large as it is in a track's median frame."""
+    track = np.repeat(np.nonzero(valid)[1], 3)
+    seen = np.unique(track)
+    typical = np.array([np.median(sigma[valid[:, j], j]) for j in seen])
+    columns = np.zeros((len(track), len(seen), 3), dtype=np.float32)
+    place = np.searchsorted(seen, track)
+    columns[np.arange(len(track)), place] = carried * typical[place][:, None]
+    return columns.reshape(len(track), -1)
+
+
+def _leading(places: Float[Array, "places axes"], length: float) -> Float[Array, "places modes"]:
+    """Leading eigenvectors of a squared-exponential kernel of unit size, times the roots of their eigenvalues."""
+    squared = ((places[:, None] - places[None]) ** 2).sum(-1)
+    values, vectors = np.linalg.eigh(np.exp(-0.5 * squared / length**2))
+    order = np.argsort(values)[::-1]
+    share = np.cumsum(values[order]) / values.sum()
+    count = int(np.searchsorted(share, KEPT)) + 1
+    chosen = order[:count]
+    return vectors[:, chosen] * np.sqrt(np.maximum(values[chosen], 0.0))

@@ -1,0 +1,212 @@
+"""Ranking of candidate effects by a score test (Rao 1948) with the baseline's freedom projected out.
+
+Every effect stands in the simulator with amplitude zero. One rollout per amplitude says how the tracks would move; what
+refitting the baseline could imitate is projected out, and what is left is compared with the residual. With Gaussian priors the
+comparison has a closed form: the gain in log evidence of the linearised model.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+from dataclasses import dataclass
+
+import numpy as np
+
+from physreal_core.array_types import Array, Bool, Float
+from physreal_core.effects import EFFECTS, Effect
+from physreal_core.gap.experiment import EffectValues, Experiment, Trial
+from physreal_core.gap.least_squares import Data, Fit
+from physreal_core.gap.unknowns import Priors, Unknowns
+
+STEP = 0.25  # of a coefficient's scale
+DRAWS = 200
+
+
+@dataclass(frozen=True)
+class Start:
+    """One effect from one start, and how the tracks answer to it.
+
+    Args:
+        effect: name.
+        values: coefficients with the amplitudes stepped, in SI units.
+        tangents: whitened, per amplitude and in free coordinates, with the baseline's freedom projected out; [n, A].
+        half: amplitudes whose sign physics fixes to `sign`, shape [A].
+        sign: side of the step, shape [A].
+    """
+
+    effect: str
+    values: dict[str, float]
+    tangents: Float[Array, "entries amplitudes"]
+    half: Bool[Array, " amplitudes"]
+    sign: Float[Array, " amplitudes"]
+
+
+@dataclass(frozen=True)
+class Score:
+    """Gain in log evidence [nat] that the linear model promises from one start, and where its optimum lies."""
+
+    start: Start
+    gain: float
+    values: dict[str, float]
+
+
+class Screen:
+    """Tangents of all candidates at a fitted baseline.
+
+    Args:
+        baseline: the fit.
+        data: of all experiments.
+        names: the candidates.
+        priors: of their coefficients.
+    """
+
+    def __init__(self, baseline: Fit, data: Data, names: Sequence[str], priors: Priors) -> None:
+        self.baseline, self._data, self._priors = baseline, data, priors
+        trial = baseline.unknowns.trial(baseline.vector)
+        plans = [plan for name in names for plan in _plans(EFFECTS[name], data.experiments, trial)]
+        trials = [Trial(trial.fields, {**trial.effects, plan.effect.name: v}) for plan in plans for v in plan.steps]
+        answers = [e.predict(trials, frames=e.train) for e in data.experiments]
+        changes = data.changes(answers, baseline.predicted)
+        changes = np.where(np.isfinite(changes).all(0), changes, 0.0)
+        self.raw, self.starts, first = [], [], 0
+        for plan in plans:
+            own = changes[:, first : first + len(plan.steps)] / plan.sizes
+            first += len(plan.steps)
+            self.raw.append(own)
+            self.starts.append(self._start(plan, own))
+        self.rollouts = len(trials) * len(data.experiments)
+
+    def _start(self, plan: _Plan, columns: Array) -> Start:
+        return Start(plan.effect.name, plan.values, self.beside(self.baseline, columns), plan.half, np.sign(plan.sizes))
+
+    @staticmethod
+    def beside(fit: Fit, columns: Float[Array, "entries columns"]) -> Float[Array, "entries columns"]:
+        """What of the columns the unknowns of a fit cannot imitate, their priors allowing."""
+        J = fit.jacobian
+        return columns - J @ np.linalg.solve(fit.hessian, J.T @ columns)
+
+    def scores(self, residual: Float[Array, " entries"]) -> list[Score]:
+        """The best start of every effect for a whitened residual of the baseline, best effect first."""
+        best: dict[str, Score] = {}
+        for start, raw in zip(self.starts, self.raw, strict=True):
+            score = self._score(start, raw.T @ start.tangents, -start.tangents.T @ residual)
+            if start.effect not in best or score.gain > best[start.effect].gain:
+                best[start.effect] = score
+        return sorted(best.values(), key=lambda score: -score.gain)
+
+    def scores_beside(self, fit: Fit) -> list[Score]:
+        """The same with other effects in place already, from the tangents at the baseline."""
+        best: dict[str, Score] = {}
+        for start, raw in zip(self.starts, self.raw, strict=True):
+            if start.effect in fit.unknowns.effects:
+                continue
+            own = self.beside(fit, raw)
+            score = self._score(start, raw.T @ own, -own.T @ fit.residual)
+            if start.effect not in best or score.gain > best[start.effect].gain:
+                best[start.effect] = score
+        return sorted(best.values(), key=lambda score: -score.gain)
+
+    def _score(self, start: Start, information: Array, pull: Array) -> Score:
+        at, gain = _linear_gain(information, pull, start.half, start.sign, self._priors.coefficient)
+        coefficients = {c.name: c for c in EFFECTS[start.effect].coefficients}
+        values, amplitudes = dict(start.values), [c for c in coefficients.values() if c.kind == "amplitude"]
+        for c, z in zip(amplitudes, at, strict=True):
+            values[c.name] = float(np.clip(c.dormant + z * c.scale, c.lower, c.upper))
+        return Score(start, gain, values)
+
+    def information(self) -> list[dict[str, float]]:
+        """Per experiment: expected whitened change by each effect at its scale, baseline and numerics projected out."""
+        found, first = [], 0
+        for experiment, noise in zip(self._data.experiments, self._data.noises, strict=True):
+            rows = slice(first, first + 3 * int(noise.valid.sum()))
+            first = rows.stop
+            sizes: dict[str, float] = {}
+            for start in self.starts:
+                size = float(np.sqrt((start.tangents[rows] ** 2).sum(0)).max())
+                sizes[start.effect] = max(size, sizes.get(start.effect, 0.0))
+            found.append(sizes)
+        return found
+
+    def null_gains(self, seed: int) -> Float[Array, " draws"]:
+        """The best gain of any candidate on captures without a missing effect, by parametric bootstrap.
+
+        Residuals are drawn from the noise model, which holds sensor and numerical error, and the baseline is refitted
+        (linearly).
+        """
+        random = np.random.default_rng(seed)
+        residuals = random.standard_normal((len(self.baseline.residual), DRAWS)).astype(np.float32)
+        best = np.full(DRAWS, -np.inf)
+        for start, raw in zip(self.starts, self.raw, strict=True):
+            pulls = -start.tangents.T.astype(np.float32) @ residuals
+            information = raw.T @ start.tangents
+            gains = [
+                _linear_gain(information, pull, start.half, start.sign, self._priors.coefficient)[1] for pull in pulls.T
+            ]
+            best = np.maximum(best, gains)
+        return best
+
+
+@dataclass(frozen=True)
+class _Plan:
+    """An effect's start as rollouts: values of shapes and stepped amplitudes, one dict a rollout, and the free steps."""
+
+    effect: Effect
+    values: dict[str, float]
+    steps: list[dict[str, float]]
+    sizes: Float[Array, " amplitudes"]
+    half: Bool[Array, " amplitudes"]
+
+
+def _plans(effect: Effect, experiments: Sequence[Experiment], trial: Trial) -> list[_Plan]:
+    starts: list[dict[str, float]] = []
+    for experiment in experiments:
+        motion = experiment.motion(trial) if _looks_at_motion(effect) else None
+        starts += [start for start in effect.starts(experiment.setting, motion) if start not in starts]
+    return [_plan(effect, start) for start in starts]
+
+
+def _looks_at_motion(effect: Effect) -> bool:
+    return type(effect).starts is not Effect.starts
+
+
+def _plan(effect: Effect, start: dict[str, float]) -> _Plan:
+    dormant = {c.name: c.dormant for c in effect.coefficients}
+    shapes = {c.name: start.get(c.name, c.dormant) for c in effect.coefficients if c.kind == "shape"}
+    steps, sizes, half = [], [], []
+    for c in effect.coefficients:
+        if c.kind == "shape":
+            continue
+        to = start.get(c.name, c.dormant + (STEP if c.upper > c.dormant else -STEP) * c.scale)
+        steps.append({**dormant, **shapes, c.name: to})
+        sizes.append((to - c.dormant) / c.scale)
+        half.append(c.lower >= c.dormant or c.upper <= c.dormant)
+    return _Plan(effect, {**dormant, **shapes}, steps, np.array(sizes), np.array(half))
+
+
+def _linear_gain(
+    information: Array, pull: Array, half: Array, sign: Array, prior: float
+) -> tuple[Float[Array, " amplitudes"], float]:
+    """Optimum and gain in log evidence of a linear model with Gaussian priors; amplitudes of fixed sign stay at zero or
+    beyond it."""
+    A = information + np.eye(len(pull)) / prior**2
+    free = np.ones(len(pull), dtype=bool)
+    z = np.zeros(len(pull))
+    for _ in range(len(pull)):
+        z[:] = 0.0
+        z[free] = np.linalg.solve(A[np.ix_(free, free)], pull[free])
+        wrong = free & half & (z * sign < 0)
+        if not wrong.any():
+            break
+        free &= ~wrong
+    occam = -0.5 * np.linalg.slogdet(A * prior**2)[1] + np.log(2.0) * int((half & free).sum())
+    return z, float(0.5 * z @ pull + occam)
+
+
+def started(baseline: Fit, beside: Fit, score: Score, priors: Priors) -> tuple[Unknowns, Float[Array, " unknowns"]]:
+    """Unknowns and start of the fit of one more effect beside those that a fit has already."""
+    at: EffectValues = {**beside.unknowns.values(beside.vector), score.start.effect: score.values}
+    names, base = (*beside.unknowns.effects, score.start.effect), baseline.unknowns
+    unknowns = Unknowns(base.fields, names, priors, at, base.ground)
+    vector = unknowns.start()
+    vector[: unknowns.baseline] = beside.vector[: unknowns.baseline]
+    return unknowns, np.clip(vector, unknowns.block.lower, unknowns.block.upper)

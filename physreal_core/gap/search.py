@@ -1,0 +1,138 @@
+"""The search for a missing effect: baseline, where, screening, fits of the best candidates, one or two of them, verdict."""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+
+import numpy as np
+
+from physreal_core.effects import EFFECTS
+from physreal_core.gap.disagreement import disagreements
+from physreal_core.gap.evidence import Progress, fit_baseline
+from physreal_core.gap.experiment import Experiment
+from physreal_core.gap.least_squares import Fit, fit, together
+from physreal_core.gap.naming import Answer, answer_of, candidates_of, probabilities, verdict_of
+from physreal_core.gap.report import Candidate, FittedEffect, GapReport
+from physreal_core.gap.screening import Score, Screen, started
+from physreal_core.gap.settings import GapSettings
+
+
+def find_gap(
+    experiments: Sequence[Experiment], settings: GapSettings | None = None, progress: Progress = lambda message: None
+) -> GapReport:
+    """Where a model and the measurement disagree, and which effect of the library is missing.
+
+    Args:
+        experiments: interactions with one object; the first is the sequence itself.
+        settings: of the search.
+        progress: called with a line of text now and then.
+
+    Raises:
+        InputError: for candidates that are not in the registry.
+    """
+    return Search(experiments, settings or GapSettings(), progress).report()
+
+
+class Search:
+    """One search; its parts stay at hand for tests and for who wants to look inside.
+
+    Attributes:
+        baseline: the refitted baseline.
+        evidence: noise models around it.
+        screen: tangents of all candidates.
+        answers: none, singles, pairs.
+    """
+
+    def __init__(self, experiments: Sequence[Experiment], settings: GapSettings, progress: Progress) -> None:
+        self.experiments, self.settings, self._progress = list(experiments), settings, progress
+        known = {record["name"] for record in experiments[0].model.effects}
+        names = settings.candidates or tuple(EFFECTS)
+        self.names = tuple(name for name in names if name not in known)
+        self.baseline, self.evidence = fit_baseline(experiments, settings, progress)
+        progress(f"screening {len(self.names)} candidates")
+        self.screen = Screen(self.baseline, self.evidence.train, self.names, settings.priors)
+        self._energy = self.evidence.held_out_energy(self._predicted(self.baseline))
+        self.answers = [Answer(self.baseline, None, 0.0, 0.0)]
+        self._fit_candidates()
+
+    def _predicted(self, found: Fit) -> list[np.ndarray]:
+        trial = found.unknowns.trial(found.vector)
+        return [experiment.predict([trial])[0] for experiment in self.experiments]
+
+    def _fit_candidates(self) -> None:
+        ranked = self.screen.scores(self.baseline.residual)
+        self.ranked = ranked
+        shortlist = [score for score in ranked if np.isfinite(score.gain)][: self.settings.shortlist]
+        self._progress("fitting " + ", ".join(score.start.effect for score in shortlist))
+        self._add(self.baseline, shortlist)
+        singles = self.answers[1:]
+        if singles:
+            best = max(singles, key=lambda answer: answer.gain).fit
+            seconds = self.screen.scores_beside(best)[: self.settings.seconds]
+            self._progress(f"beside {best.unknowns.effects[0]}: " + ", ".join(s.start.effect for s in seconds))
+            self._add(best, seconds)
+
+    def _add(self, beside: Fit, scores: Sequence[Score]) -> None:
+        """Fit each of these effects beside those that a fit has already."""
+        starts = [started(self.baseline, beside, score, self.settings.priors) for score in scores]
+        known = self.baseline.jacobian
+        requests = [fit(u, self.evidence.train, v, self.settings.iterations, known) for u, v in starts]
+        for score, found in zip(scores, together(requests, self.experiments), strict=True):
+            answer = answer_of(found, score.gain, self.baseline, self.evidence, self.experiments, self._energy)
+            self.answers.append(answer)
+
+    # --- report -------------------------------------------------------------------------------------------------
+
+    def report(self) -> GapReport:
+        """Verdict, candidates and the gap."""
+        settings = self.settings
+        chances = probabilities(self.answers, settings, len(self.names))
+        candidates = candidates_of(self.answers, chances) + self._not_fitted()
+        test = self._test(self.baseline)
+        threshold = float(np.quantile(self.screen.null_gains(settings.seed), 1.0 - settings.false_alarms))
+        test["threshold"] = threshold
+        best = max(range(len(self.answers)), key=lambda number: chances[number])
+        explained = self._explained(self.answers[best].fit)
+        test["explained"] = explained
+        verdict = verdict_of(candidates, threshold, test["p_value"] < 1e-3, explained, settings)
+        predictions = self._predicted(self.baseline)
+        return GapReport(
+            verdict=verdict,
+            candidates=candidates,
+            test=test,
+            where=(),
+            baseline=disagreements(self.experiments, predictions),
+            fields=self.baseline.unknowns.baseline_fields(self.baseline.vector),
+            information=tuple(self.screen.information()),
+            settings={"candidates": list(self.names), "seed": settings.seed},
+        )
+
+    def _not_fitted(self) -> tuple[Candidate, ...]:
+        fitted = {answer.names for answer in self.answers}
+        rest = [score for score in self.ranked if (score.start.effect,) not in fitted]
+        return tuple(Candidate((_unfitted(score),), score.gain) for score in rest)
+
+    def _test(self, found: Fit) -> dict[str, float]:
+        """The global tests of all experiments joined."""
+        from scipy.stats import chi2
+
+        parts = [
+            noise.global_test(predicted - experiment.measured[: experiment.train], 0)
+            for experiment, noise, predicted in zip(
+                self.experiments, self.evidence.train.noises, found.predicted, strict=True
+            )
+        ]
+        statistic = sum(part["statistic"] for part in parts)
+        degrees = max(sum(part["degrees"] for part in parts) - len(self.baseline.unknowns), 1.0)
+        return {"statistic": statistic, "degrees": degrees, "p_value": float(chi2.sf(statistic, degrees))}
+
+    def _explained(self, found: Fit) -> float:
+        """Share of the disagreement beyond noise and numerics that a fit closes."""
+        before, after = self._test(self.baseline), self._test(found)
+        excess = before["statistic"] - before["degrees"]
+        return 1.0 if excess <= 0 else float(np.clip((before["statistic"] - after["statistic"]) / excess, 0.0, 1.0))
+
+
+def _unfitted(score: Score) -> FittedEffect:
+    units = {c.name: c.unit for c in EFFECTS[score.start.effect].coefficients}
+    return FittedEffect(score.start.effect, score.values, {}, units)

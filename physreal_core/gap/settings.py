@@ -1,0 +1,47 @@
+"""Settings of the search for a missing effect."""
+
+from dataclasses import dataclass, field
+
+from physreal_core.gap.noise import ModelError
+from physreal_core.gap.unknowns import Priors
+
+
+@dataclass(frozen=True)
+class GapSettings:
+    """Settings of the search; the numbers that stand for honesty are calibrated on captures of known truth.
+
+    Args:
+        candidates: names in the registry; all by default.
+        shortlist: candidates that the score test hands on to a fit.
+        seconds: candidates tried beside the best one.
+        iterations: of a candidate's fit, at most.
+        baseline_iterations: of the baseline's.
+        model_error: size and smoothness of the simulator's own error.
+        priors: widths, in free coordinates.
+        prior_none: probability that nothing is missing, before looking.
+        prior_pair: probability of two effects, given that something is missing.
+        temperature: by which gains are divided before they become probabilities.
+        held_out_weight: weight of the held-out frames' gain beside the training evidence.
+        class_ratio: an answer belongs to the reported class if it is at least this times as probable as the best one.
+        class_size: members at most.
+        false_alarms: share of captures without a missing effect in which one may be named.
+        unexplained: an answer that closes less of the significant gap than this is `unknown`.
+        seed: of the bootstrap.
+    """
+
+    candidates: tuple[str, ...] = ()
+    shortlist: int = 8
+    seconds: int = 3
+    iterations: int = 5
+    baseline_iterations: int = 6
+    model_error: ModelError = field(default_factory=ModelError)
+    priors: Priors = field(default_factory=Priors)
+    prior_none: float = 0.5
+    prior_pair: float = 0.1
+    temperature: float = 2.0
+    held_out_weight: float = 1.0
+    class_ratio: float = 0.1
+    class_size: int = 3
+    false_alarms: float = 0.05
+    unexplained: float = 0.5
+    seed: int = 0

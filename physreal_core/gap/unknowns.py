@@ -1,0 +1,200 @@
+"""The vector of unknowns of a fit: the baseline's material and, beside it, the coefficients of effects; with priors.
+
+Free coordinates are of order one: the logarithm of moduli and friction, the logit of Poisson's ratio within its range, an
+effect's coefficients in units of their scales. The priors are what makes freedom cost something.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+from dataclasses import dataclass
+
+import numpy as np
+import torch
+
+from physreal_core.array_types import Array, Bool, Float, Tensor
+from physreal_core.effects import EFFECTS
+from physreal_core.gap.experiment import EffectValues, Trial
+
+POISSON_RANGE = (0.05, 0.48)
+
+
+@dataclass(frozen=True)
+class Priors:
+    """Standard deviations in free coordinates.
+
+    Args:
+        modulus: of log E as a whole; the data know it well, so it hardly matters.
+        contrast: of log E from patch to patch.
+        poisson: of the logit of Poisson's ratio.
+        friction: of log mu_f.
+        coefficient: of an effect's coefficients, in their scales.
+    """
+
+    modulus: float = 1.0
+    contrast: float = 0.2
+    poisson: float = 0.7
+    friction: float = 0.7
+    coefficient: float = 1.0
+
+
+@dataclass(frozen=True)
+class Block:
+    """A run of unknowns with a Gaussian prior.
+
+    Args:
+        mean, precision: of the prior, shapes [P] and [P, P].
+        lower, upper: bounds, shape [P].
+        steps: of the tangents, shape [P]; the sign says to which side.
+        half: amplitudes whose sign physics fixes, shape [P]: their prior is half a Gaussian.
+    """
+
+    mean: Float[Array, " unknowns"]
+    precision: Float[Array, "unknowns unknowns"]
+    lower: Float[Array, " unknowns"]
+    upper: Float[Array, " unknowns"]
+    steps: Float[Array, " unknowns"]
+    half: Bool[Array, " unknowns"]
+
+    def __len__(self) -> int:
+        return len(self.mean)
+
+
+class Unknowns:
+    """Baseline unknowns and those of some effects as one vector.
+
+    Args:
+        fields: of the fitted baseline; where the fit starts and where the priors are centred.
+        effects: names, in the order in which they act.
+        priors: their widths.
+        at: values of the effects' coefficients around which the prior of shapes is centred; dormant by default.
+        ground: whether friction acts.
+    """
+
+    def __init__(
+        self,
+        fields: dict[str, Tensor],
+        effects: Sequence[str] = (),
+        priors: Priors | None = None,
+        at: EffectValues | None = None,
+        ground: bool = True,
+    ) -> None:
+        self.fields, self.effects, self.priors = fields, tuple(effects), priors or Priors()
+        self.patches, self.ground = len(fields["youngs_modulus"]), ground
+        self.at = at or {}
+        blocks = [self._baseline(), *(self._effect(name) for name in self.effects)]
+        self.baseline = len(blocks[0])
+        self.block = _joined(blocks)
+
+    def __len__(self) -> int:
+        return len(self.block)
+
+    def _baseline(self) -> Block:
+        p, K = self.priors, self.patches
+        common = np.full((K, K), 1.0 / K)
+        moduli = (np.eye(K) - common) / p.contrast**2 + common / (K * p.modulus**2)
+        log_E = self.fields["youngs_modulus"].log().mean().item()
+        rest = [(_logit(self.fields["poissons_ratio"].mean().item()), p.poisson, -4.0, 4.0, -0.25)]
+        if self.ground:
+            log_mu = float(np.log(max(self.fields["friction_coefficient"].item(), 1e-3)))
+            rest.append((log_mu, p.friction, np.log(1e-3), np.log(3.0), 0.15))
+        mean, sd, lower, upper, step = (np.array(column) for column in zip(*rest, strict=True))
+        precision = np.zeros((K + len(rest),) * 2)
+        precision[:K, :K] = moduli
+        precision[K:, K:] = np.diag(sd**-2.0)
+        return Block(
+            np.concatenate([np.full(K, log_E), mean]),
+            precision,
+            np.concatenate([np.full(K, log_E - 3.0), lower]),
+            np.concatenate([np.full(K, log_E + 3.0), upper]),
+            np.concatenate([np.full(K, 0.08), step]),
+            np.zeros(K + len(rest), dtype=bool),
+        )
+
+    def _effect(self, name: str) -> Block:
+        coefficients = EFFECTS[name].coefficients
+        scale = np.array([c.scale for c in coefficients])
+        dormant = np.array([c.dormant for c in coefficients])
+        start = np.array([self.at.get(name, {}).get(c.name, c.dormant) for c in coefficients])
+        amplitude = np.array([c.kind == "amplitude" for c in coefficients])
+        lower, upper = (np.array([getattr(c, side) for c in coefficients]) for side in ("lower", "upper"))
+        one_sided = amplitude & ((lower >= dormant) | (upper <= dormant))
+        sign = np.where(upper <= dormant, -1.0, 1.0)
+        return Block(
+            np.where(amplitude, dormant, start) / scale,
+            np.eye(len(scale)) / self.priors.coefficient**2,
+            lower / scale,
+            upper / scale,
+            np.where(amplitude, 0.25, 0.25) * sign,
+            one_sided,
+        )
+
+    # --- vectors and values -------------------------------------------------------------------------------------
+
+    def start(self) -> Float[Array, " unknowns"]:
+        """The baseline as it is given, every effect as `at` says."""
+        vector = self.block.mean.copy()
+        vector[: self.patches] = self.fields["youngs_modulus"].log().numpy()
+        return self.with_effects(vector, self.at)
+
+    def with_effects(self, vector: Float[Array, " unknowns"], values: EffectValues) -> Float[Array, " unknowns"]:
+        """The vector with these coefficients put in."""
+        vector, first = vector.copy(), self.baseline
+        for name in self.effects:
+            for position, c in enumerate(EFFECTS[name].coefficients):
+                if c.name in values.get(name, {}):
+                    vector[first + position] = values[name][c.name] / c.scale
+            first += len(EFFECTS[name].coefficients)
+        return vector
+
+    def values(self, vector: Float[Array, " unknowns"]) -> EffectValues:
+        """Coefficients by effect, in SI units."""
+        found, first = {}, self.baseline
+        for name in self.effects:
+            coefficients = EFFECTS[name].coefficients
+            found[name] = {c.name: float(vector[first + i] * c.scale) for i, c in enumerate(coefficients)}
+            first += len(coefficients)
+        return found
+
+    def baseline_fields(self, vector: Float[Array, " unknowns"]) -> dict[str, Tensor]:
+        """The model's fields."""
+        K = self.patches
+        fields = dict(self.fields)
+        fields["youngs_modulus"] = torch.from_numpy(np.exp(vector[:K]))
+        fields["poissons_ratio"] = torch.full((K,), _ratio(vector[K]), dtype=torch.float64)
+        if self.ground:
+            fields["friction_coefficient"] = torch.tensor(float(np.exp(vector[K + 1])), dtype=torch.float64)
+        return fields
+
+    def trial(self, vector: Float[Array, " unknowns"]) -> Trial:
+        """The rollout at a vector."""
+        return Trial(self.baseline_fields(vector), self.values(vector))
+
+    def prior_energy(self, vector: Float[Array, " unknowns"]) -> float:
+        """Minus the logarithm of the prior, up to its norm."""
+        d = vector - self.block.mean
+        return 0.5 * float(d @ self.block.precision @ d)
+
+
+def _logit(ratio: float) -> float:
+    low, high = POISSON_RANGE
+    share = np.clip((ratio - low) / (high - low), 1e-3, 1.0 - 1e-3)
+    return float(np.log(share / (1.0 - share)))
+
+
+def _ratio(free: float) -> float:
+    low, high = POISSON_RANGE
+    return low + (high - low) / (1.0 + float(np.exp(-free)))
+
+
+def _joined(blocks: list[Block]) -> Block:
+    size = sum(map(len, blocks))
+    precision, first = np.zeros((size, size)), 0
+    for block in blocks:
+        precision[first : first + len(block), first : first + len(block)] = block.precision
+        first += len(block)
+
+    def joined(name: str) -> Array:
+        return np.concatenate([getattr(block, name) for block in blocks])
+
+    return Block(joined("mean"), precision, *(joined(name) for name in ("lower", "upper", "steps", "half")))

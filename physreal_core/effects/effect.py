@@ -107,6 +107,15 @@ class Effect:
         """Where the measurement would see points [m] that truly are at `points`."""
         return points
 
+    def carried(
+        self, values: Mapping[str, float], rotation: Float[Array, "3 3"], translation: Float[Array, "3"]
+    ) -> dict[str, float]:
+        """The values for the same object in another place: what was at x [m] is now at R x + t.
+
+        An effect that belongs to a place or a direction in the body overrides this.
+        """
+        return dict(values)
+
     def starts(self, setting: Setting, motion: States | None = None) -> tuple[dict[str, float], ...]:
         """Values from which a search may begin, one dict per start; what is not named is dormant.
 

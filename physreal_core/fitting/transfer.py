@@ -1,14 +1,17 @@
-"""A material on the same object in another place and shape: patches carried over by rigid registration of the particles."""
+"""A model on the same object in another place: patches and local effects carried over by rigid registration of the particles."""
 
 import dataclasses
 import itertools
+from typing import Any
 
 import numpy as np
 import torch
 from scipy.spatial import cKDTree
 
 from physreal_core.array_types import Array, Float, Int
+from physreal_core.effects import EFFECTS
 from physreal_core.fitting.model import Model
+from physreal_core.fitting.named_effects import effect_record
 from physreal_core.geometry.patches import patch_weights
 
 _TIE = (1.05, 1e-4)
@@ -19,7 +22,7 @@ orientation it is seen in."""
 def transfer_model(
     model: Model, source: Float[Array, "n 3"], target: Float[Array, "m 3"], neighbours: int = 4
 ) -> tuple[Model, Int[Array, "m k"], Float[Array, "m k"]]:
-    """`model` with its patches where they lie on the target's geometry, and the target particles' interpolation weights.
+    """`model` with patches and effects where they lie on the target's geometry, and the target particles' interpolation weights.
 
     Args:
         model: fitted with particles `source`.
@@ -32,7 +35,17 @@ def transfer_model(
     points = np.concatenate([target, patches])
     indices, weights = patch_weights(points, np.arange(len(target), len(points)), neighbours)
     fields = {**model.fields, "patch_positions": torch.from_numpy(patches)}
-    return dataclasses.replace(model, fields=fields), indices[: len(target)], weights[: len(target)]
+    effects = [_carried(record, rotation, translation) for record in model.effects]
+    moved = dataclasses.replace(model, fields=fields, effects=effects)
+    return moved, indices[: len(target)], weights[: len(target)]
+
+
+def _carried(record: dict[str, Any], rotation: Float[Array, "3 3"], translation: Float[Array, "3"]) -> dict[str, Any]:
+    """An effect's record in the new place; without intervals where its values have changed, since those hold for the old ones."""
+    values = EFFECTS[record["name"]].carried(record["values"], rotation, translation)
+    if values == record["values"]:
+        return record
+    return effect_record(record["name"], values, probability=record.get("probability"))
 
 
 def register(

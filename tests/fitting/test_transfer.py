@@ -1,10 +1,14 @@
 """A material carried to the same object elsewhere."""
 
+import dataclasses
+
 import numpy as np
 import torch
 from scipy.spatial.transform import Rotation
 
+from physreal_core.effects import EFFECTS, Coefficient, Effect
 from physreal_core.fitting.model import particle_parameters
+from physreal_core.fitting.named_effects import effect_record
 from physreal_core.fitting.transfer import register, transfer_model
 from tests.fitting import scene
 
@@ -45,3 +49,28 @@ def test_the_soft_end_stays_the_soft_end():
     patches = model.fields["patch_positions"].numpy()
     at_patches = np.array([np.linalg.norm(source - patch, axis=1).argmin() for patch in patches])
     np.testing.assert_allclose(parameters.youngs_modulus[at_patches], [1e4, 2e4, 3e4, 4e4], rtol=1e-6)
+
+
+class _Knot(Effect):
+    """Sits at one place in the body: a stand-in for a local effect."""
+
+    name, family = "knot", "material"
+    coefficients = tuple(Coefficient(axis, "m", "place", 0.0, -1.0, 1.0, 0.1, "shape") for axis in "xyz")
+
+    def carried(self, values, rotation, translation):
+        place = rotation @ np.array([values[axis] for axis in "xyz"]) + translation
+        return dict(zip("xyz", place.tolist(), strict=True))
+
+
+def test_a_local_effect_moves_with_its_place_in_the_body(monkeypatch):
+    monkeypatch.setitem(EFFECTS, "knot", _Knot())
+    source = scene.body().x0
+    place = source[5]
+    record = effect_record(
+        "knot", dict(zip("xyz", place.tolist(), strict=True)), intervals={"x": (0.0, 0.1)}, probability=0.8
+    )
+    target = source + np.array([0.4, 0.1, 0.0])
+    moved, _, _ = transfer_model(dataclasses.replace(scene.model(), effects=[record]), source, target, 3)
+    (found,) = moved.effects
+    np.testing.assert_allclose(list(found["values"].values()), target[5], atol=1e-6)
+    assert found["probability"] == 0.8 and "intervals" not in found

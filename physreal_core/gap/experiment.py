@@ -14,9 +14,9 @@ from physreal_core.effects import EFFECTS, Inputs, Setting, configured
 from physreal_core.errors import InputError
 from physreal_core.fitting.model import Model, particle_parameters
 from physreal_core.fitting.problem import Problem
+from physreal_core.fitting.rollouts import motion_since_start, stacked
 from physreal_core.rendering import carry_points
-from physreal_core.simulation import Body, Parameters, SimulationConfig, Simulator, States
-from physreal_core.simulation.parameters import PARAMETER_NAMES
+from physreal_core.simulation import Body, SimulationConfig, Simulator, States
 
 EffectValues = dict[str, dict[str, float]]
 """Coefficients by the name of their effect, in the order in which the effects act."""
@@ -83,7 +83,7 @@ class Experiment:
         self.sigma = np.where(valid, tracks.sigma3d.numpy().astype(np.float64), 1.0)
         self._config = model.simulation_config(problem.fps, device)
         self._controllers = problem.controllers.to(torch.float32)
-        self._simulators: dict[tuple, Simulator] = {}
+        self._simulators: dict[tuple[SimulationConfig, Variant | None], Simulator] = {}
         camera = problem.camera
         self.setting = Setting(
             body=problem.body,
@@ -126,7 +126,7 @@ class Experiment:
         predicted = np.full((len(trials), frames, len(self.points0), 3), np.nan)
         groups: dict[tuple, list[int]] = {}
         for row, trial in enumerate(trials):
-            groups.setdefault(self._signature(trial), []).append(row)
+            groups.setdefault(self._configuration(trial), []).append(row)
         for rows in groups.values():
             states = self.rollouts([trials[row] for row in rows], frames, variant)
             for row, (x, F) in zip(rows, states, strict=True):
@@ -167,9 +167,6 @@ class Experiment:
 
     def _effects(self, trial: Trial) -> EffectValues:
         return {**self._known(), **trial.effects}
-
-    def _signature(self, trial: Trial) -> SimulationConfig:
-        return self._configuration(trial)
 
     def _configuration(self, trial: Trial) -> SimulationConfig:
         return configured(self._config, tuple(EFFECTS[name] for name in self._effects(trial)))
@@ -235,13 +232,7 @@ def _tensors(values: dict[str, float]) -> dict[str, Tensor]:
 
 def _run(simulator: Simulator, inputs: list[Inputs]) -> list[tuple[Tensor, Tensor]]:
     """States of all inputs, from one batch."""
+    parameters, controllers = stacked(inputs)
     with torch.no_grad():
-        batch = simulator.rollout_batch(_stacked(inputs), torch.stack([given.controllers for given in inputs]))
-    return [(batch.x[row], batch.F[row]) for row in range(len(inputs))]
-
-
-def _stacked(inputs: list[Inputs]) -> Parameters:
-    """Parameters with a leading axis of rollouts."""
-    columns = {name: [getattr(given.parameters, name) for given in inputs] for name in PARAMETER_NAMES}
-    stacked = {name: torch.stack(column) for name, column in columns.items() if column[0] is not None}
-    return Parameters(**stacked)
+        states = motion_since_start(simulator.rollout_batch(parameters, controllers), parameters)
+    return [(states.x[row], states.F[row]) for row in range(len(inputs))]

@@ -1,4 +1,4 @@
-"""Candidate effects that a simulation may be missing, one file each; they stand on `simulation` alone."""
+"""Candidate effects that a simulation may be missing, one file each; they stand on `simulation` and `geometry` alone."""
 
 from physreal_core.effects.effect import Coefficient, Effect, Inputs, Setting, Values, configured
 from physreal_core.effects.registry import EFFECTS

@@ -1,0 +1,62 @@
+"""A hidden wall, ceiling or ramp."""
+
+import numpy as np
+import torch
+
+from physreal_core.effects.contact.obstacle import FORMULA, MOST, STIFFNESS, with_capsule
+from physreal_core.effects.effect import Coefficient, Effect, Inputs, Setting, Values
+from physreal_core.effects.fields import like, vector
+from physreal_core.effects.shape import middle
+from physreal_core.effects.turns import direction
+from physreal_core.simulation import States
+
+FLAT = 50.0
+"""Radius of the ball that stands for a plane [m]: within a body of 0.3 m it bends by 0.2 mm."""
+EXCURSION = 0.01  # [m] beyond the place of frame 0, for a direction to be worth a start
+SHARES = (0.5, 0.8)  # of the excursion at which a start's plane stands
+
+
+class ObstaclePlane(Effect):
+    """Everything beyond a distance from the body's middle at frame 0, in one direction, is solid."""
+
+    name = "obstacle_plane"
+    family = "contact"
+    words = "A hidden wall is in the way."
+    formula = FORMULA + " of a half space"
+    shows = "in all of the body that should pass the wall, from that frame on"
+    told_by = "moving along the wall, then towards it"
+    terms = ("obstacle",)
+    coefficients = (
+        STIFFNESS,
+        Coefficient("azimuth", "rad", "direction towards the wall, from x to y", 0.0, -7.0, 7.0, 0.3, "shape"),
+        Coefficient("elevation", "rad", "of that direction above the horizontal", 0.0, -2.0, 2.0, 0.3, "shape"),
+        Coefficient("distance", "m", "from the body's middle at frame 0", 0.1, 0.0, 10.0, 0.02, "shape"),
+    )
+
+    def act(self, inputs: Inputs, values: Values, setting: Setting) -> Inputs:
+        middle0 = like(inputs, middle(setting.body))
+        azimuth, elevation, distance = vector(values, "azimuth", "elevation", "distance", like=middle0)
+        centre = middle0 + (distance + FLAT) * direction(azimuth, elevation)
+        return with_capsule(inputs, centre, torch.zeros_like(centre), torch.full_like(distance, FLAT), values)
+
+    def starts(self, setting: Setting, motion: States | None = None) -> tuple[dict[str, float], ...]:
+        """Walls half and most of the way in the directions in which the body goes farthest beyond frame 0."""
+        if motion is None:
+            return ()
+        x = motion.x.detach().double().cpu().numpy() - middle(setting.body)
+        angles = [(float(a), 0.0) for a in np.arange(8) * np.pi / 4] + [(0.0, np.pi / 2)]
+        reaches = [_reach(x, azimuth, elevation) for azimuth, elevation in angles]
+        ways = sorted(zip(reaches, angles, strict=True), key=lambda way: way[0][0] - way[0][1])
+        return tuple(
+            {"azimuth": azimuth, "elevation": elevation, "distance": first + share * (farthest - first)}
+            for (first, farthest), (azimuth, elevation) in ways[: MOST // len(SHARES)]
+            if farthest - first > EXCURSION
+            for share in SHARES
+        )
+
+
+def _reach(x: np.ndarray, azimuth: float, elevation: float) -> tuple[float, float]:
+    """How far the body reaches in a direction, at frame 0 and at most [m]."""
+    towards = direction(torch.tensor(azimuth), torch.tensor(elevation)).double().numpy()
+    reach = np.nanmax(x @ towards, axis=1)
+    return float(reach[0]), float(np.nanmax(reach))

@@ -1,0 +1,1 @@
+"""How the hand holds the object, and how well its record fits."""

@@ -1,0 +1,1 @@
+"""Mass that is not where it was assumed."""

@@ -1,0 +1,30 @@
+"""Density that is not uniform."""
+
+import torch
+
+from physreal_core.effects.effect import Coefficient, Effect, Inputs, Setting, Values
+from physreal_core.effects.fields import changed, field, like, vector
+from physreal_core.effects.shape import middle
+
+
+class DensityGradient(Effect):
+    """Density that rises in one direction; exponential, so that it stays positive. The total mass is kept."""
+
+    name = "density_gradient"
+    family = "mass"
+    words = "One side of the body is heavier than the other."
+    formula = "rho' ~ rho exp(g . (x - c)), with the same total mass"
+    shows = "as a centre of mass off the middle: the body tips and swings towards its heavy side"
+    told_by = "lifting it by one end, then by the other"
+    terms = ("density",)
+    coefficients = (
+        Coefficient("x", "1/m", "relative rise of density along x (frame 0)", 0.0, -30.0, 30.0, 3.0),
+        Coefficient("y", "1/m", "relative rise of density along y", 0.0, -30.0, 30.0, 3.0),
+        Coefficient("z", "1/m", "relative rise of density along z", 0.0, -30.0, 30.0, 3.0),
+    )
+
+    def act(self, inputs: Inputs, values: Values, setting: Setting) -> Inputs:
+        density, volume = field(inputs, "density", setting), like(inputs, setting.body.volume)
+        place = like(inputs, setting.body.x0 - middle(setting.body))
+        shaped = density * torch.exp(place @ vector(values, "x", "y", "z", like=place))
+        return changed(inputs, density=shaped * ((density * volume).sum() / (shaped * volume).sum()))

@@ -1,0 +1,36 @@
+"""A hidden payload."""
+
+from physreal_core.effects.effect import Coefficient, Effect, Inputs, Setting, Values
+from physreal_core.effects.fields import changed, field, like, vector
+from physreal_core.effects.shape import bump, local_starts
+from physreal_core.simulation import States
+
+
+class Payload(Effect):
+    """Extra mass, with weight and inertia, spread around a place inside the body."""
+
+    name = "payload"
+    family = "mass"
+    words = "Something heavy is hidden inside."
+    formula = "rho' = rho + m M w(x) / (sum of w V), w = exp(-|x - c|^2 / (2 r^2)), M the body's mass"
+    shows = "as sag around one place and slower swings; in free flight not at all"
+    told_by = "lifting it at different places, then shaking: weight and inertia show alike (a soft spot: only strain)"
+    terms = ("density",)
+    coefficients = (
+        Coefficient("ratio", "1", "extra mass over the body's, m", 0.0, 0.0, 5.0, 0.2),
+        Coefficient("x", "m", "centre at frame 0", 0.0, -100.0, 100.0, 0.03, "shape"),
+        Coefficient("y", "m", "centre at frame 0", 0.0, -100.0, 100.0, 0.03, "shape"),
+        Coefficient("z", "m", "centre at frame 0", 0.0, -100.0, 100.0, 0.03, "shape"),
+        Coefficient("radius", "m", "r", 0.02, 0.005, 0.2, 0.02, "shape"),
+    )
+
+    def act(self, inputs: Inputs, values: Values, setting: Setting) -> Inputs:
+        density = field(inputs, "density", setting)
+        x0, volume = like(inputs, setting.body.x0), like(inputs, setting.body.volume)
+        spread = bump(x0, vector(values, "x", "y", "z", like=x0), values["radius"].to(x0))
+        mass = values["ratio"] * float(setting.body.mass.sum())
+        return changed(inputs, density=density + mass * spread / (spread * volume).sum().clamp_min(1e-30))
+
+    def starts(self, setting: Setting, motion: States | None = None) -> tuple[dict[str, float], ...]:
+        """At each anchor, a twelfth of the body's extent wide."""
+        return local_starts(setting, 1 / 12)

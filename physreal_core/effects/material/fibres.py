@@ -1,0 +1,38 @@
+"""Fibres: one direction in which the material is stiffer."""
+
+import numpy as np
+
+from physreal_core.effects.effect import Coefficient, Effect, Inputs, Setting, Values
+from physreal_core.effects.fields import changed, vector, youngs_modulus
+from physreal_core.effects.shape import axes
+from physreal_core.effects.turns import direction
+from physreal_core.simulation import States
+
+
+class Fibres(Effect):
+    """One family of fibres throughout the body, straight at frame 0; a bar along them has the modulus E + k."""
+
+    name = "fibres"
+    family = "material"
+    words = "The material is stiffer along one direction."
+    formula = "W += k/8 (|F a|^2 - 1)^2, k = r E"
+    shows = "in strain along the fibres; bending and pulls across them show nothing"
+    told_by = "pulling or lifting it by two ends that lie in different directions"
+    terms = ("fibres",)
+    coefficients = (
+        Coefficient("ratio", "1", "fibre modulus over Young's, r", 0.0, 0.0, 20.0, 0.5),
+        Coefficient("azimuth", "rad", "of the direction at frame 0, from x to y", 0.0, -4.0, 4.0, 0.4, "shape"),
+        Coefficient("elevation", "rad", "of the direction, above the horizontal", 0.0, -2.0, 2.0, 0.4, "shape"),
+    )
+
+    def act(self, inputs: Inputs, values: Values, setting: Setting) -> Inputs:
+        E = youngs_modulus(inputs, setting)
+        along = direction(*vector(values, "azimuth", "elevation", like=E))
+        return changed(inputs, fibre_modulus=values["ratio"] * E, fibre_direction=along.expand(len(E), 3))
+
+    def starts(self, setting: Setting, motion: States | None = None) -> tuple[dict[str, float], ...]:
+        """Along each of the body's principal axes."""
+        return tuple(
+            {"azimuth": float(np.arctan2(a[1], a[0])), "elevation": float(np.arcsin(np.clip(a[2], -1, 1)))}
+            for a in axes(setting.body)
+        )

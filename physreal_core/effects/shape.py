@@ -1,0 +1,47 @@
+"""The body's shape at frame 0, as effects see it: middle, axes, extent, bumps, and which particles are exposed."""
+
+import numpy as np
+import torch
+from scipy.spatial import cKDTree
+
+from physreal_core.array_types import Array, Float, Tensor
+from physreal_core.effects.effect import Setting
+from physreal_core.simulation import Body
+
+REACH = 1.8
+"""Radius in which neighbours are counted [spacings]: the 26 around a lattice point, whose corners lie at 1.73."""
+
+
+def middle(body: Body) -> Float[Array, "3"]:
+    """Centre of volume [m]."""
+    return (body.volume[:, None] * body.x0).sum(0) / body.volume.sum()
+
+
+def axes(body: Body) -> Float[Array, "3 3"]:
+    """Principal axes as rows, the longest first; the largest component of each is positive."""
+    _, _, rows = np.linalg.svd(body.x0 - body.x0.mean(0), full_matrices=False)
+    largest = np.abs(rows).argmax(1)
+    return rows * np.sign(rows[np.arange(3), largest])[:, None]
+
+
+def extent(body: Body) -> float:
+    """Diagonal of the box around the body [m]."""
+    return float(np.linalg.norm(np.ptp(body.x0, axis=0)))
+
+
+def exposure(body: Body) -> Float[Array, " particles"]:
+    """Share of the surface that each particle carries, by how many of its neighbours are missing; sums to one."""
+    neighbours = cKDTree(body.x0).query_ball_point(body.x0, REACH * body.spacing, return_length=True)
+    missing = np.maximum(1.0 - neighbours / neighbours.max(), 0.0) * body.volume
+    return missing / missing.sum() if missing.any() else body.volume / body.volume.sum()
+
+
+def bump(points: Float[Tensor, "points 3"], place: Float[Tensor, "3"], radius: Tensor) -> Float[Tensor, " points"]:
+    """exp(-|x - c|^2 / (2 r^2)); 1 at the place c."""
+    return torch.exp(-(points - place).square().sum(-1) / (2 * radius**2))
+
+
+def local_starts(setting: Setting, share: float) -> tuple[dict[str, float], ...]:
+    """One start per anchor: a bump with `x`, `y`, `z` there, and as `radius` a share of the extent."""
+    radius = share * extent(setting.body)
+    return tuple({**dict(zip("xyz", map(float, place), strict=True)), "radius": radius} for place in setting.anchors)

@@ -38,7 +38,7 @@ class GroundPlane(Effect):
         turn, world, own = _frames(values, setting, place)
 
         def moved(points: Tensor) -> Tensor:
-            return (points - world) @ turn.T + own
+            return (points.to(place) - world) @ turn.T + own
 
         present = {name: getattr(inputs.parameters, name) for name in ("force", "initial_velocity")}
         vectors = {name: value @ turn.T for name, value in present.items() if value is not None}

@@ -4,7 +4,7 @@ from dataclasses import dataclass
 
 import numpy as np
 
-from data.rig.shapes import RoundedShape
+from data.rig.shapes import Block, RoundedShape
 from physreal_core.array_types import Array, Float, Int
 
 _CORNERS = np.array([[0, 0, 0], [1, 0, 0], [1, 1, 0], [0, 1, 0], [0, 0, 1], [1, 0, 1], [1, 1, 1], [0, 1, 1]])
@@ -50,8 +50,20 @@ def surface_triangles(tets: Int[Array, "M 4"]) -> Int[Array, "F 3"]:
     return faces[first[count == 1]]
 
 
-def mesh_shape(shape: RoundedShape, spacing: float, relaxations: int = 40) -> TetMesh:
-    """Meshes the inside of `shape` with cubes of edge `spacing` [m], then fits the boundary nodes to its surface."""
+def surface_shares(vertices: Float[Array, "V 3"], faces: Int[Array, "F 3"]) -> Float[Array, " V"]:
+    """Share of the surface's area at each node, a third of each triangle's; sums to one."""
+    a, b, c = (vertices[faces[:, k]] for k in range(3))
+    area = np.linalg.norm(np.cross(b - a, c - a), axis=1)
+    return np.bincount(faces.ravel(), np.repeat(area, 3), minlength=len(vertices)) / (3 * area.sum())
+
+
+def mesh_shape(shape: RoundedShape | Block, spacing: float, relaxations: int = 40) -> TetMesh:
+    """Meshes the inside of `shape` with cubes of edge `spacing` [m], then fits the boundary nodes to its surface.
+
+    The bricks of a block are as near to cubes as its sides allow, and nothing is left to fit.
+    """
+    if isinstance(shape, Block):
+        return _mesh_block(shape, spacing)
     vertices, tets = _fill_with_cubes(shape, spacing)
     faces = surface_triangles(tets)
     vertices = _fit_boundary(shape, vertices, tets, np.unique(faces), relaxations)
@@ -62,14 +74,34 @@ def _fill_with_cubes(shape: RoundedShape, spacing: float) -> tuple[Array, Array]
     lower, upper = shape.bounds()
     counts = np.ceil((upper - lower) / spacing).astype(int)
     lower = (lower + upper - counts * spacing) / 2
-    cells = np.stack(np.meshgrid(*(np.arange(n) for n in counts), indexing="ij"), axis=-1).reshape(-1, 3)
-    cells = cells[shape.distance(lower + (cells + 0.5) * spacing) < 0]
+    cells = _cells(counts)
+    nodes, tets = _cut_cells(cells[shape.distance(lower + (cells + 0.5) * spacing) < 0])
+    return _positive(lower + nodes * spacing, tets)
+
+
+def _mesh_block(block: Block, spacing: float) -> TetMesh:
+    size = np.subtract(block.upper, block.lower)
+    counts = np.maximum(np.round(size / spacing), 1).astype(int)
+    nodes, tets = _cut_cells(_cells(counts))
+    vertices, tets = _positive(np.asarray(block.lower) + nodes * (size / counts), tets)
+    return TetMesh(vertices, tets, surface_triangles(tets))
+
+
+def _cells(counts: Int[Array, "3"]) -> Int[Array, "C 3"]:
+    return np.stack(np.meshgrid(*(np.arange(n) for n in counts), indexing="ij"), axis=-1).reshape(-1, 3)
+
+
+def _cut_cells(cells: Int[Array, "C 3"]) -> tuple[Int[Array, "V 3"], Int[Array, "M 4"]]:
+    """Grid points in use, and five tetrahedra a cell."""
     corners = cells[:, None] + _CORNERS
     odd = cells.sum(axis=1) % 2 == 1
     corners[odd] = corners[odd][:, _QUARTER_TURN]
     nodes, index = np.unique(corners.reshape(-1, 3), axis=0, return_inverse=True)
-    tets = index.reshape(-1, 8)[:, _FIVE_TETS].reshape(-1, 4)
-    vertices = lower + nodes * spacing
+    return nodes, index.reshape(-1, 8)[:, _FIVE_TETS].reshape(-1, 4)
+
+
+def _positive(vertices: Float[Array, "V 3"], tets: Int[Array, "M 4"]) -> tuple[Array, Array]:
+    """The same tetrahedra, their corners in the order that makes their volumes positive."""
     inverted = tet_volumes(vertices, tets) < 0
     tets[inverted] = tets[inverted][:, [0, 2, 1, 3]]
     return vertices, tets

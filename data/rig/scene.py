@@ -4,7 +4,7 @@ from dataclasses import dataclass, field
 
 import numpy as np
 
-from data.rig.shapes import Capsule, RoundedShape
+from data.rig.shapes import Block, Capsule, RoundedShape
 from physreal_core.array_types import Array, Float
 
 
@@ -25,13 +25,18 @@ class Motion:
 
     strokes: tuple[tuple[float, float, tuple[float, float, float]], ...]
 
-    def displacement(self, time: float) -> Float[Array, "3"]:
+    def displacement(self, time: float | Float[Array, "..."]) -> Float[Array, "... 3"]:
         """Hand displacement since time 0 [m]; each stroke follows 3s^2 - 2s^3."""
-        total = np.zeros(3)
+        total = np.zeros((*np.shape(time), 3))
         for start, end, vector in self.strokes:
-            s = np.clip((time - start) / (end - start), 0.0, 1.0)
-            total += s * s * (3 - 2 * s) * np.asarray(vector)
+            s = np.clip((np.asarray(time) - start) / (end - start), 0.0, 1.0)
+            total += (s * s * (3 - 2 * s))[..., None] * np.asarray(vector)
         return total
+
+    @property
+    def onset(self) -> float:
+        """When the hand first moves [s]."""
+        return min(start for start, _, _ in self.strokes)
 
 
 @dataclass(frozen=True)
@@ -73,11 +78,14 @@ class Noise:
 
 @dataclass(frozen=True)
 class Scene:
-    """One capture: `body` and `hand` at time 0 in the world frame, what the hand does, and how it is filmed."""
+    """One capture: `body` and `hand` at time 0 in the world frame, what the hand does, and how it is filmed.
+
+    The hand holds the nodes in `grasp`, or where that is None those within `grip_reach` [m] of its surface.
+    """
 
     name: str
     description: str
-    body: RoundedShape
+    body: RoundedShape | Block
     hand: RoundedShape
     motion: Motion
     material: Material = Material()
@@ -88,7 +96,8 @@ class Scene:
     frames: int = 60
     observed: int = 42
     mesh_spacing: float = 0.009
-    grip_reach: float = 0.004  # nodes within this distance [m] of the hand are held by it
+    grip_reach: float = 0.004
+    grasp: Block | None = None
     hints: dict[str, dict] = field(default_factory=dict)
 
 

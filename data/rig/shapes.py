@@ -1,4 +1,4 @@
-"""Signed distances [m] of rounded shapes: smooth unions of capsules, negative inside. Bodies and hands of the rig."""
+"""Signed distances [m] of boxes and of rounded shapes (smooth unions of capsules), negative inside: bodies and hands."""
 
 from dataclasses import dataclass
 
@@ -49,3 +49,17 @@ class RoundedShape:
         lower = np.min([np.minimum(c.start, c.end) - c.radius for c in self.capsules], axis=0)
         upper = np.max([np.maximum(c.start, c.end) + c.radius for c in self.capsules], axis=0)
         return lower - self.blend / 4, upper + self.blend / 4
+
+
+@dataclass(frozen=True)
+class Block:
+    """The box between two corners [m], edges along the axes."""
+
+    lower: tuple[float, float, float]
+    upper: tuple[float, float, float]
+
+    def distance(self, points: Float[Array, "... 3"]) -> Float[Array, "..."]:
+        """Signed distance [m]."""
+        half = np.subtract(self.upper, self.lower) / 2
+        beyond = np.abs(np.asarray(points, float) - (np.asarray(self.lower) + half)) - half
+        return np.linalg.norm(np.maximum(beyond, 0), axis=-1) + np.minimum(beyond.max(axis=-1), 0)

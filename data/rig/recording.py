@@ -1,0 +1,104 @@
+"""A capture without images: points on the object's surface as a motion-capture system sees them, noisy and often hidden."""
+
+import json
+from dataclasses import dataclass, replace
+from pathlib import Path
+
+import numpy as np
+
+from data.rig.mesh import TetMesh
+from data.rig.scene import Scene
+from data.rig.simulate import Trajectory
+from physreal_core.array_types import Array, Bool, Float, Int
+
+POINTS, NOISE, MISSING, MEAN_RUN = 150, 0.001, 0.3, 5.0  # count; [m]; share; mean length of a hidden run [frames]
+
+
+@dataclass(frozen=True)
+class Recording:
+    """What is measured, before noise.
+
+    Attributes:
+        fps: frames per second, as stated.
+        tracks: [T, J, 3] m.
+        controllers: [T, C, 3] m, points of the hand where it holds the object.
+        T_world_camera: [4, 4], as stated.
+    """
+
+    fps: float
+    tracks: Float[Array, "T J 3"]
+    controllers: Float[Array, "T C 3"]
+    T_world_camera: Float[Array, "4 4"]
+
+
+def ideal(scene: Scene, trajectory: Trajectory, random: np.random.Generator) -> Recording:
+    """What a perfect instrument would record: points spread evenly over the surface but for its underside."""
+    triangles, weights = _scattered(trajectory.mesh, POINTS, random)
+    corners = trajectory.vertices[:, trajectory.mesh.faces[triangles]]
+    surface = np.intersect1d(trajectory.gripped, trajectory.mesh.faces)
+    return Recording(
+        fps=scene.fps,
+        tracks=np.einsum("tpck,pc->tpk", corners, weights),
+        controllers=trajectory.vertices[0, surface] + trajectory.hand[:, None],
+        T_world_camera=scene.view.pose(),
+    )
+
+
+def write(folder: Path, scene: Scene, recording: Recording, surface: TetMesh, random: np.random.Generator) -> None:
+    """capture.json, tracks3d.npz, controllers.npz and shape_prior.glb; `surface` is the object at frame 0."""
+    import trimesh
+
+    valid = seen(recording.tracks.shape[:2], random)
+    measured = recording.tracks + random.normal(scale=NOISE, size=recording.tracks.shape)
+    measured[~valid] = np.nan
+    sigma = np.full(valid.shape, NOISE, np.float32)
+    np.savez_compressed(folder / "tracks3d.npz", points3d=measured.astype(np.float32), valid3d=valid, sigma3d=sigma)
+    np.savez_compressed(folder / "controllers.npz", points=recording.controllers.astype(np.float32))
+    prior = trimesh.Trimesh(surface.vertices, surface.faces, process=False)
+    prior.remove_unreferenced_vertices()
+    prior.export(folder / "shape_prior.glb")
+    (folder / "capture.json").write_text(json.dumps(describe(scene, recording), indent=1) + "\n")
+
+
+def describe(scene: Scene, recording: Recording) -> dict:
+    """The contents of capture.json."""
+    return {
+        "kind": "tracks",
+        "description": scene.description,
+        "controller": "hand",
+        "fps": recording.fps,
+        "frame_count": scene.frames,
+        "density": scene.material.density,
+        "T_world_camera": recording.T_world_camera.tolist(),
+        "T_world_object": np.eye(4).tolist(),
+        "split": {"train": [0, scene.observed], "test": [scene.observed, scene.frames]},
+    }
+
+
+def seen(shape: tuple[int, int], random: np.random.Generator) -> Bool[Array, "T J"]:
+    """Which points are seen: all in frame 0, then hidden in runs (a two-state Markov chain) for `MISSING` of the time."""
+    back = 1 / MEAN_RUN
+    lost = back * MISSING / (1 - MISSING)
+    valid = np.ones(shape, bool)
+    for frame in range(1, shape[0]):
+        draw = random.random(shape[1])
+        valid[frame] = np.where(valid[frame - 1], draw >= lost, draw < back)
+    return valid
+
+
+def _scattered(mesh: TetMesh, count: int, random: np.random.Generator) -> tuple[Int[Array, " P"], Float[Array, "P 3"]]:
+    """Triangle and corner weights of points spread evenly over all faces but those that look straight down."""
+    a, b, c = (mesh.vertices[mesh.faces[:, k]] for k in range(3))
+    normal = np.cross(b - a, c - a)
+    area = np.linalg.norm(normal, axis=1)
+    area[normal[:, 2] < -0.9 * area] = 0
+    triangles = random.choice(len(area), count, p=area / area.sum())
+    u, v = random.random((2, count))
+    fold = u + v > 1
+    u, v = np.where(fold, 1 - u, u), np.where(fold, 1 - v, v)
+    return triangles, np.stack([1 - u - v, u, v], axis=1)
+
+
+def at_frame_zero(trajectory: Trajectory) -> TetMesh:
+    """The body as it lies at frame 0."""
+    return replace(trajectory.mesh, vertices=trajectory.vertices[0])

@@ -1,0 +1,112 @@
+"""A scene in MuJoCo: a flex of linear tetrahedra (St. Venant-Kirchhoff, stiffness damping), a table, a hand that holds it.
+
+MuJoCo's flex is exactly St. Venant-Kirchhoff: per element, energy 1/2 e M e / 2 of its six squared edge lengths e less those at
+rest; `model.flex_stiffness` holds M. Hidden effects (data/rig/hidden) reach the simulation through the class here.
+"""
+
+import numpy as np
+
+from data.rig.mesh import mesh_shape
+from data.rig.scene import Scene
+from physreal_core.array_types import Array, Float, Int
+
+# Direct stiffness and damping of contact and grip (MuJoCo reads negative `solref` so): with the default time constant
+# the constraints of such light nodes are orders of magnitude too soft.
+_STIFF = 'solref="-2e6 -2e3" solimp=".9 .95 .001"'
+NODE_RADIUS = 0.0005  # [m] collision radius of a flex node
+
+
+class World:
+    """The compiled scene at time 0, at rest.
+
+    Args:
+        scene: object, hand and material.
+        timestep: largest step [s]; a whole number of steps fits into a frame.
+        integrator: MuJoCo's; "discrete" is implicit and damps a little, "Euler" is symplectic and needs small steps.
+        further: XML of more things in the world.
+        flex: XML attributes of the flex's elasticity beside the material.
+
+    Attributes:
+        mesh: the body, stress-free.
+        model, data: MuJoCo's.
+        gripped: nodes that the hand holds, [B].
+        bodies, dofs: of the nodes in MuJoCo's arrays, [V] and [V, 3].
+        steps: number in a frame.
+    """
+
+    def __init__(
+        self, scene: Scene, timestep: float, integrator: str = "discrete", further: str = "", flex: str = ""
+    ) -> None:
+        import mujoco
+
+        self.scene = scene
+        self.mesh = mesh_shape(scene.body, scene.mesh_spacing)
+        self.mesh.vertices[:, 2] += max(0.0, NODE_RADIUS - self.mesh.vertices[:, 2].min())  # on the table, not in it
+        self.gripped = _held(scene, self.mesh.vertices)
+        self.steps = int(np.ceil(1 / (scene.fps * timestep)))
+        self.timestep = 1 / (scene.fps * self.steps)
+        self.model = mujoco.MjModel.from_xml_string(self._describe(integrator, further, flex))
+        self.data = mujoco.MjData(self.model)
+        self.bodies = np.array([self.model.body(f"s_{i}").id for i in range(len(self.mesh.vertices))])
+        self.dofs = self.model.body_dofadr[self.bodies][:, None] + np.arange(3)
+        self.model.body_mass[self.bodies] = self.mesh.lumped_mass(scene.material.density)
+
+    @property
+    def positions(self) -> Float[Array, "V 3"]:
+        """Of the nodes [m]."""
+        return self.data.flexvert_xpos
+
+    @property
+    def velocities(self) -> Float[Array, "V 3"]:
+        """Of the nodes [m/s]."""
+        return self.data.qvel[self.dofs]
+
+    @property
+    def masses(self) -> Float[Array, " V"]:
+        """Of the nodes [kg]."""
+        return self.model.body_mass[self.bodies]
+
+    def push(self, force: Float[Array, "V 3"]) -> None:
+        """Adds a force [N] on each node for the coming step."""
+        self.data.qfrc_applied[self.dofs] += force
+
+    def hold_at(self, displacement: Float[Array, "3"]) -> None:
+        """Puts what the hand holds at `displacement` [m] from where it was at time 0."""
+        self.data.mocap_pos[0] = displacement
+
+    def _describe(self, integrator: str, further: str, flex: str) -> str:
+        """The MuJoCo model as XML; the hand is a mocap body at the origin that carries its displacement."""
+        scene, mesh, material = self.scene, self.mesh, self.scene.material
+        points, elements = _numbers(mesh.vertices), " ".join(map(str, mesh.tets.ravel()))
+        friction = f'friction="{material.friction_coefficient} .001 .0001"'
+        held = "".join(
+            f'<connect body1="hand" body2="s_{i}" anchor="{_numbers(mesh.vertices[i])}" {_STIFF}/>'
+            for i in self.gripped
+        )
+        return f"""<mujoco>
+      <option timestep="{self.timestep}" gravity="{_numbers(scene.gravity)}" solver="Newton" tolerance="1e-8"
+              integrator="{integrator}" cone="elliptic"/>
+      <size memory="1G"/>
+      <worldbody>
+        <geom name="table" type="plane" size="2 2 .1" {friction}/>
+        <body name="hand" mocap="true"/>
+        <flexcomp name="s" type="direct" dim="3" point="{points}" element="{elements}" radius="{NODE_RADIUS}"
+                  mass="{mesh.lumped_mass(material.density).sum()}">
+          <elasticity young="{material.youngs_modulus}" poisson="{material.poissons_ratio}"
+                      damping="{material.damping}" {flex}/>
+          <contact selfcollide="none" condim="3" {friction} {_STIFF}/>
+        </flexcomp>
+        {further}
+      </worldbody>
+      <equality>{held}</equality>
+    </mujoco>"""
+
+
+def _held(scene: Scene, vertices: Float[Array, "V 3"]) -> Int[Array, " B"]:
+    if scene.grasp is not None:
+        return np.flatnonzero(scene.grasp.distance(vertices) <= 0)
+    return np.flatnonzero(scene.hand.distance(vertices) < scene.grip_reach)
+
+
+def _numbers(values: Float[Array, "..."]) -> str:
+    return " ".join(f"{value:.9g}" for value in np.ravel(values))

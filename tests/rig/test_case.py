@@ -1,0 +1,99 @@
+"""Captures with a hidden effect: their layout, what they tell and what they do not, and that a seed fixes them."""
+
+import json
+
+import numpy as np
+import pytest
+
+pytest.importorskip("mujoco")
+trimesh = pytest.importorskip("trimesh")
+
+from data.rig import bar
+from data.rig.case import Case, make_case
+from data.rig.hidden.library import LIBRARY
+from data.rig.hidden.strengths import AMPLITUDES
+from data.rig.recording import MISSING, NOISE, seen
+from data.rig.truth import load_truth
+from physreal_core.errors import InputError
+from pipeline.capture import read_capture
+
+
+@pytest.fixture(scope="module", autouse=True)
+def coarse():
+    with pytest.MonkeyPatch.context() as patch:
+        patch.setattr(bar, "SPACING", 0.025)
+        yield
+
+
+@pytest.fixture(scope="module")
+def folder(tmp_path_factory):
+    folder = tmp_path_factory.mktemp("cases") / "drag"
+    make_case(Case("linear_drag", "high", 3), folder, video=False)
+    return folder
+
+
+def test_layout(folder):
+    assert sorted(path.name for path in folder.iterdir()) == ["lift_swing", "press_drag"]
+    for capture in folder.iterdir():
+        described = read_capture(capture)
+        assert (described.kind, described.fps, described.frame_count) == ("tracks", 30.0, 60)
+        tracks, controllers = np.load(capture / "tracks3d.npz"), np.load(capture / "controllers.npz")["points"]
+        assert tracks["points3d"].shape == (60, 150, 3) and len(controllers) == 60
+        truth = load_truth(capture / "truth.npz")
+        prior = trimesh.load(capture / "shape_prior.glb", force="mesh")
+        assert prior.is_watertight
+        np.testing.assert_allclose(
+            prior.bounds, [truth.vertices[0].min(axis=0), truth.vertices[0].max(axis=0)], atol=1e-5
+        )
+
+
+def test_noise_and_gaps_are_as_stated(folder):
+    for capture in folder.iterdir():
+        tracks, clean = np.load(capture / "tracks3d.npz"), np.load(capture / "truth.npz")["clean_tracks"]
+        valid = tracks["valid3d"]
+        assert valid[0].all() and np.isnan(tracks["points3d"][~valid]).all()
+        error = (tracks["points3d"] - clean)[valid]
+        assert error.std() == pytest.approx(NOISE, rel=0.03)  # of some 18 000 numbers: 0.5 %
+        np.testing.assert_allclose(tracks["sigma3d"], NOISE)
+
+
+def test_points_are_hidden_in_runs():
+    valid = seen((2000, 100), np.random.default_rng(0))
+    assert 1 - valid[100:].mean() == pytest.approx(MISSING, abs=0.01)
+    ends = (~valid[:-1] & valid[1:]).sum()
+    assert (~valid).sum() / ends == pytest.approx(5.0, rel=0.05)
+
+
+def test_truth_alone_names_the_effect(folder):
+    for capture in folder.iterdir():
+        with np.load(capture / "truth.npz") as truth:
+            assert truth["effect_names"].tolist() == ["linear_drag"]
+            values = json.loads(str(truth["effect_values_json"]))["linear_drag"]
+        low = AMPLITUDES["linear_drag"][2]
+        assert 0.85 * low < values["rate"] < 1.17 * low
+        assert "drag" not in (capture / "capture.json").read_text().replace("press_drag", "")
+
+
+def test_one_object_in_all_captures_of_a_seed(folder):
+    first, second = (np.load(capture / "truth.npz") for capture in sorted(folder.iterdir()))
+    for key in ("E", "density", "friction", "rest_vertices", "effect_values_json"):
+        assert np.array_equal(first[key], second[key])
+    assert not np.array_equal(first["hand"], second["hand"])
+    assert bar.bar("lift_swing", 3).material != bar.bar("lift_swing", 4).material
+
+
+def test_same_seed_same_files(folder, tmp_path):
+    make_case(Case("linear_drag", "high", 3), tmp_path / "again", video=False)
+    for capture in folder.iterdir():
+        for name in ("tracks3d.npz", "controllers.npz", "shape_prior.glb", "capture.json"):
+            assert (capture / name).read_bytes() == (tmp_path / "again" / capture.name / name).read_bytes()
+
+
+def test_every_effect_has_strengths_that_grow():
+    assert set(AMPLITUDES) == set(LIBRARY)
+    assert all(0 < weak < middle < high for weak, middle, high in AMPLITUDES.values())
+
+
+def test_unknown_effect_is_an_input_error(tmp_path):
+    with pytest.raises(InputError, match="no hidden effect named 'levitation'"):
+        make_case(Case("levitation", "high", 0), tmp_path / "case", video=False)

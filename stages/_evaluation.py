@@ -129,11 +129,17 @@ def _read_truth(path: Path) -> dict[str, Array]:
 
 
 class Replay:
-    """One model's rollout: where points of frame 0 are in every frame, and what the camera would see."""
+    """One model's rollout: where points of frame 0 are in every frame, and what the camera would see.
+
+    Under a model with an effect of the measurement the camera sees the object elsewhere than where it is; what is compared with
+    the measurement is carried to where it is seen.
+    """
 
     def __init__(self, sequence: Sequence, folder: Path, device: str = "cpu") -> None:
         with np.load(folder / "rollout.npz") as file:
-            x, F = (torch.from_numpy(file[name]).double() for name in ("x", "F"))
+            x, F, seen = (
+                torch.from_numpy(file[name]).double() for name in ("x", "F", "x_seen" if "x_seen" in file else "x")
+            )
         if len(x) != sequence.frame_count or x.shape[1] != len(sequence.particles["x0"]):
             raise InputError(
                 f"{len(x)} frames of {x.shape[1]} particles",
@@ -141,7 +147,7 @@ class Replay:
                 expected=f"{sequence.frame_count} frames of {len(sequence.particles['x0'])} particles",
                 remedy="run the fit stage again",
             )
-        self.sequence, self.device, self.x, self.F = sequence, device, x, F
+        self.sequence, self.device, self.x, self.F, self.seen = sequence, device, x, F, seen
         self.x0 = torch.from_numpy(sequence.particles["x0"]).double()
         self.surface, self.tracks = self.bind(sequence.surface), self._stored("track")
         self.gaussians = self._stored("gaussian").to(device) if sequence.gaussians else None
@@ -154,12 +160,16 @@ class Replay:
         return Binding(self.sequence.particles[f"{name}_neighbours"], self.sequence.particles[f"{name}_weights"])
 
     def carry(self, frame: int, points0: Array, binding: Binding) -> Array:
-        """Where points [m] of frame 0 are at `frame` [m]."""
+        """Where points [m] of frame 0 are seen at `frame` [m]."""
+        return carry_points(binding, torch.from_numpy(points0), self.x0, self.seen[frame], self.F[frame]).numpy()
+
+    def carry_truly(self, frame: int, points0: Array, binding: Binding) -> Array:
+        """Where points [m] of frame 0 are at `frame` [m], whatever the measurement makes of it."""
         return carry_points(binding, torch.from_numpy(points0), self.x0, self.x[frame], self.F[frame]).numpy()
 
     def render(self, frame: int) -> tuple[Array, Array]:
         """RGB [H, W, 3] over black and alpha [H, W], both 0 to 1."""
-        x0, x, F = (a.to(self.device, torch.float32) for a in (self.x0, self.x[frame], self.F[frame]))
+        x0, x, F = (a.to(self.device, torch.float32) for a in (self.x0, self.seen[frame], self.F[frame]))
         gaussians = self.sequence.gaussians.to(self.device)
         with torch.no_grad():
             out = render_carried(gaussians, self.gaussians, x0, x, F, self.sequence.camera)

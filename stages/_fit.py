@@ -105,10 +105,13 @@ def write_fit(context: StageContext, objective: Objective, model: Model, result:
 
 
 def write_rollout(path: Path, objective: Objective, model: Model) -> None:
-    """x [T,N,3] m and F [T,N,3,3] of the whole interval, float32."""
+    """x [T,N,3] m and F [T,N,3,3] of the whole interval, float32; beside them, where an effect of the model is one of the
+    measurement (a camera that drifts), x_seen [T,N,3] m: where the measurement sees what truly is at x."""
     with torch.no_grad():
         states = objective.rollout(model.fields, objective.problem.frame_count)
-    np.savez(path, x=states.x.float().cpu().numpy(), F=states.F.float().cpu().numpy())
+        seen = objective.rollouts.seen(states.x)
+    arrays = {"x": states.x, "F": states.F} | ({} if seen is states.x else {"x_seen": seen})
+    np.savez(path, **{name: tensor.float().cpu().numpy() for name, tensor in arrays.items()})
 
 
 def _is_material(name: str) -> bool:

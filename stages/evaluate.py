@@ -115,7 +115,7 @@ def _against_truth(sequence: Sequence, replay: Replay, folder: Path, params: Any
     truth = sequence.truth
     true = truth["vertices"][: sequence.frame_count].astype(np.float64)
     binding = replay.bind(true[0])
-    ours = np.stack([replay.carry(t, true[0], binding) for t in range(len(true))])
+    ours = np.stack([replay.carry_truly(t, true[0], binding) for t in range(len(true))])
     errors = vertex_errors(ours, true)
     spans = {"observed": errors[1 : sequence.observed], "future": errors[sequence.observed :]}
     block: dict[str, Any] = {name: {"vertex_error": float(e.mean())} for name, e in spans.items() if len(e)}

@@ -197,6 +197,24 @@ def test_tracks_without_images(context: Context, tmp_path) -> None:
     assert not list(tmp_path.glob("*.mp4"))
 
 
+def test_what_is_seen_is_compared_with_the_measurement_and_what_is_with_the_truth(context: Context, tmp_path) -> None:
+    """A rollout that is off by `SHIFT`, and a model that says that the measurement is off by as much the other way."""
+    from stages._evaluation import Replay, load_sequence
+    from stages.evaluate import _against_truth
+
+    x0 = np.load(context.root / "sample_particles" / "particles.npz")["x0"]
+    _write_model(tmp_path / "off", x0, SHEAR, SHIFT)
+    rollout = dict(np.load(tmp_path / "off" / "rollout.npz"))
+    right = np.load(context.root / "fit_global" / "rollout.npz")["x"]
+    np.savez(tmp_path / "off" / "rollout.npz", **rollout, x_seen=right)
+    sequence = load_sequence(context)
+    replay = Replay(sequence, tmp_path / "off")
+    seen = replay.carry(3, sequence.track_points0, replay.tracks)
+    np.testing.assert_allclose(seen, sequence.tracks3d[3], atol=1e-6)
+    truth = _against_truth(sequence, replay, context.root / "fit_global", context.params)
+    assert truth["observed"]["vertex_error"] == pytest.approx(SHIFT[0], rel=1e-4)
+
+
 def test_rollout_of_another_body(context: Context, tmp_path) -> None:
     from stages._evaluation import Replay, load_sequence
 

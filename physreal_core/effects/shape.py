@@ -1,5 +1,7 @@
 """The body's shape at frame 0, as effects see it: middle, axes, extent, bumps, and which particles are exposed."""
 
+from collections.abc import Mapping
+
 import numpy as np
 import torch
 from scipy.spatial import cKDTree
@@ -39,6 +41,14 @@ def exposure(body: Body) -> Float[Array, " particles"]:
 def bump(points: Float[Tensor, "points 3"], place: Float[Tensor, "3"], radius: Tensor) -> Float[Tensor, " points"]:
     """exp(-|x - c|^2 / (2 r^2)); 1 at the place c."""
     return torch.exp(-(points - place).square().sum(-1) / (2 * radius**2))
+
+
+def carried_place(
+    values: Mapping[str, float], rotation: Float[Array, "3 3"], translation: Float[Array, "3"]
+) -> dict[str, float]:
+    """`values` with the place in `x`, `y`, `z` [m] moved to R x + t."""
+    place = rotation @ [values[axis] for axis in "xyz"] + translation
+    return {**values, **dict(zip("xyz", map(float, place), strict=True))}
 
 
 def local_starts(setting: Setting, share: float) -> tuple[dict[str, float], ...]:

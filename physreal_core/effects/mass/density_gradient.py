@@ -1,10 +1,13 @@
 """Density that is not uniform."""
 
+from collections.abc import Mapping
+
 import torch
 
+from physreal_core.array_types import Array, Float
 from physreal_core.effects.effect import Coefficient, Effect, Inputs, Setting, Values
 from physreal_core.effects.fields import changed, field, like, vector
-from physreal_core.effects.shape import middle
+from physreal_core.effects.shape import carried_place, middle
 
 
 class DensityGradient(Effect):
@@ -28,3 +31,8 @@ class DensityGradient(Effect):
         place = like(inputs, setting.body.x0 - middle(setting.body))
         shaped = density * torch.exp(place @ vector(values, "x", "y", "z", like=place))
         return changed(inputs, density=shaped * ((density * volume).sum() / (shaped * volume).sum()))
+
+    def carried(
+        self, values: Mapping[str, float], rotation: Float[Array, "3 3"], translation: Float[Array, "3"]
+    ) -> dict[str, float]:
+        return carried_place(values, rotation, 0 * translation)

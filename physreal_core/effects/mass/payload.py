@@ -1,8 +1,11 @@
 """A hidden payload."""
 
+from collections.abc import Mapping
+
+from physreal_core.array_types import Array, Float
 from physreal_core.effects.effect import Coefficient, Effect, Inputs, Setting, Values
 from physreal_core.effects.fields import changed, field, like, vector
-from physreal_core.effects.shape import bump, local_starts
+from physreal_core.effects.shape import bump, carried_place, local_starts
 from physreal_core.simulation import States
 
 
@@ -12,12 +15,12 @@ class Payload(Effect):
     name = "payload"
     family = "mass"
     words = "Something heavy is hidden inside."
-    formula = "rho' = rho + m M w(x) / (sum of w V), w = exp(-|x - c|^2 / (2 r^2)), M the body's mass"
+    formula = "rho' = rho + m w(x) / (sum of w V), w = exp(-|x - c|^2 / (2 r^2))"
     shows = "as sag around one place and slower swings; in free flight not at all"
     told_by = "lifting it at different places, then shaking: weight and inertia show alike (a soft spot: only strain)"
     terms = ("density",)
     coefficients = (
-        Coefficient("ratio", "1", "extra mass over the body's, m", 0.0, 0.0, 5.0, 0.2),
+        Coefficient("mass", "kg", "extra mass m", 0.0, 0.0, 5.0, 0.03),
         Coefficient("x", "m", "centre at frame 0", 0.0, -100.0, 100.0, 0.03, "shape"),
         Coefficient("y", "m", "centre at frame 0", 0.0, -100.0, 100.0, 0.03, "shape"),
         Coefficient("z", "m", "centre at frame 0", 0.0, -100.0, 100.0, 0.03, "shape"),
@@ -28,8 +31,13 @@ class Payload(Effect):
         density = field(inputs, "density", setting)
         x0, volume = like(inputs, setting.body.x0), like(inputs, setting.body.volume)
         spread = bump(x0, vector(values, "x", "y", "z", like=x0), values["radius"].to(x0))
-        mass = values["ratio"] * float(setting.body.mass.sum())
-        return changed(inputs, density=density + mass * spread / (spread * volume).sum().clamp_min(1e-30))
+        share = spread / (spread * volume).sum().clamp_min(1e-30)
+        return changed(inputs, density=density + values["mass"] * share)
+
+    def carried(
+        self, values: Mapping[str, float], rotation: Float[Array, "3 3"], translation: Float[Array, "3"]
+    ) -> dict[str, float]:
+        return carried_place(values, rotation, translation)
 
     def starts(self, setting: Setting, motion: States | None = None) -> tuple[dict[str, float], ...]:
         """At each anchor, a twelfth of the body's extent wide."""

@@ -1,7 +1,11 @@
 """Fibres: one direction in which the material is stiffer."""
 
-import numpy as np
+from collections.abc import Mapping
 
+import numpy as np
+import torch
+
+from physreal_core.array_types import Array, Float
 from physreal_core.effects.effect import Coefficient, Effect, Inputs, Setting, Values
 from physreal_core.effects.fields import changed, vector, youngs_modulus
 from physreal_core.effects.shape import axes
@@ -30,9 +34,18 @@ class Fibres(Effect):
         along = direction(*vector(values, "azimuth", "elevation", like=E))
         return changed(inputs, fibre_modulus=values["ratio"] * E, fibre_direction=along.expand(len(E), 3))
 
+    def carried(
+        self, values: Mapping[str, float], rotation: Float[Array, "3 3"], translation: Float[Array, "3"]
+    ) -> dict[str, float]:
+        along = direction(torch.tensor(values["azimuth"]), torch.tensor(values["elevation"]))
+        return {**values, **_angles(rotation @ along.double().numpy())}
+
     def starts(self, setting: Setting, motion: States | None = None) -> tuple[dict[str, float], ...]:
         """Along each of the body's principal axes."""
-        return tuple(
-            {"azimuth": float(np.arctan2(a[1], a[0])), "elevation": float(np.arcsin(np.clip(a[2], -1, 1)))}
-            for a in axes(setting.body)
-        )
+        return tuple(_angles(axis) for axis in axes(setting.body))
+
+
+def _angles(along: Float[Array, "3"]) -> dict[str, float]:
+    """Azimuth and elevation of a unit vector [rad]."""
+    x, y, z = along
+    return {"azimuth": float(np.arctan2(y, x)), "elevation": float(np.arcsin(np.clip(z, -1, 1)))}

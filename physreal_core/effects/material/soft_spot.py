@@ -1,8 +1,11 @@
 """A soft spot or a tear."""
 
+from collections.abc import Mapping
+
+from physreal_core.array_types import Array, Float
 from physreal_core.effects.effect import Coefficient, Effect, Inputs, Setting, Values
 from physreal_core.effects.fields import changed, like, vector, youngs_modulus
-from physreal_core.effects.shape import bump, local_starts
+from physreal_core.effects.shape import bump, carried_place, local_starts
 from physreal_core.simulation import States
 
 
@@ -27,6 +30,11 @@ class SoftSpot(Effect):
         E = youngs_modulus(inputs, setting)
         spot = bump(like(inputs, setting.body.x0), vector(values, "x", "y", "z", like=E), values["radius"].to(E))
         return changed(inputs, youngs_modulus=E * (1 - values["loss"] * spot))
+
+    def carried(
+        self, values: Mapping[str, float], rotation: Float[Array, "3 3"], translation: Float[Array, "3"]
+    ) -> dict[str, float]:
+        return carried_place(values, rotation, translation)
 
     def starts(self, setting: Setting, motion: States | None = None) -> tuple[dict[str, float], ...]:
         """At each anchor, a tenth of the body's extent wide."""

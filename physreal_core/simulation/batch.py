@@ -73,7 +73,7 @@ class PooledFrames:
         bars: Bars,
         progress: Progress | None,
     ) -> dict[str, Tensor]:
-        """Gradients by parameter name, with an axis of rollouts."""
+        """Gradients by parameter name and of the controller points, with an axis of rollouts."""
 
         def one(worker: Frames, rollout: int) -> dict[str, Tensor]:
             own_bars = tuple(None if bar is None else bar[:, rollout] for bar in bars)
@@ -82,7 +82,8 @@ class PooledFrames:
             return worker.backward(row, own, points[:, rollout], own_states, own_bars, progress)
 
         gradients = self._map(one, points.shape[1])
-        return {name: torch.stack([g[name] for g in gradients]) for name in gradients[0]}
+        axis = {"controllers": 1}  # that of rollouts
+        return {name: torch.stack([g[name] for g in gradients], axis.get(name, 0)) for name in gradients[0]}
 
     def _map(self, work: Callable, rollouts: int) -> list:
         def run(rollout: int):

@@ -35,17 +35,16 @@ def larger(margin: PerRollout, cell: float) -> PerRollout:
     return 2.0 * margin + 4.0 * cell
 
 
-def margin_of(fps: float | int, gravity: float, cell: float, speed: PerRollout, travel: PerRollout) -> PerRollout:
+def margin_of(frame_time: float, gravity: float, cell: float, speed: PerRollout, travel: PerRollout) -> PerRollout:
     """By how much particles may miss where their velocities take them within a frame [m].
 
     Args:
-        fps: frames per second.
+        frame_time: from one frame to the next [s].
         gravity: its size [m/s2].
         cell: dx [m].
         speed: of the fastest particle [m/s].
         travel: of the fastest controller point within the frame [m].
     """
-    frame_time = 1.0 / fps
     fall = gravity * frame_time**2
     return cell + fall + 0.5 * speed * frame_time + travel
 
@@ -177,7 +176,7 @@ class Frames:
         return (
             bounds[:3],
             bounds[3:6],
-            float(margin_of(self.config.fps, self._gravity, self.stepper.cell, bounds[6], bounds[7])),
+            float(margin_of(1.0 / self.config.fps, self._gravity, self.stepper.cell, bounds[6], bounds[7])),
         )
 
     def backward(
@@ -189,22 +188,28 @@ class Frames:
         bars: Bars,
         progress: Progress | None,
     ) -> dict[str, Tensor]:
-        """Gradients by parameter name of losses with these derivatives; frames after a failure have none."""
+        """Gradients by parameter name, and of `points` as "controllers", of losses with these derivatives.
+
+        Frames after a failure have none.
+        """
         stepper, frames = self.stepper, len(points)
         stepper.load_parameters(parameters, record.substeps)
         stepper.clear_adjoints()
         last = min(last_frame(bars), len(record.boxes))
         self._inject(bars, last)
+        points_bar = torch.zeros_like(points)
         for frame in reversed(range(last)):
             kept = frame if frame < record.kept and stepper.holder is record else None
             stepper.start_frame(record.boxes[frame], points[frame : frame + 2], keep=True, kept=kept)
             stepper.set_state(*(state[frame] for state in (*states, record.C)))
             stepper.forward(keep=True)
             stepper.backward()
+            bar = stepper.controllers_adjoint()
+            points_bar[frame : frame + 2, : bar.shape[1]] += bar
             self._inject(bars, frame)
             if progress is not None:
                 progress(frames - 1 - frame, frames - 1)
-        return stepper.gradients()
+        return stepper.gradients() | {"controllers": points_bar}
 
     def _inject(self, bars: Bars, frame: int) -> None:
         self.stepper.add_adjoints(*(None if bar is None else bar[frame] for bar in bars))

@@ -45,7 +45,7 @@ class Player:
             InputError: for controllers that do not fit.
             SimulationError: where the state turns non-finite or a particle leaves its grid; the player has then ended.
         """
-        points = self._check(controllers.cpu()[None])[0]  # the host needs them to place the grid
+        points = self._check(controllers.detach().cpu()[None])[0]  # the host needs them to place the grid
         with torch.no_grad(), self._stream():
             self.state = FrameState(*self._frames.send(points)[:3])
         self.frame += 1

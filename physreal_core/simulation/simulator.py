@@ -5,6 +5,7 @@ The backward pass is the exact adjoint of the discrete step (`frames`, and `cuda
 
 from collections.abc import Iterator
 from contextlib import contextmanager
+from dataclasses import replace
 from functools import partial
 
 import torch
@@ -55,7 +56,8 @@ class Simulator:
         self._threads = torch.get_num_threads()
         self._side_streams: tuple[torch.cuda.Stream, wp.Stream] | None = None
         self._substeps_of = partial(substeps_per_frame, body, config, rates=grip_rates(body, grip))
-        self._batch: tuple[int, Loop] | None = None
+        self._batch: tuple[tuple[int, bool], Loop] | None = None
+        self._plain: Frames | None = None
         with self._stream():
             self._loop = self._frames()
         self._stepper = self._loop.stepper
@@ -71,7 +73,8 @@ class Simulator:
 
         Args:
             parameters: differentiable parameters; under `torch.no_grad()` nothing is kept for a backward pass.
-            controllers: controller points [m] at frame times, shape [T, C, 3], C = 0 without a grip; no gradient.
+            controllers: controller points [m] at frame times, shape [T, C, 3], C = 0 without a grip; differentiable,
+                on a GPU by the plain kernels.
             progress: called as `progress(frames done, frames)` after each frame, forward and backward.
 
         Raises:
@@ -79,11 +82,12 @@ class Simulator:
             SimulationError: where a state turns non-finite or a particle leaves its grid.
         """
         points = self._check_controllers(controllers).to(self.config.device)
-        if isinstance(self._loop, CudaFrames):
-            states, failures = self._run(self._loop, self._complete(parameters, 1), points[:, None], progress)
+        loop = self._single(points)
+        if isinstance(loop, CudaFrames):
+            states, failures = self._run(loop, self._complete(parameters, 1), points[:, None], progress)
             states = [s.squeeze(1) for s in states]
         else:
-            states, failures = self._run(self._loop, self._complete(parameters), points, progress)
+            states, failures = self._run(loop, self._complete(parameters), points, progress)
         if failures[0] is not None:
             raise failures[0]
         return States(*states)
@@ -96,7 +100,7 @@ class Simulator:
         Args:
             parameters: as for `rollout`; those that differ between rollouts have an axis of rollouts before their full
                 shape, where axes of length one will do: Young's moduli of whole bodies are [R, 1], friction is [R].
-            controllers: controller points [m] at frame times, shape [T, C, 3] for all or [R, T, C, 3]; no gradient.
+            controllers: controller points [m] at frame times, shape [T, C, 3] for all or [R, T, C, 3].
 
         Returns:
             States with a leading axis of rollouts, equal to those of single rollouts; on a GPU all of them take the
@@ -108,11 +112,7 @@ class Simulator:
         rollouts = self._rollouts(parameters, controllers)
         own = controllers if controllers.ndim == 4 else controllers.expand(rollouts, *controllers.shape)
         points = torch.stack([self._check_controllers(c) for c in own], 1).to(self.config.device)
-        if self._batch is None or self._batch[0] != rollouts:
-            self._batch = None  # its arrays make room for the new ones
-            with self._stream():
-                self._batch = rollouts, self._batch_frames(rollouts)
-        states, failures = self._run(self._batch[1], self._complete(parameters, rollouts), points, None)
+        states, failures = self._run(self._many(rollouts, points), self._complete(parameters, rollouts), points, None)
         return BatchStates(*(s.transpose(0, 1) for s in states), tuple(failures))
 
     def play(self, parameters: Parameters, controllers: Float[Tensor, "points 3"]) -> Player:
@@ -123,7 +123,7 @@ class Simulator:
             controllers: controller points [m] at the start, shape [C, 3].
         """
         with torch.no_grad():
-            points = self._check_controllers(controllers.cpu()[None])[0]
+            points = self._check_controllers(controllers.cpu()[None])[0].detach()
             with self._stream():
                 loop = self._frames()
             completed = self._complete(parameters, 1) if isinstance(loop, CudaFrames) else self._complete(parameters)
@@ -131,18 +131,43 @@ class Simulator:
 
     # --- forms of the step --------------------------------------------------------------------------------------
 
-    def _frames(self, **options) -> Frames | CudaFrames:
-        """A frame loop of one rollout; options as of `make_stepper`."""
-        stepper = make_stepper(*self._scene, **{"threads": self._threads, **options})
+    def _single(self, points: Tensor) -> Frames | CudaFrames:
+        """The frame loop for one rollout with these controller points."""
+        if not self._lacks_gradient(points):
+            return self._loop
+        if self._plain is None:
+            with self._stream():
+                self._plain = self._frames("plain")
+        return self._plain
+
+    def _many(self, rollouts: int, points: Tensor) -> PooledFrames | CudaFrames:
+        """The frame loop for many rollouts with these controller points."""
+        key = rollouts, self._lacks_gradient(points)
+        if self._batch is None or self._batch[0] != key:
+            self._batch = None  # its arrays make room for the new ones
+            with self._stream():
+                self._batch = key, self._batch_frames(*key)
+        return self._batch[1]
+
+    def _lacks_gradient(self, points: Tensor) -> bool:
+        """Whether a gradient by the controller points is asked for that the form of the step does not have."""
+        return isinstance(self._loop, CudaFrames) and points.requires_grad and torch.is_grad_enabled()
+
+    def _frames(self, kernels: str | None = None, **options) -> Frames | CudaFrames:
+        """A frame loop of one rollout; kernels instead of the configured ones, options as of `make_stepper`."""
+        body, config, *rest = self._scene
+        config = config if kernels is None else replace(config, kernels=kernels)
+        stepper = make_stepper(body, config, *rest, **{"threads": self._threads, **options})
         kind = CudaFrames if isinstance(stepper, CudaStepper) else Frames
         return kind(self.body, self.config, stepper, self._substeps_of)
 
-    def _batch_frames(self, rollouts: int) -> PooledFrames | CudaFrames:
-        if isinstance(self._loop, CudaFrames):
+    def _batch_frames(self, rollouts: int, plain: bool) -> PooledFrames | CudaFrames:
+        if isinstance(self._loop, CudaFrames) and not plain:
             stepper = CudaStepper(*self._scene, rollouts=rollouts)
             return CudaFrames(self.body, self.config, stepper, self._substeps_of)
         threads = cores() if self.config.device == "cpu" else 1
-        return PooledFrames(partial(self._frames, threads=1, kept_bytes=0), rollouts, threads)
+        make = partial(self._frames, "plain" if plain else None, threads=1, kept_bytes=0)
+        return PooledFrames(make, rollouts, threads)
 
     @contextmanager
     def _stream(self) -> Iterator[None]:
@@ -164,9 +189,9 @@ class Simulator:
     def _run(
         self, loop: Loop, parameters: Parameters, points: Tensor, progress: Progress | None
     ) -> tuple[list[Tensor], list]:
-        """States x, v, F of a loop as differentiable functions of the parameters, and its failures."""
+        """States x, v, F of a loop as differentiable functions of parameters and points, and its failures."""
         tensors = [getattr(parameters, name) for name in PARAMETER_NAMES]
-        keep = torch.is_grad_enabled() and any(t is not None and t.requires_grad for t in tensors)
+        keep = torch.is_grad_enabled() and any(t is not None and t.requires_grad for t in (points, *tensors))
         failures: list = []
         states = _Rollout.apply(self._stream, loop, points, progress, keep, failures, *tensors)
         return list(states), failures
@@ -197,7 +222,7 @@ class Simulator:
 
     def _check_controllers(self, controllers: Tensor) -> Tensor:
         needed = 0 if self.grip is None or len(self.grip.particles) == 0 else int(self.grip.controllers.max()) + 1
-        points = torch.as_tensor(controllers).detach().to(self._stepper.types.torch_dtype)
+        points = torch.as_tensor(controllers).to(self._stepper.types.torch_dtype)
         if points.ndim != 3 or points.shape[0] < 1 or points.shape[1] < needed or points.shape[2] != 3:
             raise InputError(f"shape {tuple(points.shape)}", where="controllers", expected=f"(T, at least {needed}, 3)")
         if not bool(torch.isfinite(points).all()):
@@ -243,4 +268,5 @@ class _Rollout(torch.autograd.Function):
         parameters = Parameters(*(next(given) if present else None for present in ctx.present))
         with stream():
             gradients = loop.backward(parameters, record, points, (x, v, F), (x_bar, v_bar, F_bar), progress)
-        return (*[None] * 6, *(gradients.get(name) for name in PARAMETER_NAMES))
+        others = [None, None, gradients.get("controllers"), None, None, None]
+        return (*others, *(gradients.get(name) for name in PARAMETER_NAMES))

@@ -89,6 +89,9 @@ class Stepper(Protocol):
     def gradients(self) -> dict[str, torch.Tensor]:
         """Adjoints of the parameters in use, by name."""
 
+    def controllers_adjoint(self) -> torch.Tensor:
+        """Adjoint of the controller points of the frame that `backward` went through last, shape [2, C, 3]."""
+
 
 def make_stepper(
     body: Body,

@@ -156,7 +156,7 @@ class CudaFrames:
         if frame % SORT_FRAMES == 0:
             stepper.use_order(stepper.cell_order(start[0]), adjoints=False)
             course.moved = True
-        margins = margin_of(self.config.fps, self._gravity, stepper.cell, course.bounds[:, 6], travel)
+        margins = margin_of(1.0 / self.config.fps, self._gravity, stepper.cell, course.bounds[:, 6], travel)
         for attempt in range(ATTEMPTS):
             nodes, box = self._place(frame, start[1], course.bounds, margins, record)
             kept = self._room(frame, nodes, record, course)

@@ -1,6 +1,7 @@
 // What one frame is given and what it leaves: plain data that stepper.py fills (same order and types there).
 #pragma once
 #include "lanes.h"
+#include "terms.h"
 
 namespace physreal {
 
@@ -17,11 +18,13 @@ struct Frame {
     Index latent_elastic_size, latent_plastic_size, weights_elastic, weights_plastic;
     Index workspace_size;  // numbers of workspace per thread
     Index yield_;          // address of a function that gives the core to another thread, or 0
+    Index terms;           // bits of the optional laws in use, see terms.h
 
     // Model:
     S offset[3], cell, dt, share, frame_rate, gravity[3], mass_floor;
     S friction, grip_stiffness, grip_damping, grip_softening;
     S beta_elastic, beta_plastic, strain_scale;
+    S term_numbers[TERM_NUMBERS];
 
     // Particles in the caller's order:
     const int* order;                                             // [N] the caller's particle at each place
@@ -32,19 +35,23 @@ struct Frame {
     S *x_bar, *v_bar, *F_bar, *C_bar;                                           // in and out
     S *E_bar, *nu_bar, *plastic_bar, *latent_elastic_bar, *latent_plastic_bar;  // grow
     S *network_elastic_bar, *network_plastic_bar;                               // [threads, weights]; grow
-    S* sums;  // [threads, 3] adjoints of friction, grip stiffness and grip damping; grow
+    S* sums;                            // [threads, SUMS] adjoints of what all particles share; grow
+    const S* term_values;               // [N, TERM_ROWS]
+    S *mass_bar, *load_bar, *term_bar;  // [N], [N, 3], [N, TERM_ROWS]; grow
 
     // Grip bonds by particle, and what is held:
     const int *grip_particle, *grip_first, *grip_controller;  // [Q], [Q + 1], [B]
     const S *grip_weight, *grip_rest_length, *controllers;    // [B], [B], [2, points, 3] at both ends of the frame
     Index controller_points;
+    S* controllers_bar;                  // [threads, 2, points, 3]; grow
     const S *clamp_lower, *clamp_upper;  // [clamps, 3]
 
     // Workspace:
     int* place;              // [N] place of the caller's particle
     S* state;                // [slots, 24, stride] x, v, F, C
-    S *constants, *bars;     // rows of `stride`: see Rows
+    S *constants, *bars;     // rows of `stride`: see Worker
     S* force;                // [3, stride]
+    S* force_bar;            // [3, stride], with optional terms
     S* adjoint;              // [24, stride] of the state
     S* scratch;              // [threads, nodes + 4, 4] a grid to scatter to for every thread
     S *velocity, *node_bar;  // [nodes + 4, 4]

@@ -11,26 +11,29 @@ import warp as wp
 from physreal_core.native import native_module
 from physreal_core.simulation.config import SimulationConfig
 from physreal_core.simulation.constitutive import ResidualConfig
+from physreal_core.simulation.native.terms import TERM_NUMBERS
 
 # Laws by the names of their C++ twins, in laws/ and included by material.h.
 _ELASTIC = {"fixed_corotated": "FixedCorotated", "neo_hookean": "NeoHookean", "hencky": "Hencky"}
 _PLASTIC = {"identity": "Identity", "von_mises": "VonMises", "drucker_prager": "DruckerPrager"}
 
-_TERMS = frozenset({"initial_position", "initial_deformation"})  # optional terms that have a twin here
+_TERMS = frozenset(
+    {"gravity", "density", "force", "initial_position", "initial_deformation"}
+)  # optional terms that have a twin here
 
 _SIZES = (
     "particles stride threads substeps keep_states keep_grids replay origin:3 count:3 gripped clamps has_ground latent_elastic_size "
-    "latent_plastic_size weights_elastic weights_plastic workspace_size yield_"
+    "latent_plastic_size weights_elastic weights_plastic workspace_size yield_ terms"
 )
 _SCALARS = (
     "offset:3 cell dt share frame_rate gravity:3 mass_floor friction grip_stiffness grip_damping grip_softening "
-    "beta_elastic beta_plastic strain_scale"
+    f"beta_elastic beta_plastic strain_scale term_numbers:{TERM_NUMBERS}"
 )
 _POINTERS = (
     "order x v F C mass volume load E nu plastic latent_elastic latent_plastic network_elastic network_plastic "
     "x_bar v_bar F_bar C_bar E_bar nu_bar plastic_bar latent_elastic_bar latent_plastic_bar "
-    "network_elastic_bar network_plastic_bar sums grip_particle grip_first grip_controller grip_weight "
-    "grip_rest_length controllers controller_points clamp_lower clamp_upper place state constants bars force adjoint "
+    "network_elastic_bar network_plastic_bar sums term_values mass_bar load_bar term_bar grip_particle grip_first grip_controller grip_weight "
+    "grip_rest_length controllers controller_points controllers_bar clamp_lower clamp_upper place state constants bars force force_bar adjoint "
     "scratch velocity node_bar momentum kind workspace shared status"
 )
 
@@ -68,10 +71,11 @@ def has_laws(config: SimulationConfig) -> bool:
 
 
 def frame_kernels(config: SimulationConfig) -> FrameKernels:
-    """The kernels for the laws, residuals and scalar type of `config`."""
+    """The kernels for the laws, residuals and scalar type of `config`: one form without optional terms, one for any."""
     elastic, plastic = _network(config.elastic_residual), _network(config.plastic_residual)
     laws = f"physreal::{_ELASTIC[config.elastic_law]}, physreal::{_PLASTIC[config.plastic_law]}"
-    return _kernels(config.dtype, f"{laws}, {elastic}, {plastic}")
+    terms = "true" if config.terms else "false"
+    return _kernels(config.dtype, f"{terms}, {laws}, {elastic}, {plastic}")
 
 
 def _network(residual: ResidualConfig | None) -> str:
@@ -81,10 +85,10 @@ def _network(residual: ResidualConfig | None) -> str:
 
 
 @functools.cache
-def _kernels(dtype: str, material: str) -> FrameKernels:
-    name = f"physreal_frame_{dtype}_" + "".join(c if c.isalnum() else "_" for c in material.replace("physreal::", ""))
+def _kernels(dtype: str, form: str) -> FrameKernels:
+    name = f"physreal_frame_{dtype}_" + "".join(c if c.isalnum() else "_" for c in form.replace("physreal::", ""))
     module = native_module(name, Path(__file__).parent / "worker.h")
-    arguments = f"{'float' if dtype == 'float32' else 'double'}, {material}"
+    arguments = f"{'float' if dtype == 'float32' else 'double'}, {form}"
 
     @wp.func_native(f"physreal::forward_frame<{arguments}>(frame, thread);")
     def forward_frame(frame: wp.uint64, thread: wp.int32): ...

@@ -43,13 +43,14 @@ inline void for_gripped(const Frame<S>& frame, Index first, Index last, Visit vi
     }
 }
 
-// Writes load + grip of the gripped particles among the places [first, last) into frame.force.
+// Writes `before`, rows of the other forces, + grip of the gripped particles among the places [first, last) into
+// frame.force.
 template <class S>
-void grip_forces(const Frame<S>& frame, Index substep, const S* state, const S* load, Index first, Index last) {
+void grip_forces(const Frame<S>& frame, Index substep, const S* state, const S* before, Index first, Index last) {
     S time = S(substep) * frame.share;
     for_gripped(frame, first, last, [&](Index place, Index bond, Index end) {
         S force[3];
-        for (int d = 0; d < 3; d++) force[d] = load[d * frame.stride + place];
+        for (int d = 0; d < 3; d++) force[d] = before[d * frame.stride + place];
         for (; bond < end; bond++) {
             Bond<S> b(frame, bond, time, state, place);
             for (int d = 0; d < 3; d++) force[d] -= b.pull(frame) * b.direction[d];
@@ -58,15 +59,18 @@ void grip_forces(const Frame<S>& frame, Index substep, const S* state, const S* 
     });
 }
 
-// Adds to the adjoints of x and v, and to sums[1], sums[2]. On entry v_bar = m q_bar, of which the force's is dt q_bar.
-template <class S>
+// Adds to the adjoints of x and v, to the thread's sums, and to its controllers_bar [2, points, 3]. Without optional
+// terms v_bar = m q_bar on entry, of which the force's adjoint is dt q_bar; with them that stands in frame.force_bar.
+template <bool TERMS, class S>
 void grip_forces_adjoint(const Frame<S>& frame, Index substep, const S* state, const S* mass, Index first, Index last,
-                         S* sums) {
+                         S* sums, S* controllers_bar) {
     S time = S(substep) * frame.share;
     for_gripped(frame, first, last, [&](Index place, Index bond, Index end) {
         S* bar = frame.adjoint + place;
         S force_bar[3], x_sum[3] = {}, v_sum[3] = {};
-        for (int d = 0; d < 3; d++) force_bar[d] = frame.dt / mass[place] * bar[(3 + d) * frame.stride];
+        for (int d = 0; d < 3; d++)
+            force_bar[d] = TERMS ? frame.force_bar[d * frame.stride + place]
+                                 : frame.dt / mass[place] * bar[(3 + d) * frame.stride];
         for (; bond < end; bond++) {
             Bond<S> b(frame, bond, time, state, place);
             S along = 0, turning = 0, d_bar[3];
@@ -77,13 +81,22 @@ void grip_forces_adjoint(const Frame<S>& frame, Index substep, const S* state, c
                 d_bar[d] = -b.pull(frame) * force_bar[d] - damping * b.relative[d];
                 turning += d_bar[d] * b.direction[d];
             }
+            S* from_bar = controllers_bar + 3 * frame.grip_controller[bond];
+            S* to_bar = from_bar + 3 * frame.controller_points;
             for (int d = 0; d < 3; d++) {
-                x_sum[d] += (d_bar[d] - turning * b.direction[d]) / b.length;
-                x_sum[d] -= b.weight * frame.grip_stiffness * along / b.rest_length * b.direction[d];
-                v_sum[d] -= damping * b.direction[d];
+                S turn = (d_bar[d] - turning * b.direction[d]) / b.length;
+                S stretch = b.weight * frame.grip_stiffness * along / b.rest_length * b.direction[d];
+                S rate = damping * b.direction[d];
+                x_sum[d] += turn;
+                x_sum[d] -= stretch;
+                v_sum[d] -= rate;
+                // a bond knows x - from - time (to - from) and v - frame_rate (to - from) only
+                S travel = time * (stretch - turn) + frame.frame_rate * rate;
+                from_bar[d] += stretch - turn - travel;
+                to_bar[d] += travel;
             }
-            sums[1] -= b.weight * b.strain * along;
-            sums[2] -= b.weight * b.rate * along;
+            sums[STIFFNESS_SUM] -= b.weight * b.strain * along;
+            sums[DAMPING_SUM] -= b.weight * b.rate * along;
         }
         for (int d = 0; d < 3; d++) {
             bar[d * frame.stride] += x_sum[d];

@@ -11,6 +11,8 @@ from physreal_core.simulation.body import Body, Clamp, Grip, PointLoad, load_for
 from physreal_core.simulation.box import GridBox, held_boxes, lattice_offset
 from physreal_core.simulation.config import SimulationConfig
 from physreal_core.simulation.native.frame import frame_kernels, frame_type
+from physreal_core.simulation.native.terms import INPUT_BARS, SUMS, TERM_ROWS, fill, law_bits, start_height_adjoint
+from physreal_core.simulation.native.terms import gradients as law_gradients
 from physreal_core.simulation.parameters import Parameters
 from physreal_core.simulation.scalars import scalar_types
 from physreal_core.simulation.terms import term_shapes
@@ -55,6 +57,7 @@ class NativeStepper:
     ) -> None:
         self.types, self.config = scalar_types(config.dtype), config
         self.cell, self.particles = body.cell, len(body.x0)
+        self._start = self._numbers(body.x0)
         self.offset = lattice_offset(body, config.ground_height, clamps)
         self.threads = min(threads or torch.get_num_threads(), max(1, self.particles // PARTICLES_PER_THREAD))
         self._kept_bytes = KEPT_BYTES if kept_bytes is None else kept_bytes
@@ -94,10 +97,11 @@ class NativeStepper:
         frame.mass_floor = torch.finfo(self.types.torch_dtype).eps ** 2 * body.mass.min()
         frame.yield_ = _yield_address()
         lower, upper = held_boxes(clamps, self.cell)
+        self._loads = self._numbers(load_forces(body, loads))
+        self._hold("load", self._loads)
         for name, array in (
             ("mass", body.mass),
             ("volume", body.volume),
-            ("load", load_forces(body, loads)),
             ("clamp_lower", lower),
             ("clamp_upper", upper),
         ):
@@ -106,11 +110,13 @@ class NativeStepper:
     def _set_grip(self, body: Body, grip: Grip | None) -> None:
         self.gripped = 0 if grip is None else len(np.unique(grip.particles))
         self._frame.gripped = self.gripped
+        self._hold("controllers_bar", self._zeros(self.threads, 2, 0, 3))
         if not self.gripped:
             return
         particles, first, order = grip.by_particle()
         self._frame.grip_softening = (1e-4 * body.spacing) ** 2
-        self._frame.controller_points = int(grip.controllers.max()) + 1
+        self._frame.controller_points = points = int(grip.controllers.max()) + 1
+        self._hold("controllers_bar", self._zeros(self.threads, 2, points, 3))
         for name, array in (("particle", particles), ("first", first), ("controller", grip.controllers[order])):
             self._hold(f"grip_{name}", torch.from_numpy(np.ascontiguousarray(array, dtype=np.int32)))
         self._hold("grip_weight", self._numbers(grip.weights[order]))
@@ -149,6 +155,7 @@ class NativeStepper:
             raise RuntimeError(f"Frame has {ctypes.sizeof(frame)} bytes here and {sizes[0]} in frame.h")
         frame.workspace_size = int(sizes[1])
         latents = frame.latent_elastic_size + frame.latent_plastic_size
+        frame.terms, optional = law_bits(self.config.terms), int(bool(self.config.terms))
         for name, shape in _STATE_SHAPES.items():
             self._hold(name, self._zeros(n, *shape))
             self._hold(f"{name}_bar", self._zeros(n, *shape))
@@ -156,10 +163,15 @@ class NativeStepper:
             ("E_bar", (n,)),
             ("nu_bar", (n,)),
             ("plastic_bar", (n, 2)),
-            ("sums", (self.threads, 3)),
-            ("constants", (CONSTANT_ROWS + latents, stride)),
-            ("bars", (BAR_ROWS + latents, stride)),
+            ("sums", (self.threads, SUMS)),
+            ("mass_bar", (n,)),
+            ("load_bar", (n, 3)),
+            ("term_values", (n, TERM_ROWS)),
+            ("term_bar", (n, TERM_ROWS)),
+            ("constants", (CONSTANT_ROWS + latents + optional * TERM_ROWS, stride)),
+            ("bars", (BAR_ROWS + latents + optional * INPUT_BARS, stride)),
             ("force", (3, stride)),
+            ("force_bar", (3, stride)),
             ("adjoint", (STATE_ROWS, stride)),
             ("workspace", (self.threads, frame.workspace_size)),
         ):
@@ -213,6 +225,19 @@ class NativeStepper:
         for name in ("plastic", "latent_elastic", "latent_plastic", "network_elastic", "network_plastic"):
             if name in self.shapes:
                 self._hold(name, getattr(parameters, name).detach())
+        self._load_inputs(parameters)
+
+    def _load_inputs(self, parameters: Parameters) -> None:
+        """Take over the parameters of optional terms."""
+        if parameters.gravity is not None:
+            self._frame.gravity[:] = parameters.gravity.tolist()
+        if parameters.density is not None:
+            self._hold("mass", parameters.density.detach() * self._held["volume"])
+        if parameters.force is not None:
+            self._hold("load", self._loads + parameters.force.detach())
+        if self._frame.terms:
+            x = self._start if parameters.initial_position is None else parameters.initial_position.detach()
+            self._frame.term_numbers[:] = fill(self._held["term_values"], parameters, x[:, 2])
 
     def start_frame(self, box: GridBox, controllers: torch.Tensor, keep: bool, kept: int | None = None) -> None:
         """Place the grid.
@@ -237,6 +262,7 @@ class NativeStepper:
             frame.momentum = self._grids.data_ptr()
         if self.gripped:
             self._hold("controllers", controllers[:, : frame.controller_points].detach())
+            self._held["controllers_bar"].zero_()
 
     def set_state(self, x: torch.Tensor, v: torch.Tensor, F: torch.Tensor, C: torch.Tensor) -> None:
         """Put in the state at the frame's start."""
@@ -288,7 +314,7 @@ class NativeStepper:
     def gradients(self) -> dict[str, torch.Tensor]:
         """Adjoints of the parameters in use, by name."""
         held = self._held
-        friction, stiffness, damping = held["sums"].sum(0)
+        sums = held["sums"].sum(0)
         bars = {
             "youngs_modulus": held["E_bar"].clone(),
             "poissons_ratio": held["nu_bar"].clone(),
@@ -296,12 +322,22 @@ class NativeStepper:
             "initial_velocity": held["v_bar"].clone(),
             "initial_position": held["x_bar"].clone(),
             "initial_deformation": held["F_bar"].clone(),
-            "friction_coefficient": friction,
-            "grip_stiffness": stiffness,
-            "grip_damping": damping,
+            "gravity": sums[3:6].clone(),
+            "density": held["volume"] * held["mass_bar"],
+            "force": held["load_bar"].clone(),
+            "friction_coefficient": sums[0],
+            "grip_stiffness": sums[1],
+            "grip_damping": sums[2],
         }
         for kind in ("elastic", "plastic"):
             if f"network_{kind}" in self.shapes:
                 bars[f"latent_{kind}"] = held[f"latent_{kind}_bar"].clone()
                 bars[f"network_{kind}"] = held[f"network_{kind}_bar"].sum(0)
+        bars |= law_gradients(self.shapes, held["term_bar"], sums[6:])
+        if "initial_position" in self.shapes:
+            bars["initial_position"][:, 2] += start_height_adjoint(held["term_bar"])
         return {name: bars[name] for name in self.shapes}
+
+    def controllers_adjoint(self) -> torch.Tensor:
+        """Adjoint of the controller points at both ends of the frame that `backward` went through, shape [2, C, 3]."""
+        return self._held["controllers_bar"].sum(0)

@@ -331,6 +331,7 @@ public:
     }
 
     Vec3<V> sum() const { return vector(sum_); }
+    V fourth_sum() const { return sum_.template lanes<3>(); }
 
     // sum_n w_n g_n (n - particle)^T
     Mat3<V> about_particle(const V (&fraction)[3]) const {

@@ -13,7 +13,8 @@
 
 namespace physreal {
 
-template <class S, class Material>
+// With TERMS, inputs beside the material have adjoints, and optional laws act as frame.terms says.
+template <class S, bool TERMS, class Material>
 class Worker : ParticleRows<S> {
     using V = Lanes<S>;
     using Rows = ParticleRows<S>;
@@ -85,6 +86,12 @@ private:
     Material material_;
     Barrier barrier_;
 
+    int latents() const { return int(frame_.latent_elastic_size + frame_.latent_plastic_size); }
+    // Rows of the optional laws' parameters (TermRow), and of the inputs' adjoints (InputBar).
+    const S* term_rows() const { return frame_.constants + (LATENT + latents()) * frame_.stride; }
+    S* input_bars() const { return frame_.bars + (LATENT_BAR + latents()) * frame_.stride; }
+    S* sums() const { return frame_.sums + SUMS * thread_; }
+
     S* state(Index slot) const { return frame_.state + slot * STATE * frame_.stride; }
     static MaterialArrays<S> material_arrays(const Frame<S>& f, int thread) {
         auto constant = [&](int r) { return f.constants + r * f.stride; };
@@ -141,6 +148,7 @@ private:
         gather_rows(c + PLASTIC * f.stride, f.plastic, 2);
         gather_rows(c + LATENT * f.stride, f.latent_elastic, int(f.latent_elastic_size));
         gather_rows(c + (LATENT + f.latent_elastic_size) * f.stride, f.latent_plastic, int(f.latent_plastic_size));
+        if constexpr (TERMS) gather_rows(c + (LATENT + latents()) * f.stride, f.term_values, TERM_ROWS);
     }
 
     void store_state() const {
@@ -161,7 +169,7 @@ private:
         gather_rows(a + AFFINE * f.stride, f.C_bar, 9);
         for (int r = 0; r < STATE; r++)
             for (Index p = last_; p < padded_end(); p++) a[r * f.stride + p] = 0;
-        clear(f.bars, LATENT_BAR + int(f.latent_elastic_size + f.latent_plastic_size));
+        clear(f.bars, LATENT_BAR + latents() + (TERMS ? INPUT_BARS : 0));
     }
 
     void store_adjoint() const {
@@ -176,6 +184,11 @@ private:
         add_rows(f.plastic_bar, b + PLASTIC_BAR * f.stride, 2);
         add_rows(f.latent_elastic_bar, b + LATENT_BAR * f.stride, int(f.latent_elastic_size));
         add_rows(f.latent_plastic_bar, b + (LATENT_BAR + f.latent_elastic_size) * f.stride, int(f.latent_plastic_size));
+        if constexpr (TERMS) {
+            add_rows(f.mass_bar, input_bars() + MASS_BAR * f.stride, 1);
+            add_rows(f.load_bar, input_bars() + FORCE_BAR * f.stride, 3);
+            add_rows(f.term_bar, input_bars() + TERM_BAR * f.stride, TERM_ROWS);
+        }
     }
 
     // --- forward
@@ -197,9 +210,15 @@ private:
         return q;
     }
 
+    // Forces on the thread's particles in a substep, into frame.force.
+    void apply_forces(Index s, const S* now) {
+        const S* before_grip = frame_.constants + LOAD * frame_.stride;
+        grip_forces(frame_, s, now, before_grip, first_, last_);
+    }
+
     void scatter_momentum(Index s) {
         const S* now = state(frame_.keep_states ? s : 0);
-        grip_forces(frame_, s, now, frame_.constants + LOAD * frame_.stride, first_, last_);
+        apply_forces(s, now);
         clear_scratch();
         Scatter<S> scatter(scratch_, box_);
         for (Index p = first_; p < last_; p += LANES) {
@@ -336,23 +355,29 @@ private:
 
     void update_nodes_adjoint(Index s) {
         S friction_bar = 0;
+        Node<S> gravity_bar = {};
         for (Index n = first_node_; n < last_node_; n++) {
             Node<S> p = read<Node<S>>(frame_.momentum + 4 * (s * box_.nodes() + n));
             Node<S> b = summed(frame_, box_.nodes(), n);
-            write(frame_.node_bar + 4 * n, node_adjoint(frame_, p, frame_.kind[n], b, friction_bar));
+            Node<S> p_bar = node_adjoint(frame_, p, frame_.kind[n], b, friction_bar);
+            write(frame_.node_bar + 4 * n, p_bar);
+            // gravity acts on the velocity as momentum / mass does, dt times
+            if constexpr (TERMS) gravity_bar += (frame_.dt * p[3]) * p_bar;
         }
-        frame_.sums[3 * thread_] += friction_bar;
+        sums()[FRICTION_SUM] += friction_bar;
+        if constexpr (TERMS)
+            for (int d = 0; d < 3; d++) sums()[GRAVITY_SUM + d] += gravity_bar[d];
     }
 
     void gather_momentum_bar(Index s) {
         const S *now = state(s), *mass = frame_.constants + MASS * frame_.stride;
         S* bar = frame_.adjoint;
-        grip_forces(frame_, s, now, frame_.constants + LOAD * frame_.stride, first_, last_);
+        apply_forces(s, now);
         for (Index p = first_; p < last_; p += LANES) {
             Vec3<V> x = vector(now, X, p), momentum = pushed_momentum(p, now);
             Mat3<V> F = matrix(now, DEFORMATION, p);
             auto stress = material_.stress(int(p), F);
-            Mat3<V> A = affine_momentum(p, matrix(now, AFFINE, p), stress.tau);
+            Mat3<V> C = matrix(now, AFFINE, p), A = affine_momentum(p, C, stress.tau);
             Stencil<S> stencil(x.v, box_);
             V m = load(mass + p), volume = row(frame_.constants, VOLUME, p);
             AffineBlock<S> field(momentum, m, A, stencil.fraction);
@@ -372,27 +397,44 @@ private:
             Mat3<V> F_bar = matrix(bar, DEFORMATION, p);
             material_.stress_adjoint(int(p), stress, F, (volume * (-4 * frame_.dt / frame_.cell)) * A_bar, F_bar);
             put(bar, DEFORMATION, p, F_bar);
+            if constexpr (TERMS) inputs_adjoint(p, vector(now, VELOCITY, p), C, q_bar, moments.fourth_sum(), A_bar);
         }
-        grip_forces_adjoint(frame_, s, now, mass, first_, last_, frame_.sums + 3 * thread_);
+        S* controllers_bar = frame_.controllers_bar + 6 * thread_ * frame_.controller_points;
+        grip_forces_adjoint<TERMS>(frame_, s, now, mass, first_, last_, sums(), controllers_bar);
+    }
+
+    // Adjoints of mass and force in m v + dt f, m and the affine momentum, from those of the three.
+    void inputs_adjoint(Index p, const Vec3<V>& v, const Mat3<V>& C, const Vec3<V>& q_bar, V carried_bar,
+                        const Mat3<V>& A_bar) {
+        S* bars = input_bars();
+        put(bars, MASS_BAR, p, row(bars, MASS_BAR, p) + carried_bar + dot(v, q_bar) + frame_.cell * dot(C, A_bar));
+        for (int d = 0; d < 3; d++) {
+            V force_bar = frame_.dt * q_bar[d];
+            put(frame_.force_bar, d, p, force_bar);
+            put(bars, FORCE_BAR + d, p, row(bars, FORCE_BAR + d, p) + force_bar);
+        }
     }
 };
 
-template <class S, template <class> class Elastic, class Plastic, class ElasticNetwork, class PlasticNetwork>
+template <class S, bool TERMS, template <class> class Elastic, class Plastic, class ElasticNetwork,
+          class PlasticNetwork>
 inline void forward_frame(unsigned long long frame, int thread) {
-    Worker<S, Material<S, Elastic, Plastic, ElasticNetwork, PlasticNetwork>>(*reinterpret_cast<const Frame<S>*>(frame),
-                                                                             thread)
+    Worker<S, TERMS, Material<S, Elastic, Plastic, ElasticNetwork, PlasticNetwork>>(
+        *reinterpret_cast<const Frame<S>*>(frame), thread)
         .forward();
 }
 
-template <class S, template <class> class Elastic, class Plastic, class ElasticNetwork, class PlasticNetwork>
+template <class S, bool TERMS, template <class> class Elastic, class Plastic, class ElasticNetwork,
+          class PlasticNetwork>
 inline void backward_frame(unsigned long long frame, int thread) {
-    Worker<S, Material<S, Elastic, Plastic, ElasticNetwork, PlasticNetwork>>(*reinterpret_cast<const Frame<S>*>(frame),
-                                                                             thread)
+    Worker<S, TERMS, Material<S, Elastic, Plastic, ElasticNetwork, PlasticNetwork>>(
+        *reinterpret_cast<const Frame<S>*>(frame), thread)
         .backward();
 }
 
 // Bytes of a frame, and numbers of workspace that a thread needs.
-template <class S, template <class> class Elastic, class Plastic, class ElasticNetwork, class PlasticNetwork>
+template <class S, bool TERMS, template <class> class Elastic, class Plastic, class ElasticNetwork,
+          class PlasticNetwork>
 inline void measure_frame(Index* sizes) {
     sizes[0] = sizeof(Frame<S>);
     sizes[1] = Material<S, Elastic, Plastic, ElasticNetwork, PlasticNetwork>::workspace_size;

@@ -132,7 +132,7 @@ def grid_kernels(dtype: str) -> SimpleNamespace:
         cleared_slot: wp.int32,
         # Model:
         timing: wp.array(dtype=scalar),
-        gravity: vec3,
+        gravity: wp.array(dtype=vec3),
         mass_floor: scalar,
         kind: wp.array(dtype=wp.int32),
         friction: wp.array(dtype=scalar),
@@ -144,7 +144,7 @@ def grid_kernels(dtype: str) -> SimpleNamespace:
     ):
         n = wp.tid()
         p = momentum_in[grid_slot, n]
-        velocity_out[n] = velocity_of(p, kind[n], timing[0], gravity, mass_floor, friction[0])
+        velocity_out[n] = velocity_of(p, kind[n], timing[0], gravity[0], mass_floor, friction[0])
         cleared_out[cleared_slot, n] = vec4()  # the array that the next phase scatters to
 
     @wp.kernel(module=module)
@@ -152,7 +152,7 @@ def grid_kernels(dtype: str) -> SimpleNamespace:
         grid_slot: wp.int32,
         # Model:
         timing: wp.array(dtype=scalar),
-        gravity: vec3,
+        gravity: wp.array(dtype=vec3),
         mass_floor: scalar,
         kind: wp.array(dtype=wp.int32),
         friction: wp.array(dtype=scalar),
@@ -161,11 +161,15 @@ def grid_kernels(dtype: str) -> SimpleNamespace:
         # Data in and out: adjoint of the node's velocity becomes that of its (momentum, mass)
         node_bar: wp.array(dtype=vec4),
         friction_bar: wp.array(dtype=scalar),
+        gravity_bar: wp.array(dtype=vec3),
     ):
         n = wp.tid()
         p = momentum_in[grid_slot, n]
-        bar = velocity_adjoint(p, kind[n], timing[0], gravity, mass_floor, friction[0], node_bar[n])
+        bar = velocity_adjoint(p, kind[n], timing[0], gravity[0], mass_floor, friction[0], node_bar[n])
         node_bar[n] = bar.momentum
+        # gravity acts on the velocity as momentum / mass does, dt times
+        weight = timing[0] * p[3]
+        gravity_bar[n] = gravity_bar[n] + weight * vec3(bar.momentum[0], bar.momentum[1], bar.momentum[2])
         friction_bar[n] = friction_bar[n] + bar.friction
 
     return SimpleNamespace(mark_nodes=mark_nodes, update_nodes=update_nodes, update_nodes_adjoint=update_nodes_adjoint)

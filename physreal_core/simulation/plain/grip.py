@@ -105,7 +105,7 @@ def bond_functions(dtype: str) -> SimpleNamespace:
 
 @functools.cache
 def grip_kernels(dtype: str) -> SimpleNamespace:
-    """Kernels `grip_force`, `grip_force_adjoint` over one scalar type; one thread per gripped particle."""
+    """Kernels `grip_force` and its two adjoints over one scalar type; one thread per gripped particle."""
     types = scalar_types(dtype)
     scalar, vec3 = types.scalar, types.vec3
     module = kernel_module("grip", dtype)
@@ -147,12 +147,12 @@ def grip_kernels(dtype: str) -> SimpleNamespace:
         bonds: Bonds,
         grip: wp.array(dtype=scalar),
         timing: wp.array(dtype=scalar),
-        mass: wp.array(dtype=scalar),
         # Data in:
         controllers_in: wp.array2d(dtype=vec3),
         x_in: wp.array2d(dtype=vec3),
         v_in: wp.array2d(dtype=vec3),
-        # Data in and out: v_bar = m q_bar on entry, of which the force's adjoint is dt q_bar
+        force_bar_in: wp.array(dtype=vec3),
+        # Data in and out:
         x_bar: wp.array(dtype=vec3),
         v_bar: wp.array(dtype=vec3),
         stiffness_bar: wp.array(dtype=scalar),
@@ -160,14 +160,46 @@ def grip_kernels(dtype: str) -> SimpleNamespace:
     ):
         q = wp.tid()
         p = gripped[q]
-        force_bar = (timing[0] / mass[p]) * v_bar[p]
         bar = bonds_adjoint(
             bonds, first_bond[q], first_bond[q + 1], grip[0], grip[1], timing, substep, controllers_in,
-            x_in[slot, p], v_in[slot, p], force_bar,
+            x_in[slot, p], v_in[slot, p], force_bar_in[p],
         )  # fmt: skip
         x_bar[p] = x_bar[p] + bar.x
         v_bar[p] = v_bar[p] + bar.v
         stiffness_bar[q] = stiffness_bar[q] + bar.stiffness
         damping_bar[q] = damping_bar[q] + bar.damping
 
-    return SimpleNamespace(grip_force=grip_force, grip_force_adjoint=grip_force_adjoint)
+    @wp.kernel(module=module)
+    def controllers_adjoint(
+        substep: wp.int32,
+        slot: wp.int32,
+        # Model:
+        gripped: wp.array(dtype=wp.int32),
+        first_bond: wp.array(dtype=wp.int32),
+        bonds: Bonds,
+        grip: wp.array(dtype=scalar),
+        timing: wp.array(dtype=scalar),
+        # Data in:
+        controllers_in: wp.array2d(dtype=vec3),
+        x_in: wp.array2d(dtype=vec3),
+        v_in: wp.array2d(dtype=vec3),
+        force_bar_in: wp.array(dtype=vec3),
+        # Data in and out: of the points at both ends of the frame
+        controllers_bar: wp.array2d(dtype=vec3),
+    ):
+        q = wp.tid()
+        p = gripped[q]
+        time = scalar(substep) * timing[1]
+        for e in range(first_bond[q], first_bond[q + 1]):
+            bar = bonds_adjoint(
+                bonds, e, e + 1, grip[0], grip[1], timing, substep, controllers_in,
+                x_in[slot, p], v_in[slot, p], force_bar_in[p],
+            )  # fmt: skip
+            # a bond knows x - a0 - time (a1 - a0) and v - rate (a1 - a0) only
+            travel_bar = -time * bar.x - timing[2] * bar.v
+            wp.atomic_add(controllers_bar, 0, bonds.controller[e], -bar.x - travel_bar)
+            wp.atomic_add(controllers_bar, 1, bonds.controller[e], travel_bar)
+
+    return SimpleNamespace(
+        grip_force=grip_force, grip_force_adjoint=grip_force_adjoint, controllers_adjoint=controllers_adjoint
+    )

@@ -19,11 +19,12 @@ from physreal_core.simulation.parameters import Parameters
 from physreal_core.simulation.plain.grid import grid_kernels
 from physreal_core.simulation.plain.grip import bond_functions, grip_kernels
 from physreal_core.simulation.plain.material import flow_kernels, stress_kernels
+from physreal_core.simulation.plain.terms import INPUT_TERMS, Law, TermArrays
 from physreal_core.simulation.plain.transfers import transfer_kernels
 from physreal_core.simulation.scalars import scalar_types
 from physreal_core.simulation.terms import term_shapes
 
-_TERMS = frozenset({"initial_position", "initial_deformation"})  # of the optional terms, those that stand here
+_TERMS = frozenset(INPUT_TERMS)  # of the optional terms, those that stand here
 WEIGHT_ROWS = 64  # copies of a network's weight adjoint on a GPU, so that its threads do not queue for one address
 
 
@@ -98,25 +99,31 @@ class PlainStepper:
     def _upload(self, array: np.ndarray, warp_dtype: type) -> wp.array:
         return wp.array(array, dtype=warp_dtype, device=self.device)
 
+    def _numbers(self, array: np.ndarray | tuple[float, ...]) -> torch.Tensor:
+        numbers = torch.from_numpy(np.array(array, dtype=np.float64))
+        return numbers.to(device=self.device, dtype=self.types.torch_dtype)
+
     def _constants(
         self, body: Body, grip: Grip | None, clamps: tuple[Clamp, ...], loads: tuple[PointLoad, ...]
     ) -> None:
         scalar, vec3 = self.types.scalar, self.types.vec3
-        self.mass, self.volume = self._upload(body.mass, scalar), self._upload(body.volume, scalar)
+        self.mass, self.volume = self._numbers(body.mass), self._numbers(body.volume)
         rounding = torch.finfo(self.types.torch_dtype).eps
         self.mass_floor = scalar(rounding**2 * body.mass.min())
-        self.load = self._upload(load_forces(body, loads), vec3)
-        self.force = self._upload(load_forces(body, loads), vec3)
+        self.gravity = self._numbers(self.config.gravity)[None].contiguous()
+        self._loads = self._numbers(load_forces(body, loads))
+        self.load, self.force = self._loads.clone(), self._loads.clone()
         lower, upper = held_boxes(clamps, self.cell)
         self.clamp_lower, self.clamp_upper = self._upload(lower, vec3), self._upload(upper, vec3)
         self.timing = self._tensor(3)  # dt, 1 / substeps, 1 / frame time
         self.box = self._tensor(6, dtype=torch.int32)
         self.status = self._tensor(2, dtype=torch.int64)
-        self.gripped = 0
+        self.gripped, self.controllers_bar = 0, self._tensor(2, 0, 3)
         if grip is not None and len(grip.particles):
             gripped, first, order = grip.by_particle()
             self.gripped = len(gripped)
-            self.controllers = self._tensor(2, int(grip.controllers.max()) + 1, 3)
+            points = int(grip.controllers.max()) + 1
+            self.controllers, self.controllers_bar = self._tensor(2, points, 3), self._tensor(2, points, 3)
             bonds = bond_functions(self.config.dtype).Bonds()
             bonds.controller = self._upload(grip.controllers[order], wp.int32)
             bonds.weight = self._upload(grip.weights[order], scalar)
@@ -134,7 +141,7 @@ class PlainStepper:
         self.shapes |= term_shapes(self.config.terms, n)
         self.E, self.nu, self.friction, self.grip = self._tensor(n), self._tensor(n), self._tensor(1), self._tensor(2)
         self.E_bar, self.nu_bar = self._tensor(n), self._tensor(n)
-        self.friction_bar = self._tensor(1)
+        self.friction_bar, self.gravity_bar = self._tensor(1), self._tensor(1, 3)
         self.plastic, self.plastic_bar = self._tensor(n, 2), self._tensor(n, 2)
         if self.config.plastic_law != "identity":
             self.shapes["plastic"] = (n, 2)
@@ -146,6 +153,8 @@ class PlainStepper:
                     self.shapes[f"latent_{kind}"] = (n, residual.latent_size)
                 self.networks[kind] = self._network_arrays(residual)
         self.stiffness_bar, self.damping_bar = self._tensor(max(1, self.gripped)), self._tensor(max(1, self.gripped))
+        self.terms = TermArrays(self.config.terms, n, self._tensor)
+        self.mass_bar, self.load_bar, self.force_bar = self._tensor(n), self._tensor(n, 3), self._tensor(n, 3)
         self.x_bar, self.v_bar = self._tensor(n, 3), self._tensor(n, 3)
         self.F_bar, self.C_bar, self.tau_bar = (self._tensor(n, 3, 3) for _ in range(3))
 
@@ -172,9 +181,11 @@ class PlainStepper:
             self.momentum = self._tensor(self._grid_slots, self._nodes, 4)
             self.velocity, self.node_bar = self._tensor(self._nodes, 4), self._tensor(1, self._nodes, 4)
             self.kind = self._tensor(self._nodes, dtype=torch.int32)
-            summed = self.friction_bar.sum()  # a backward pass may be under way
-            self.friction_bar = self._tensor(self._nodes)
+            # a backward pass may be under way
+            summed, self.friction_bar = self.friction_bar.sum(0), self._tensor(self._nodes)
             self.friction_bar[0] = summed
+            summed, self.gravity_bar = self.gravity_bar.sum(0), self._tensor(self._nodes, 3)
+            self.gravity_bar[0] = summed
             moved = True
         if moved:
             self._record()
@@ -196,7 +207,9 @@ class PlainStepper:
         E, nu, E_bar, nu_bar = wrap(self.E), wrap(self.nu), wrap(self.E_bar), wrap(self.nu_bar)
         offset, cells_per_metre = vec3(*self.offset), scalar(1.0 / self.cell)
         place = [offset, cells_per_metre, timing, box]
-        node_model = [timing, vec3(*self.config.gravity), self.mass_floor, kind, friction]
+        node_model = [timing, wrap(self.gravity, vec3), self.mass_floor, kind, friction]
+        load, force, force_bar = wrap(self.load, vec3), wrap(self.force, vec3), wrap(self.force_bar, vec3)
+        mass, volume = wrap(self.mass), wrap(self.volume)
         transfer, grid = transfer_kernels(self.config.dtype), grid_kernels(self.config.dtype)
 
         def phase(kernel, count, indices, *arguments):
@@ -225,14 +238,18 @@ class PlainStepper:
             self._flow_adjoint = phase(
                 flow.flow_adjoint, n, 2, *model, F, C, F_bar, E_bar, nu_bar, plastic_bar, *adjoints
             )
-        model = [self.mass, self.volume, *place]
-        self._p2g = phase(transfer.p2g, n, 3, *model, x, v, C, tau, self.force, momentum, status)
+        self._force_laws: list[Law] = []  # the first of them starts from the loads
+        self._stress_laws: list[Law] = []
+        model = [mass, volume, *place]
+        self._p2g = phase(transfer.p2g, n, 3, *model, x, v, C, tau, force, momentum, status)
         self._p2g_adjoint = phase(
-            transfer.p2g_adjoint, n, 1, *model, x, v, C, tau, self.force, node_bar, x_bar, v_bar, C_bar, tau_bar
-        )
+            transfer.p2g_adjoint, n, 1, *model, x, v, C, tau, force, node_bar, x_bar, wrap(self.mass_bar),
+            wrap(self.load_bar, vec3), v_bar, C_bar, tau_bar, force_bar,
+        )  # fmt: skip
         self._update = phase(grid.update_nodes, nodes, 2, *node_model, momentum, velocity, momentum)
         self._update_again = phase(grid.update_nodes, nodes, 2, *node_model, momentum, velocity, node_bar_rows)
-        self._update_adjoint = phase(grid.update_nodes_adjoint, nodes, 1, *node_model, momentum, node_bar, friction_bar)
+        bars = [friction_bar, wrap(self.gravity_bar, vec3)]
+        self._update_adjoint = phase(grid.update_nodes_adjoint, nodes, 1, *node_model, momentum, node_bar, *bars)
         self._g2p = phase(transfer.g2p, n, 2, *place, velocity, x, v, F, C)
         self._g2p_adjoint = phase(
             transfer.g2p_adjoint, n, 2, *place, velocity, x, v, F, C, v_bar, C_bar, x_bar, F_bar, node_bar
@@ -242,10 +259,15 @@ class PlainStepper:
             grips = grip_kernels(self.config.dtype)
             bonds = [*self.bonds, wrap(self.grip), timing]
             points = wrap(self.controllers, vec3)
-            self._grip = phase(grips.grip_force, self.gripped, 2, *bonds, points, x, v, self.load, self.force)
+            before = force if self._force_laws else load
+            self._grip = phase(grips.grip_force, self.gripped, 2, *bonds, points, x, v, before, force)
             self._grip_adjoint = phase(
-                grips.grip_force_adjoint, self.gripped, 2, *bonds, self.mass, points, x, v, x_bar, v_bar,
+                grips.grip_force_adjoint, self.gripped, 2, *bonds, points, x, v, force_bar, x_bar, v_bar,
                 wrap(self.stiffness_bar), wrap(self.damping_bar),
+            )  # fmt: skip
+            self._controllers_adjoint = phase(
+                grips.controllers_adjoint, self.gripped, 2, *bonds, points, x, v, force_bar,
+                wrap(self.controllers_bar, vec3),
             )  # fmt: skip
 
     def _network_launch_arrays(self, kind: str) -> tuple[list[wp.array], list[wp.array]]:
@@ -273,6 +295,14 @@ class PlainStepper:
                 arrays.latent.copy_(getattr(parameters, f"latent_{kind}"))
         if self.gripped:
             self.grip[0], self.grip[1] = parameters.grip_stiffness, parameters.grip_damping
+        if parameters.gravity is not None:
+            self.gravity[0] = parameters.gravity
+        if parameters.density is not None:
+            self.mass.copy_(parameters.density * self.volume)
+        if parameters.force is not None:
+            self.load.copy_(self._loads + parameters.force)
+            self.force.copy_(self.load)
+        self.terms.load(parameters)
 
     def keep_frames(self, holder: object, frames: int, nodes: int) -> int:
         """None: every frame is computed again for its adjoint."""
@@ -285,6 +315,7 @@ class PlainStepper:
         self.status.fill_(torch.iinfo(torch.int64).max)
         if self.gripped:
             self.controllers.copy_(controllers[:, : self.controllers.shape[1]])
+            self.controllers_bar.zero_()
         if self.device == "cpu":  # a captured graph launches over all nodes there is room for
             for phase in (self._mark, self._update, self._update_again, self._update_adjoint):
                 phase.resize(box.nodes)
@@ -319,15 +350,29 @@ class PlainStepper:
         for s in range(self.substeps):
             slot, following = (s, s + 1) if keep else (0, 0)
             grid_slot, next_grid = (s, s + 1) if keep else (s % 2, (s + 1) % 2)
-            if self.gripped:
-                self._grip(s, slot)
+            self._forces(s, slot)
             self._stress(slot)
+            for law in self._stress_laws:
+                law.forward(slot)
             self._p2g(s, slot, grid_slot)
             self._update(grid_slot, next_grid)
             self._g2p(slot, following)
             if self._flow is not None:
                 self._flow(following)
         self._check(self.substeps, following)
+
+    def _forces(self, substep: int, slot: int) -> None:
+        for law in self._force_laws:
+            law.forward(slot)
+        if self.gripped:
+            self._grip(substep, slot)
+
+    def _forces_adjoint(self, substep: int, slot: int) -> None:
+        if self.gripped:
+            self._grip_adjoint(substep, slot)
+            self._controllers_adjoint(substep, slot)
+        for law in self._force_laws:
+            law.adjoint(slot)
 
     def state(self) -> tuple[torch.Tensor, torch.Tensor, torch.Tensor, torch.Tensor]:
         """x, v, F, C in slot 0."""
@@ -346,11 +391,11 @@ class PlainStepper:
             self._update_again(s, 0)
             self._g2p_adjoint(s, s + 1)
             self._update_adjoint(s)
-            if self.gripped:
-                self._grip(s, s)
+            self._forces(s, s)
             self._p2g_adjoint(s)
-            if self.gripped:
-                self._grip_adjoint(s, s)
+            self._forces_adjoint(s, s)
+            for law in self._stress_laws:
+                law.adjoint(s)
             self._stress_adjoint(s)
 
     def clear_adjoints(self) -> None:
@@ -359,6 +404,9 @@ class PlainStepper:
             bar.zero_()
         for bar in (self.plastic_bar, self.stiffness_bar, self.damping_bar, self.friction_bar):
             bar.zero_()
+        for bar in (self.gravity_bar, self.mass_bar, self.load_bar):
+            bar.zero_()
+        self.terms.clear()
         for arrays in self.networks.values():
             arrays.latent_bar.zero_()
             arrays.weights_bar.zero_()
@@ -378,10 +426,18 @@ class PlainStepper:
             "initial_velocity": self.v_bar.clone(),
             "initial_position": self.x_bar.clone(),
             "initial_deformation": self.F_bar.clone(),
+            "gravity": self.gravity_bar.sum(0),
+            "density": self.volume * self.mass_bar,
+            "force": self.load_bar.clone(),
             "friction_coefficient": self.friction_bar.sum(),
             "grip_stiffness": self.stiffness_bar.sum(),
             "grip_damping": self.damping_bar.sum(),
         }
         for kind, arrays in self.networks.items():
             bars[f"latent_{kind}"], bars[f"network_{kind}"] = arrays.latent_bar.clone(), arrays.weights_bar.sum(0)
+        bars |= self.terms.gradients()
         return {name: bars[name] for name in self.shapes}
+
+    def controllers_adjoint(self) -> torch.Tensor:
+        """Adjoint of the controller points at both ends of the frame that `backward` went through, shape [2, C, 3]."""
+        return self.controllers_bar

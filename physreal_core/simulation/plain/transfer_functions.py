@@ -197,6 +197,7 @@ def transfer_functions(dtype: str, adder: Adder) -> SimpleNamespace:
     class ScatterAdjoint:
         slope: vec3
         q: vec3
+        mass: scalar
         A: mat33
 
     @wp.func
@@ -210,7 +211,7 @@ def transfer_functions(dtype: str, adder: Adder) -> SimpleNamespace:
         q: vec4,
         A: mat33,
     ):
-        """Adjoints of q and A in `scatter`, and the sum of p_bar_i . (q + A o_i) dw_i."""
+        """Adjoints of q, its mass and A in `scatter`, and the sum of p_bar_i . (q + A o_i) dw_i."""
         steps = vec3(zero, one, two)
         ax = column(A, 0)
         ay = column(A, 1)
@@ -257,6 +258,7 @@ def transfer_functions(dtype: str, adder: Adder) -> SimpleNamespace:
         out = ScatterAdjoint()
         out.slope = slope
         out.q = vec3(V[0], V[1], V[2])
+        out.mass = V[3]
         out.A = wp.matrix_from_cols(
             vec3(BX[0], BX[1], BX[2]) - f[0] * out.q,
             vec3(BY[0], BY[1], BY[2]) - f[1] * out.q,

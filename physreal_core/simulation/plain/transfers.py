@@ -161,10 +161,13 @@ def transfer_kernels(dtype: str) -> SimpleNamespace:
         momentum_bar_in: wp.array(dtype=vec4),
         # Data in and out:
         x_bar: wp.array(dtype=vec3),
+        mass_bar: wp.array(dtype=scalar),
+        load_bar: wp.array(dtype=vec3),
         # Data out:
         v_bar_out: wp.array(dtype=vec3),
         C_bar_out: wp.array(dtype=mat33),
         tau_bar_out: wp.array(dtype=mat33),
+        force_bar_out: wp.array(dtype=vec3),
     ):
         p = wp.tid()
         dt = timing[0]
@@ -178,6 +181,11 @@ def transfer_kernels(dtype: str) -> SimpleNamespace:
         q3 = m * v_in[slot, p] + dt * force_in[p] - A * f
         q = vec4(q3[0], q3[1], q3[2], m)
         bar = scatter_adjoint(momentum_bar_in, box, node(base, box), f, weights(f), weight_slopes(f), q, A)
+        carried = wp.dot(v_in[slot, p], bar.q) + wp.ddot(C_in[slot, p], bar.A) / cells_per_metre
+        mass_bar[p] = mass_bar[p] + bar.mass + carried
+        force_bar = dt * bar.q
+        force_bar_out[p] = force_bar
+        load_bar[p] = load_bar[p] + force_bar
         x_bar[p] = x_bar[p] + cells_per_metre * (bar.slope - wp.transpose(A) * bar.q)
         v_bar_out[p] = m * bar.q
         C_bar_out[p] = (m / cells_per_metre) * bar.A

@@ -79,7 +79,7 @@ class Noise:
 
     def rows(self, fields: Float[Array, "columns frames tracks 3"]) -> Float[Array, "entries columns"]:
         """Valid entries of fields over at least these frames, stacked."""
-        return fields[:, : self.frames][:, self.valid].reshape(len(fields), -1).T
+        return fields[:, : self.frames][:, self.valid].reshape(len(fields), 3 * int(self.valid.sum())).T
 
     def whiten(self, fields: Float[Array, "columns frames tracks 3"]) -> Float[Array, "entries columns"]:
         """Fields [m] as columns in units in which the residuals of a right model are independent and of size one."""
@@ -87,6 +87,11 @@ class Noise:
         shrink = 1.0 - 1.0 / np.sqrt(1.0 + self._values)
         along = (self._basis.T @ weighted.astype(np.float32)).astype(np.float64)
         return weighted - self._basis @ (shrink[:, None] * along)
+
+    def modes(self) -> Float[Array, "modes entries 3"]:
+        """Displacements [m] of the valid entries, each of standard size, that are not the sensor's independent noise."""
+        columns = self._basis * np.sqrt(self._values).astype(np.float32) / self._scale[:, None].astype(np.float32)
+        return columns.T.reshape(len(self._values), -1, 3)
 
     def global_test(self, residual: Float[Array, "frames tracks 3"], freedom: int) -> dict[str, float]:
         """Whether the smooth part of a residual [m] is larger than noise and model error allow.

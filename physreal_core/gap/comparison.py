@@ -28,8 +28,9 @@ class Comparison:
         sigma: standard deviation of each coordinate of a measurement [m], shape [T, J].
         valid: entries with a measurement, shape [T, J].
         fps: frames per second.
-        modes: displacements [m] by which the numerics (grid, particle spacing, time step) may move the answer, each of
-            standard size, shape [M, T, J, 3]; None for none.
+        modes: displacements [m] by which something other than independent noise (grid, particle spacing, time step, a wrong
+            starting point) may move the answer, each of standard size, at the valid entries in the order of `valid`, shape
+            [M, entries, 3]; None for none.
 
     Raises:
         InputError: shapes disagree, nothing is valid, or a number that is to be used is not finite or a sigma not positive.
@@ -40,16 +41,16 @@ class Comparison:
     sigma: Float[Array, "T J"]
     valid: Bool[Array, "T J"]
     fps: float
-    modes: Float[Array, "M ..."] | None = None
+    modes: Float[Array, "M entries 3"] | None = None
 
     def __post_init__(self) -> None:
         shape = self.simulated.shape
         found = {"measured": self.measured.shape, "sigma": self.sigma.shape + (3,), "valid": self.valid.shape + (3,)}
-        if self.modes is not None:
-            found["modes"] = self.modes.shape[1:]
         wrong = [f"{name} {size}" for name, size in found.items() if size != shape]
         if wrong:
             raise InputError(f"{', '.join(wrong)} beside simulated {shape}", expected="the same frames and tracks")
+        if self.modes is not None and self.modes.shape[1] != self.valid.sum():
+            raise InputError(f"modes at {self.modes.shape[1]} entries", expected=f"the {self.valid.sum()} valid ones")
         if not self.valid.any():
             raise InputError("no valid entry in the tracks", expected="at least one measured position")
         used = np.isfinite(self.simulated).all(-1) & np.isfinite(self.measured).all(-1) & (self.sigma > 0)
@@ -70,10 +71,14 @@ class Comparison:
         return self.residual / self._noise[..., None]
 
     @cached_property
-    def whitened_modes(self) -> Float[Array, "M T J 3"]:
-        """The modes in units of the noise, zero where nothing was measured."""
-        modes = np.zeros((0, *self.simulated.shape)) if self.modes is None else self.modes
-        return np.where(self.valid[..., None], modes, 0.0) / self._noise[..., None]
+    def whitened_modes(self) -> Float[Array, "M entries 3"]:
+        """The modes in units of the noise, at the valid entries."""
+        modes = np.zeros((0, int(self.valid.sum()), 3)) if self.modes is None else self.modes
+        return modes / self._noise[self.valid][:, None].astype(modes.dtype)
+
+    @cached_property
+    def _mode_squares(self) -> Float[Array, " entries"]:
+        return np.einsum("mec,mec->e", self.whitened_modes, self.whitened_modes)
 
     @cached_property
     def noise_scale(self) -> float:
@@ -102,8 +107,10 @@ class Comparison:
 
     def deviation(self, weights: Float[Array, "T J 3"]) -> float:
         """Standard deviation of sum(weights * residual) by noise and numerical error."""
-        weights = np.where(self.valid[..., None], weights, 0.0) * self._noise[..., None]
-        return float(np.sqrt((weights**2).sum() + (np.tensordot(self.whitened_modes, weights, 3) ** 2).sum()))
+        scaled = weights[self.valid] * self._noise[self.valid][:, None]
+        used = scaled.any(1)  # of many modes only what is looked at
+        along = np.tensordot(self.whitened_modes[:, used], scaled[used], 2)
+        return float(np.sqrt((scaled**2).sum() + (along**2).sum()))
 
     def rms(self, chosen: Bool[Array, "T J"] | None = None) -> Sizes:
         """Root mean squares of the distances [m] over the valid entries, or those of them that are chosen."""
@@ -112,7 +119,8 @@ class Comparison:
         weights = np.where(entries[..., None], self.residual, 0.0)
         total = float((weights**2).sum())
         noise = 3.0 * float((self._noise[entries] ** 2).sum())
-        numerics = float((self.whitened_modes[:, entries] ** 2 * self._noise[entries][:, None] ** 2).sum())
+        used = entries[self.valid]
+        numerics = float((self._mode_squares[used] * self._noise[entries] ** 2).sum())
         # the length of a vector changes by what is added along it
         deviation = self.deviation(weights / np.sqrt(total * count)) if total > 0 else 0.0
         gap = max(0.0, total - noise - numerics)
@@ -193,7 +201,9 @@ def local_scores(comparison: Comparison, frames: slice) -> tuple[Float[Array, " 
     left, sizes, _ = np.linalg.svd(basis, full_matrices=False)
     left = left[:, sizes > 1e-6 * sizes.max(initial=0.0)]
     values = left.T @ comparison.whitened[frames][valid]
-    modes = np.einsum("nk,mnc->kcm", left, comparison.whitened_modes[:, frames][:, valid])
+    among = np.zeros(comparison.valid.shape, bool)
+    among[frames] = valid
+    modes = np.einsum("nk,mnc->kcm", left, comparison.whitened_modes[:, among[comparison.valid]], optimize=True)
     return values.reshape(-1), modes.reshape(values.size, modes.shape[-1])
 
 
@@ -203,11 +213,10 @@ def _linear_field(points: Float[Array, "J 3"]) -> Float[Array, "J 4"]:
     return np.hstack([np.ones((len(points), 1)), centred / max(np.abs(centred).max(), 1e-12)])
 
 
-def _chi_square(values: Array, modes: Array, overdispersion: float) -> Agreement:
-    """values ~ N(0, 1 + modes modesᵀ), by Woodbury's identity."""
-    projected = modes.T @ values
-    inner = np.eye(modes.shape[1]) + modes.T @ modes
-    statistic = float(values @ values - projected @ np.linalg.solve(inner, projected)) / overdispersion
+def _chi_square(values: Float[Array, " n"], modes: Float[Array, "n M"], overdispersion: float) -> Agreement:
+    """values ~ N(0, 1 + modes modesᵀ)."""
+    covariance = np.eye(len(values)) + modes @ modes.T
+    statistic = float(values @ np.linalg.solve(covariance, values)) / overdispersion
     log_p = _log_tail(statistic, len(values)) if len(values) else 0.0
     return Agreement(statistic, len(values), float(np.exp(log_p)), log_p / np.log(10.0))
 

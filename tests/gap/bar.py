@@ -47,11 +47,13 @@ def times() -> np.ndarray:
 def measure(
     truth: np.ndarray, simulated: np.ndarray, seed: int = 0, noise: float = NOISE, modes: np.ndarray | None = None
 ) -> Comparison:
-    """Noise on the true points, a third of them missing."""
+    """Noise on the true points, a third of them missing; modes [m], shape [M, T, J, 3]."""
     rng = np.random.default_rng(seed)
     valid = rng.random(truth.shape[:2]) > 0.3
     measured = np.where(valid[..., None], truth + noise * rng.standard_normal(truth.shape), np.nan)
-    return Comparison(simulated, measured, np.full(truth.shape[:2], NOISE), valid, FPS, modes)
+    return Comparison(
+        simulated, measured, np.full(truth.shape[:2], NOISE), valid, FPS, None if modes is None else modes[:, valid]
+    )
 
 
 def phases(simulated: np.ndarray) -> Phases:

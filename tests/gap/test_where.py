@@ -186,4 +186,4 @@ def test_input_that_cannot_be_compared_is_refused():
         sigma[2, 1] = 0.0
         Comparison(x, x, sigma, valid, 30.0)
     with pytest.raises(InputError, match="modes"):
-        Comparison(x, x, ones, valid, 30.0, np.zeros((2, 4, 2, 3)))
+        Comparison(x, x, ones, valid, 30.0, np.zeros((2, 11, 3)))

@@ -94,6 +94,8 @@ class PooledFrames:
             finally:
                 self._workers.put(worker)
 
+        if self._threads == 1:  # on a GPU streams belong to the caller's thread
+            return [run(rollout) for rollout in range(rollouts)]
         with ThreadPoolExecutor(self._threads) as pool:
             return list(pool.map(run, range(rollouts)))
 

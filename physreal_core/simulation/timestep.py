@@ -15,14 +15,25 @@ from physreal_core.simulation.parameters import Parameters
 def elastic_step(body: Body, config: SimulationConfig, parameters: Parameters) -> float:
     """Courant number times the time in which the fastest elastic wave crosses a cell [s].
 
-    The speed is sqrt((lambda + 2 mu) / rho); neural residuals may add their bounded share to the stress.
+    The speed is sqrt((lambda + 2 mu) / rho), in a body that starts stretched as many times that as its largest stretch;
+    neural residuals may add their bounded share to the stress.
     """
     E, nu = parameters.youngs_modulus.detach().double(), parameters.poissons_ratio.detach().double()
-    density = torch.as_tensor(body.density, device=E.device)
     p_wave_modulus = E * (1 - nu) / ((1 + nu) * (1 - 2 * nu))
     share = 1.0 if config.elastic_residual is None else 1.0 + config.residual.beta_elastic
-    speed = math.sqrt(share * float((p_wave_modulus / density).max()))
+    squared_speed = p_wave_modulus / _density(body, parameters)
+    if parameters.initial_deformation is not None:
+        stretch = torch.linalg.matrix_norm(parameters.initial_deformation.detach().double(), ord=2)
+        squared_speed = squared_speed * stretch**2
+    speed = math.sqrt(share * float(squared_speed.max()))
     return config.courant * body.cell / speed
+
+
+def _density(body: Body, parameters: Parameters) -> torch.Tensor:
+    """Densities of the particles [kg/m3], of one rollout or of many."""
+    if parameters.density is not None:
+        return parameters.density.detach().double()
+    return torch.as_tensor(body.density, device=parameters.youngs_modulus.device)
 
 
 @dataclass(frozen=True)
@@ -73,16 +84,22 @@ def _spline_weights(cells: np.ndarray) -> sparse.csr_matrix:
     return sparse.csr_matrix((values.ravel(), (rows, column.ravel())), shape=(len(cells), len(nodes)))
 
 
-def grip_step(config: SimulationConfig, parameters: Parameters, rates: GripRates) -> float:
-    """Courant number times 2 / (omega + gamma) of the fastest mode of the grip [s]."""
+def grip_step(body: Body, config: SimulationConfig, parameters: Parameters, rates: GripRates) -> float:
+    """Courant number times 2 / (omega + gamma) of the fastest mode of the grip [s].
+
+    The rates are those of the body's own masses; where others are given, a body lighter everywhere by as much as it is
+    anywhere bounds them from above.
+    """
     if parameters.grip_stiffness is None:
         return math.inf
     stiffness, damping = (t.detach().double() for t in (parameters.grip_stiffness, parameters.grip_damping))
-    rate = float(((stiffness * rates.stiffness).sqrt() + damping * rates.damping).max())
+    own = torch.as_tensor(body.density, device=stiffness.device)
+    lighter = (own / _density(body, parameters)).amax(-1)
+    rate = float(((stiffness * rates.stiffness * lighter).sqrt() + damping * rates.damping * lighter).max())
     return config.courant * 2.0 / rate if rate > 0 else math.inf
 
 
 def substeps_per_frame(body: Body, config: SimulationConfig, parameters: Parameters, rates: GripRates) -> int:
     """Number of equal substeps of a frame, of many rollouts the largest; not differentiated."""
-    step = min(elastic_step(body, config, parameters), grip_step(config, parameters, rates))
+    step = min(elastic_step(body, config, parameters), grip_step(body, config, parameters, rates))
     return max(1, math.ceil(1.0 / (config.fps * step)))

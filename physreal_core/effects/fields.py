@@ -53,7 +53,7 @@ def added(inputs: Inputs, **amounts: Tensor) -> Inputs:
 
 def like(inputs: Inputs, array: Array | tuple) -> Tensor:
     """An array as a tensor of the inputs' type and device."""
-    return torch.as_tensor(array).to(inputs.parameters.youngs_modulus)
+    return torch.as_tensor(np.asarray(array)).to(inputs.parameters.youngs_modulus)
 
 
 def vector(values: Values, *names: str, like: Tensor) -> Float[Tensor, " names"]:

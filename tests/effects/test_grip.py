@@ -1,0 +1,101 @@
+"""Effects of the grip: paths that are known, and a hold whose stiffness is known."""
+
+from dataclasses import replace
+
+import numpy as np
+import pytest
+import torch
+
+from physreal_core.effects import EFFECTS
+from physreal_core.effects.paths import first_motion, resampled
+from physreal_core.simulation import Grip
+from tests.effects.scene import Scene, bar, held_bar, material
+
+GRAVITY = 9.81
+
+
+def waiting_bar(rest: int, frames: int = 8) -> Scene:
+    """`held_bar` whose hand rests for some frames first."""
+    scene = held_bar(frames)
+    path = torch.cat([scene.controllers[:1].expand(rest, -1, -1), scene.controllers])[:frames]
+    return replace(scene, controllers=path)
+
+
+def rollout(scene: Scene, **values: dict[str, float]) -> torch.Tensor:
+    with torch.no_grad():
+        return scene.rollout(**values).x
+
+
+def test_a_lag_of_whole_frames_is_the_rollout_with_the_hand_shifted_by_them():
+    scene = waiting_bar(2)
+    late = rollout(replace(scene, controllers=waiting_bar(4).controllers))
+    torch.testing.assert_close(rollout(scene, grip_lag={"lag": 2 / scene.fps}), late, rtol=0, atol=1e-12)
+
+
+def test_a_lag_between_frames_reads_a_parabola_exactly():
+    """Where the path is a parabola around: not beside the rest at its start."""
+    time = torch.arange(9, dtype=torch.float64)[:, None, None]
+    path = torch.tensor([1.0, -2.0, 0.5], dtype=torch.float64) * (0.3 * time**2 + time)
+    shifted = torch.tensor([1.0, -2.0, 0.5], dtype=torch.float64) * (0.3 * (time - 0.4) ** 2 + time - 0.4)
+    read = resampled(path, torch.arange(9, dtype=torch.float64) - 0.4)
+    torch.testing.assert_close(read[2:8], shifted[2:8])
+
+
+def test_a_path_rests_before_its_first_frame_and_goes_on_after_its_last():
+    path = torch.tensor([[0.0], [1.0], [2.0], [4.0]])
+    torch.testing.assert_close(resampled(path, torch.tensor([-2.0, 3.0, 4.5])), torch.tensor([[0.0], [4.0], [7.0]]))
+
+
+def test_a_slip_as_fast_as_the_hand_leaves_the_object_where_it_is():
+    scene = held_bar(8)
+    velocity = torch.tensor([0.4, -0.2, 0.5], dtype=torch.float64)
+    steps = torch.arange(8, dtype=torch.float64)[:, None, None] / scene.fps
+    resting = scene.controllers[:1].expand(8, -1, -1)
+    moving = replace(scene, controllers=resting + velocity * steps)
+    slip = dict(zip("xyz", velocity.tolist(), strict=True))
+    torch.testing.assert_close(
+        rollout(moving, grip_slip=slip), rollout(replace(scene, controllers=resting)), rtol=0, atol=1e-12
+    )
+
+
+def test_slip_and_offset_begin_with_the_first_motion():
+    scene = waiting_bar(4)
+    assert first_motion(scene.controllers) == 4
+    still = rollout(scene)
+    for name in ("grip_slip", "grip_offset"):
+        moved = (rollout(scene, **{name: {"x": 0.05}}) - still).abs().amax((1, 2))
+        assert moved[:5].max() == 0
+        assert moved[6:].min() > 0
+
+
+def held_cube(frames: int, gravity: float, fps: float = 60.0) -> Scene:
+    """A stiff cube with six bonds from its middle along the axes, which together are as stiff in every direction."""
+    body = bar((3, 3, 3), corner=(0.0, 0.0, 0.5))
+    middle = np.linalg.norm(body.x0 - body.x0.mean(0), axis=1).argmin()
+    arms = 0.05 * np.concatenate([np.eye(3), -np.eye(3)])
+    points = torch.as_tensor(body.x0[middle] + arms)[None].repeat(frames, 1, 1)
+    points[frames // 6 :] += torch.tensor([0.02, 0.0, 0.0], dtype=torch.float64)
+    grip = Grip(np.full(6, middle), np.arange(6), np.ones(6), np.full(6, 0.05))
+    given = material(body, 5e4, 0.3, grip_stiffness=0.5, grip_damping=0.2)
+    return Scene(body, points, fps, given, grip, ground_height=None, gravity=(0.0, 0.0, -gravity))
+
+
+def test_offset_is_where_the_body_ends_beside_the_hand():
+    scene, shift = held_cube(60, 0.0), torch.tensor([0.003, -0.004, 0.005], dtype=torch.float64)
+    moved, still = rollout(scene, grip_offset=dict(zip("xyz", shift.tolist(), strict=True))), rollout(scene)
+    torch.testing.assert_close((moved - still)[-1].mean(0), shift, rtol=0.01, atol=1e-5)
+
+
+def test_compliance_lets_the_body_sag_by_weight_times_compliance_more():
+    """To the springs' own geometry, which is not quite linear at a sag of a tenth of their length."""
+    scene, compliance = held_cube(60, 1.0), 0.05
+    weight = scene.body.mass.sum() * 1.0
+    sag = (rollout(scene) - rollout(scene, grip_compliance={"compliance": compliance}))[-1, :, 2].mean()
+    assert float(sag) == pytest.approx(weight * compliance, rel=0.03)
+
+
+@pytest.mark.parametrize("name", [name for name, effect in EFFECTS.items() if effect.family == "grip"])
+def test_without_a_hand_there_is_nothing_to_try(name):
+    scene = held_bar()
+    assert EFFECTS[name].starts(scene.setting)
+    assert EFFECTS[name].starts(replace(scene, grip=None).setting) == ()

@@ -84,16 +84,17 @@ void grip_forces_adjoint(const Frame<S>& frame, Index substep, const S* state, c
             S* from_bar = controllers_bar + 3 * frame.grip_controller[bond];
             S* to_bar = from_bar + 3 * frame.controller_points;
             for (int d = 0; d < 3; d++) {
-                S turn = (d_bar[d] - turning * b.direction[d]) / b.length;
-                S stretch = b.weight * frame.grip_stiffness * along / b.rest_length * b.direction[d];
-                S rate = damping * b.direction[d];
-                x_sum[d] += turn;
-                x_sum[d] -= stretch;
-                v_sum[d] -= rate;
+                x_sum[d] += (d_bar[d] - turning * b.direction[d]) / b.length;
+                x_sum[d] -= b.weight * frame.grip_stiffness * along / b.rest_length * b.direction[d];
+                v_sum[d] -= damping * b.direction[d];
+            }
+            S stretching = turning / b.length + b.weight * frame.grip_stiffness * along / b.rest_length;
+            for (int d = 0; d < 3; d++) {
                 // a bond knows x - from - time (to - from) and v - frame_rate (to - from) only
-                S travel = time * (stretch - turn) + frame.frame_rate * rate;
-                from_bar[d] += stretch - turn - travel;
-                to_bar[d] += travel;
+                S x_bar = d_bar[d] / b.length - stretching * b.direction[d];
+                S travel_bar = frame.frame_rate * damping * b.direction[d] - time * x_bar;
+                from_bar[d] -= x_bar + travel_bar;
+                to_bar[d] += travel_bar;
             }
             sums[STIFFNESS_SUM] -= b.weight * b.strain * along;
             sums[DAMPING_SUM] -= b.weight * b.rate * along;

@@ -58,6 +58,8 @@ class Experiment:
         problem: body, hand and tracks; `observed` frames train, the rest is held out. Needs tracks with 3D positions.
         model: laws, numerical setting and effects that are already known.
         device: of the simulator.
+        placement: R and t [m] where the object lies elsewhere than in the first interaction: what is at x there is at R x + t
+            here. Effects of a trial that belong to a place in the body are carried along; None: it lies in the same place.
 
     Attributes:
         measured: [T, J, 3] m, zero where not valid.
@@ -66,7 +68,13 @@ class Experiment:
         setting: what effects may look at.
     """
 
-    def __init__(self, problem: Problem, model: Model, device: str = "cpu") -> None:
+    def __init__(
+        self,
+        problem: Problem,
+        model: Model,
+        device: str = "cpu",
+        placement: tuple[Float[Array, "3 3"], Float[Array, "3"]] | None = None,
+    ) -> None:
         if problem.tracks is None or not bool(problem.tracks.valid3d.any()):
             raise InputError(
                 "no 3D tracks",
@@ -74,7 +82,7 @@ class Experiment:
                 expected="a sequence whose tracks have depth",
                 remedy="record depth, or give tracks3d.npz with the capture",
             )
-        self.problem, self.model, self.device = problem, model, device
+        self.problem, self.model, self.device, self.placement = problem, model, device, placement
         tracks = problem.tracks
         valid = tracks.valid3d.numpy() & np.isfinite(tracks.points3d.numpy()).all(-1)
         valid = valid & (np.arange(len(valid)) > 0)[:, None]  # frame 0 is where the model starts: no evidence
@@ -166,7 +174,10 @@ class Experiment:
         return {record["name"]: record["values"] for record in self.model.effects}
 
     def _effects(self, trial: Trial) -> EffectValues:
-        return {**self._known(), **trial.effects}
+        if self.placement is None:
+            return {**self._known(), **trial.effects}
+        here = {name: EFFECTS[name].carried(values, *self.placement) for name, values in trial.effects.items()}
+        return {**self._known(), **here}
 
     def _configuration(self, trial: Trial) -> SimulationConfig:
         return configured(self._config, tuple(EFFECTS[name] for name in self._effects(trial)))

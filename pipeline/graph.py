@@ -28,6 +28,7 @@ class Stage:
         fitted: further ones where the sequence stands under `fits`.
         predicted: further ones where it stands under `predictions`.
         of_model: stages whose output for the sequence under `model_from` it reads.
+        of_companion: stages whose output it reads for the sequence's `companion`, where there is one.
         reads_capture: whether it reads the capture folder.
         makes_capture: whether its output is the capture folder.
         model: gives the class of its parameters; default: the one in pipeline/config/<name>.py.
@@ -38,6 +39,7 @@ class Stage:
     fitted: tuple[str, ...] = ()
     predicted: tuple[str, ...] = ()
     of_model: tuple[str, ...] = ()
+    of_companion: tuple[str, ...] = ()
     reads_capture: bool = False
     makes_capture: bool = False
     model: Callable[[], type[BaseModel]] | None = None
@@ -54,8 +56,9 @@ def graph_of(*stages: Stage) -> Graph:
     return {stage.name: stage for stage in stages}
 
 
-FIT_STAGES = ("fit_global", "fit_patches", "fit_residual")
+FIT_STAGES = ("fit_global", "fit_patches", "add_effect", "fit_residual")
 _OBSERVED = ("parse_video", "segment_and_track", "fit_pose", "sample_particles")
+_TRACKED = ("parse_video", "segment_and_track", "sample_particles")
 
 PERCEPTION = ("parse_video", "segment_and_track")
 
@@ -68,8 +71,9 @@ STAGES: Graph = graph_of(
     Stage("sample_particles", ("parse_video", "segment_and_track", "fit_pose")),
     Stage("fit_global", _OBSERVED),
     Stage("fit_patches", (*_OBSERVED, "fit_global")),
-    # find_gap and add_effect come between fit_patches and fit_residual (docs/pipeline.md).
-    Stage("fit_residual", (*_OBSERVED, "fit_patches")),
+    Stage("find_gap", (*_TRACKED, "fit_patches"), of_companion=_TRACKED),
+    Stage("add_effect", (*_TRACKED, "fit_patches", "find_gap"), of_companion=_TRACKED),
+    Stage("fit_residual", (*_OBSERVED, "fit_patches", "add_effect")),
     Stage("predict", _OBSERVED, of_model=("fit_pose", "sample_particles", *FIT_STAGES)),
     Stage("evaluate", _OBSERVED, fitted=FIT_STAGES, predicted=("predict",), reads_capture=True),
 )

@@ -76,6 +76,20 @@ class StageContext:
             raise AssertionError(f"{self.stage} does not declare that it reads the model's {stage} (pipeline/graph.py)")
         return checked_artifact(self._project, self._parameters, stage, self.model_sequence)
 
+    def companion_input(self, stage: str) -> Path:
+        """Folder of a stage's output for the companion."""
+        if stage not in self._spec.of_companion:
+            raise AssertionError(
+                f"{self.stage} does not declare that it reads a companion's {stage} (pipeline/graph.py)"
+            )
+        return checked_artifact(self._project, self._parameters, stage, self.companion)
+
+    @property
+    def companion(self) -> str | None:
+        """The other interaction with the same object that stands beside the sequence under `fits`; None without one."""
+        fit = self._parameters.values.fits.get(self.sequence)
+        return fit.companion if fit and fit.companion != self.sequence else None
+
     @property
     def model_sequence(self) -> str:
         """The sequence whose models this one is rolled out with: itself, unless it stands under `predictions`."""
@@ -94,6 +108,9 @@ class StageContext:
         inputs = {name: digest_folder(self.input(name)) for name in self._upstream}
         for name in self._spec.of_model:
             inputs[f"{self.model_sequence}/{name}"] = digest_folder(self.model_input(name))
+        if self.companion:
+            for name in self._spec.of_companion:
+                inputs[f"{self.companion}/{name}"] = digest_folder(self.companion_input(name))
         if self._spec.reads_capture:
             inputs["capture"] = digest_folder(self.capture)
         return {"stage": self.stage, "sequence": self.sequence, "inputs": inputs, **self._parameters_used()}

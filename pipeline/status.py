@@ -32,9 +32,9 @@ def stages_of(parameters: Parameters, sequence: str) -> list[str]:
     made = ["rig"] if sequence in values.rigged else []
     if sequence in values.clips:
         return [*made, *PERCEPTION]
-    before = [name for name in STAGES if name not in ("rig", "predict", "evaluate", *FIT_STAGES)]
     if sequence in values.fits:
-        return [*made, *before, *FIT_STAGES, "evaluate"]
+        return [*made, *(name for name in STAGES if name not in ("rig", "predict"))]
+    before = list(STAGES)[list(STAGES).index("rig") + 1 : list(STAGES).index(FIT_STAGES[0])]
     return [*made, *before, "predict", "evaluate"] if sequence in values.predictions else [*made, *before]
 
 

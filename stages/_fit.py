@@ -34,23 +34,29 @@ def variables_of(blocks: dict[str, StageParameters]) -> list[Variable]:
 
 
 def descend(
-    context: StageContext, objective: Objective, model: Model, variables: list[Variable], start: Fields
+    context: StageContext,
+    objective: Objective,
+    model: Model,
+    variables: list[Variable],
+    start: Fields,
+    label: str = "fit",
 ) -> tuple[Model, DescentResult]:
-    """Runs the stage's descent with checkpoints and a live loss.csv in the scratch folder."""
+    """Runs the stage's descent with a checkpoint and a live loss curve in the scratch folder, one pair per label."""
     config = DescentConfig(**context.params.descent.model_dump())
+    (context.scratch / label).mkdir(exist_ok=True)
     objective.stopwatch.restart()
-    with context.progress("fit", config.iterations + 1) as bar:
+    with context.progress(label, config.iterations + 1) as bar:
         fitted = fit_material(
             objective,
             model,
             variables,
             start,
             config,
-            checkpoint=context.scratch / "checkpoint.safetensors",
-            on_iteration=_follow(bar, context.scratch / "loss.csv"),
+            checkpoint=context.scratch / label / "checkpoint.safetensors",
+            on_iteration=_follow(bar, context.scratch / label / "loss.csv"),
         )
     for part, seconds in objective.stopwatch.stop().items():
-        context.count(f"fit: {part}", seconds)
+        context.count(f"{label}: {part}", seconds)
     return fitted
 
 
@@ -91,7 +97,7 @@ def write_fit(context: StageContext, objective: Objective, model: Model, result:
     with context.timed("rollout"):
         write_rollout(context.output / "rollout.npz", objective, model)
     record = {
-        "values": {name: _summary(name, tensor) for name, tensor in model.fields.items() if _is_material(name)},
+        "values": summary(model),
         "objective": finite_or_none(result.total),
         "iterations": len(result.history) - 1,
         "ended_early": result.ended_early,
@@ -112,6 +118,17 @@ def write_rollout(path: Path, objective: Objective, model: Model) -> None:
         seen = objective.rollouts.seen(states.x)
     arrays = {"x": states.x, "F": states.F} | ({} if seen is states.x else {"x_seen": seen})
     np.savez(path, **{name: tensor.float().cpu().numpy() for name, tensor in arrays.items()})
+
+
+def summary(model: Model) -> dict[str, dict[str, Any]]:
+    """Mean and range of every material quantity, and the coefficients of the effects, each with its unit."""
+    values = {name: _summary(name, tensor) for name, tensor in model.fields.items() if _is_material(name)}
+    for effect in model.effects:
+        for name, value in effect["values"].items():
+            low, high = effect.get("intervals", {}).get(name, (value, value))
+            entry = {"mean": value, "min": low, "max": high, "unit": effect["units"][name]}
+            values[f"{effect['name']}: {name}"] = entry
+    return values
 
 
 def _is_material(name: str) -> bool:

@@ -1,5 +1,6 @@
 """From the artifacts of one sequence to a `Problem`: the one place where the fit stages and `predict` read their inputs."""
 
+from collections.abc import Callable
 from pathlib import Path
 
 import numpy as np
@@ -15,15 +16,23 @@ from pipeline.frames import read_grey
 from pipeline.stage import StageContext
 
 
-def load_problem(context: StageContext, masks: Masks | None = None) -> Problem:
+def load_problem(
+    context: StageContext, masks: Masks | None = None, *, read: Callable[[str], Path] | None = None
+) -> Problem:
     """The sequence of `context`, with its silhouettes where `masks` is given and the capture is a video.
+
+    Args:
+        context: of the stage.
+        masks: which silhouettes; None for none.
+        read: gives the folder of an upstream stage in place of `context.input`, for another sequence.
 
     Raises:
         InputError: an artifact lacks what is needed, or they disagree about the number of frames.
     """
-    video, perceived = context.input("parse_video"), context.input("segment_and_track")
+    read = read or context.input
+    video, perceived = read("parse_video"), read("segment_and_track")
     capture = read_capture(video)
-    particles = dict(np.load(context.input("sample_particles") / "particles.npz"))
+    particles = dict(np.load(read("sample_particles") / "particles.npz"))
     controllers = np.load(perceived / "controllers.npz")["points"]
     tracks = dict(np.load(perceived / "tracks.npz"))
     frame_count = len(tracks["points3d"])

@@ -1,24 +1,54 @@
-"""Stage 3: the residual networks and the patches' latent codes (Theta_3), from Stage 2's model, the experts held."""
+"""Stage 3: the residual networks and the patches' latent codes (Theta_3), from the model with the named effect, the experts held.
+
+Where an effect was named, the networks are fitted once more without it, to say how much less it leaves them to do.
+"""
+
+from typing import Any
 
 from physreal_core.fitting.curriculum import NETWORK_FIELDS, patch_start, with_residual
-from physreal_core.fitting.model import load_model
+from physreal_core.fitting.descent import DescentResult
+from physreal_core.fitting.model import Model, load_model
+from physreal_core.fitting.objective import Objective
+from physreal_core.fitting.problem import Problem
+from physreal_core.fitting.share import residual_share
 from physreal_core.simulation.constitutive.residual_config import ResidualConfig
 from pipeline.config.fit_residual import FitResidual, Rate
 from pipeline.stage import StageContext, main
-from stages._fit import descend, objective_of, variables_of, write_fit
+from stages._fit import descend, finite_or_none, objective_of, variables_of, write_fit
 from stages._problem import load_problem
 
 
 def run(context: StageContext) -> None:
-    """Fits what the expert laws leave unexplained in the observed frames."""
+    """Fits what expert laws and named effects leave unexplained in the observed frames."""
     params: FitResidual = context.params
     problem = load_problem(context, params.masks if params.losses.mask > 0 else None)
-    model = load_model(context.input("fit_patches"))
-    model = with_residual(model, ResidualConfig(**params.residual.model_dump()), context.seed)
+    named = load_model(context.input("add_effect"))
+    objective, model, result = _fit(context, problem, named)
+    shares = {"residual": _share(objective, model, result)}
+    if named.effects and params.compare:
+        without = load_model(context.input("fit_patches"))
+        shares["residual_without_effect"] = _share(*_fit(context, problem, without, "fit without the effect"))
+    write_fit(context, objective, model, result, **shares)
+
+
+def _fit(
+    context: StageContext, problem: Problem, start: Model, label: str = "fit"
+) -> tuple[Objective, Model, DescentResult]:
+    params: FitResidual = context.params
+    model = with_residual(start, ResidualConfig(**params.residual.model_dump()), context.seed)
     objective = objective_of(context, problem, model)
     variables = variables_of(blocks_of(params))
-    model, result = descend(context, objective, model, variables, patch_start(model, variables))
-    write_fit(context, objective, model, result)
+    return objective, *descend(context, objective, model, variables, patch_start(model, variables), label)
+
+
+def _share(objective: Objective, model: Model, result: DescentResult) -> dict[str, Any]:
+    """What the networks do: their share of the stress, and the objective before and after them."""
+    has_stress = objective.rollouts.config.elastic_residual is not None
+    return {
+        "stress_share": residual_share(objective.rollouts, model, objective.problem.observed) if has_stress else None,
+        "objective_before": next(row["total"] for row in result.history if row["horizon"] == objective.full_horizon),
+        "objective_after": finite_or_none(result.total),
+    }
 
 
 def blocks_of(params: FitResidual) -> dict[str, Rate]:

@@ -78,14 +78,17 @@ class Rollouts:
             inputs = effect.act(inputs, self._coefficients(effect.name, values), self.setting)
         return inputs
 
-    def simulate(self, inputs: Inputs, frames: int | None = None) -> States:
-        """States of the first `frames` frames (default: all), F as the motion since frame 0 (see `motion_since_start`).
+    def states(self, inputs: Inputs, frames: int | None = None) -> States:
+        """The simulator's states of the first `frames` frames (default: all).
 
         Raises:
             SimulationError: where the rollout cannot go on.
         """
-        states = self._simulator.rollout(inputs.parameters, inputs.controllers[:frames])
-        return motion_since_start(states, inputs.parameters)
+        return self._simulator.rollout(inputs.parameters, inputs.controllers[:frames])
+
+    def simulate(self, inputs: Inputs, frames: int | None = None) -> States:
+        """The same with F as the motion since frame 0 (see `motion_since_start`), which is what carries points."""
+        return motion_since_start(self.states(inputs, frames), inputs.parameters)
 
     def simulate_batch(self, inputs: list[Inputs], frames: int | None = None) -> BatchStates:
         """The same for many at once, with an axis of rollouts; what ended one early stands in `failures`."""

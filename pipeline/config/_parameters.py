@@ -6,7 +6,7 @@ from pathlib import Path
 from typing import Annotated, Any, Literal
 
 import yaml
-from pydantic import BaseModel, Field, StringConstraints, ValidationError, create_model
+from pydantic import BaseModel, Field, StringConstraints, ValidationError, create_model, field_validator
 
 from physreal_core.errors import InputError
 from pipeline.config._base import StageParameters
@@ -20,6 +20,12 @@ class Prediction(StageParameters):
     """A sequence that no model is fitted on: it is rolled out with another sequence's."""
 
     model_from: Name = Field(description="sequence of `fits` whose fitted models are used, without any refit")
+
+
+class Fit(StageParameters):
+    """A sequence that models are fitted on."""
+
+    companion: Name = Field(description="another interaction with the same object, for find_gap; itself: there is none")
 
 
 class _Member(StageParameters):
@@ -48,7 +54,7 @@ def parameters_model(graph: Graph = STAGES) -> type[BaseModel]:
         "sequences": (sequence, "captures that become objects; a stage's name holds values laid over its block below"),
         "clips": (clip, "captures that go through perception only"),
         "rigged": (_Member, "sequences whose capture data/rig makes; any other is yours and is only read"),
-        "fits": (_Member, "sequences that models are fitted on"),
+        "fits": (Fit, "sequences that models are fitted on"),
         "predictions": (Prediction, "sequences predicted with another one's models, without any refit"),
     }
     fields = {
@@ -58,7 +64,15 @@ def parameters_model(graph: Graph = STAGES) -> type[BaseModel]:
     for name, stage in graph.items():
         model = stage.parameters_model()
         fields[name] = (model, Field(default_factory=model, description=_first_line(model)))
-    return create_model("ParametersFile", __base__=_Header, **fields)
+    validators = {"companions": field_validator("fits", mode="before")(_with_companions)}
+    return create_model("ParametersFile", __base__=_Header, __validators__=validators, **fields)
+
+
+def _with_companions(fits: Any) -> Any:
+    """A fitted sequence that names no companion is its own: DVC needs the key, and has no word for none."""
+    if not isinstance(fits, dict):
+        return fits
+    return {name: {"companion": name, **fit} if isinstance(fit, dict) else fit for name, fit in fits.items()}
 
 
 def _first_line(model: type[BaseModel]) -> str:
@@ -151,6 +165,13 @@ def _check_roles(parameters: Parameters) -> None:
         for name in getattr(values, role):
             if name not in values.sequences:
                 raise unknown_key(f"{role}.{name}", name, list(values.sequences), file)
+    for name, fit in values.fits.items():
+        if fit.companion not in values.sequences:
+            raise InputError(
+                f"fits.{name}.companion = {fit.companion!r} is no sequence",
+                where=file,
+                expected=f"one of {', '.join(values.sequences)}",
+            )
     for name, prediction in values.predictions.items():
         if name in values.fits:
             raise InputError(f"{name} is in fits and in predictions", where=file, expected="one of the two")

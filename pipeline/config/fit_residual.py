@@ -23,7 +23,7 @@ class Rate(StageParameters):
 
 
 class FitResidual(StageParameters):
-    """Stage 3: what no expert law explains; E and nu are held."""
+    """Stage 3: what no expert law and no named effect explains; E and nu are held."""
 
     residual: Residual = Field(Residual(), description="")
     networks: Rate = Field(Rate(rate=0.02), description="the networks' weights")
@@ -31,4 +31,7 @@ class FitResidual(StageParameters):
     losses: Losses = Field(Losses(), description="")
     masks: Masks = Field(Masks(), description="")
     descent: Descent = Field(Descent(iterations=12, every_term=True), description="")
+    compare: bool = Field(
+        True, description="where an effect was named, fit the networks without it too, for the report"
+    )
     device: Device = device_field()

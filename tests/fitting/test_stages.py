@@ -18,14 +18,22 @@ from physreal_core.fitting.model import load_model
 from physreal_core.fitting.problem import Problem
 from physreal_core.rendering import save_gaussians
 from pipeline.config import load_parameters
+from pipeline.graph import FIT_STAGES
 from pipeline.project import Project
 from pipeline.provenance import digest_folder, write_provenance
 from pipeline.stage import run_stage
-from stages import fit_global, fit_patches, fit_residual, predict
+from stages import add_effect, find_gap, fit_global, fit_patches, fit_residual, predict
 from tests.fitting import scene
 
 ROOT = Path(__file__).parents[2]
-RUNS = {"fit_global": fit_global.run, "fit_patches": fit_patches.run, "fit_residual": fit_residual.run}
+RUNS = {
+    "fit_global": fit_global.run,
+    "fit_patches": fit_patches.run,
+    "find_gap": find_gap.run,
+    "add_effect": add_effect.run,
+    "fit_residual": fit_residual.run,
+}
+FITS = ("fit_global", "fit_patches", "fit_residual")
 FILES = {"model.safetensors", "model.json", "rollout.npz", "loss.csv", "fit.json", "provenance.json"}
 UPSTREAM = {
     "parse_video": (),
@@ -54,6 +62,7 @@ def _project(root: Path) -> Project:
             "descent": {**descent, "warmup": 1},
         },
         "fit_patches": {"descent": descent, "masks": {"frames": 2, "reduction": 2}},
+        "find_gap": {"candidates": ["soft_spot"], "shortlist": 1, "seconds": 0, "iterations": 1},
         "fit_residual": {"descent": descent, "residual": {"latent_size": 2, "hidden": 4}, "losses": {"mask": 0.0}},
     }
     roles = {
@@ -134,6 +143,8 @@ def test_the_three_stages_follow_each_other_and_none_ends_worse(project):
     objectives = {}
     for stage, run in RUNS.items():
         folder = run_stage(stage, "lift", run, project)
+        if stage not in FITS:
+            continue
         assert {path.name for path in folder.iterdir()} == FILES
         rollout = np.load(folder / "rollout.npz")
         assert rollout["x"].shape == (8, 42, 3) and rollout["F"].shape == (8, 42, 3, 3)
@@ -159,7 +170,7 @@ def test_predict_rolls_another_sequence_out_with_every_model(project):
         if not project.artifact(stage, "lift").is_dir():
             run_stage(stage, "lift", run, project)
     folder = run_stage("predict", "push", predict.run, project)
-    for stage in RUNS:
+    for stage in FIT_STAGES:
         given, taken = (
             np.load(path / "rollout.npz")["x"] for path in (project.artifact(stage, "lift"), folder / stage)
         )

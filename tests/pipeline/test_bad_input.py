@@ -152,7 +152,11 @@ def test_a_split_past_the_end(tmp_path, capture):
         ({"parse_video": {"max_width": "wide"}}, "parse_video.max_width = 'wide'; expected a valid integer"),
         ({"parse_vidoe": {}}, "unknown key parse_vidoe; did you mean parse_video?"),
         ({"fits": {"clap": {}}}, "unknown key fits.clap; did you mean fits.clip?"),
-        ({"fits": {"clip": {"fit_global": {}}}}, "unknown key fits.clip.fit_global; expected no keys here"),
+        ({"fits": {"clip": {"fit_global": {}}}}, "unknown key fits.clip.fit_global; expected one of companion"),
+        (
+            {"fits": {"clip": {"companion": "clap"}}},
+            "fits.clip.companion = 'clap' is no sequence; expected one of clip",
+        ),
         ({"fits": {"clip": None}}, "fits.clip = None; expected a valid dictionary"),
         ({"predictions": {"clip": {"model_from": "x"}}}, "predictions.clip.model_from = 'x' is not a fitted sequence"),
         ({"sequences": {"clip": {"parse_video": {"max_widht": 320}}}}, "sequences.clip.parse_video.max_widht"),

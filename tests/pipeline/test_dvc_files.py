@@ -20,9 +20,14 @@ def output_names(entry: dict) -> list[str]:
     return [name for out in entry["outs"] for name in ([out] if isinstance(out, str) else out)]
 
 
+def item_of(stage: str) -> str:
+    """What stands for the sequence in the stage's entries."""
+    return "${key}" if stage in ("predict", "find_gap", "add_effect") else "${item.seq}"
+
+
 def artifacts_of(stage: Stage, entry: str) -> set[str]:
     """Folders that the graph says this entry reads."""
-    item = "${key}" if stage.name == "predict" else "${item.seq}"
+    item = item_of(stage.name)
     more = stage.predicted if entry.endswith("_prediction") else stage.fitted
     names = {f"data/artifacts/{name}/{item}" for name in (*stage.upstream, *more)}
     names |= {f"data/artifacts/{name}/${{item.model_from}}" for name in stage.of_model}
@@ -33,7 +38,9 @@ def artifacts_of(stage: Stage, entry: str) -> set[str]:
 def test_inputs_are_those_of_the_graph(stage):
     for name, entry in entries(stage.name).items():
         read = {dep for dep in entry["deps"] if dep.startswith(("data/artifacts", "data/captures"))}
-        assert read == artifacts_of(stage, name), name
+        of_companion = {dep for dep in read if "${item.companion}" in dep}
+        assert read - of_companion == artifacts_of(stage, name), name
+        assert {dep.split("/")[2] for dep in of_companion} == set(stage.of_companion), name
 
 
 @pytest.mark.parametrize("stage", STAGES.values(), ids=list(STAGES))
@@ -59,7 +66,7 @@ def test_parameters_and_outputs(stage):
         assert {"seed", stage} <= set(entry["params"])
         assert any(key.endswith(f".{stage}") for key in entry["params"]), name
         where = "data/captures" if STAGES[stage].makes_capture else f"data/artifacts/{stage}"
-        item = "${key}" if stage == "predict" else "${item.seq}"
+        item = item_of(stage)
         assert output_names(entry) == [f"{where}/{item}", f"data/runs/{stage}/{item}.json"]
         assert entry["cmd"] == f"python -m stages.{stage} {item}"
         assert entry["wdir"] == "../.."

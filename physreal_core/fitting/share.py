@@ -1,0 +1,44 @@
+"""How much of the stress a fitted model leaves to its residual network: small where expert laws and named effects explain the motion."""
+
+import torch
+from torch import Tensor
+
+from physreal_core.errors import InputError
+from physreal_core.fitting.model import Model
+from physreal_core.fitting.rollouts import Rollouts
+from physreal_core.simulation.constitutive import reference
+
+
+def residual_share(rollouts: Rollouts, model: Model, frames: int | None = None) -> float:
+    """Root of the ratio of |delta tau|^2 to |tau_expert|^2, both integrated over the body and summed over frame times.
+
+    At most the bound beta_elastic of the model's residual. Elastic stress only: what viscosity or fibres add is not counted.
+
+    Args:
+        rollouts: of the problem under this model.
+        model: with residual networks.
+        frames: leading frames that count; all by default.
+
+    Raises:
+        InputError: the model has no network for the stress.
+    """
+    config = rollouts.config.elastic_residual
+    if config is None:
+        raise InputError("no residual of the stress", where="residual_share", expected="a model after Stage 3")
+    with torch.no_grad():
+        inputs = rollouts.inputs(model.fields)
+        F = rollouts.states(inputs, frames).F.cpu().double()
+        given = {name: getattr(inputs.parameters, name).cpu().double() for name in _READ}
+        E = given["youngs_modulus"].expand(F.shape[1])
+        latent = given["latent_elastic"].expand(*F.shape[:2], -1)
+        expert = getattr(reference, model.elastic_law)(F, E, given["poissons_ratio"].expand(F.shape[1]))
+        added = reference.stress_residual(config, F, expert, E, latent, given["network_elastic"])
+    volume = torch.from_numpy(rollouts.problem.body.volume).double()
+    return float((_energy(added, volume) / _energy(expert, volume)).sqrt())
+
+
+_READ = ("youngs_modulus", "poissons_ratio", "latent_elastic", "network_elastic")
+
+
+def _energy(stress: Tensor, volume: Tensor) -> Tensor:
+    return (stress.square().sum((-2, -1)) * volume).sum()

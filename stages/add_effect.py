@@ -1,0 +1,70 @@
+"""Stage add_effect: the named effect goes into Stage 2's model, if the gap shrinks where its fit never looked."""
+
+import dataclasses
+import json
+
+from physreal_core.fitting.losses import LossConfig
+from physreal_core.fitting.model import Model, load_model, save_model
+from physreal_core.fitting.named_effects import effect_record
+from physreal_core.fitting.objective import Objective
+from physreal_core.gap.adding import add_effect
+from physreal_core.gap.experiment import Experiment, Trial
+from physreal_core.gap.report import Added, GapReport
+from pipeline.config.find_gap import FindGap
+from pipeline.provenance import read_provenance
+from pipeline.stage import StageContext, main
+from stages._fit import summary, write_rollout
+from stages._gap import interactions, load_report, located, settings_of, teller
+from stages._gap_pictures import write_before_after, write_gap_timeline
+
+
+def run(context: StageContext) -> None:
+    """The model with the effect in it, its rollout, and gap_after.json; where nothing is adopted, the model as it was."""
+    baseline = load_model(context.input("fit_patches"))
+    report = load_report(context.input("find_gap"))
+    with context.timed("read"):
+        experiments = interactions(context, baseline)
+    with context.timed("fit"):
+        searched = FindGap.model_validate(read_provenance(context.input("find_gap"))["parameters"])
+        settings = settings_of(searched, context.seed)
+        added = add_effect(experiments, report, settings, teller(context), context.params.effects or None)
+    model = with_effects(baseline, added, _probability(report, added))
+    save_model(context.output, model)
+    (context.output / "gap_after.json").write_text(json.dumps(added.as_record(), indent=1) + "\n")
+    (context.output / "fit.json").write_text(json.dumps({"values": summary(model)}, indent=1) + "\n")
+    with context.timed("rollout"):
+        objective = Objective(experiments[0].problem, model, LossConfig(), device=context.params.device)
+        write_rollout(context.output / "rollout.npz", objective, model)
+    if added.adopted:
+        with context.timed("figures"):
+            _draw(context, experiments[0], report, added)
+
+
+def with_effects(baseline: Model, added: Added, probability: float | None) -> Model:
+    """The model with what was adopted; the same model where nothing was."""
+    if not added.adopted:
+        return baseline
+    records = [
+        effect_record(effect.name, effect.values, intervals=effect.intervals, probability=probability)
+        for effect in added.effects
+    ]
+    return dataclasses.replace(baseline.with_fields(**added.fields), effects=[*baseline.effects, *records])
+
+
+def _probability(report: GapReport, added: Added) -> float | None:
+    """Of the answer that was added, None for one that the search did not fit."""
+    names = {effect.name for effect in added.effects}
+    return next((c.probability for c in report.candidates if set(c.names) == names and c.gain is not None), None)
+
+
+def _draw(context: StageContext, own: Experiment, report: GapReport, added: Added) -> None:
+    """Before and after on the sequence itself."""
+    effects = {effect.name: effect.values for effect in added.effects}
+    before = own.predict([Trial(report.fields)])[0]
+    where, after = located(own, Trial(added.fields, effects))
+    write_gap_timeline(context.output / "timeline.svg", report.where[0], after=where.as_record(), observed=own.train)
+    write_before_after(context.output / "before_after.svg", own.measured, own.valid, before, after)
+
+
+if __name__ == "__main__":
+    main("add_effect", run)

@@ -1,0 +1,46 @@
+"""Stage find_gap: where Stage 2's model and the measurement disagree, and what is missing (docs/missing_effect.md)."""
+
+import dataclasses
+
+import numpy as np
+
+from physreal_core.fitting.model import load_model
+from physreal_core.gap.experiment import Experiment
+from physreal_core.gap.report import GapReport
+from physreal_core.gap.search import find_gap
+from physreal_core.gap.where import Where
+from pipeline.stage import StageContext, main
+from stages._gap import interactions, located, save_report, settings_of, teller, trial_of
+from stages._gap_pictures import write_before_after, write_gap_map, write_gap_timeline, write_probabilities
+
+
+def run(context: StageContext) -> None:
+    """gap.json with verdict, candidates and maps, the fields of every fitted candidate, and figures."""
+    with context.timed("read"):
+        experiments = interactions(context, load_model(context.input("fit_patches")))
+    with context.timed("search"):
+        report = find_gap(experiments, settings_of(context.params, context.seed), teller(context))
+    with context.timed("where"):
+        baseline = trial_of(None, report.fields)
+        places = [located(experiment, baseline) for experiment in experiments]
+    report = dataclasses.replace(report, where=tuple(where.as_record() for where, _ in places))
+    save_report(context.output, report)
+    with context.timed("figures"):
+        _draw(context, experiments[0], report, *places[0])
+    print(report.where[0]["sentence"], report.verdict.sentence, sep="\n")
+
+
+def _draw(context: StageContext, own: Experiment, report: GapReport, where: Where, before: np.ndarray) -> None:
+    """Figures of the sequence itself."""
+    record = report.where[0]
+    write_gap_map(context.output / "map.svg", own.points0, record)
+    write_gap_timeline(context.output / "timeline.svg", record, observed=own.train)
+    after = own.predict([trial_of(report.best, report.fields)])[0] if report.verdict.names else None
+    write_before_after(context.output / "before_after.svg", own.measured, own.valid, before, after)
+    answers = {" + ".join(c.names) or "none": c.probability for c in report.candidates if c.gain is not None}
+    named = tuple(" + ".join(names) or "none" for names in report.verdict.members)
+    write_probabilities(context.output / "probabilities.svg", answers, named)
+
+
+if __name__ == "__main__":
+    main("find_gap", run)

@@ -5,11 +5,14 @@ from dataclasses import dataclass, replace
 from typing import ClassVar, Literal
 
 from physreal_core.array_types import Array, Float, Tensor
+from physreal_core.errors import InputError
 from physreal_core.simulation import Body, Clamp, Grip, Parameters, SimulationConfig, States
 
 Family = Literal["around", "material", "mass", "contact", "grip", "measurement"]
 Values = Mapping[str, Tensor]
 """Coefficients of one effect by name; each is a tensor of shape []."""
+ANYWHERE = 100.0
+"""Bound of coordinates that may be any [m]."""
 
 
 @dataclass(frozen=True)
@@ -129,8 +132,25 @@ class Effect:
         return ({},)
 
 
+def fits(effect: Effect, config: SimulationConfig) -> bool:
+    """Whether the laws that an effect needs are free in this configuration: the identity, or its own already."""
+    return all(getattr(config, key) in ("identity", law) for key, law in effect.laws.items())
+
+
 def configured(config: SimulationConfig, effects: tuple[Effect, ...]) -> SimulationConfig:
-    """The configuration with the terms and laws that these effects need."""
+    """The configuration with the terms and laws that these effects need.
+
+    Raises:
+        InputError: an effect needs a law where the configuration has another one.
+    """
+    for effect in effects:
+        if not fits(effect, config):
+            raise InputError(
+                f"the effect {effect.name!r} needs {effect.laws}",
+                where="SimulationConfig",
+                expected="the identity there, which the effect replaces",
+                remedy="leave the effect out for this material",
+            )
     terms = tuple(sorted({*config.terms, *(term for effect in effects for term in effect.terms)}))
     laws = {key: law for effect in effects for key, law in effect.laws.items()}
     return replace(config, terms=terms, **laws)

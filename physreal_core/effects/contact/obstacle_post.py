@@ -3,7 +3,7 @@
 import torch
 
 from physreal_core.effects.contact.obstacle import FORMULA, STIFFNESS, crossed_places, with_capsule
-from physreal_core.effects.effect import Coefficient, Effect, Inputs, Setting, Values
+from physreal_core.effects.effect import ANYWHERE, Coefficient, Effect, Inputs, Setting, Values
 from physreal_core.effects.fields import vector
 from physreal_core.simulation import States
 
@@ -23,9 +23,9 @@ class ObstaclePost(Effect):
     terms = ("obstacle",)
     coefficients = (
         STIFFNESS,
-        Coefficient("x", "m", "axis", 0.0, -100.0, 100.0, 0.02, "shape"),
-        Coefficient("y", "m", "axis", 0.0, -100.0, 100.0, 0.02, "shape"),
-        Coefficient("height", "m", "z of its top", 0.2, -100.0, 100.0, 0.05, "shape"),
+        Coefficient("x", "m", "axis", 0.0, -ANYWHERE, ANYWHERE, 0.02, "shape"),
+        Coefficient("y", "m", "axis", 0.0, -ANYWHERE, ANYWHERE, 0.02, "shape"),
+        Coefficient("height", "m", "z of its top", 0.2, -ANYWHERE, ANYWHERE, 0.05, "shape"),
         Coefficient("radius", "m", "of the post", START_RADIUS, 0.005, 0.3, 0.02, "shape"),
     )
 

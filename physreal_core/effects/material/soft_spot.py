@@ -3,7 +3,7 @@
 from collections.abc import Mapping
 
 from physreal_core.array_types import Array, Float
-from physreal_core.effects.effect import Coefficient, Effect, Inputs, Setting, Values
+from physreal_core.effects.effect import ANYWHERE, Coefficient, Effect, Inputs, Setting, Values
 from physreal_core.effects.fields import changed, like, vector, youngs_modulus
 from physreal_core.effects.shape import bump, carried_place, local_starts
 from physreal_core.simulation import States
@@ -20,9 +20,9 @@ class SoftSpot(Effect):
     told_by = "loading the body on either side of the place: the bend stays where it is"
     coefficients = (
         Coefficient("loss", "1", "share of the modulus lost at the centre, a", 0.0, 0.0, 0.97, 0.4),
-        Coefficient("x", "m", "centre at frame 0", 0.0, -100.0, 100.0, 0.03, "shape"),
-        Coefficient("y", "m", "centre at frame 0", 0.0, -100.0, 100.0, 0.03, "shape"),
-        Coefficient("z", "m", "centre at frame 0", 0.0, -100.0, 100.0, 0.03, "shape"),
+        Coefficient("x", "m", "centre at frame 0", 0.0, -ANYWHERE, ANYWHERE, 0.03, "shape"),
+        Coefficient("y", "m", "centre at frame 0", 0.0, -ANYWHERE, ANYWHERE, 0.03, "shape"),
+        Coefficient("z", "m", "centre at frame 0", 0.0, -ANYWHERE, ANYWHERE, 0.03, "shape"),
         Coefficient("radius", "m", "r", 0.02, 0.005, 0.5, 0.02, "shape"),
     )
 

@@ -43,6 +43,7 @@ for module in pkgutil.walk_packages(package.__path__, sys.argv[1] + "."):
         "physreal_core.fitting",
         "physreal_core.geometry",
         "physreal_core.evaluation",
+        "physreal_core.effects",
         "benchmarks",
     ],
 )

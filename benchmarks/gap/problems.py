@@ -20,7 +20,7 @@ from physreal_core.simulation import Body, Grip
 
 BINDING_NEIGHBOURS, TRACK_DISTANCE, GRIP_RADIUS = 8, 0.01, 0.02  # of `sample_particles`; the latter two in [m]
 GUESS = {"youngs_modulus": 1e5, "poissons_ratio": 0.3, "friction_coefficient": 0.4, "grip_damping": 0.01}
-GRIP_STIFFNESS = 6e3  # of all bonds together, whatever their number [N]; a hand that holds firmly
+GRIP_STIFFNESS = 6e4  # of all bonds together, whatever their number [N]: a hand that holds a bar as a vice does
 
 
 @dataclass(frozen=True)

@@ -11,6 +11,7 @@ from physreal_core.gap.disagreement import disagreements
 from physreal_core.gap.evidence import Progress, fit_baseline
 from physreal_core.gap.experiment import Experiment
 from physreal_core.gap.least_squares import Fit, fit, together
+from physreal_core.gap.localisation import localise
 from physreal_core.gap.naming import Answer, answer_of, candidates_of, probabilities, verdict_of
 from physreal_core.gap.report import Candidate, FittedEffect, GapReport
 from physreal_core.gap.screening import Score, Screen, started
@@ -100,12 +101,17 @@ class Search:
             verdict=verdict,
             candidates=candidates,
             test=test,
-            where=(),
+            where=tuple(self._where()),
             baseline=disagreements(self.experiments, predictions),
             fields=self.baseline.unknowns.baseline_fields(self.baseline.vector),
             information=tuple(self.screen.information()),
             settings={"candidates": list(self.names), "seed": settings.seed},
         )
+
+    def _where(self) -> list[dict]:
+        """Records of the baseline's disagreement, one per interaction."""
+        parts = zip(self.experiments, self.evidence.train.noises, self.baseline.predicted, strict=True)
+        return [localise(*part).as_record() for part in parts]
 
     def _not_fitted(self) -> tuple[Candidate, ...]:
         fitted = {answer.names for answer in self.answers}

@@ -1,0 +1,63 @@
+"""A made-up world that is linear in its unknowns: the closed form of every fit is known."""
+
+from types import SimpleNamespace
+
+import numpy as np
+import torch
+
+from physreal_core.gap.noise import ModelError, Noise
+
+FRAMES, TRAIN, TRACKS, SIGMA = 10, 7, 6, 1e-3
+FIELDS = {
+    "youngs_modulus": torch.full((2,), 1e5, dtype=torch.float64),
+    "poissons_ratio": torch.full((2,), 0.3, dtype=torch.float64),
+}
+
+
+class LinearExperiment:
+    """Tracks answer linearly to the logarithms of two moduli and to the coefficients of named effects.
+
+    Args:
+        answers: by effect and coefficient, the tracks' change per SI unit, shape [T, J, 3].
+        truth: coefficients by effect.
+    """
+
+    def __init__(self, answers: dict, truth: dict, seed: int = 0) -> None:
+        random = np.random.default_rng(seed)
+        self.points0 = random.uniform(-0.1, 0.1, (TRACKS, 3))
+        time = np.linspace(0, 1, FRAMES)[:, None, None]
+        self._to_E = [2e-2 * time * random.standard_normal((1, TRACKS, 3)) for _ in range(2)]
+        self._answers, self.train, self.frames = answers, TRAIN, FRAMES
+        self.valid = random.random((FRAMES, TRACKS)) > 0.1
+        self.valid[0] = False
+        self.sigma = np.full(self.valid.shape, SIGMA)
+        self.model = SimpleNamespace(fields=FIELDS, effects=[], elastic_law="hencky")
+        self.setting = SimpleNamespace(fps=30.0, ground_height=None)
+        fields = {**FIELDS, "youngs_modulus": FIELDS["youngs_modulus"] * torch.tensor([1.2, 0.9], dtype=torch.float64)}
+        exact = self.predict([SimpleNamespace(fields=fields, effects=truth)])[0]
+        self.measured = exact + SIGMA * random.standard_normal(exact.shape)
+
+    def predict(self, trials, frames=None, variant=None) -> np.ndarray:
+        return np.stack([self._one(trial)[: frames or FRAMES] for trial in trials])
+
+    def _one(self, trial) -> np.ndarray:
+        points = np.broadcast_to(self.points0, (FRAMES, TRACKS, 3)).copy()
+        for change, E in zip(self._to_E, trial.fields["youngs_modulus"].tolist(), strict=True):
+            points += change * np.log(E / 1e5)
+        for name, values in trial.effects.items():
+            for key, value in values.items():
+                points += self._answers[name][key] * value
+        return points
+
+    def carried_starts(self, trial) -> np.ndarray:
+        return np.zeros((3, FRAMES, TRACKS, 3))
+
+    def motion(self, trial):
+        return None
+
+    def noise(self) -> Noise:
+        sigma, valid = self.sigma[:TRAIN], self.valid[:TRAIN]
+        motion = np.broadcast_to(self.points0, (TRAIN, TRACKS, 3))
+        error = ModelError(rms=1e-4)
+        carried = np.zeros((3, TRAIN, TRACKS, 3))
+        return Noise(sigma, valid, self.points0, motion, np.zeros((0, TRAIN, TRACKS, 3)), carried, 30.0, error)

@@ -1,0 +1,68 @@
+"""The noise model whitens what it says it does."""
+
+import numpy as np
+import pytest
+
+from physreal_core.gap.noise import ModelError, Noise
+
+FRAMES, TRACKS, SIGMA = 12, 9, 1e-3
+
+
+def scene(seed: int = 0):
+    random = np.random.default_rng(seed)
+    points0 = random.uniform(-0.1, 0.1, (TRACKS, 3))
+    motion = points0 + np.linspace(0, 0.06, FRAMES)[:, None, None] * np.array([1.0, 0.0, 0.5])
+    valid = random.random((FRAMES, TRACKS)) > 0.2
+    valid[0] = False
+    modes = 1e-3 * np.sin(np.linspace(0, 3, FRAMES))[None, :, None, None] * random.standard_normal((2, 1, TRACKS, 3))
+    carried = np.broadcast_to(np.eye(3)[:, None, None], (3, FRAMES, TRACKS, 3)).copy()
+    return points0, motion, valid, modes, carried
+
+
+def noise(error: ModelError | None = None) -> Noise:
+    points0, motion, valid, modes, carried = scene()
+    sigma = np.full(valid.shape, SIGMA)
+    return Noise(sigma, valid, points0, motion, modes, carried, 30.0, error or ModelError(rms=1e-3))
+
+
+def samples(count: int) -> np.ndarray:
+    """Residuals of a right model: sensor noise now and in frame 0, and the reruns' differences at random amplitudes."""
+    random = np.random.default_rng(1)
+    *_, valid, modes, _ = scene()
+    now = SIGMA * random.standard_normal((count, FRAMES, TRACKS, 3))
+    first = SIGMA * random.standard_normal((count, 1, TRACKS, 3))
+    return now - first + np.einsum("sm,mtjk->stjk", random.standard_normal((count, len(modes))), modes)
+
+
+def test_whitened_samples_are_independent_and_of_size_one():
+    model = noise(ModelError(rms=1e-9, relative=0.0))
+    whitened = model.whiten(samples(4000))
+    covariance = whitened @ whitened.T / whitened.shape[1]
+    off = covariance - np.diag(np.diag(covariance))
+    assert np.diag(covariance) == pytest.approx(1.0, abs=0.12)
+    assert np.abs(off).max() < 0.12
+
+
+def test_global_test_is_calibrated_and_sees_a_gap():
+    model = noise(ModelError(rms=1e-9, relative=0.0))
+    p = np.array([model.global_test(sample, 0)["p_value"] for sample in samples(400)])
+    assert 0.02 < (p < 0.05).mean() < 0.09
+    gap = samples(1)[0] + 4e-3 * np.linspace(0, 1, FRAMES)[:, None, None] * np.array([0.0, 0.0, 1.0])
+    assert model.global_test(gap, 0)["p_value"] < 1e-6
+
+
+def test_what_the_numerics_can_move_is_little_evidence():
+    *_, modes, _ = scene()
+    along = 3.0 * modes[:1]
+    with_modes, without = noise(), noise(ModelError(rms=1e-3, reruns=0.0))
+    assert (with_modes.whiten(along) ** 2).sum() < 12.0 < (without.whiten(along) ** 2).sum()
+
+
+def test_modes_reproduce_the_covariance():
+    """Modes and sensor noise together give the spread of a weighted sum that the model was built with."""
+    model = noise(ModelError(rms=2e-3, relative=0.0, reruns=1.0))
+    *_, valid, modes, _ = scene()
+    weights = np.where(valid[..., None], 1.0, 0.0) / valid.sum()
+    spread = np.sqrt((np.tensordot(model.modes(), weights, 3) ** 2).sum())
+    own = np.sqrt((np.tensordot(modes, weights, 3) ** 2).sum())
+    assert own < spread < 10e-3

@@ -85,7 +85,7 @@ class _Fits:
             rest.remove(score.start.effect)
             unknowns, vector = started(self.baseline, found, score, self.settings.priors)
             request = fit(unknowns, self.evidence.train, vector, self.settings.iterations, self.baseline.jacobian)
-            (found,) = together([request], self.experiments)
+            (found,) = together([request], self.evidence.train)
         return found
 
 

@@ -20,15 +20,30 @@ Progress = Callable[[str], None]
 class Evidence:
     """Noise models around one baseline.
 
+    Args:
+        experiments: the interactions.
+        trial: the baseline.
+        settings: of the search.
+        share: of the training frames that count.
+        reruns: whether the baseline is run in other discretisations; otherwise the smooth model error alone stands for them.
+
     Attributes:
         train: of all experiments, over their training frames.
         floors: root mean square size of the reruns' differences per experiment [m].
     """
 
-    def __init__(self, experiments: Sequence[Experiment], trial: Trial, settings: GapSettings) -> None:
+    def __init__(
+        self,
+        experiments: Sequence[Experiment],
+        trial: Trial,
+        settings: GapSettings,
+        share: float = 1.0,
+        reruns: bool = True,
+    ) -> None:
         self.experiments, self._settings = list(experiments), settings
-        self._around = [self._surroundings(experiment, trial) for experiment in experiments]
-        self.train = Data(experiments, [self._noise(number, held_out=False) for number in range(len(experiments))])
+        self._around = [self._surroundings(experiment, trial, reruns) for experiment in experiments]
+        frames = [max(2, round(share * experiment.train)) for experiment in experiments]
+        self.train = Data(experiments, [self._noise(number, 0, end) for number, end in enumerate(frames)])
         self._held_out: list[Noise | None] | None = None
         self.floors = tuple(
             float(np.sqrt((modes**2).sum(-1)[:, e.valid].mean())) if len(modes) else 0.0
@@ -36,27 +51,27 @@ class Evidence:
         )
 
     @staticmethod
-    def _surroundings(experiment: Experiment, trial: Trial) -> tuple[Array, Array, Array]:
+    def _surroundings(experiment: Experiment, trial: Trial, reruns: bool) -> tuple[Array, Array, Array]:
         """The baseline's motion, the reruns' differences and the carried starting points of one experiment [m]."""
         motion = experiment.predict([trial])[0]
-        return motion, rerun_differences(experiment, trial, motion), experiment.carried_starts(trial)
+        modes = rerun_differences(experiment, trial, motion) if reruns else np.zeros((0, *motion.shape))
+        return motion, modes, experiment.carried_starts(trial)
 
-    def _noise(self, number: int, *, held_out: bool) -> Noise | None:
+    def _noise(self, number: int, first: int, end: int) -> Noise | None:
+        """Of the frames [first, end) of one experiment, None where nothing was measured in them."""
         experiment, (motion, modes, carried) = self.experiments[number], self._around[number]
-        frames = experiment.frames if held_out else experiment.train
-        valid = experiment.valid[:frames].copy()
-        if held_out:
-            valid[: experiment.train] = False
+        valid = experiment.valid[:end].copy()
+        valid[:first] = False
         if not valid.any():
             return None
-        fields = (motion[:frames], modes[:, :frames], carried[:, :frames])
-        sigma, error = experiment.sigma[:frames], self._settings.model_error
+        fields = (motion[:end], modes[:, :end], carried[:, :end])
+        sigma, error = experiment.sigma[:end], self._settings.model_error
         return Noise(sigma, valid, experiment.points0, *fields, experiment.setting.fps, error)
 
     def held_out_energy(self, predictions: Sequence[Float[Array, "frames tracks 3"]]) -> float:
         """Half the whitened squared residual over the held-out frames of all experiments [nat]; predictions over all frames."""
         if self._held_out is None:
-            self._held_out = [self._noise(number, held_out=True) for number in range(len(self.experiments))]
+            self._held_out = [self._noise(number, e.train, e.frames) for number, e in enumerate(self.experiments)]
         total = 0.0
         for experiment, noise, predicted in zip(self.experiments, self._held_out, predictions, strict=True):
             if noise is not None:
@@ -65,21 +80,40 @@ class Evidence:
         return total
 
 
+HORIZONS = (0.3, 0.5, 0.75)
+"""Shares of the training frames over which a rough baseline is fitted first: a swing whose frequency is wrong has other minima
+once it is half a period late."""
+
+
 def fit_baseline(
     experiments: Sequence[Experiment], settings: GapSettings, progress: Progress = lambda message: None
 ) -> tuple[Fit, Evidence]:
-    """Fit the baseline to all experiments at once, with the noise model around it.
+    """Fit the baseline to all experiments at once, over a growing horizon, with the noise model around it.
 
-    The noise model needs a baseline to be built around, so it is fitted twice: first with the model's error alone as
-    noise, then again from there.
+    The noise model needs a baseline to be built around, so over the whole horizon it is fitted twice: first with the smooth
+    model error alone, then with the differences of reruns at the first fit.
     """
     first = experiments[0]
     fields, ground = first.model.fields, first.setting.ground_height is not None
     unknowns = Unknowns(fields, (), settings.priors, ground=ground)
-    vector = unknowns.start()
-    for round_, iterations in enumerate((settings.baseline_iterations, max(2, settings.baseline_iterations // 2))):
-        progress(f"baseline, round {round_ + 1}")
-        evidence = Evidence(experiments, unknowns.trial(vector), settings)
-        (found,) = together([fit(unknowns, evidence.train, vector, iterations)], experiments)
+    vector = _scanned(experiments, unknowns, settings)
+    for share, reruns in (*((share, False) for share in HORIZONS), (1.0, False), (1.0, True)):
+        progress(f"baseline over {100 * share:.0f} % of the training frames")
+        evidence = Evidence(experiments, unknowns.trial(vector), settings, share, reruns)
+        (found,) = together([fit(unknowns, evidence.train, vector, settings.baseline_iterations)], evidence.train)
         vector = found.vector
     return found, evidence
+
+
+def _scanned(experiments: Sequence[Experiment], unknowns: Unknowns, settings: GapSettings) -> Array:
+    """The start, with its moduli times the factor that fits the first frames best."""
+    vector = unknowns.start()
+    vectors = [vector.copy() for _ in settings.scan]
+    for moved, factor in zip(vectors, settings.scan, strict=True):
+        moved[: unknowns.patches] += np.log(factor)
+    if len(vectors) == 1:
+        return vectors[0]
+    evidence = Evidence(experiments, unknowns.trial(vector), settings, HORIZONS[0], reruns=False)
+    trials = [unknowns.trial(v) for v in vectors]
+    residuals = evidence.train.residuals(evidence.train.predict(trials))
+    return vectors[int(np.nanargmin((residuals**2).sum(0)))]

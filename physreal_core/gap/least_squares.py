@@ -62,10 +62,19 @@ class Fit:
 
 
 class Data:
-    """Measurements of all experiments, as whitened residuals over their training frames."""
+    """Measurements of all experiments, as whitened residuals over the frames of their noise models.
+
+    Attributes:
+        frames: how many there are of each experiment.
+    """
 
     def __init__(self, experiments: Sequence[Experiment], noises: Sequence[Noise]) -> None:
         self.experiments, self.noises = list(experiments), list(noises)
+        self.frames = [noise.frames for noise in noises]
+
+    def predict(self, trials: Sequence[Trial]) -> Predictions:
+        """Where the trials have the tracks [m], over these frames."""
+        return [e.predict(trials, frames) for e, frames in zip(self.experiments, self.frames, strict=True)]
 
     def residuals(self, predictions: Predictions) -> Float[Array, "entries trials"]:
         """Whitened differences between predictions and measurements; not a number for a trial that failed."""
@@ -193,17 +202,15 @@ def _finite(columns: Array) -> Array:
 
 
 def together(
-    requests: Sequence[Request],
-    experiments: Sequence[Experiment],
-    progress: Callable[[int], None] = lambda rollouts: None,
+    requests: Sequence[Request], data: Data, progress: Callable[[int], None] = lambda rollouts: None
 ) -> list[Fit]:
-    """Runs fits in lockstep over the training frames: each round, the trials of all that still go on are one batch per experiment."""
+    """Runs fits to the same data in lockstep: each round, the trials of all that still go on are one batch per experiment."""
     fits: list[Fit | None] = [None] * len(requests)
     wanted = {number: next(request) for number, request in enumerate(requests)}
     while wanted:
         trials = [trial for request in wanted.values() for trial in request]
-        predictions = [experiment.predict(trials, experiment.train) for experiment in experiments]
-        progress(len(trials) * len(experiments))
+        predictions = data.predict(trials)
+        progress(len(trials) * len(predictions))
         following, first = {}, 0
         for number, asked in wanted.items():
             own = [p[first : first + len(asked)] for p in predictions]

@@ -65,7 +65,7 @@ class Screen:
         trial = baseline.unknowns.trial(baseline.vector)
         plans = [plan for name in names for plan in _plans(EFFECTS[name], data.experiments, trial)]
         trials = [Trial(trial.fields, {**trial.effects, plan.effect.name: v}) for plan in plans for v in plan.steps]
-        answers = [e.predict(trials, frames=e.train) for e in data.experiments]
+        answers = data.predict(trials)
         changes = data.changes(answers, baseline.predicted)
         changes = np.where(np.isfinite(changes).all(0), changes, 0.0)
         self.raw, self.starts, first = [], [], 0

@@ -78,7 +78,7 @@ class Search:
         starts = [started(self.baseline, beside, score, self.settings.priors) for score in scores]
         known = self.baseline.jacobian
         requests = [fit(u, self.evidence.train, v, self.settings.iterations, known) for u, v in starts]
-        for score, found in zip(scores, together(requests, self.experiments), strict=True):
+        for score, found in zip(scores, together(requests, self.evidence.train), strict=True):
             answer = answer_of(found, score.gain, self.baseline, self.evidence, self.experiments, self._energy)
             self.answers.append(answer)
 

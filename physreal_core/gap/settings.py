@@ -15,7 +15,8 @@ class GapSettings:
         shortlist: candidates that the score test hands on to a fit.
         seconds: candidates tried beside the best one.
         iterations: of a candidate's fit, at most.
-        baseline_iterations: of the baseline's.
+        baseline_iterations: of the baseline's, per horizon.
+        scan: factors on the model's moduli among which the baseline's fit looks for its start; for a model that is only guessed.
         model_error: size and smoothness of the simulator's own error.
         priors: widths, in free coordinates.
         prior_none: probability that nothing is missing, before looking.
@@ -33,7 +34,8 @@ class GapSettings:
     shortlist: int = 8
     seconds: int = 3
     iterations: int = 5
-    baseline_iterations: int = 6
+    baseline_iterations: int = 4
+    scan: tuple[float, ...] = (1.0,)
     model_error: ModelError = field(default_factory=ModelError)
     priors: Priors = field(default_factory=Priors)
     prior_none: float = 0.5

@@ -15,12 +15,12 @@ class Payload(Effect):
     name = "payload"
     family = "mass"
     words = "Something heavy is hidden inside."
-    formula = "rho' = rho + m w(x) / (sum of w V), w = exp(-|x - c|^2 / (2 r^2))"
+    formula = "rho' = rho + m M w(x) / (sum of w V), w = exp(-|x - c|^2 / (2 r^2)), M the body's mass"
     shows = "as sag around one place and slower swings; in free flight not at all"
     told_by = "lifting it at different places, then shaking: weight and inertia show alike (a soft spot: only strain)"
     terms = ("density",)
     coefficients = (
-        Coefficient("mass", "kg", "extra mass m", 0.0, 0.0, 5.0, 0.03),
+        Coefficient("ratio", "1", "extra mass over the body's, m", 0.0, 0.0, 5.0, 0.1),
         Coefficient("x", "m", "centre at frame 0", 0.0, -ANYWHERE, ANYWHERE, 0.03, "shape"),
         Coefficient("y", "m", "centre at frame 0", 0.0, -ANYWHERE, ANYWHERE, 0.03, "shape"),
         Coefficient("z", "m", "centre at frame 0", 0.0, -ANYWHERE, ANYWHERE, 0.03, "shape"),
@@ -32,7 +32,7 @@ class Payload(Effect):
         x0, volume = like(inputs, setting.body.x0), like(inputs, setting.body.volume)
         spread = bump(x0, vector(values, "x", "y", "z", like=x0), values["radius"].to(x0))
         share = spread / (spread * volume).sum().clamp_min(1e-30)
-        return changed(inputs, density=density + values["mass"] * share)
+        return changed(inputs, density=density + values["ratio"] * float(setting.body.mass.sum()) * share)
 
     def carried(
         self, values: Mapping[str, float], rotation: Float[Array, "3 3"], translation: Float[Array, "3"]

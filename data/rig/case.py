@@ -21,6 +21,7 @@ from data.rig.simulate import Trajectory, simulate
 
 _SPREAD = 0.15  # amplitudes of one strength differ between seeds by up to this share
 _IMPLICIT_STEP = 0.001  # [s]
+_SETTLE = 0.1  # [s]; the bar lies flat, so there is little to settle
 
 
 @dataclass(frozen=True)
@@ -85,10 +86,16 @@ def make_case(case: Case, destination: Path, *, video: bool) -> None:
 
 def run(scene: Scene, hidden: Hidden) -> Trajectory:
     """The truth: undamped and symplectic unless the effect takes an implicit step."""
-    timestep = _IMPLICIT_STEP if hidden.implicit else explicit_step(scene) / hidden.hardening**0.5
+    timestep = _IMPLICIT_STEP if hidden.implicit else explicit_step(scene) / hidden.hardening() ** 0.5
     integrator = "discrete" if hidden.implicit else "Euler"
     return simulate(
-        scene, timestep=timestep, integrator=integrator, settle=hidden.rest, calm=hidden.rest / 5, hidden=hidden
+        scene,
+        timestep=timestep,
+        integrator=integrator,
+        settle=_SETTLE,
+        calm=_SETTLE / 5,
+        hidden=hidden,
+        punctual=True,
     )
 
 

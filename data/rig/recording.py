@@ -7,7 +7,7 @@ from pathlib import Path
 import numpy as np
 
 from data.rig.mesh import TetMesh
-from data.rig.scene import Scene
+from data.rig.scene import Scene, View
 from data.rig.simulate import Trajectory
 from physreal_core.array_types import Array, Bool, Float, Int
 
@@ -22,13 +22,17 @@ class Recording:
         fps: frames per second, as stated.
         tracks: [T, J, 3] m.
         controllers: [T, C, 3] m, points of the hand where it holds the object.
-        T_world_camera: [4, 4], as stated.
+        middle: [3] m, of the object at frame 0.
+        view: a camera that could have seen it.
+        T_world_camera: [4, 4], if the record is said to come from a camera.
     """
 
     fps: float
     tracks: Float[Array, "T J 3"]
     controllers: Float[Array, "T C 3"]
-    T_world_camera: Float[Array, "4 4"]
+    middle: Float[Array, "3"]
+    view: View
+    T_world_camera: Float[Array, "4 4"] | None = None
 
 
 def ideal(scene: Scene, trajectory: Trajectory, random: np.random.Generator) -> Recording:
@@ -40,7 +44,8 @@ def ideal(scene: Scene, trajectory: Trajectory, random: np.random.Generator) -> 
         fps=scene.fps,
         tracks=np.einsum("tpck,pc->tpk", corners, weights),
         controllers=trajectory.vertices[0, surface] + trajectory.hand[:, None],
-        T_world_camera=scene.view.pose(),
+        middle=trajectory.vertices[0].mean(axis=0),
+        view=scene.view,
     )
 
 
@@ -62,6 +67,7 @@ def write(folder: Path, scene: Scene, recording: Recording, surface: TetMesh, ra
 
 def describe(scene: Scene, recording: Recording) -> dict:
     """The contents of capture.json."""
+    pose = recording.T_world_camera
     return {
         "kind": "tracks",
         "description": scene.description,
@@ -69,10 +75,9 @@ def describe(scene: Scene, recording: Recording) -> dict:
         "fps": recording.fps,
         "frame_count": scene.frames,
         "density": scene.material.density,
-        "T_world_camera": recording.T_world_camera.tolist(),
         "T_world_object": np.eye(4).tolist(),
         "split": {"train": [0, scene.observed], "test": [scene.observed, scene.frames]},
-    }
+    } | ({} if pose is None else {"T_world_camera": pose.tolist()})
 
 
 def seen(shape: tuple[int, int], random: np.random.Generator) -> Bool[Array, "T J"]:

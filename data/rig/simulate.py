@@ -3,6 +3,7 @@
 Independent of physreal_core: other method (FEM), other mesh, other integrator.
 """
 
+from collections.abc import Callable
 from dataclasses import dataclass
 
 import numpy as np
@@ -39,6 +40,7 @@ def simulate(
     calm: float = 0.02,
     integrator: str = "discrete",
     hidden: Hidden = NOTHING,
+    punctual: bool = False,
 ) -> Trajectory:
     """Runs `scene` and records it at its frame rate.
 
@@ -49,6 +51,7 @@ def simulate(
         calm: time [s] between the moments at which the object is stopped while it settles (kinetic relaxation).
         integrator: of MuJoCo.
         hidden: what the scene does not tell.
+        punctual: record positions of the frame times; False: one step earlier, as the published captures have them.
 
     Raises:
         RuntimeError: the simulation turned non-finite.
@@ -56,18 +59,25 @@ def simulate(
     import mujoco
 
     scene = hidden.changed(scene)
-    world = World(scene, timestep, integrator, hidden.things(scene), hidden.elasticity)
-    hidden.prepare(world)
+    world = World(scene, timestep, integrator, hidden.things(scene), hidden.elasticity(scene), hidden.placed)
+    act = hidden.prepare(world)
     mujoco.mj_setConst(world.model, world.data)
-    _settle(world, hidden, settle, calm)
+
+    def step(time: float) -> None:
+        world.data.qfrc_applied[:] = 0
+        act(time)
+        hidden.advance(world)
+
+    _settle(world, step, settle, calm)
     times = np.arange((scene.frames - 1) * world.steps + 1) * world.timestep
-    hand, frames = scene.motion.displacement(times), [world.positions.copy()]
+    hand = scene.motion.displacement(times)
+    frames = [_recorded(world, punctual)]
     held = hidden.held(hand, times, scene.motion)
-    for step in range(1, len(times)):
-        world.hold_at(held[step])
-        _step(world, hidden, times[step])
-        if step % world.steps == 0:
-            frames.append(world.positions.copy())
+    for number in range(1, len(times)):
+        world.hold_at(held[number])
+        step(times[number])
+        if number % world.steps == 0:
+            frames.append(_recorded(world, punctual))
     vertices = np.stack(frames)
     if not np.isfinite(vertices).all():
         raise RuntimeError(
@@ -76,16 +86,14 @@ def simulate(
     return Trajectory(world.mesh, vertices, hand[:: world.steps], world.gripped)
 
 
-def _settle(world: World, hidden: Hidden, duration: float, calm: float) -> None:
+def _recorded(world: World, punctual: bool) -> Float[Array, "V 3"]:
+    return world.positions if punctual else world.data.flexvert_xpos.copy()
+
+
+def _settle(world: World, step: Callable[[float], None], duration: float, calm: float) -> None:
     """Comes to rest; the last fifth of the time runs free."""
     count, every = int(duration / world.timestep), max(1, round(calm / world.timestep))
-    for step in range(count):
-        _step(world, hidden, (step - count) * world.timestep)
-        if step % every == every - 1 and step < 0.8 * count:
+    for number in range(count):
+        step((number + 1 - count) * world.timestep)
+        if number % every == every - 1 and number < 0.8 * count:
             world.data.qvel[:] = 0
-
-
-def _step(world: World, hidden: Hidden, time: float) -> None:
-    world.data.qfrc_applied[:] = 0
-    hidden.act(world, time)
-    hidden.advance(world)

@@ -4,6 +4,8 @@ MuJoCo's flex is exactly St. Venant-Kirchhoff: per element, energy 1/2 e M e / 2
 rest; `model.flex_stiffness` holds M. Hidden effects (data/rig/hidden) reach the simulation through the class here.
 """
 
+from collections.abc import Callable
+
 import numpy as np
 
 from data.rig.mesh import mesh_shape
@@ -25,6 +27,7 @@ class World:
         integrator: MuJoCo's; "discrete" is implicit and damps a little, "Euler" is symplectic and needs small steps.
         further: XML of more things in the world.
         flex: XML attributes of the flex's elasticity beside the material.
+        place: where the body lies, from where it would lie on a level table at z = 0.
 
     Attributes:
         mesh: the body, stress-free.
@@ -35,7 +38,13 @@ class World:
     """
 
     def __init__(
-        self, scene: Scene, timestep: float, integrator: str = "discrete", further: str = "", flex: str = ""
+        self,
+        scene: Scene,
+        timestep: float,
+        integrator: str = "discrete",
+        further: str = "",
+        flex: str = "",
+        place: Callable[[Float[Array, "V 3"]], Float[Array, "V 3"]] = np.asarray,
     ) -> None:
         import mujoco
 
@@ -43,18 +52,20 @@ class World:
         self.mesh = mesh_shape(scene.body, scene.mesh_spacing)
         self.mesh.vertices[:, 2] += max(0.0, NODE_RADIUS - self.mesh.vertices[:, 2].min())  # on the table, not in it
         self.gripped = _held(scene, self.mesh.vertices)
+        self.mesh.vertices[:] = place(self.mesh.vertices)
         self.steps = int(np.ceil(1 / (scene.fps * timestep)))
         self.timestep = 1 / (scene.fps * self.steps)
         self.model = mujoco.MjModel.from_xml_string(self._describe(integrator, further, flex))
         self.data = mujoco.MjData(self.model)
         self.bodies = np.array([self.model.body(f"s_{i}").id for i in range(len(self.mesh.vertices))])
         self.dofs = self.model.body_dofadr[self.bodies][:, None] + np.arange(3)
+        self._origin = self.model.body_pos[self.bodies]  # slide joints along the world's axes: x = origin + q
         self.model.body_mass[self.bodies] = self.mesh.lumped_mass(scene.material.density)
 
     @property
     def positions(self) -> Float[Array, "V 3"]:
-        """Of the nodes [m]."""
-        return self.data.flexvert_xpos
+        """Of the nodes [m], now; MuJoCo's own `flexvert_xpos` is that of the last step's beginning."""
+        return self._origin + self.data.qpos[self.dofs]
 
     @property
     def velocities(self) -> Float[Array, "V 3"]:

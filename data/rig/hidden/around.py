@@ -4,7 +4,7 @@ from dataclasses import dataclass, replace
 
 import numpy as np
 
-from data.rig.hidden.effect import Hidden
+from data.rig.hidden.effect import Act, Hidden
 from data.rig.mesh import surface_shares
 from data.rig.scene import Scene
 from data.rig.world import World
@@ -12,38 +12,42 @@ from data.rig.world import World
 
 @dataclass(frozen=True)
 class LinearDrag(Hidden):
-    """Each node is braked by m c v, as MuJoCo's joint damping; c in 1/s."""
+    """Each node is braked by m c v, as MuJoCo's joint damping; c = `rate` [1/s]."""
 
     rate: float
 
-    def prepare(self, world: World) -> None:
+    def prepare(self, world: World) -> Act:
         world.model.dof_damping[world.dofs] = self.rate * world.masses[:, None]
+        return super().prepare(world)
 
 
 @dataclass(frozen=True)
 class QuadraticDrag(Hidden):
-    """Each node is braked by m c |v| v; c in 1/m."""
+    """Each node is braked by m c |v| v; c = `rate` [1/m]."""
 
     rate: float
 
-    def act(self, world: World, time: float) -> None:
-        velocity = world.velocities
-        speed = np.linalg.norm(velocity, axis=1)
-        world.push(-(self.rate * world.masses * speed)[:, None] * velocity)
+    def prepare(self, world: World) -> Act:
+        def act(time: float) -> None:
+            velocity = world.velocities
+            speed = np.linalg.norm(velocity, axis=1)
+            world.push(-(self.rate * world.masses * speed)[:, None] * velocity)
+
+        return act
 
 
 @dataclass(frozen=True)
 class Wind(Hidden):
-    """A steady force on the surface: its area's share of the body's mass times (x, y, z) m/s^2."""
+    """A steady force on the surface: its area's share of the body's mass times (x, y, z) [m/s^2]."""
 
     x: float
     y: float
     z: float
 
-    def act(self, world: World, time: float) -> None:
+    def prepare(self, world: World) -> Act:
         share = surface_shares(world.mesh.vertices, world.mesh.faces)
-        mass = world.scene.material.density * world.mesh.volumes().sum()
-        world.push((mass * share)[:, None] * [self.x, self.y, self.z])
+        force = (world.masses.sum() * share)[:, None] * [self.x, self.y, self.z]
+        return lambda time: world.push(force)
 
 
 @dataclass(frozen=True)

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+from collections.abc import Callable
 from dataclasses import dataclass, fields
 from typing import TYPE_CHECKING
 
@@ -12,6 +13,13 @@ if TYPE_CHECKING:
     from data.rig.scene import Motion, Scene
     from data.rig.world import World
 
+Act = Callable[[float], None]
+"""What is done before the step that ends at a time [s]; before frame 0 time is not positive."""
+
+
+def _idle(time: float) -> None:
+    pass
+
 
 @dataclass(frozen=True)
 class Hidden:
@@ -19,19 +27,17 @@ class Hidden:
 
     Attributes:
         implicit: whether it takes MuJoCo's implicit integrator.
-        elasticity: XML attributes that it needs where the flex is made.
-        hardening: factor by which it may stiffen the material, for the length of explicit steps.
-        rest: time [s] that the object needs to come to rest before frame 0.
     """
 
     implicit = False
-    elasticity = ""
-    hardening = 1.0
-    rest = 0.1
 
     def values(self) -> dict[str, float]:
         """Its numbers by name, as the truth states them."""
         return {field.name: float(getattr(self, field.name)) for field in fields(self)}
+
+    def hardening(self) -> float:
+        """By what factor it may stiffen the material; explicit steps shorten by its root."""
+        return 1.0
 
     def changed(self, scene: Scene) -> Scene:
         """The scene as it truly is."""
@@ -41,15 +47,21 @@ class Hidden:
         """XML of further things in the world."""
         return ""
 
-    def prepare(self, world: World) -> None:
-        """Changes MuJoCo's model before anything moves."""
+    def elasticity(self, scene: Scene) -> str:
+        """XML attributes that it needs where the flex is made."""
+        return ""
+
+    def placed(self, points: Float[Array, "P 3"]) -> Float[Array, "P 3"]:
+        """Where the body lies [m], from where it would lie on a level table at z = 0."""
+        return points
+
+    def prepare(self, world: World) -> Act:
+        """Changes MuJoCo's model before anything moves, and says what to do before each step."""
+        return _idle
 
     def held(self, hand: Float[Array, "S 3"], times: Float[Array, " S"], motion: Motion) -> Float[Array, "S 3"]:
         """Displacement [m] of what the hand holds, where the hand is displaced by `hand` [m] at `times` [s]."""
         return hand
-
-    def act(self, world: World, time: float) -> None:
-        """Adds forces for the step that ends at `time` [s]; before frame 0 time is negative."""
 
     def advance(self, world: World) -> None:
         """One step of MuJoCo."""

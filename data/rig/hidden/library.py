@@ -1,14 +1,38 @@
-"""All hidden effects by name, and how large each is at a given strength."""
+"""All hidden effects by name, with the directions and places that a seed draws for them.
+
+An amplitude is the one number of an effect that its strength sets (`strengths.py`); its unit is given at each maker.
+"""
 
 from collections.abc import Callable, Mapping
 
 import numpy as np
 
 from data.rig.hidden.around import Gravity, LinearDrag, QuadraticDrag, Wind
+from data.rig.hidden.contact import (
+    GroundAdhesion,
+    GroundPlane,
+    ObstaclePlane,
+    ObstaclePost,
+    ObstacleSphere,
+    RateFriction,
+    StickSlip,
+)
 from data.rig.hidden.effect import Hidden
-from data.rig.hidden.mass import Payload
-from data.rig.hidden.material import KelvinVoigt
+from data.rig.hidden.grip import GripCompliance, GripLag, GripOffset, GripSlip
+from data.rig.hidden.mass import DensityGradient, Payload
+from data.rig.hidden.material import (
+    Fibres,
+    KelvinVoigt,
+    MaxwellCreep,
+    PlasticYield,
+    RestShape,
+    SoftSpot,
+    StrainStiffening,
+)
+from data.rig.hidden.measurement import CameraDrift, DepthBias, FrameRate
+from data.rig.hidden.outside import Breathing, Magnet, Tether, Turntable
 from data.rig.scene import Scene
+from physreal_core.array_types import Array, Float
 from physreal_core.errors import InputError
 
 Scenes = Mapping[str, Scene]  # by motion, of one object
@@ -16,34 +40,6 @@ Maker = Callable[[float, Scenes, np.random.Generator], Hidden]
 """From an amplitude, the scenes of a case and a generator for directions and places to the effect."""
 
 OUTSIDE = "outside:"  # begins the names of effects that the search does not know
-
-
-def _wind(amplitude: float, scenes: Scenes, random: np.random.Generator) -> Hidden:
-    angle = random.uniform(0, 2 * np.pi)
-    return Wind(amplitude * np.cos(angle), amplitude * np.sin(angle), 0.0)
-
-
-def _gravity(amplitude: float, scenes: Scenes, random: np.random.Generator) -> Hidden:
-    angle, sign = random.uniform(0, 2 * np.pi), random.choice([-1, 1])
-    return Gravity(amplitude * np.cos(angle), amplitude * np.sin(angle), 0.3 * sign * amplitude)
-
-
-def _payload(amplitude: float, scenes: Scenes, random: np.random.Generator) -> Hidden:
-    """Somewhere in the free half, not in the middle of a cross-section."""
-    body = next(iter(scenes.values())).body
-    lower, upper = np.asarray(body.lower), np.asarray(body.upper)
-    place = lower + (upper - lower) * random.uniform([0.05, 0.2, 0.3], [0.4, 0.8, 0.7])
-    return Payload(amplitude, *map(float, place), radius=0.02)
-
-
-LIBRARY: dict[str, Maker] = {
-    "linear_drag": lambda amplitude, scenes, random: LinearDrag(amplitude),
-    "quadratic_drag": lambda amplitude, scenes, random: QuadraticDrag(amplitude),
-    "wind": _wind,
-    "gravity": _gravity,
-    "kelvin_voigt": lambda amplitude, scenes, random: KelvinVoigt(amplitude),
-    "payload": _payload,
-}
 
 
 def maker(name: str) -> Maker:
@@ -55,3 +51,198 @@ def maker(name: str) -> Maker:
     if name not in LIBRARY:
         raise InputError(f"no hidden effect named {name!r}", where="rig", expected=f"one of {sorted(LIBRARY)}")
     return LIBRARY[name]
+
+
+def _alone(effect: Callable[[float], Hidden]) -> Maker:
+    """An effect that is its amplitude and nothing else."""
+    return lambda amplitude, scenes, random: effect(amplitude)
+
+
+def _signed(effect: Callable[[float], Hidden]) -> Maker:
+    """The same, of either sign."""
+    return lambda amplitude, scenes, random: effect(random.choice([-1, 1]) * amplitude)
+
+
+def _body(scenes: Scenes) -> tuple[Array, Array]:
+    """Corners of the body [m]."""
+    body = next(iter(scenes.values())).body
+    return np.asarray(body.lower), np.asarray(body.upper)
+
+
+def _inside(scenes: Scenes, random: np.random.Generator, lower: list, upper: list) -> Float[Array, "3"]:
+    """A place in the body, each coordinate between two shares of its length."""
+    corner, opposite = _body(scenes)
+    return corner + (opposite - corner) * random.uniform(lower, upper)
+
+
+def _level(random: np.random.Generator) -> Float[Array, "2"]:
+    """A horizontal direction."""
+    angle = random.uniform(0, 2 * np.pi)
+    return np.array([np.cos(angle), np.sin(angle)])
+
+
+def _direction(random: np.random.Generator) -> Float[Array, "3"]:
+    vector = random.normal(size=3)
+    return vector / np.linalg.norm(vector)
+
+
+def _wind(amplitude: float, scenes: Scenes, random: np.random.Generator) -> Wind:
+    """m/s^2."""
+    return Wind(*(amplitude * _level(random)), 0.0)
+
+
+def _gravity(amplitude: float, scenes: Scenes, random: np.random.Generator) -> Gravity:
+    """rad, of the tilt; the size is off by a third of that share."""
+    return Gravity(*(amplitude * _level(random)), 0.3 * random.choice([-1, 1]) * amplitude)
+
+
+def _fibres(amplitude: float, scenes: Scenes, random: np.random.Generator) -> Fibres:
+    """Modulus over Young's. Oblique to the bar, so that bending twists it; along it they would only raise the modulus."""
+    return Fibres(amplitude, random.choice([-1, 1]) * random.uniform(0.4, 0.8), random.uniform(-0.2, 0.2))
+
+
+def _soft_spot(amplitude: float, scenes: Scenes, random: np.random.Generator) -> SoftSpot:
+    """Share of the modulus lost; between the middle and the hand, where bending is largest."""
+    place = _inside(scenes, random, [0.5, 0.3, 0.3], [0.75, 0.7, 0.7])
+    return SoftSpot(min(amplitude, 0.95), *map(float, place), radius=0.025)
+
+
+def _rest_shape(amplitude: float, scenes: Scenes, random: np.random.Generator) -> RestShape:
+    """Curvature, 1/m, in one direction; and some stretch."""
+    sideways, upwards = amplitude * _level(random)
+    return RestShape(0.005 * random.choice([-1, 1]) * amplitude, sideways, upwards)
+
+
+def _payload(amplitude: float, scenes: Scenes, random: np.random.Generator) -> Payload:
+    """Mass over the body's; in the free half."""
+    place = _inside(scenes, random, [0.05, 0.2, 0.3], [0.4, 0.8, 0.7])
+    return Payload(amplitude, *map(float, place), radius=0.02)
+
+
+def _density_gradient(amplitude: float, scenes: Scenes, random: np.random.Generator) -> DensityGradient:
+    """1/m, along the bar; half as much across it."""
+    along, across = random.choice([-1, 1]) * amplitude, random.uniform(-0.5, 0.5) * amplitude
+    return DensityGradient(along, across, 0.0)
+
+
+def _adhesion(amplitude: float, scenes: Scenes, random: np.random.Generator) -> GroundAdhesion:
+    """Pa."""
+    return GroundAdhesion(amplitude, random.uniform(0.003, 0.006))
+
+
+def _stick_slip(amplitude: float, scenes: Scenes, random: np.random.Generator) -> StickSlip:
+    """Excess of the static coefficient."""
+    return StickSlip(amplitude, random.uniform(0.02, 0.06))
+
+
+def _ground_plane(amplitude: float, scenes: Scenes, random: np.random.Generator) -> GroundPlane:
+    """Slope; as high as it takes for all of the body to be above z = 0."""
+    slope_x, slope_y = amplitude * _level(random)
+    lower, upper = _body(scenes)
+    half = (upper - lower) / 2
+    return GroundPlane(abs(slope_x) * half[0] + abs(slope_y) * half[1], slope_x, slope_y)
+
+
+def _sideways(scenes: Scenes) -> float:
+    """How far the lifted bar is jerked across [m], with sign."""
+    return float(scenes["lift_swing"].motion.displacement(10.0)[1])
+
+
+def _hanging(scenes: Scenes, x: float) -> float:
+    """About how high the bar's axis hangs at `x` [m] when it is lifted: a cantilever under its weight."""
+    scene = scenes["lift_swing"]
+    height, material = scene.body.upper[2] - scene.body.lower[2], scene.material
+    root = scene.grasp.lower[0]
+    free, span = root - scene.body.lower[0], root - x
+    curvature = material.density * 9.81 * 12 / (24 * material.youngs_modulus * height**2)  # q / 24 E I
+    sag = curvature * span**2 * (6 * free**2 - 4 * free * span + span**2)
+    return float(scene.motion.displacement(10.0)[2]) + height / 2 - sag
+
+
+def _obstacle_plane(amplitude: float, scenes: Scenes, random: np.random.Generator) -> ObstaclePlane:
+    """m, by which the free end would enter the wall were it to follow the hand; oblique, so that the hand passes it."""
+    across, (_, upper) = _sideways(scenes), _body(scenes)
+    angle, side = random.uniform(0.5, 0.8), np.sign(across)
+    reach = upper[0] * np.sin(angle) + (upper[1] + abs(across)) * np.cos(angle)
+    return ObstaclePlane(float(np.arctan2(side * np.cos(angle), -np.sin(angle))), 0.0, reach - amplitude)
+
+
+def _obstacle_sphere(amplitude: float, scenes: Scenes, random: np.random.Generator) -> ObstacleSphere:
+    """m, by which the bar would enter the ball were it to follow the hand."""
+    across, (_, upper), radius = _sideways(scenes), _body(scenes), random.uniform(0.025, 0.035)
+    x = random.uniform(-0.1, -0.06)
+    y = np.sign(across) * (upper[1] + abs(across) + radius - amplitude)
+    return ObstacleSphere(x, y, _hanging(scenes, x), radius)
+
+
+def _obstacle_post(amplitude: float, scenes: Scenes, random: np.random.Generator) -> ObstaclePost:
+    """m, by which the bar would enter the post were it to follow the hand."""
+    across, (_, upper), radius = _sideways(scenes), _body(scenes), random.uniform(0.015, 0.025)
+    y = np.sign(across) * (upper[1] + abs(across) + radius - amplitude)
+    return ObstaclePost(random.uniform(-0.1, -0.06), y, 0.25, radius)
+
+
+def _grip_slip(amplitude: float, scenes: Scenes, random: np.random.Generator) -> GripSlip:
+    """m/s."""
+    return GripSlip(*map(float, amplitude * _direction(random)))
+
+
+def _grip_offset(amplitude: float, scenes: Scenes, random: np.random.Generator) -> GripOffset:
+    """m; never down into the table."""
+    x, y, z = amplitude * _direction(random)
+    return GripOffset(float(x), float(y), float(abs(z)))
+
+
+def _camera_drift(amplitude: float, scenes: Scenes, random: np.random.Generator) -> CameraDrift:
+    """m/s; and four times as many rad/s of roll."""
+    return CameraDrift(*map(float, amplitude * _direction(random)), roll=random.choice([-1, 1]) * 4 * amplitude)
+
+
+def _depth_bias(amplitude: float, scenes: Scenes, random: np.random.Generator) -> DepthBias:
+    """Share; and a fifth as many metres of offset."""
+    return DepthBias(0.2 * random.choice([-1, 1]) * amplitude, random.choice([-1, 1]) * amplitude)
+
+
+def _magnet(amplitude: float, scenes: Scenes, random: np.random.Generator) -> Magnet:
+    """N at 0.05 m; below the swinging end, to one side."""
+    return Magnet(amplitude, -0.13, random.choice([-1, 1]) * 0.06, 0.03)
+
+
+def _tether(amplitude: float, scenes: Scenes, random: np.random.Generator) -> Tether:
+    """N/m; from the table beyond the free end, slack until the bar is lifted half way."""
+    return Tether(amplitude, 0.08, -0.15, random.choice([-1, 1]) * 0.04, 0.0)
+
+
+LIBRARY: dict[str, Maker] = {
+    "linear_drag": _alone(LinearDrag),
+    "quadratic_drag": _alone(QuadraticDrag),
+    "wind": _wind,
+    "gravity": _gravity,
+    "kelvin_voigt": _alone(KelvinVoigt),
+    "maxwell_creep": _alone(MaxwellCreep),
+    "plastic_yield": _alone(PlasticYield),
+    "strain_stiffening": _alone(StrainStiffening),
+    "fibres": _fibres,
+    "soft_spot": _soft_spot,
+    "rest_shape": _rest_shape,
+    "payload": _payload,
+    "density_gradient": _density_gradient,
+    "ground_adhesion": _adhesion,
+    "stick_slip": _stick_slip,
+    "rate_friction": _alone(RateFriction),
+    "ground_plane": _ground_plane,
+    "obstacle_plane": _obstacle_plane,
+    "obstacle_sphere": _obstacle_sphere,
+    "obstacle_post": _obstacle_post,
+    "grip_slip": _grip_slip,
+    "grip_compliance": _alone(GripCompliance),
+    "grip_offset": _grip_offset,
+    "grip_lag": _signed(GripLag),
+    "camera_drift": _camera_drift,
+    "depth_bias": _depth_bias,
+    "frame_rate": _signed(FrameRate),
+    OUTSIDE + "magnet": _magnet,
+    OUTSIDE + "breathing": lambda amplitude, scenes, random: Breathing(amplitude, random.uniform(0.8, 1.6)),
+    OUTSIDE + "turntable": _signed(Turntable),
+    OUTSIDE + "tether": _tether,
+}

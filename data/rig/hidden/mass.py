@@ -4,21 +4,37 @@ from dataclasses import dataclass
 
 import numpy as np
 
-from data.rig.hidden.effect import Hidden
+from data.rig.hidden.effect import Act, Hidden
 from data.rig.world import World
 
 
 @dataclass(frozen=True)
 class Payload(Hidden):
-    """Further `mass` [kg] inside, spread about (x, y, z) [m] as exp(-d^2 / 2 radius^2)."""
+    """Further mass inside, `ratio` times the body's, spread about (x, y, z) [m] as exp(-d^2 / 2 radius^2)."""
 
-    mass: float
+    ratio: float
     x: float
     y: float
     z: float
     radius: float
 
-    def prepare(self, world: World) -> None:
+    def prepare(self, world: World) -> Act:
         distance = np.linalg.norm(world.mesh.vertices - [self.x, self.y, self.z], axis=1)
         weight = world.masses * np.exp(-(distance**2) / (2 * self.radius**2))
-        world.model.body_mass[world.bodies] += self.mass * weight / weight.sum()
+        world.model.body_mass[world.bodies] += self.ratio * world.masses.sum() * weight / weight.sum()
+        return super().prepare(world)
+
+
+@dataclass(frozen=True)
+class DensityGradient(Hidden):
+    """Density that grows as exp(x . d), d = (x, y, z) [1/m], at the same total mass."""
+
+    x: float
+    y: float
+    z: float
+
+    def prepare(self, world: World) -> Act:
+        centres = world.mesh.vertices[world.mesh.tets].mean(axis=1)
+        mass = world.mesh.lumped_mass(np.exp(centres @ [self.x, self.y, self.z]))
+        world.model.body_mass[world.bodies] = mass * world.masses.sum() / mass.sum()
+        return super().prepare(world)

@@ -2,7 +2,11 @@
 
 from dataclasses import dataclass
 
-from data.rig.hidden.effect import Hidden
+import numpy as np
+
+from data.rig.hidden.effect import Act, Hidden
+from data.rig.hidden.elements import PLASTIC, Elements, EnergyForces, deviator
+from data.rig.scene import Scene
 from data.rig.world import World
 
 
@@ -17,5 +21,123 @@ class KelvinVoigt(Hidden):
     time: float
     implicit = True
 
-    def prepare(self, world: World) -> None:
+    def prepare(self, world: World) -> Act:
         world.model.flex_damping[0] = max(self.time - world.timestep, 0.0)
+        return super().prepare(world)
+
+
+@dataclass(frozen=True)
+class MaxwellCreep(Hidden):
+    """The rest shape follows: the deviatoric part of the elastic strain decays at `rate` [1/s]."""
+
+    rate: float
+
+    def elasticity(self, scene: Scene) -> str:
+        return PLASTIC
+
+    def prepare(self, world: World) -> Act:
+        elements = Elements(world)
+
+        def act(time: float) -> None:
+            if time > 0:
+                elements.flow(self.rate * world.timestep * deviator(elements.elastic_strain()))
+
+        return act
+
+
+@dataclass(frozen=True)
+class PlasticYield(Hidden):
+    """Von Mises plasticity without hardening, MuJoCo's own; it yields at the stress E / `inverse_yield_strain`."""
+
+    inverse_yield_strain: float
+
+    def elasticity(self, scene: Scene) -> str:
+        # MuJoCo's yield strain is sqrt(2/3) |dev E|, at which the von Mises stress is 3 mu times as much.
+        return f'yield="{2 * (1 + scene.material.poissons_ratio) / (3 * self.inverse_yield_strain)}"'
+
+
+@dataclass(frozen=True)
+class StrainStiffening(Hidden):
+    """A further energy a E (I1 J^(-2/3) - 3)^2, a = `ratio`."""
+
+    ratio: float
+
+    def hardening(self) -> float:
+        """Twelve a times I1 - 3, which a deep press takes to 0.15, is the second term's modulus over the first's."""
+        return 1 + 2 * self.ratio
+
+    def prepare(self, world: World) -> Act:
+        energy, modulus = EnergyForces(world), self.ratio * world.scene.material.youngs_modulus
+
+        def act(time: float) -> None:
+            F = energy.deformation(world.positions)
+            shrunk = np.linalg.det(F)[:, None, None] ** (-2 / 3)
+            I1 = (F**2).sum(axis=(1, 2), keepdims=True)
+            slope = shrunk * (2 * F - 2 / 3 * I1 * np.linalg.inv(F).transpose(0, 2, 1))
+            world.push(energy.of(2 * modulus * (shrunk * I1 - 3) * slope))
+
+        return act
+
+
+@dataclass(frozen=True)
+class Fibres(Hidden):
+    """Straight fibres at `azimuth` and `elevation` [rad], energy k/2 (a . E a)^2 of Green's strain E, k = `ratio` of Young's."""
+
+    ratio: float
+    azimuth: float
+    elevation: float
+
+    def hardening(self) -> float:
+        return 1 + self.ratio
+
+    def prepare(self, world: World) -> Act:
+        flat = np.cos(self.elevation)
+        a, b, c = flat * np.cos(self.azimuth), flat * np.sin(self.azimuth), np.sin(self.elevation)
+        elements, along = Elements(world), np.array([a * a, b * b, c * c, b * c, a * c, a * b])  # shears are doubled
+        modulus = self.ratio * world.scene.material.youngs_modulus
+        count = len(elements.edges)
+        elements.add_stiffness(np.broadcast_to(along, (count, 6)), np.full(count, modulus))
+        return super().prepare(world)
+
+
+@dataclass(frozen=True)
+class SoftSpot(Hidden):
+    """Young's modulus is lower by the share `loss` exp(-d^2 / 2 radius^2), d the distance [m] from (x, y, z) [m]."""
+
+    loss: float
+    x: float
+    y: float
+    z: float
+    radius: float
+
+    def prepare(self, world: World) -> Act:
+        elements = Elements(world)
+        distance = np.linalg.norm(elements.centres - [self.x, self.y, self.z], axis=1)
+        elements.stiffness[:] *= 1 - self.loss * np.exp(-(distance[:, None] ** 2) / (2 * self.radius**2))
+        return super().prepare(world)
+
+
+@dataclass(frozen=True)
+class RestShape(Hidden):
+    """At frame 0 the bar is let go stretched by the share `stretch` along x, and bent by `curvature_1` in y and
+    `curvature_2` in z [1/m], as by a pull and moments at its ends, against its rest shape."""
+
+    stretch: float
+    curvature_1: float
+    curvature_2: float
+
+    def elasticity(self, scene: Scene) -> str:
+        return PLASTIC
+
+    def prepare(self, world: World) -> Act:
+        elements, nu = Elements(world), world.scene.material.poissons_ratio
+        offset = elements.centres - world.mesh.vertices.mean(axis=0)
+        strain = self.stretch + offset @ [0, self.curvature_1, self.curvature_2]
+        inverse = 1 / (1 + strain[:, None] * [1, -nu, -nu]) - 1
+        waiting = [inverse[:, :, None] * np.eye(3)]
+
+        def act(time: float) -> None:
+            if time > 0 and waiting:
+                elements.stretch_rest(waiting.pop())
+
+        return act

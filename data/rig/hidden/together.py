@@ -6,7 +6,7 @@ from dataclasses import dataclass
 from math import prod
 from typing import TYPE_CHECKING
 
-from data.rig.hidden.effect import Hidden
+from data.rig.hidden.effect import Act, Hidden
 from physreal_core.array_types import Array, Float
 
 if TYPE_CHECKING:
@@ -25,17 +25,8 @@ class Together(Hidden):
     def implicit(self) -> bool:
         return any(part.implicit for part in self.parts)
 
-    @property
-    def elasticity(self) -> str:
-        return " ".join({part.elasticity for part in self.parts})
-
-    @property
     def hardening(self) -> float:
-        return prod(part.hardening for part in self.parts)
-
-    @property
-    def rest(self) -> float:
-        return max((part.rest for part in self.parts), default=Hidden.rest)
+        return prod(part.hardening() for part in self.parts)
 
     def changed(self, scene: Scene) -> Scene:
         for part in self.parts:
@@ -45,18 +36,27 @@ class Together(Hidden):
     def things(self, scene: Scene) -> str:
         return "".join(part.things(scene) for part in self.parts)
 
-    def prepare(self, world: World) -> None:
+    def elasticity(self, scene: Scene) -> str:
+        return " ".join({part.elasticity(scene) for part in self.parts})
+
+    def placed(self, points: Float[Array, "P 3"]) -> Float[Array, "P 3"]:
         for part in self.parts:
-            part.prepare(world)
+            points = part.placed(points)
+        return points
+
+    def prepare(self, world: World) -> Act:
+        acts = [part.prepare(world) for part in self.parts]
+
+        def act(time: float) -> None:
+            for each in acts:
+                each(time)
+
+        return act
 
     def held(self, hand: Float[Array, "S 3"], times: Float[Array, " S"], motion: Motion) -> Float[Array, "S 3"]:
         for part in self.parts:
             hand = part.held(hand, times, motion)
         return hand
-
-    def act(self, world: World, time: float) -> None:
-        for part in self.parts:
-            part.act(world, time)
 
     def advance(self, world: World) -> None:
         own = [part for part in self.parts if type(part).advance is not Hidden.advance]

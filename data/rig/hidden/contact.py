@@ -1,0 +1,159 @@
+"""Hidden effects of what the object touches."""
+
+from dataclasses import dataclass
+
+import numpy as np
+from scipy.spatial.transform import Rotation
+
+from data.rig.hidden.effect import Act, Hidden
+from data.rig.mesh import surface_shares
+from data.rig.scene import Scene
+from data.rig.world import World
+from physreal_core.array_types import Array, Float
+
+_HARD = 'solref="-2e6 -2e3" solimp=".9 .95 .001" friction="1e-3 1e-4 1e-5"'  # an obstacle is smooth: no friction to speak of
+
+
+@dataclass(frozen=True)
+class GroundAdhesion(Hidden):
+    """The underside sticks: a traction p e (u/d) exp(-u/d) holds it at the height u above where it lay (p = `strength` [Pa],
+    d = `range` [m]); the cohesive zone of Xu and Needleman (1994)."""
+
+    strength: float
+    range: float
+
+    def prepare(self, world: World) -> Act:
+        mesh = world.mesh
+        under = mesh.vertices[mesh.faces][..., 2].max(axis=1) < mesh.vertices[:, 2].min() + 1e-4
+        corners = mesh.vertices[mesh.faces[under]]
+        area = np.linalg.norm(np.cross(corners[:, 1] - corners[:, 0], corners[:, 2] - corners[:, 0]), axis=1).sum() / 2
+        peak = self.strength * area * surface_shares(mesh.vertices, mesh.faces[under])
+        lying = mesh.vertices[:, 2].copy()
+        force = np.zeros_like(mesh.vertices)
+
+        def act(time: float) -> None:
+            rise = np.maximum(world.positions[:, 2] - lying, 0) / self.range
+            force[:, 2] = -peak * rise * np.exp(1 - rise)
+            world.push(force)
+
+        return act
+
+
+class _Sliding(Hidden):
+    """Friction of each touching node by its speed on the table: MuJoCo's coefficient is set anew between its two half steps.
+
+    The friction rows of the contact were made with another coefficient, but equal in both directions, so only the cone changes.
+    """
+
+    def coefficient(self, speed: Float[Array, " C"], resting: float) -> Float[Array, " C"]:
+        """Of friction at a speed [m/s], where `resting` is the one that the capture's truth states."""
+        raise NotImplementedError
+
+    def advance(self, world: World) -> None:
+        import mujoco
+
+        mujoco.mj_step1(world.model, world.data)
+        contact = world.data.contact
+        if len(contact.mu):
+            nodes = contact.vert.max(axis=1)
+            speed = np.linalg.norm(world.velocities[nodes, :2], axis=1)
+            mu = self.coefficient(speed, world.scene.material.friction_coefficient)
+            contact.mu[:] *= mu / contact.friction[:, 0]
+            contact.friction[:, :2] = mu[:, None]
+        mujoco.mj_step2(world.model, world.data)
+
+
+@dataclass(frozen=True)
+class StickSlip(_Sliding):
+    """Friction is higher by `excess` at rest; that fades as exp(-s / `speed`) with the speed s of sliding [m/s]."""
+
+    excess: float
+    speed: float
+
+    def coefficient(self, speed: Float[Array, " C"], resting: float) -> Float[Array, " C"]:
+        return resting + self.excess * np.exp(-speed / self.speed)
+
+
+@dataclass(frozen=True)
+class RateFriction(_Sliding):
+    """Friction grows by `rate` [s/m] times the speed of sliding."""
+
+    rate: float
+
+    def coefficient(self, speed: Float[Array, " C"], resting: float) -> Float[Array, " C"]:
+        return resting + self.rate * speed
+
+
+@dataclass(frozen=True)
+class GroundPlane(Hidden):
+    """The table is higher by `height` [m] below the body's middle and rises by `slope_x` and `slope_y`; the body lies on it."""
+
+    height: float
+    slope_x: float
+    slope_y: float
+
+    @property
+    def _turn(self) -> Rotation:
+        """The shortest rotation from the vertical to the table's normal."""
+        normal = np.array([-self.slope_x, -self.slope_y, 1.0]) / np.hypot(1, np.hypot(self.slope_x, self.slope_y))
+        axis = np.cross([0, 0, 1.0], normal)
+        sine = np.linalg.norm(axis)
+        return Rotation.from_rotvec(axis * (np.arcsin(sine) / sine if sine > 0 else 0.0))
+
+    def placed(self, points: Float[Array, "P 3"]) -> Float[Array, "P 3"]:
+        below = np.array([*points[:, :2].mean(axis=0), 0.0])
+        return self._turn.apply(points - below) + below + [0, 0, self.height]
+
+    def prepare(self, world: World) -> Act:
+        table = world.model.geom("table").id
+        x, y, _ = world.mesh.vertices.mean(axis=0)
+        world.model.geom_pos[table] = [x, y, self.height]
+        world.model.geom_quat[table] = self._turn.as_quat(scalar_first=True)
+        return super().prepare(world)
+
+
+@dataclass(frozen=True)
+class ObstaclePlane(Hidden):
+    """All beyond `distance` [m] from the body's middle, towards `azimuth` and `elevation` [rad], is solid."""
+
+    azimuth: float
+    elevation: float
+    distance: float
+
+    def things(self, scene: Scene) -> str:
+        flat = np.cos(self.elevation)
+        towards = np.array([flat * np.cos(self.azimuth), flat * np.sin(self.azimuth), np.sin(self.elevation)])
+        middle = (np.asarray(scene.body.lower) + scene.body.upper) / 2
+        place, normal = middle + self.distance * towards, -towards
+        return f'<geom type="plane" size="2 2 .1" pos="{_numbers(place)}" zaxis="{_numbers(normal)}" {_HARD}/>'
+
+
+@dataclass(frozen=True)
+class ObstacleSphere(Hidden):
+    """A ball about (x, y, z) [m] of `radius` [m]."""
+
+    x: float
+    y: float
+    z: float
+    radius: float
+
+    def things(self, scene: Scene) -> str:
+        return f'<geom type="sphere" size="{self.radius}" pos="{self.x} {self.y} {self.z}" {_HARD}/>'
+
+
+@dataclass(frozen=True)
+class ObstaclePost(Hidden):
+    """An upright post at (x, y) [m] of `radius` [m], its round top at `height` [m]."""
+
+    x: float
+    y: float
+    height: float
+    radius: float
+
+    def things(self, scene: Scene) -> str:
+        ends = f"{self.x} {self.y} -0.5 {self.x} {self.y} {self.height - self.radius}"
+        return f'<geom type="capsule" size="{self.radius}" fromto="{ends}" {_HARD}/>'
+
+
+def _numbers(values: Float[Array, " N"]) -> str:
+    return " ".join(f"{value:.9g}" for value in values)

@@ -1,0 +1,65 @@
+"""Hidden effects of the measurement: the object moves as it should, and is seen elsewhere.
+
+Without images the hand's record comes from elsewhere and is right, unless a camera is stated: then both go through it.
+"""
+
+from dataclasses import dataclass, replace
+
+import numpy as np
+
+from data.rig.hidden.effect import Hidden
+from data.rig.recording import Recording
+from data.rig.scene import Motion, Scene
+from physreal_core.array_types import Array, Float
+
+
+@dataclass(frozen=True)
+class CameraDrift(Hidden):
+    """Everything seems to drift by (x, y, z) [m/s] and to turn by `roll` [rad/s] about the vertical through the object."""
+
+    x: float
+    y: float
+    z: float
+    roll: float
+
+    def record(self, recording: Recording, motion: Motion) -> Recording:
+        from scipy.spatial.transform import Rotation
+
+        time = np.arange(len(recording.tracks)) / recording.fps
+        turns = Rotation.from_rotvec(time[:, None] * [0, 0, self.roll]).as_matrix()
+        centre = recording.middle
+        seen = np.einsum("tij,tpj->tpi", turns, recording.tracks - centre) + centre
+        return replace(recording, tracks=seen + time[:, None, None] * [self.x, self.y, self.z])
+
+
+@dataclass(frozen=True)
+class DepthBias(Hidden):
+    """A camera reads the depth z as (1 + `scale`) z + `offset` [m]; where frame 0 was seen is taken for the truth."""
+
+    offset: float
+    scale: float
+
+    def record(self, recording: Recording, motion: Motion) -> Recording:
+        pose = recording.view.pose()
+        tracks, controllers = (self._seen(points, pose) for points in (recording.tracks, recording.controllers))
+        return replace(recording, tracks=tracks, controllers=controllers, T_world_camera=pose)
+
+    def _seen(self, points: Float[Array, "T P 3"], pose: Float[Array, "4 4"]) -> Float[Array, "T P 3"]:
+        local = (points - pose[:3, 3]) @ pose[:3, :3]
+        z = local[..., 2:]
+        seen = local * (((1 + self.scale) * z + self.offset) / z) @ pose[:3, :3].T + pose[:3, 3]
+        return points[:1] + seen - seen[:1]
+
+
+@dataclass(frozen=True)
+class FrameRate(Hidden):
+    """Time between the object's frames is longer by the share `excess` than stated."""
+
+    excess: float
+
+    def changed(self, scene: Scene) -> Scene:
+        return replace(scene, fps=scene.fps / (1 + self.excess))
+
+    def record(self, recording: Recording, motion: Motion) -> Recording:
+        times = np.arange(len(recording.tracks)) / recording.fps
+        return replace(recording, controllers=recording.controllers[:1] + motion.displacement(times)[:, None])

@@ -11,9 +11,9 @@ import torch
 
 from physreal_core.fitting.model import Model
 from physreal_core.fitting.transfer import register, transfer_model
+from physreal_core.gap.evidence import Evidence
 from physreal_core.gap.experiment import Experiment, Trial
 from physreal_core.gap.interaction import locate
-from physreal_core.gap.numerics import rerun_differences
 from physreal_core.gap.report import Candidate, Disagreement, FittedEffect, GapReport, Verdict
 from physreal_core.gap.settings import GapSettings
 from physreal_core.gap.where import Where
@@ -56,17 +56,11 @@ def trial_of(candidate: Candidate | None, fields: Fields) -> Trial:
     return Trial(candidate.fields or fields, {effect.name: effect.values for effect in candidate.effects})
 
 
-def located(experiment: Experiment, trial: Trial) -> tuple[Where, np.ndarray]:
-    """Where a rollout disagrees with the measurement beyond noise and numerics, over all frames; and its tracks [T,J,3] m."""
+def located(evidence: Evidence, number: int, trial: Trial) -> tuple[Where, np.ndarray]:
+    """Where a rollout of one interaction disagrees with it beyond noise and numerics, over all frames; its tracks [T,J,3] m."""
+    experiment = evidence.experiments[number]
     predicted = experiment.predict([trial])[0]
-    modes = rerun_differences(experiment, trial, predicted)
-    where = locate(
-        experiment.problem,
-        torch.from_numpy(predicted),
-        modes=torch.from_numpy(modes) if len(modes) else None,
-        ground_height=experiment.setting.ground_height,
-    )
-    return where, predicted
+    return locate(experiment, predicted, evidence.whole(number)), predicted
 
 
 def save_report(folder: Path, report: GapReport) -> None:

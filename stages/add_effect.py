@@ -8,7 +8,8 @@ from physreal_core.fitting.model import Model, load_model, save_model
 from physreal_core.fitting.named_effects import effect_record
 from physreal_core.fitting.objective import Objective
 from physreal_core.gap.adding import add_effect
-from physreal_core.gap.experiment import Experiment, Trial
+from physreal_core.gap.evidence import Evidence
+from physreal_core.gap.experiment import Trial
 from physreal_core.gap.report import Added, GapReport
 from pipeline.config.find_gap import FindGap
 from pipeline.provenance import read_provenance
@@ -37,7 +38,7 @@ def run(context: StageContext) -> None:
         write_rollout(context.output / "rollout.npz", objective, model)
     if added.adopted:
         with context.timed("figures"):
-            _draw(context, experiments[0], report, added)
+            _draw(context, Evidence(experiments[:1], Trial(report.fields), settings), report, added)
 
 
 def with_effects(baseline: Model, added: Added, probability: float | None) -> Model:
@@ -57,11 +58,11 @@ def _probability(report: GapReport, added: Added) -> float | None:
     return next((c.probability for c in report.candidates if set(c.names) == names and c.gain is not None), None)
 
 
-def _draw(context: StageContext, own: Experiment, report: GapReport, added: Added) -> None:
+def _draw(context: StageContext, evidence: Evidence, report: GapReport, added: Added) -> None:
     """Before and after on the sequence itself."""
-    effects = {effect.name: effect.values for effect in added.effects}
+    own, effects = evidence.experiments[0], {effect.name: effect.values for effect in added.effects}
     before = own.predict([Trial(report.fields)])[0]
-    where, after = located(own, Trial(added.fields, effects))
+    where, after = located(evidence, 0, Trial(added.fields, effects))
     write_gap_timeline(context.output / "timeline.svg", report.where[0], after=where.as_record(), observed=own.train)
     write_before_after(context.output / "before_after.svg", own.measured, own.valid, before, after)
 

@@ -7,7 +7,7 @@ import numpy as np
 from physreal_core.fitting.model import load_model
 from physreal_core.gap.experiment import Experiment
 from physreal_core.gap.report import GapReport
-from physreal_core.gap.search import find_gap
+from physreal_core.gap.search import Search
 from physreal_core.gap.where import Where
 from pipeline.stage import StageContext, main
 from stages._gap import interactions, located, save_report, settings_of, teller, trial_of
@@ -19,10 +19,11 @@ def run(context: StageContext) -> None:
     with context.timed("read"):
         experiments = interactions(context, load_model(context.input("fit_patches")))
     with context.timed("search"):
-        report = find_gap(experiments, settings_of(context.params, context.seed), teller(context))
+        search = Search(experiments, settings_of(context.params, context.seed), teller(context))
+        report = search.report()
     with context.timed("where"):
         baseline = trial_of(None, report.fields)
-        places = [located(experiment, baseline) for experiment in experiments]
+        places = [located(search.evidence, number, baseline) for number in range(len(experiments))]
     report = dataclasses.replace(report, where=tuple(where.as_record() for where, _ in places))
     save_report(context.output, report)
     with context.timed("figures"):

@@ -57,6 +57,10 @@ class Evidence:
         modes = rerun_differences(experiment, trial, motion) if reruns else np.zeros((0, *motion.shape))
         return motion, modes, experiment.carried_starts(trial)
 
+    def whole(self, number: int) -> Noise:
+        """The noise model of one experiment over all its frames, for who asks where it disagrees."""
+        return self._noise(number, 0, self.experiments[number].frames)
+
     def _noise(self, number: int, first: int, end: int) -> Noise | None:
         """Of the frames [first, end) of one experiment, None where nothing was measured in them."""
         experiment, (motion, modes, carried) = self.experiments[number], self._around[number]

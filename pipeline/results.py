@@ -8,6 +8,7 @@ from pathlib import Path
 from typing import Any
 
 from pipeline.config import Parameters, load_parameters
+from pipeline.gap_summary import GapSummary
 from pipeline.graph import FIT_STAGES
 from pipeline.project import Project
 from pipeline.stage import checked_artifact
@@ -73,11 +74,28 @@ class Results:
         """The rows of evaluate's frames.csv."""
         return read_csv(self.artifact("evaluate", sequence) / "frames.csv")
 
-    def losses(self, sequence: str) -> dict[str, list[dict[str, str]]]:
-        """Fit stage → the rows of its loss.csv; empty for a predicted sequence."""
+    def gap(self, sequence: str) -> GapSummary | None:
+        """What is missing in a fitted sequence's model; None for a predicted one."""
+        if self.model_from(sequence):
+            return None
+        companion = self.parameters.values.fits[sequence].companion
+        interactions = (sequence,) if companion == sequence else (sequence, companion)
+        return GapSummary.read(self.artifact("find_gap", sequence), self.artifact("add_effect", sequence), interactions)
+
+    def residual(self, sequence: str) -> dict[str, Any]:
+        """What Stage 3's networks do, `with` and `without` the named effect as far as they were fitted so; from fit.json."""
         if self.model_from(sequence):
             return {}
-        return {stage: read_csv(self.artifact(stage, sequence) / "loss.csv") for stage in FIT_STAGES}
+        fit = json.loads((self.artifact("fit_residual", sequence) / "fit.json").read_text())
+        kinds = {"with": "residual", "without": "residual_without_effect"}
+        return {kind: fit[key] for kind, key in kinds.items() if key in fit}
+
+    def losses(self, sequence: str) -> dict[str, list[dict[str, str]]]:
+        """Fit stage → the rows of its loss.csv, for those that descend on it; empty for a predicted sequence."""
+        if self.model_from(sequence):
+            return {}
+        files = {stage: self.artifact(stage, sequence) / "loss.csv" for stage in FIT_STAGES}
+        return {stage: read_csv(path) for stage, path in files.items() if path.is_file()}
 
 
 def read_csv(path: Path) -> list[dict[str, str]]:

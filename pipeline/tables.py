@@ -1,12 +1,11 @@
-"""Tables of scores: averaged as the benchmark does, written as Markdown and CSV."""
+"""Tables of results: scores averaged as the benchmark does, and what the models were missing."""
 
-import csv
 from collections.abc import Iterable
-from dataclasses import dataclass
-from pathlib import Path
+from typing import Any
 
 from pipeline.graph import FIT_STAGES
 from pipeline.results import IMAGE_METRICS, INTERVALS, METRICS, Results
+from pipeline.table import Table
 
 # Heading, factor from SI, digits.
 SHOWN = {
@@ -18,28 +17,14 @@ SHOWN = {
 }
 
 
-@dataclass(frozen=True)
-class Table:
-    """A caption, headings, and rows of ready text."""
-
-    caption: str
-    headings: list[str]
-    rows: list[list[str]]
-
-    def markdown(self) -> str:
-        lines = [self.headings, ["---"] * len(self.headings), *self.rows]
-        return f"{self.caption}\n\n" + "\n".join(f"| {' | '.join(line)} |" for line in lines) + "\n"
-
-    def write(self, folder: Path, name: str) -> None:
-        """<name>.md and <name>.csv."""
-        (folder / f"{name}.md").write_text(self.markdown())
-        with (folder / f"{name}.csv").open("w", newline="") as file:
-            csv.writer(file).writerows([self.headings, *self.rows])
-
-
 def tables(results: Results) -> dict[str, Table]:
-    """Name → table: every sequence, the mean by fit stage, the mean by object geometry; fitted and predicted apart."""
-    return {"by_sequence": _by_sequence(results), "by_stage": _by_stage(results), "by_geometry": _by_geometry(results)}
+    """Name → table: every sequence, the mean by fit stage, the mean by object geometry, fitted and predicted apart; the gaps."""
+    return {
+        "by_sequence": _by_sequence(results),
+        "by_stage": _by_stage(results),
+        "by_geometry": _by_geometry(results),
+        "gaps": _gaps(results),
+    }
 
 
 def mean_scores(results: Results, sequences: Iterable[str], fit_stage: str, interval: str) -> dict[str, float]:
@@ -115,3 +100,27 @@ def _mean_rows(results: Results, names: list[str]) -> list[list[str]]:
 def _fitted_and_predicted(results: Results) -> tuple[list[str], list[str]]:
     predicted = [name for name in results.sequences if results.model_from(name)]
     return [name for name in results.sequences if name not in predicted], predicted
+
+
+def _gaps(results: Results) -> Table:
+    """What is missing in the model of every fitted sequence, and how much the networks are left to do."""
+    rows = [
+        [
+            sequence,
+            gap.verdict["kind"],
+            " or ".join(" + ".join(names) for names in gap.verdict["members"] if names),
+            f"{gap.verdict['probability']:.2f}",
+            f"{gap.after['closed']:.0%}" if gap.after["adopted"] else "",
+            *(_stress_share(results.residual(sequence).get(kind)) for kind in ("without", "with")),
+        ]
+        for sequence in results.sequences
+        if (gap := results.gap(sequence))
+    ]
+    headings = ["sequence", "verdict", "missing", "probability", "held-out gap closed"]
+    shares = ["networks' stress without the effect [%]", "with it [%]"]
+    return Table("What the fitted models were missing, and what it leaves to the networks.", [*headings, *shares], rows)
+
+
+def _stress_share(residual: dict[str, Any] | None) -> str:
+    """The networks' share of the expert's stress as text, empty where they were not fitted."""
+    return "" if residual is None or residual["stress_share"] is None else f"{100 * residual['stress_share']:.1f}"

@@ -10,7 +10,7 @@ import numpy as np
 matplotlib.use("agg")
 from matplotlib import pyplot
 
-COLOURS = {"fit_global": "#0f766e", "fit_patches": "#c2410c", "fit_residual": "#4338ca"}
+COLOURS = {"fit_global": "#0f766e", "fit_patches": "#c2410c", "add_effect": "#a21caf", "fit_residual": "#4338ca"}
 MEDIA = {".png": "image/png", ".jpg": "image/jpeg", ".svg": "image/svg+xml", ".mp4": "video/mp4"}
 pyplot.rcParams.update(
     {

@@ -70,6 +70,7 @@ def describe_sequence(results: Results, name: str) -> dict[str, Any]:
         "iou": frame_errors(frames, "iou", "IoU [%]", 1e2),
         "field": _field(results, name),
         "fits": _fits(results, name),
+        "gap": _gap(results, name),
         "segmentation": _embedded(results.artifact("segment_and_track", name) / "overlay.mp4"),
         "pose": _embedded(results.artifact("fit_pose", name) / "overlay.png"),
         "others": {stage: _other_numbers(results.metrics[name].get(stage, {})) for stage in FIT_STAGES},
@@ -116,6 +117,26 @@ def _fits(results: Results, name: str) -> dict[str, dict[str, Any]]:
         return {}
     files = {stage: results.artifact(stage, name) / "fit.json" for stage in FIT_STAGES}
     return {stage: json.loads(path.read_text())["values"] for stage, path in files.items()}
+
+
+def _gap(results: Results, name: str) -> dict[str, Any] | None:
+    """What is missing: sentences, tables, figures, and how much the networks are left to do."""
+    summary = results.gap(name)
+    if summary is None:
+        return None
+    found, added = results.artifact("find_gap", name), results.artifact("add_effect", name)
+    after = {"timeline.svg": "Gap per frame", "before_after.svg": "Tracks, measured and simulated"}
+    figures = {
+        "Gap over the object": found / "map.svg",
+        **{title: (added if (added / file).is_file() else found) / file for file, title in after.items()},
+        "Probabilities of the answers": found / "probabilities.svg",
+    }
+    return {
+        "sentences": summary.sentences,
+        "tables": summary.tables(),
+        "figures": {title: embed(path) for title, path in figures.items() if path.is_file()},
+        "residual": results.residual(name),
+    }
 
 
 def _embedded(path: Path) -> str | None:

@@ -57,10 +57,28 @@ def test_tables_and_curves(results):
     assert {(row["geometry"], row["model"]) for row in rows} == {("volumetric", "fitted"), ("linear", "predicted")}
     future = next(row for row in rows if row["geometry"] == "volumetric" and row["frames"] == "future")
     assert float(future["track error [mm]"]) == pytest.approx(8.0)
-    assert (folder / "tables/by_stage.md").read_text().count("|\n") == 2 + 12
+    assert (folder / "tables/by_stage.md").read_text().count("|\n") == 2 + 2 * 2 * len(FIT_STAGES)
     with (folder / "plots/frames.csv").open() as file:
         frames = list(csv.DictReader(file))
-    assert len(frames) == FRAMES - 1 and float(frames[0]["fit_residual"]) == pytest.approx(0.8 * 0.004)
+    assert len(frames) == FRAMES - 1 and float(frames[0]["fit_residual"]) == pytest.approx(0.7 * 0.004)
+
+
+def test_what_was_missing_stands_in_a_table_and_what_it_leaves_to_the_networks(results):
+    summarise.run(results)
+    with (results.project.results / "tables/gaps.csv").open() as file:
+        (row,) = csv.DictReader(file)
+    assert list(row.values()) == ["lift", "effect", "linear_drag", "0.96", "98%", "11.0", "4.0"]
+
+
+def test_the_gap_in_sentences_and_tables(results):
+    summary = results.gap("lift")
+    assert summary.sentences[0] == "lift: From frame 31 on the far end lags by 9 mm."
+    assert "closes 98%" in summary.sentences[2] and summary.sentences[3] == "Next: swings at two sizes."
+    answers, gaps = summary.tables()
+    assert answers.rows[0] == ["linear_drag", "96%", "12.5", "4.0", "rate 1.5 1/s (1.2 to 1.8)"]
+    assert [row[0] for row in answers.rows] == ["linear_drag", "none"], "only what was fitted"
+    assert gaps.rows[1] == ["lift", "held out", "9.00 (9.0)", "2.70 (2.7)", "7.50 (7.5)", "2.40", "0.80"]
+    assert results.gap("push") is None
 
 
 def test_report_is_one_page_with_everything_inside(results):
@@ -69,6 +87,7 @@ def test_report_is_one_page_with_everything_inside(results):
     assert page.count("data:video/mp4") == 2 * len(FIT_STAGES)
     assert "data:image/svg+xml" in page and "Young&#39;s modulus" in page.replace("Young's", "Young&#39;s")
     assert (results.project.results / "pictures/lift.jpg").stat().st_size > 1000
+    assert "From frame 31 on the far end lags" in page and "11.0 % of the expert" in page
     assert "nothing refitted" in page and "vertex_error" in page and "descent" in page
 
 

@@ -57,6 +57,11 @@ def _parser() -> argparse.ArgumentParser:
     command = commands.add_parser("status", help="how far every sequence is, and where the report lies")
     command.set_defaults(command=_status)
 
+    command = commands.add_parser("gap", help="where a fitted sequence's model is wrong, what is missing, what it helps")
+    command.add_argument("sequence", help="a name under `fits` in params.yaml")
+    command.add_argument("--again", action="store_true", help="search anew, even if the result at hand is up to date")
+    command.set_defaults(command=_gap)
+
     command = commands.add_parser("run", help="run one stage on one sequence, without DVC")
     command.add_argument("stage")
     command.add_argument("sequence")
@@ -130,6 +135,13 @@ def _status(_: argparse.Namespace) -> int:
     from pipeline.status import print_status
 
     print_status()
+    return 0
+
+
+def _gap(parsed: argparse.Namespace) -> int:
+    from pipeline.gap_command import find_and_add
+
+    find_and_add(parsed.sequence, again=parsed.again)
     return 0
 
 

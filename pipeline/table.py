@@ -3,6 +3,7 @@
 import csv
 from dataclasses import dataclass
 from pathlib import Path
+from typing import Any
 
 
 @dataclass(frozen=True)
@@ -16,6 +17,16 @@ class Table:
     def markdown(self) -> str:
         lines = [self.headings, ["---"] * len(self.headings), *self.rows]
         return f"{self.caption}\n\n" + "\n".join(f"| {' | '.join(line)} |" for line in lines) + "\n"
+
+    def on_terminal(self) -> Any:
+        """As rich shows it."""
+        from rich.markup import escape
+        from rich.table import Table as TerminalTable
+
+        table = TerminalTable(*map(escape, self.headings), title=escape(self.caption), title_justify="left")
+        for row in self.rows:
+            table.add_row(*map(escape, row))
+        return table
 
     def write(self, folder: Path, name: str) -> None:
         """<name>.md and <name>.csv."""

@@ -8,11 +8,12 @@ import dataclasses
 import numpy as np
 import torch
 
-from physreal_core.fitting.model import Model, particle_parameters, uniform_model
+from physreal_core.fitting.model import Model, uniform_model
 from physreal_core.fitting.problem import MaskObservations, Problem, TrackObservations
+from physreal_core.fitting.rollouts import Rollouts
 from physreal_core.geometry import farthest_points, patch_weights
 from physreal_core.rendering import Camera, Gaussians, bind, carry_points, render_carried
-from physreal_core.simulation import Body, Grip, Simulator
+from physreal_core.simulation import Body, Grip
 
 SPACING = 0.02
 DENSITY = 300.0
@@ -83,12 +84,9 @@ def problem(
 
 def simulate(given: Problem, truth: Model, device: str = "cpu"):
     """States over all frames."""
-    config = truth.simulation_config(given.fps, device)
-    dtype = torch.float64 if config.dtype == "float64" else torch.float32
-    patches = given.patch_neighbours.to(device), given.patch_weights.to(device)
-    parameters = particle_parameters(truth.fields, *patches, dtype=dtype, device=device)
+    rollouts = Rollouts(given, truth, device=device)
     with torch.no_grad():
-        return Simulator(given.body, config, given.grip).rollout(parameters, given.controllers.to(dtype))
+        return rollouts.simulate(rollouts.inputs(truth.fields))
 
 
 def _camera() -> Camera:

@@ -1,0 +1,102 @@
+"""How the tracked points answer to a force on a part of the body: step responses of the fitted model, and their convolution.
+
+Small motions about a trajectory are those of a linear system whose properties hardly change with time, so an arbitrary
+small force moves the points by its convolution with the impulse response, the derivative of the step response. In this way a
+force law can be tried on elasticity, grip and inertia as the simulator has them, without another rollout.
+"""
+
+from __future__ import annotations
+
+import dataclasses
+from dataclasses import dataclass
+from functools import cached_property
+
+import numpy as np
+import torch
+
+from physreal_core.array_types import Array, Float
+from physreal_core.effects.fields import added
+from physreal_core.errors import InputError
+from physreal_core.fitting.model import Model
+from physreal_core.fitting.problem import Problem
+from physreal_core.fitting.rollouts import Rollouts, motion_since_start, stacked
+from physreal_core.rendering import carry_points
+from physreal_core.simulation import Simulator
+
+STEP = 0.5
+"""[m/s2]: a twentieth of gravity bends a body little, and far more than rounding in single precision does."""
+
+
+@dataclass(frozen=True)
+class Responses:
+    """Displacements [m] of the tracks at every frame after an acceleration of 1 m/s2 has set in at frame 0.
+
+    Args:
+        step: by region and axis of the acceleration, shape [R, 3, T, J, 3].
+    """
+
+    step: Float[Array, "R 3 T J 3"]
+
+    def displacement(self, acceleration: Float[Array, "C T R 3"]) -> Float[Array, "C T J 3"]:
+        """Displacement [m] of the tracks by accelerations [m/s2] of the regions over time, each of C."""
+        count, frames = acceleration.shape[:2]
+        length = 2 * frames
+        force = np.fft.rfft(acceleration.reshape(count, frames, -1), length, axis=1).swapaxes(0, 1)
+        moved = np.fft.irfft(force @ self._spectrum, length, axis=0)[:frames]
+        return moved.swapaxes(0, 1).reshape(count, frames, -1, 3)
+
+    @cached_property
+    def _spectrum(self) -> Array:
+        """Fourier transform of the response to one frame's acceleration, shape [frequencies, 3 R, 3 J]."""
+        regions, _, frames, tracks, _ = self.step.shape
+        step = self.step.reshape(3 * regions, frames, 3 * tracks).swapaxes(0, 1)
+        # an acceleration that lasts one frame, half of it before the frame: H(t + 1/2) - H(t - 1/2), linear in between
+        after, before = (
+            np.concatenate([step[1:], 2 * step[-1:] - step[-2:-1]]),
+            np.concatenate([0 * step[:1], step[:-1]]),
+        )
+        return np.fft.rfft(0.5 * (after - before), 2 * frames, axis=0)
+
+
+def free_responses(weights: Float[Array, "J R"], frames: int, fps: float) -> Responses:
+    """Of points that nothing holds together: each moves by t2/2 times its own acceleration, the regions' by `weights`."""
+    fall = 0.5 * (np.arange(frames) / fps) ** 2
+    return Responses(np.einsum("jr,t,ac->ratjc", weights, fall, np.eye(3)))
+
+
+def step_responses(
+    problem: Problem, model: Model, weights: Float[Array, "particles R"], *, step: float = STEP, device: str = "cpu"
+) -> Responses:
+    """Of a fitted model, all in one batch of rollouts.
+
+    Args:
+        problem: with tracks.
+        model: fitted, with the effects that are already known.
+        weights: share of each region in every particle, shape [N, R].
+        step: acceleration [m/s2].
+        device: of the simulator.
+
+    Raises:
+        InputError: a rollout could not go on.
+    """
+    rollouts = Rollouts(problem, model, device=device)
+    config = dataclasses.replace(rollouts.config, terms=tuple(sorted({*rollouts.config.terms, "force"})))
+    simulator = Simulator(problem.body, config, problem.grip, problem.clamps, problem.loads)
+    base = rollouts.inputs(model.fields)
+    share = torch.as_tensor(step * weights * problem.body.mass[:, None]).to(rollouts.dtype).to(device)
+    pushes = torch.einsum("nr,ac->ranc", share, torch.eye(3, dtype=share.dtype, device=device)).flatten(0, 1)
+    trials = [added(base, force=push) for push in (torch.zeros_like(pushes[0]), *pushes)]
+    parameters, controllers = stacked(trials)
+    with torch.no_grad():
+        states = motion_since_start(simulator.rollout_batch(parameters, controllers), parameters)
+    if states.failures:
+        raise InputError(
+            f"{len(states.failures)} of {len(trials)} rollouts broke off", where="step responses of the model"
+        )
+    tracks, x0 = rollouts.problem.tracks, torch.as_tensor(problem.body.x0).to(states.x)
+    carried = [
+        carry_points(tracks.binding, tracks.points0.to(x), x0, x, F).double().cpu().numpy()
+        for x, F in zip(states.x, states.F, strict=True)
+    ]
+    moved = (np.stack(carried[1:]) - carried[0]) / step
+    return Responses(moved.reshape(weights.shape[1], 3, *carried[0].shape))

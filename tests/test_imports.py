@@ -15,7 +15,7 @@ HEAVY_AT_HOME = ("physreal_core/perception", "physreal_core/geometry", "stages",
 # Everything that is installed beside numpy, scipy, torch and warp (pyproject.toml), and the project's upper floors.
 BLOCKED = {
     *HEAVY, "beartype", "filelock", "imageio_ffmpeg", "jaxtyping", "jinja2", "manifold3d", "matplotlib", "mujoco",
-    "onnx", "PIL", "plyfile", "pydantic", "pytest", "rich", "safetensors", "skimage", "tflite", "tokenizers", "trimesh",
+    "onnx", "PIL", "plyfile", "pydantic", "pytest", "rich", "safetensors", "skimage", "sklearn", "tflite", "tokenizers", "trimesh",
     "yaml",
     "data", "pipeline", "stages", "tests",
 }  # fmt: skip
@@ -40,7 +40,9 @@ for module in pkgutil.walk_packages(package.__path__, sys.argv[1] + "."):
     [
         "physreal_core.simulation",
         "physreal_core.rendering",
+        "physreal_core.effects",
         "physreal_core.fitting",
+        "physreal_core.gap",
         "physreal_core.geometry",
         "physreal_core.evaluation",
         "physreal_core.effects",

@@ -1,16 +1,22 @@
-"""Where a model disagrees with the measurement of one interaction: `where` with the search's own model of noise and error."""
+"""Where a model disagrees with the measurement of one interaction, and what the disagreement looks like as a force, with the
+search's own model of noise and error."""
 
 from __future__ import annotations
 
+import dataclasses
+
 import numpy as np
 
-from physreal_core.array_types import Array, Float
+from physreal_core.array_types import Array, Float, Tensor
 from physreal_core.fitting.problem import Problem
 from physreal_core.gap.comparison import Comparison
 from physreal_core.gap.experiment import Experiment
 from physreal_core.gap.noise import Noise
 from physreal_core.gap.phases import label_phases, on_ground
+from physreal_core.gap.responses import step_responses
+from physreal_core.gap.unknown import Scene
 from physreal_core.gap.where import Where, find_where
+from physreal_core.geometry.patches import farthest_points, patch_weights
 
 
 def locate(
@@ -42,6 +48,48 @@ def locate(
         touching=on_ground(simulated, experiment.setting.ground_height, experiment.problem.body.spacing),
     )
     return find_where(comparison, phases, overdispersion=overdispersion)
+
+
+def force_scene(
+    experiment: Experiment,
+    fields: dict[str, Tensor],
+    predicted: Float[Array, "frames tracks 3"],
+    train: Noise,
+    held_out: Noise | None,
+    *,
+    regions: int = 8,
+) -> Scene:
+    """What `find_lead` takes, from one experiment; costs a batch of 3 `regions` + 1 rollouts.
+
+    Args:
+        experiment: the interaction.
+        fields: of the baseline, as of `Model.fields`.
+        predicted: the tracks under it [m], shape [T, J, 3], over all frames.
+        train, held_out: noise models of the training and of the held-out frames; None where nothing is held out.
+        regions: parts of the body that have a force of their own.
+    """
+    problem = experiment.problem
+    x0 = problem.body.x0
+    near, shares = patch_weights(x0, farthest_points(x0, regions), min(4, regions))
+    weights = np.zeros((len(x0), int(near.max()) + 1))
+    np.put_along_axis(weights, near, shares, axis=1)
+    model = dataclasses.replace(experiment.model, fields=fields)
+    binding = problem.tracks.binding
+    carriers, share = (np.asarray(a) for a in (binding.neighbours, binding.weights))
+    return Scene(
+        simulated=predicted,
+        measured=experiment.measured,
+        valid=experiment.valid,
+        fps=experiment.setting.fps,
+        responses=step_responses(problem, model, weights, device=experiment.device),
+        weights=np.einsum("jk,jkr->jr", share, weights[carriers]),
+        train=train.whiten,
+        held_out=_nothing if held_out is None else held_out.whiten,
+    )
+
+
+def _nothing(fields: Float[Array, "C T J 3"]) -> Float[Array, "0 C"]:
+    return np.zeros((0, len(fields)))
 
 
 def held_distance(problem: Problem) -> Float[Array, " tracks"] | None:

@@ -55,7 +55,7 @@ class Record:
 
     Attributes:
         substeps: per frame.
-        C: affine velocities at frame times, shape [T, N, 3, 3].
+        C: affine velocities at frame times (and what `terms.inner_shape` says), shape [T, N, 3, 3].
         boxes: of every frame that ran.
         failures: what ended the rollout early, one entry.
         kept: leading frames of which the stepper keeps something, while its `holder` is this record.
@@ -85,7 +85,7 @@ class Frames:
         F = parameters.initial_deformation
         if F is None:
             F = torch.eye(3).to(x).expand(len(x), 3, 3)
-        return x, parameters.initial_velocity, F, x.new_zeros(len(x), 3, 3)
+        return x, parameters.initial_velocity, F, x.new_zeros(len(x), *self.stepper.inner_shape)
 
     def forward(
         self, parameters: Parameters, points: Tensor, progress: Progress | None, keep: bool
@@ -97,7 +97,7 @@ class Frames:
         frames, n = len(points), len(self._x0)
         x, v = self._x0.new_empty(frames, n, 3), self._x0.new_empty(frames, n, 3)
         F = self._x0.new_empty(frames, n, 3, 3)
-        C = self._x0.new_zeros(frames if keep else 2, n, 3, 3)
+        C = self._x0.new_zeros(frames if keep else 2, n, *self.stepper.inner_shape)
         record = Record(self._substeps(parameters), C)
         x[0], v[0], F[0], C[0] = self._start(parameters, record.substeps)
         for frame in range(frames - 1):

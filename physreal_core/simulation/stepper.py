@@ -15,7 +15,7 @@ from physreal_core.simulation.plain import PlainStepper
 from physreal_core.simulation.scalars import ScalarTypes
 
 State = tuple[torch.Tensor, torch.Tensor, torch.Tensor, torch.Tensor]
-"""x [N, 3] m, v [N, 3] m/s, F [N, 3, 3] and the affine velocity C [N, 3, 3] 1/s."""
+"""x [N, 3] m, v [N, 3] m/s, F [N, 3, 3], and [N, 3, 3] or [N, 6, 3] 1/s of `terms.inner_shape`: C, mean rate."""
 Failure = tuple[int, int]
 """Substep and particle."""
 
@@ -30,6 +30,7 @@ class Stepper(Protocol):
         offset: position of lattice node (0, 0, 0) [m], shape [3].
         shapes: full shape of every parameter in use, by name.
         slots: states of all particles that there is room for.
+        inner_shape: of what a particle carries beside x, v and F, see `terms.inner_shape`.
         holder: the rollout whose frames are kept, if any.
     """
 
@@ -38,6 +39,7 @@ class Stepper(Protocol):
     offset: Float[Array, "3"]
     shapes: dict[str, tuple[int, ...]]
     slots: int
+    inner_shape: tuple[int, int]
     holder: object | None
 
     def load_parameters(self, parameters: Parameters, substeps: int) -> None:

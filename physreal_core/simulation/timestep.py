@@ -1,4 +1,4 @@
-"""Substeps per frame from the elastic wave speed and the grip's stiffness, with the configured Courant number."""
+"""Substeps per frame from elastic waves, viscosity, and the stiffness of forces, with the configured Courant number."""
 
 import math
 from dataclasses import dataclass
@@ -7,33 +7,92 @@ import numpy as np
 import torch
 from scipy import sparse
 
+from physreal_core.array_types import Tensor
 from physreal_core.simulation.body import Body, Grip
 from physreal_core.simulation.config import SimulationConfig
 from physreal_core.simulation.parameters import Parameters
+from physreal_core.simulation.terms import RATE_MEMORY
+
+LARGEST_COURANT = 0.6
+"""Courant number of the elastic wave at which steps go unstable: with w its fastest grid mode, w dt = 2 there."""
+FIBRE_STRETCH, STIFFENING_STRETCH = 1.2, 1.3
+"""Stretches up to which the stiffness of fibres and of stiffening is counted."""
+FASTEST = 5.0
+"""Speed [m/s] up to which quadratic drag is counted."""
 
 
 def elastic_step(body: Body, config: SimulationConfig, parameters: Parameters) -> float:
     """Courant number times the time in which the fastest elastic wave crosses a cell [s].
 
     The speed is sqrt((lambda + 2 mu) / rho), in a body that starts stretched as many times that as its largest stretch;
-    neural residuals may add their bounded share to the stress.
+    neural residuals may add their bounded share to the stress, fibres and stiffening their tangent modulus at a moderate
+    stretch.
     """
-    E, nu = parameters.youngs_modulus.detach().double(), parameters.poissons_ratio.detach().double()
-    p_wave_modulus = E * (1 - nu) / ((1 + nu) * (1 - 2 * nu))
-    share = 1.0 if config.elastic_residual is None else 1.0 + config.residual.beta_elastic
-    squared_speed = p_wave_modulus / _density(body, parameters)
+    squared_speed = _stiffness(config, parameters) / _density(body, parameters)
     if parameters.initial_deformation is not None:
         stretch = torch.linalg.matrix_norm(parameters.initial_deformation.detach().double(), ord=2)
         squared_speed = squared_speed * stretch**2
-    speed = math.sqrt(share * float(squared_speed.max()))
-    return config.courant * body.cell / speed
+    return config.courant * body.cell / math.sqrt(float(squared_speed.max()))
 
 
-def _density(body: Body, parameters: Parameters) -> torch.Tensor:
+def viscous_step(body: Body, config: SimulationConfig, parameters: Parameters) -> float:
+    """Substep [s] of elastic and viscous stresses together, the elastic one without viscosity.
+
+    With nu_v = (2 mu_v + lambda_v) / rho, of a rate of deformation averaged over n = RATE_MEMORY substeps, a mode of
+    frequency w that decays with g is stable while
+        (w dt)^2 + 2 g dt / (2 n + 1) < 4
+    (at the limit its amplification is -1). Of the fastest grid mode w dt = 2 at LARGEST_COURANT, and g = (w / c)^2 nu_v.
+    """
+    elastic = elastic_step(body, config, parameters)
+    if parameters.viscosity is None:
+        return elastic
+    shear, bulk = parameters.viscosity.detach().double().abs().unbind(-1)
+    diffusivity = float(((2.0 * shear + bulk) / _density(body, parameters)).max())
+    decay = (2.0 / (LARGEST_COURANT * body.cell)) ** 2 * diffusivity / (2 * RATE_MEMORY + 1)
+    safety = config.courant / LARGEST_COURANT
+    frequency = 2.0 * safety / elastic
+    # dt of (w dt)^2 + 2 g dt = 4 safety^2, in a form without a difference
+    return 4.0 * safety**2 / (decay + math.sqrt(decay**2 + (2.0 * safety * frequency) ** 2))
+
+
+def _density(body: Body, parameters: Parameters) -> Tensor:
     """Densities of the particles [kg/m3], of one rollout or of many."""
     if parameters.density is not None:
         return parameters.density.detach().double()
     return torch.as_tensor(body.density, device=parameters.youngs_modulus.device)
+
+
+def _stiffness(config: SimulationConfig, parameters: Parameters) -> Tensor:
+    """Largest tangent modulus of every particle's stress [Pa], of one rollout or of many."""
+    E, nu = parameters.youngs_modulus.detach().double(), parameters.poissons_ratio.detach().double()
+    share = 1.0 if config.elastic_residual is None else 1.0 + config.residual.beta_elastic
+    modulus = share * E * (1 - nu) / ((1 + nu) * (1 - 2 * nu))
+    if parameters.fibre_modulus is not None:
+        square = FIBRE_STRETCH**2
+        modulus = modulus + (2.0 * square - 1.0) * square * parameters.fibre_modulus.detach().double().clamp(min=0.0)
+    if parameters.stiffening is not None:
+        # of an isochoric stretch: d tau / d log(stretch) = 4 c (I1' dev + (I1 - 3) dev')
+        square, across = STIFFENING_STRETCH**2, 1.0 / STIFFENING_STRETCH
+        excess, deviator = square + 2.0 * across - 3.0, 2.0 / 3.0 * (square - across)
+        tangent = 2.0 * (square - across) * deviator + excess * 2.0 / 3.0 * (2.0 * square + across)
+        modulus = modulus + 4.0 * tangent * parameters.stiffening.detach().double().clamp(min=0.0)
+    return modulus
+
+
+def force_step(body: Body, config: SimulationConfig, parameters: Parameters) -> float:
+    """Courant number times 2 / (omega + gamma) of a particle's fastest motion under drag, adhesion and an obstacle [s]."""
+    mass = torch.as_tensor(body.volume, device=parameters.youngs_modulus.device) * _density(body, parameters)
+    stiffness, damping = torch.zeros_like(mass), torch.zeros_like(mass)
+    if parameters.linear_drag is not None:
+        drag = parameters.linear_drag.abs() + 2.0 * FASTEST * parameters.quadratic_drag.abs()
+        damping = damping + drag.detach().double() / mass
+    if parameters.adhesion is not None:
+        slope = math.e * parameters.adhesion.abs() / parameters.adhesion_range[..., None]
+        stiffness = stiffness + slope.detach().double() / mass
+    if parameters.obstacle is not None:
+        stiffness = stiffness + parameters.obstacle.detach().double()[..., 7:].clamp(min=0.0)
+    rate = float((stiffness.sqrt() + damping).max())
+    return config.courant * 2.0 / rate if rate > 0 else math.inf
 
 
 @dataclass(frozen=True)
@@ -101,5 +160,9 @@ def grip_step(body: Body, config: SimulationConfig, parameters: Parameters, rate
 
 def substeps_per_frame(body: Body, config: SimulationConfig, parameters: Parameters, rates: GripRates) -> int:
     """Number of equal substeps of a frame, of many rollouts the largest; not differentiated."""
-    step = min(elastic_step(body, config, parameters), grip_step(body, config, parameters, rates))
+    step = min(
+        viscous_step(body, config, parameters),
+        force_step(body, config, parameters),
+        grip_step(body, config, parameters, rates),
+    )
     return max(1, math.ceil(1.0 / (config.fps * step)))

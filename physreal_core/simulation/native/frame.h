@@ -24,7 +24,7 @@ struct Frame {
     S offset[3], cell, dt, share, frame_rate, gravity[3], mass_floor;
     S friction, grip_stiffness, grip_damping, grip_softening;
     S beta_elastic, beta_plastic, strain_scale;
-    S term_numbers[TERM_NUMBERS];
+    S term_numbers[TERM_NUMBERS], remembered;  // share of the mean rate of deformation that a substep keeps
 
     // Particles in the caller's order:
     const int* order;                                             // [N] the caller's particle at each place
@@ -37,6 +37,7 @@ struct Frame {
     S *network_elastic_bar, *network_plastic_bar;                               // [threads, weights]; grow
     S* sums;                            // [threads, SUMS] adjoints of what all particles share; grow
     const S* term_values;               // [N, TERM_ROWS]
+    S *rate, *rate_bar;                 // [N, 3, 3] mean rate of deformation, with viscosity; in and out
     S *mass_bar, *load_bar, *term_bar;  // [N], [N, 3], [N, TERM_ROWS]; grow
 
     // Grip bonds by particle, and what is held:
@@ -48,11 +49,11 @@ struct Frame {
 
     // Workspace:
     int* place;              // [N] place of the caller's particle
-    S* state;                // [slots, 24, stride] x, v, F, C
+    S* state;                // [slots, rows, stride] x, v, F, C and, with viscosity, the mean rate of deformation
     S *constants, *bars;     // rows of `stride`: see Worker
     S* force;                // [3, stride]
     S* force_bar;            // [3, stride], with optional terms
-    S* adjoint;              // [24, stride] of the state
+    S* adjoint;              // [rows, stride] of the state
     S* scratch;              // [threads, nodes + 4, 4] a grid to scatter to for every thread
     S *velocity, *node_bar;  // [nodes + 4, 4]
     S* momentum;             // [substeps, nodes, 4] if kept

@@ -17,22 +17,18 @@ from physreal_core.simulation.native.terms import TERM_NUMBERS
 _ELASTIC = {"fixed_corotated": "FixedCorotated", "neo_hookean": "NeoHookean", "hencky": "Hencky"}
 _PLASTIC = {"identity": "Identity", "von_mises": "VonMises", "drucker_prager": "DruckerPrager"}
 
-_TERMS = frozenset(
-    {"gravity", "density", "force", "initial_position", "initial_deformation"}
-)  # optional terms that have a twin here
-
 _SIZES = (
     "particles stride threads substeps keep_states keep_grids replay origin:3 count:3 gripped clamps has_ground latent_elastic_size "
     "latent_plastic_size weights_elastic weights_plastic workspace_size yield_ terms"
 )
 _SCALARS = (
     "offset:3 cell dt share frame_rate gravity:3 mass_floor friction grip_stiffness grip_damping grip_softening "
-    f"beta_elastic beta_plastic strain_scale term_numbers:{TERM_NUMBERS}"
+    f"beta_elastic beta_plastic strain_scale term_numbers:{TERM_NUMBERS} remembered"
 )
 _POINTERS = (
     "order x v F C mass volume load E nu plastic latent_elastic latent_plastic network_elastic network_plastic "
     "x_bar v_bar F_bar C_bar E_bar nu_bar plastic_bar latent_elastic_bar latent_plastic_bar "
-    "network_elastic_bar network_plastic_bar sums term_values mass_bar load_bar term_bar grip_particle grip_first grip_controller grip_weight "
+    "network_elastic_bar network_plastic_bar sums term_values rate rate_bar mass_bar load_bar term_bar grip_particle grip_first grip_controller grip_weight "
     "grip_rest_length controllers controller_points controllers_bar clamp_lower clamp_upper place state constants bars force force_bar adjoint "
     "scratch velocity node_bar momentum kind workspace shared status"
 )
@@ -66,8 +62,8 @@ class FrameKernels:
 
 
 def has_laws(config: SimulationConfig) -> bool:
-    """Whether the configured laws and terms have C++ twins here."""
-    return config.elastic_law in _ELASTIC and config.plastic_law in _PLASTIC and _TERMS.issuperset(config.terms)
+    """Whether the configured laws have C++ twins here."""
+    return config.elastic_law in _ELASTIC and config.plastic_law in _PLASTIC
 
 
 def frame_kernels(config: SimulationConfig) -> FrameKernels:

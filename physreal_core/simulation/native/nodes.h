@@ -1,6 +1,7 @@
 // Node phase: momentum to velocity, gravity, clamps, Coulomb contact with the ground, and its adjoint (plain/grid.py).
 #pragma once
 #include "frame.h"
+#include "term_laws/friction.h"
 #include "transfers.h"
 
 namespace physreal {
@@ -35,6 +36,13 @@ inline S length_of(S x, S y) {
     return __builtin_sqrt(x * x + y * y);
 }
 
+// Friction of a node that slides with this speed.
+template <class S>
+inline Friction<S> friction_at(const Frame<S>& frame, S speed) {
+    if (!(frame.terms & FRICTION_LAW)) return Friction<S>(frame.friction);
+    return Friction<S>(frame.friction, frame.term_numbers + FRICTION_SHAPE, speed);
+}
+
 // Velocity of a node from its (momentum, mass); the fourth number is zero.
 template <class S>
 inline Node<S> node_velocity(const Frame<S>& frame, Node<S> p, unsigned char kind) {
@@ -43,7 +51,7 @@ inline Node<S> node_velocity(const Frame<S>& frame, Node<S> p, unsigned char kin
     for (int d = 0; d < 3; d++) v[d] += frame.dt * frame.gravity[d];
     v[3] = 0;
     if (kind == GROUND && v[2] < 0) {
-        S speed = length_of(v[0], v[1]), lost = -frame.friction * v[2];
+        S speed = length_of(v[0], v[1]), lost = -friction_at(frame, speed).value * v[2];
         S kept = speed > lost ? 1 - lost / speed : S(0);
         v = Node<S>{kept * v[0], kept * v[1], 0, 0};
     }
@@ -52,17 +60,21 @@ inline Node<S> node_velocity(const Frame<S>& frame, Node<S> p, unsigned char kin
 
 // Adjoint of a node's (momentum, mass) from that of its velocity; friction_bar grows.
 template <class S>
-inline Node<S> node_adjoint(const Frame<S>& frame, Node<S> p, unsigned char kind, Node<S> b, S& friction_bar) {
+inline Node<S> node_adjoint(const Frame<S>& frame, Node<S> p, unsigned char kind, Node<S> b,
+                            FrictionBar<S>& friction_bar) {
     if (!(p[3] > frame.mass_floor) || kind == HELD) return Node<S>{};
     Node<S> free = p / p[3], v = free;
     for (int d = 0; d < 3; d++) v[d] += frame.dt * frame.gravity[d];
     if (kind == GROUND && v[2] < 0) {
-        S speed = length_of(v[0], v[1]), lost = -frame.friction * v[2];
+        S speed = length_of(v[0], v[1]);
+        Friction<S> friction = friction_at(frame, speed);
+        S lost = -friction.value * v[2];
         if (speed > lost) {
             S tx = v[0] / speed, ty = v[1] / speed, along = b[0] * tx + b[1] * ty, ratio = lost / speed;
-            friction_bar += v[2] * along;
-            b = Node<S>{b[0] - ratio * (b[0] - along * tx), b[1] - ratio * (b[1] - along * ty), frame.friction * along,
-                        0};
+            S faster = v[2] * along * friction.by_speed;  // the more it loses
+            friction_bar.add(friction, v[2] * along);
+            b = Node<S>{b[0] - ratio * (b[0] - along * tx) + faster * tx,
+                        b[1] - ratio * (b[1] - along * ty) + faster * ty, friction.value * along, 0};
         } else {
             b = Node<S>{};
         }

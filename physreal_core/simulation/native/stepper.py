@@ -15,7 +15,7 @@ from physreal_core.simulation.native.terms import INPUT_BARS, SUMS, TERM_ROWS, f
 from physreal_core.simulation.native.terms import gradients as law_gradients
 from physreal_core.simulation.parameters import Parameters
 from physreal_core.simulation.scalars import scalar_types
-from physreal_core.simulation.terms import term_shapes
+from physreal_core.simulation.terms import RATE_MEMORY, inner_shape, term_shapes
 
 BLOCK = 16  # particles; the widest block that a machine works on, to which rows of particles are filled up
 PARTICLES_PER_THREAD = 256  # fewer are not worth the threads' meeting twice a substep
@@ -58,6 +58,7 @@ class NativeStepper:
         self.types, self.config = scalar_types(config.dtype), config
         self.cell, self.particles = body.cell, len(body.x0)
         self._start = self._numbers(body.x0)
+        self.inner_shape = inner_shape(config.terms)
         self.offset = lattice_offset(body, config.ground_height, clamps)
         self.threads = min(threads or torch.get_num_threads(), max(1, self.particles // PARTICLES_PER_THREAD))
         self._kept_bytes = KEPT_BYTES if kept_bytes is None else kept_bytes
@@ -156,6 +157,10 @@ class NativeStepper:
         frame.workspace_size = int(sizes[1])
         latents = frame.latent_elastic_size + frame.latent_plastic_size
         frame.terms, optional = law_bits(self.config.terms), int(bool(self.config.terms))
+        frame.remembered = RATE_MEMORY / (RATE_MEMORY + 1.0)
+        self._viscous = "viscosity" in self.config.terms
+        self._state_rows = STATE_ROWS + 9 * self._viscous
+        rate = (n, 3, 3) if self._viscous else (0, 3, 3)
         for name, shape in _STATE_SHAPES.items():
             self._hold(name, self._zeros(n, *shape))
             self._hold(f"{name}_bar", self._zeros(n, *shape))
@@ -166,13 +171,15 @@ class NativeStepper:
             ("sums", (self.threads, SUMS)),
             ("mass_bar", (n,)),
             ("load_bar", (n, 3)),
+            ("rate", rate),
+            ("rate_bar", rate),
             ("term_values", (n, TERM_ROWS)),
             ("term_bar", (n, TERM_ROWS)),
             ("constants", (CONSTANT_ROWS + latents + optional * TERM_ROWS, stride)),
             ("bars", (BAR_ROWS + latents + optional * INPUT_BARS, stride)),
             ("force", (3, stride)),
             ("force_bar", (3, stride)),
-            ("adjoint", (STATE_ROWS, stride)),
+            ("adjoint", (self._state_rows, stride)),
             ("workspace", (self.threads, frame.workspace_size)),
         ):
             self._hold(name, self._zeros(*shape))
@@ -192,7 +199,7 @@ class NativeStepper:
         if slots <= self.slots:
             return
         self.slots = slots
-        self._hold("state", torch.empty(slots, STATE_ROWS, self._frame.stride, dtype=self.types.torch_dtype))
+        self._hold("state", torch.empty(slots, self._state_rows, self._frame.stride, dtype=self.types.torch_dtype))
 
     def _roomy(self, grids: torch.Tensor, nodes: int) -> torch.Tensor:
         """`grids`, or others that have room for those of all substeps; flat."""
@@ -266,8 +273,10 @@ class NativeStepper:
 
     def set_state(self, x: torch.Tensor, v: torch.Tensor, F: torch.Tensor, C: torch.Tensor) -> None:
         """Put in the state at the frame's start."""
-        for name, value in (("x", x), ("v", v), ("F", F), ("C", C)):
+        for name, value in (("x", x), ("v", v), ("F", F), ("C", C[:, :3])):
             self._held[name].copy_(value)
+        if self._viscous:
+            self._held["rate"].copy_(C[:, 3:])
         self._hold("order", self._order(x))
 
     def _order(self, x: torch.Tensor) -> torch.Tensor:
@@ -293,7 +302,9 @@ class NativeStepper:
 
     def state(self) -> tuple[torch.Tensor, torch.Tensor, torch.Tensor, torch.Tensor]:
         """x, v, F, C at the frame's end; valid until the next call."""
-        return self._held["x"], self._held["v"], self._held["F"], self._held["C"]
+        held = self._held
+        inner = torch.cat([held["C"], held["rate"]], 1) if self._viscous else held["C"]
+        return held["x"], held["v"], held["F"], inner
 
     def backward(self) -> None:
         """Adjoint of the kept frame: the state's adjoints go from its end to its start; parameters' adjoints grow."""

@@ -9,6 +9,7 @@
 #include "material.h"
 #include "nodes.h"
 #include "rows.h"
+#include "term_laws/term_laws.h"
 #include "transfers.h"
 
 namespace physreal {
@@ -18,7 +19,7 @@ template <class S, bool TERMS, class Material>
 class Worker : ParticleRows<S> {
     using V = Lanes<S>;
     using Rows = ParticleRows<S>;
-    static constexpr int X = 0, VELOCITY = 3, DEFORMATION = 6, AFFINE = 15, STATE = 24;
+    static constexpr int X = 0, VELOCITY = 3, DEFORMATION = 6, AFFINE = 15, RATE = 24;
     enum Constant { MASS, VOLUME, LOAD, YOUNGS = 5, POISSON, PLASTIC, LATENT = 9 };
     enum Bar { E_BAR, NU_BAR, PLASTIC_BAR, LATENT_BAR = 4 };
 
@@ -35,6 +36,7 @@ public:
           last_node_(share_of(box_.nodes(), thread + 1, frame.threads)),
           scratch_(frame.scratch + 4 * thread * Index(box_.nodes() + 4)),
           material_(material_arrays(frame, thread)),
+          laws_(frame, thread, term_rows(), input_bars() + TERM_BAR * frame.stride, sums() + NUMBERS_SUM),
           barrier_(frame.shared, frame.threads, frame.yield_) {}
 
     void forward() {
@@ -84,15 +86,21 @@ private:
     Index first_node_, last_node_;
     S* scratch_;
     Material material_;
+    TermLaws<S> laws_;
     Barrier barrier_;
 
+    bool viscous() const { return TERMS && laws_.has(VISCOSITY); }
+    // Rows of the state: with viscosity the mean rate of deformation, 9 of them, stands behind x, v, F and C.
+    int state_rows() const { return viscous() ? RATE + 9 : RATE; }
+    S* rate(S* state) const { return state + RATE * frame_.stride; }
+    const S* rate(const S* state) const { return state + RATE * frame_.stride; }
     int latents() const { return int(frame_.latent_elastic_size + frame_.latent_plastic_size); }
     // Rows of the optional laws' parameters (TermRow), and of the inputs' adjoints (InputBar).
     const S* term_rows() const { return frame_.constants + (LATENT + latents()) * frame_.stride; }
     S* input_bars() const { return frame_.bars + (LATENT_BAR + latents()) * frame_.stride; }
     S* sums() const { return frame_.sums + SUMS * thread_; }
 
-    S* state(Index slot) const { return frame_.state + slot * STATE * frame_.stride; }
+    S* state(Index slot) const { return frame_.state + slot * state_rows() * frame_.stride; }
     static MaterialArrays<S> material_arrays(const Frame<S>& f, int thread) {
         auto constant = [&](int r) { return f.constants + r * f.stride; };
         auto bar = [&](int r) { return f.bars + r * f.stride; };
@@ -132,6 +140,7 @@ private:
         gather_rows(s + VELOCITY * f.stride, f.v, 3);
         gather_rows(s + DEFORMATION * f.stride, f.F, 9);
         gather_rows(s + AFFINE * f.stride, f.C, 9);
+        if (viscous()) gather_rows(rate(s), f.rate, 9);
     }
 
     void load_model() {
@@ -158,6 +167,7 @@ private:
         scatter_rows(f.v, s + VELOCITY * f.stride, 3);
         scatter_rows(f.F, s + DEFORMATION * f.stride, 9);
         scatter_rows(f.C, s + AFFINE * f.stride, 9);
+        if (viscous()) scatter_rows(f.rate, rate(s), 9);
     }
 
     void load_adjoint() {
@@ -167,7 +177,8 @@ private:
         gather_rows(a + VELOCITY * f.stride, f.v_bar, 3);
         gather_rows(a + DEFORMATION * f.stride, f.F_bar, 9);
         gather_rows(a + AFFINE * f.stride, f.C_bar, 9);
-        for (int r = 0; r < STATE; r++)
+        if (viscous()) gather_rows(rate(a), f.rate_bar, 9);
+        for (int r = 0; r < state_rows(); r++)
             for (Index p = last_; p < padded_end(); p++) a[r * f.stride + p] = 0;
         clear(f.bars, LATENT_BAR + latents() + (TERMS ? INPUT_BARS : 0));
     }
@@ -179,6 +190,7 @@ private:
         scatter_rows(f.v_bar, a + VELOCITY * f.stride, 3);
         scatter_rows(f.F_bar, a + DEFORMATION * f.stride, 9);
         scatter_rows(f.C_bar, a + AFFINE * f.stride, 9);
+        if (viscous()) scatter_rows(f.rate_bar, rate(a), 9);
         add_rows(f.E_bar, b + E_BAR * f.stride, 1);
         add_rows(f.nu_bar, b + NU_BAR * f.stride, 1);
         add_rows(f.plastic_bar, b + PLASTIC_BAR * f.stride, 2);
@@ -213,7 +225,21 @@ private:
     // Forces on the thread's particles in a substep, into frame.force.
     void apply_forces(Index s, const S* now) {
         const S* before_grip = frame_.constants + LOAD * frame_.stride;
+        if (TERMS && laws_.has_forces()) {
+            laws_.forces(now + X * frame_.stride, now + VELOCITY * frame_.stride,
+                         frame_.constants + MASS * frame_.stride, before_grip);
+            before_grip = frame_.force;
+        }
         grip_forces(frame_, s, now, before_grip, first_, last_);
+    }
+
+    // The stress of a block with that of the optional laws.
+    template <class Stress>
+    Mat3<V> all_stress(Index p, const Stress& stress, const Mat3<V>& F, const S* now) const {
+        if constexpr (TERMS)
+            return laws_.stress(p, F, rate(now), stress.tau);
+        else
+            return stress.tau;
     }
 
     void scatter_momentum(Index s) {
@@ -223,8 +249,9 @@ private:
         Scatter<S> scatter(scratch_, box_);
         for (Index p = first_; p < last_; p += LANES) {
             Vec3<V> x = vector(now, X, p), momentum = pushed_momentum(p, now);
-            auto stress = material_.stress(int(p), matrix(now, DEFORMATION, p));
-            Mat3<V> A = affine_momentum(p, matrix(now, AFFINE, p), stress.tau);
+            Mat3<V> F = matrix(now, DEFORMATION, p);
+            auto stress = material_.stress(int(p), F);
+            Mat3<V> A = affine_momentum(p, matrix(now, AFFINE, p), all_stress(p, stress, F, now));
             Stencil<S> stencil(x.v, box_);
             if (fails(s, p, stencil, x, momentum, A)) return;
             AffineBlock<S> field(momentum, row(frame_.constants, MASS, p), A, stencil.fraction);
@@ -258,6 +285,7 @@ private:
             put(next, VELOCITY, p, v);
             put(next, DEFORMATION, p, F);
             put(next, AFFINE, p, C);
+            if constexpr (TERMS) laws_.average_rate(p, rate(now), C, rate(next));
         }
     }
 
@@ -324,9 +352,11 @@ private:
         for (Index p = first_; p < last_; p += LANES) {
             Vec3<V> x = vector(now, X, p), v = vector(next, VELOCITY, p);
             Mat3<V> F = matrix(now, DEFORMATION, p), C = matrix(next, AFFINE, p), F_bar = matrix(bar, DEFORMATION, p);
+            Mat3<V> C_bar = matrix(bar, AFFINE, p);
+            if constexpr (TERMS) C_bar = laws_.average_rate_adjoint(p, C_bar, rate(bar));
             if constexpr (Material::flows) F_bar = material_.flow_adjoint(int(p), F + frame_.dt * (C * F), F_bar);
             Stencil<S> stencil(x.v, box_);
-            Mat3<V> A = (4 / frame_.cell) * (matrix(bar, AFFINE, p) + frame_.dt * (F_bar * transpose(F)));
+            Mat3<V> A = (4 / frame_.cell) * (C_bar + frame_.dt * (F_bar * transpose(F)));
             Vec3<V> q;
             for (int d = 0; d < 3; d++) q.v[d] = row(bar, VELOCITY + d, p) + frame_.dt * row(bar, X + d, p);
             AffineBlock<S> field(q, V{}, A, stencil.fraction);
@@ -354,7 +384,7 @@ private:
     }
 
     void update_nodes_adjoint(Index s) {
-        S friction_bar = 0;
+        FrictionBar<S> friction_bar = {};
         Node<S> gravity_bar = {};
         for (Index n = first_node_; n < last_node_; n++) {
             Node<S> p = read<Node<S>>(frame_.momentum + 4 * (s * box_.nodes() + n));
@@ -364,9 +394,12 @@ private:
             // gravity acts on the velocity as momentum / mass does, dt times
             if constexpr (TERMS) gravity_bar += (frame_.dt * p[3]) * p_bar;
         }
-        sums()[FRICTION_SUM] += friction_bar;
+        sums()[FRICTION_SUM] += friction_bar.dynamic;
         if constexpr (TERMS)
-            for (int d = 0; d < 3; d++) sums()[GRAVITY_SUM + d] += gravity_bar[d];
+            for (int d = 0; d < 3; d++) {
+                sums()[GRAVITY_SUM + d] += gravity_bar[d];
+                sums()[NUMBERS_SUM + FRICTION_SHAPE + d] += friction_bar.law[d];
+            }
     }
 
     void gather_momentum_bar(Index s) {
@@ -377,7 +410,7 @@ private:
             Vec3<V> x = vector(now, X, p), momentum = pushed_momentum(p, now);
             Mat3<V> F = matrix(now, DEFORMATION, p);
             auto stress = material_.stress(int(p), F);
-            Mat3<V> C = matrix(now, AFFINE, p), A = affine_momentum(p, C, stress.tau);
+            Mat3<V> C = matrix(now, AFFINE, p), A = affine_momentum(p, C, all_stress(p, stress, F, now));
             Stencil<S> stencil(x.v, box_);
             V m = load(mass + p), volume = row(frame_.constants, VOLUME, p);
             AffineBlock<S> field(momentum, m, A, stencil.fraction);
@@ -394,13 +427,17 @@ private:
             add_position_gradient(p, gradient.value(), A, q_bar);
             for (int d = 0; d < 3; d++) put(bar, VELOCITY + d, p, m * q_bar.v[d]);
             put(bar, AFFINE, p, (m * frame_.cell) * A_bar);
-            Mat3<V> F_bar = matrix(bar, DEFORMATION, p);
-            material_.stress_adjoint(int(p), stress, F, (volume * (-4 * frame_.dt / frame_.cell)) * A_bar, F_bar);
+            Mat3<V> F_bar = matrix(bar, DEFORMATION, p), tau_bar = (volume * (-4 * frame_.dt / frame_.cell)) * A_bar;
+            material_.stress_adjoint(int(p), stress, F, tau_bar, F_bar);
+            if constexpr (TERMS) laws_.stress_adjoint(p, F, rate(now), tau_bar, F_bar, rate(bar));
             put(bar, DEFORMATION, p, F_bar);
             if constexpr (TERMS) inputs_adjoint(p, vector(now, VELOCITY, p), C, q_bar, moments.fourth_sum(), A_bar);
         }
         S* controllers_bar = frame_.controllers_bar + 6 * thread_ * frame_.controller_points;
         grip_forces_adjoint<TERMS>(frame_, s, now, mass, first_, last_, sums(), controllers_bar);
+        if (TERMS && laws_.has_forces())
+            laws_.forces_adjoint(now + X * frame_.stride, now + VELOCITY * frame_.stride, mass, bar + X * frame_.stride,
+                                 bar + VELOCITY * frame_.stride, input_bars() + MASS_BAR * frame_.stride);
     }
 
     // Adjoints of mass and force in m v + dt f, m and the affine momentum, from those of the three.

@@ -17,7 +17,7 @@ FREE, HELD, GROUND = wp.constant(0), wp.constant(1), wp.constant(2)
 
 @functools.cache
 def node_functions(dtype: str) -> SimpleNamespace:
-    """Warp functions `kind_of`, `velocity_of`, `velocity_adjoint` of one node over one scalar type."""
+    """Warp functions of one node over one scalar type: `kind_of`, `velocity_of`, `slide` in it, and both adjoints."""
     types = scalar_types(dtype)
     scalar, vec3, vec4 = types.scalar, types.vec3, types.vec4
     zero, one = scalar(0.0), scalar(1.0)
@@ -48,18 +48,41 @@ def node_functions(dtype: str) -> SimpleNamespace:
         return kind
 
     @wp.func
+    def slide(v: vec3, lost: scalar):
+        """The part of v along the plane, by `lost` slower; zero where that is more than it has."""
+        speed = wp.sqrt(v[0] * v[0] + v[1] * v[1])
+        kept = zero
+        if speed > lost:
+            kept = one - lost / speed
+        return vec3(kept * v[0], kept * v[1], zero)
+
+    @wp.struct
+    class SlideAdjoint:
+        along_plane: vec3
+        lost: scalar
+
+    @wp.func
+    def slide_adjoint(v: vec3, lost: scalar, b: vec3):
+        """Adjoints of v and of what it loses in `slide`, whose result's is b."""
+        out = SlideAdjoint()
+        speed = wp.sqrt(v[0] * v[0] + v[1] * v[1])
+        if speed > lost:
+            tx = v[0] / speed
+            ty = v[1] / speed
+            along = b[0] * tx + b[1] * ty
+            ratio = lost / speed
+            out.along_plane = vec3(b[0] - ratio * (b[0] - along * tx), b[1] - ratio * (b[1] - along * ty), zero)
+            out.lost = -along
+        return out
+
+    @wp.func
     def velocity_of(p: vec4, kind: int, dt: scalar, gravity: vec3, mass_floor: scalar, friction: scalar):
         """Velocity of a node of momentum and mass p; zero where there is no mass."""
         v = vec3()
         if p[3] > mass_floor and kind != HELD:
             v = vec3(p[0], p[1], p[2]) / p[3] + dt * gravity
             if kind == GROUND and v[2] < zero:
-                speed = wp.sqrt(v[0] * v[0] + v[1] * v[1])
-                lost = -friction * v[2]
-                kept = zero
-                if speed > lost:
-                    kept = one - lost / speed
-                v = vec3(kept * v[0], kept * v[1], zero)
+                v = slide(v, -friction * v[2])
         return vec4(v[0], v[1], v[2], zero)
 
     @wp.struct
@@ -78,26 +101,20 @@ def node_functions(dtype: str) -> SimpleNamespace:
             free = vec3(p[0], p[1], p[2]) / p[3]
             v = free + dt * gravity
             if kind == GROUND and v[2] < zero:
-                speed = wp.sqrt(v[0] * v[0] + v[1] * v[1])
-                lost = -friction * v[2]
-                if speed > lost:
-                    tx = v[0] / speed
-                    ty = v[1] / speed
-                    along = b[0] * tx + b[1] * ty
-                    ratio = lost / speed
-                    out.friction = v[2] * along
-                    b = vec3(
-                        b[0] - ratio * (b[0] - along * tx),
-                        b[1] - ratio * (b[1] - along * ty),
-                        friction * along,
-                    )
-                else:
-                    b = vec3()
+                slid = slide_adjoint(v, -friction * v[2], b)
+                out.friction = -v[2] * slid.lost
+                b = vec3(slid.along_plane[0], slid.along_plane[1], -friction * slid.lost)
             inverse_mass = one / p[3]
             out.momentum = inverse_mass * vec4(b[0], b[1], b[2], -wp.dot(b, free))
         return out
 
-    return SimpleNamespace(kind_of=kind_of, velocity_of=velocity_of, velocity_adjoint=velocity_adjoint)
+    return SimpleNamespace(
+        kind_of=kind_of,
+        velocity_of=velocity_of,
+        velocity_adjoint=velocity_adjoint,
+        slide=slide,
+        slide_adjoint=slide_adjoint,
+    )
 
 
 @functools.cache

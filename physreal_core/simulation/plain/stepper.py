@@ -16,15 +16,16 @@ from physreal_core.simulation.box import GridBox, held_boxes, lattice_offset
 from physreal_core.simulation.config import SimulationConfig
 from physreal_core.simulation.constitutive import ResidualConfig
 from physreal_core.simulation.parameters import Parameters
+from physreal_core.simulation.plain.friction import friction_kernels
 from physreal_core.simulation.plain.grid import grid_kernels
 from physreal_core.simulation.plain.grip import bond_functions, grip_kernels
+from physreal_core.simulation.plain.laws import LawArrays, force_laws, rate_launches, stress_laws
 from physreal_core.simulation.plain.material import flow_kernels, stress_kernels
-from physreal_core.simulation.plain.terms import INPUT_TERMS, Law, TermArrays
+from physreal_core.simulation.plain.terms import TermArrays
 from physreal_core.simulation.plain.transfers import transfer_kernels
 from physreal_core.simulation.scalars import scalar_types
-from physreal_core.simulation.terms import term_shapes
+from physreal_core.simulation.terms import inner_shape, term_shapes
 
-_TERMS = frozenset(INPUT_TERMS)  # of the optional terms, those that stand here
 WEIGHT_ROWS = 64  # copies of a network's weight adjoint on a GPU, so that its threads do not queue for one address
 
 
@@ -67,7 +68,8 @@ class PlainStepper:
     """Arrays and launches of one body; `Simulator` decides which frames run.
 
     State arrays are torch tensors shared with Warp, [slots, N, ...]: slot 0 is the current state; with `keep=True`
-    slot s holds the state after s substeps, which the adjoint needs.
+    slot s holds the state after s substeps, which the adjoint needs. `start` are the positions at frame 0, `rate` is the
+    mean rate of deformation that viscosity acts on.
     """
 
     holder = None
@@ -80,12 +82,12 @@ class PlainStepper:
         clamps: tuple[Clamp, ...],
         loads: tuple[PointLoad, ...],
     ) -> None:
-        if not _TERMS.issuperset(config.terms):
-            raise NotImplementedError(f"terms {sorted(set(config.terms) - _TERMS)} of the plain step")
         self.types = scalar_types(config.dtype)
         self.device, self.config = config.device, config
         self.particles, self.cell = len(body.x0), body.cell
         self.offset = lattice_offset(body, config.ground_height, clamps)
+        self._viscous, self._slides = "viscosity" in config.terms, "friction_law" in config.terms
+        self.inner_shape = inner_shape(config.terms)
         self._graphs: dict[str, wp.Graph] = {}
         self.substeps = self.slots = self._grid_slots = self._nodes = 0
         self._constants(body, grip, clamps, loads)
@@ -113,6 +115,8 @@ class PlainStepper:
         self.gravity = self._numbers(self.config.gravity)[None].contiguous()
         self._loads = self._numbers(load_forces(body, loads))
         self.load, self.force = self._loads.clone(), self._loads.clone()
+        self._x0 = self._numbers(body.x0)
+        self.start = self._x0.clone()
         lower, upper = held_boxes(clamps, self.cell)
         self.clamp_lower, self.clamp_upper = self._upload(lower, vec3), self._upload(upper, vec3)
         self.timing = self._tensor(3)  # dt, 1 / substeps, 1 / frame time
@@ -141,7 +145,11 @@ class PlainStepper:
         self.shapes |= term_shapes(self.config.terms, n)
         self.E, self.nu, self.friction, self.grip = self._tensor(n), self._tensor(n), self._tensor(1), self._tensor(2)
         self.E_bar, self.nu_bar = self._tensor(n), self._tensor(n)
-        self.friction_bar, self.gravity_bar = self._tensor(1), self._tensor(1, 3)
+        self.friction_bar, self.gravity_bar, self.friction_law_bar = (
+            self._tensor(1),
+            self._tensor(1, 3),
+            self._tensor(1, 3),
+        )
         self.plastic, self.plastic_bar = self._tensor(n, 2), self._tensor(n, 2)
         if self.config.plastic_law != "identity":
             self.shapes["plastic"] = (n, 2)
@@ -154,6 +162,7 @@ class PlainStepper:
                 self.networks[kind] = self._network_arrays(residual)
         self.stiffness_bar, self.damping_bar = self._tensor(max(1, self.gripped)), self._tensor(max(1, self.gripped))
         self.terms = TermArrays(self.config.terms, n, self._tensor)
+        self.start_bar, self.rate_bar = self._tensor(n, 3), self._tensor(n, 3, 3)
         self.mass_bar, self.load_bar, self.force_bar = self._tensor(n), self._tensor(n, 3), self._tensor(n, 3)
         self.x_bar, self.v_bar = self._tensor(n, 3), self._tensor(n, 3)
         self.F_bar, self.C_bar, self.tau_bar = (self._tensor(n, 3, 3) for _ in range(3))
@@ -173,6 +182,7 @@ class PlainStepper:
             self.slots, n = particle_slots, self.particles
             self.x, self.v = self._tensor(particle_slots, n, 3), self._tensor(particle_slots, n, 3)
             self.F, self.C, self.tau = (self._tensor(particle_slots, n, 3, 3) for _ in range(3))
+            self.rate = self._tensor(particle_slots if self._viscous else 1, n, 3, 3)
             moved = True
         if grid_slots > self._grid_slots or nodes > self._nodes:
             if nodes > self._nodes:
@@ -181,11 +191,10 @@ class PlainStepper:
             self.momentum = self._tensor(self._grid_slots, self._nodes, 4)
             self.velocity, self.node_bar = self._tensor(self._nodes, 4), self._tensor(1, self._nodes, 4)
             self.kind = self._tensor(self._nodes, dtype=torch.int32)
-            # a backward pass may be under way
-            summed, self.friction_bar = self.friction_bar.sum(0), self._tensor(self._nodes)
-            self.friction_bar[0] = summed
-            summed, self.gravity_bar = self.gravity_bar.sum(0), self._tensor(self._nodes, 3)
-            self.gravity_bar[0] = summed
+            for name in ("friction_bar", "gravity_bar", "friction_law_bar"):  # a backward pass may be under way
+                summed = getattr(self, name).sum(0)
+                setattr(self, name, self._tensor(self._nodes, *summed.shape))
+                getattr(self, name)[0] = summed
             moved = True
         if moved:
             self._record()
@@ -238,17 +247,20 @@ class PlainStepper:
             self._flow_adjoint = phase(
                 flow.flow_adjoint, n, 2, *model, F, C, F_bar, E_bar, nu_bar, plastic_bar, *adjoints
             )
-        self._force_laws: list[Law] = []  # the first of them starts from the loads
-        self._stress_laws: list[Law] = []
+        self._record_laws()
         model = [mass, volume, *place]
         self._p2g = phase(transfer.p2g, n, 3, *model, x, v, C, tau, force, momentum, status)
         self._p2g_adjoint = phase(
             transfer.p2g_adjoint, n, 1, *model, x, v, C, tau, force, node_bar, x_bar, wrap(self.mass_bar),
             wrap(self.load_bar, vec3), v_bar, C_bar, tau_bar, force_bar,
         )  # fmt: skip
+        bars = [friction_bar, wrap(self.gravity_bar, vec3)]
+        if self._slides:
+            grid = friction_kernels(self.config.dtype)
+            node_model.append(wrap(self.terms.values["friction_law"][0]))
+            bars.append(wrap(self.friction_law_bar, vec3))
         self._update = phase(grid.update_nodes, nodes, 2, *node_model, momentum, velocity, momentum)
         self._update_again = phase(grid.update_nodes, nodes, 2, *node_model, momentum, velocity, node_bar_rows)
-        bars = [friction_bar, wrap(self.gravity_bar, vec3)]
         self._update_adjoint = phase(grid.update_nodes_adjoint, nodes, 1, *node_model, momentum, node_bar, *bars)
         self._g2p = phase(transfer.g2p, n, 2, *place, velocity, x, v, F, C)
         self._g2p_adjoint = phase(
@@ -269,6 +281,25 @@ class PlainStepper:
                 grips.controllers_adjoint, self.gripped, 2, *bonds, points, x, v, force_bar,
                 wrap(self.controllers_bar, vec3),
             )  # fmt: skip
+
+    def _record_laws(self) -> None:
+        """Launches of the optional laws, on the arrays of `LawArrays`."""
+        vectors = ("load", "force", "force_bar", "x", "v", "start", "x_bar", "v_bar", "start_bar")
+        matrices = ("F", "C", "rate", "tau", "F_bar", "C_bar", "rate_bar", "tau_bar")
+        arrays = LawArrays(
+            **{name: wp.from_torch(getattr(self, name), self.types.vec3) for name in vectors},
+            **{name: wp.from_torch(getattr(self, name), self.types.mat33) for name in matrices},
+            mass=wp.from_torch(self.mass),
+            mass_bar=wp.from_torch(self.mass_bar),
+        )
+
+        def record(kernel, indices, *arguments):
+            return Phase(kernel, self.particles, indices, list(arguments), self.device)
+
+        given = self.config.terms, self.types, self.terms, arrays, record
+        self._force_laws, self._stress_laws = force_laws(*given), stress_laws(*given)
+        if self._viscous:
+            self._average_rate, self._average_rate_adjoint = rate_launches(self.types, arrays, record)
 
     def _network_launch_arrays(self, kind: str) -> tuple[list[wp.array], list[wp.array]]:
         arrays = self.networks.get(kind)
@@ -302,6 +333,7 @@ class PlainStepper:
         if parameters.force is not None:
             self.load.copy_(self._loads + parameters.force)
             self.force.copy_(self.load)
+        self.start.copy_(self._x0 if parameters.initial_position is None else parameters.initial_position)
         self.terms.load(parameters)
 
     def keep_frames(self, holder: object, frames: int, nodes: int) -> int:
@@ -323,8 +355,10 @@ class PlainStepper:
 
     def set_state(self, x: torch.Tensor, v: torch.Tensor, F: torch.Tensor, C: torch.Tensor) -> None:
         """Put a state into slot 0."""
-        for slots, value in ((self.x, x), (self.v, v), (self.F, F), (self.C, C)):
+        for slots, value in ((self.x, x), (self.v, v), (self.F, F), (self.C, C[:, :3])):
             slots[0].copy_(value)
+        if self._viscous:
+            self.rate[0].copy_(C[:, 3:])
 
     def _run(self, name: str, launches: Callable[[], None]) -> None:
         """Launch a frame's phases: one by one on the CPU, on a GPU as a CUDA graph captured when first needed."""
@@ -357,6 +391,8 @@ class PlainStepper:
             self._p2g(s, slot, grid_slot)
             self._update(grid_slot, next_grid)
             self._g2p(slot, following)
+            if self._viscous:
+                self._average_rate(slot, following)
             if self._flow is not None:
                 self._flow(following)
         self._check(self.substeps, following)
@@ -376,7 +412,8 @@ class PlainStepper:
 
     def state(self) -> tuple[torch.Tensor, torch.Tensor, torch.Tensor, torch.Tensor]:
         """x, v, F, C in slot 0."""
-        return self.x[0], self.v[0], self.F[0], self.C[0]
+        inner = torch.cat([self.C[0], self.rate[0]], 1) if self._viscous else self.C[0]
+        return self.x[0], self.v[0], self.F[0], inner
 
     def failures(self) -> tuple[tuple[int, int] | None, tuple[int, int] | None]:
         """(substep, particle) of the first particle outside the grid and of the first non-finite one in this frame."""
@@ -388,6 +425,8 @@ class PlainStepper:
         for s in reversed(range(self.substeps)):
             if self._flow is not None:
                 self._flow_adjoint(s, s + 1)
+            if self._viscous:
+                self._average_rate_adjoint()
             self._update_again(s, 0)
             self._g2p_adjoint(s, s + 1)
             self._update_adjoint(s)
@@ -404,7 +443,14 @@ class PlainStepper:
             bar.zero_()
         for bar in (self.plastic_bar, self.stiffness_bar, self.damping_bar, self.friction_bar):
             bar.zero_()
-        for bar in (self.gravity_bar, self.mass_bar, self.load_bar):
+        for bar in (
+            self.gravity_bar,
+            self.mass_bar,
+            self.load_bar,
+            self.start_bar,
+            self.rate_bar,
+            self.friction_law_bar,
+        ):
             bar.zero_()
         self.terms.clear()
         for arrays in self.networks.values():
@@ -424,7 +470,7 @@ class PlainStepper:
             "poissons_ratio": self.nu_bar.clone(),
             "plastic": self.plastic_bar.clone(),
             "initial_velocity": self.v_bar.clone(),
-            "initial_position": self.x_bar.clone(),
+            "initial_position": self.x_bar + self.start_bar,
             "initial_deformation": self.F_bar.clone(),
             "gravity": self.gravity_bar.sum(0),
             "density": self.volume * self.mass_bar,
@@ -435,7 +481,7 @@ class PlainStepper:
         }
         for kind, arrays in self.networks.items():
             bars[f"latent_{kind}"], bars[f"network_{kind}"] = arrays.latent_bar.clone(), arrays.weights_bar.sum(0)
-        bars |= self.terms.gradients()
+        bars |= self.terms.gradients() | {"friction_law": self.friction_law_bar.sum(0)}
         return {name: bars[name] for name in self.shapes}
 
     def controllers_adjoint(self) -> torch.Tensor:

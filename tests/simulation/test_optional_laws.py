@@ -1,0 +1,245 @@
+"""Motion under the optional laws against closed forms, and their gradients against finite differences, in both forms."""
+
+import math
+from dataclasses import replace
+
+import numpy as np
+import pytest
+import torch
+
+from physreal_core.simulation import Clamp, Parameters, SimulationConfig, Simulator, States
+from tests.simulation.scenes import block, directional_errors, random_loss, two_point_grip
+
+pytestmark = pytest.mark.usefixtures("kernels")
+
+GRAVITY = 9.81
+
+
+def tensor(value) -> torch.Tensor:
+    return torch.as_tensor(value, dtype=torch.float64)
+
+
+def rollout(simulator: Simulator, frames: int, **parameters) -> States:
+    values = {name: tensor(value) for name, value in parameters.items()}
+    with torch.no_grad():
+        return simulator.rollout(Parameters(**values), torch.zeros(frames, 0, 3))
+
+
+# --- gradients ----------------------------------------------------------------------------------------------------
+
+FRAMES = 4
+TOLERANCE = 1e-5
+STEPS = {
+    "drag": {"linear_drag": 1e-7, "quadratic_drag": 1e-7},
+    "adhesion": {"adhesion": 1e-7, "adhesion_range": 1e-8},
+    "obstacle": {"obstacle": 1e-7},
+    "viscosity": {"viscosity": 1e-6},
+    "stiffening": {"stiffening": 1e-3},
+    "fibres": {"fibre_modulus": 1e-3, "fibre_direction": 1e-6},
+    "friction_law": {"friction_law": 1e-6},
+}
+"""Half widths of the differences, in the parameters' units."""
+STATE_STEPS = {"youngs_modulus": 1e-2, "friction_coefficient": 1e-6, "initial_velocity": 1e-6, "grip_stiffness": 1e-6}
+
+
+def scene(terms: tuple[str, ...], **options) -> tuple[Simulator, Parameters, torch.Tensor]:
+    """A block of 60 particles thrown along the ground against a post, one end of it lifted by two moving points."""
+    body = block((4, 5, 3))
+    points = np.array([[0.0, 0.0, 0.05], [0.02, 0.0, 0.05]])
+    config = SimulationConfig(fps=60, dtype="float64", terms=terms, **options)
+    simulator = Simulator(body, config, two_point_grip(body, points, 8))
+    time = torch.linspace(0, 1, FRAMES, dtype=torch.float64)[:, None, None]
+    controllers = tensor(points) + time * tensor([0.01, 0.005, 0.03])
+    count, generator = len(body.x0), torch.Generator().manual_seed(3)
+
+    def random(*shape):
+        return 0.5 + torch.rand(shape, generator=generator, dtype=torch.float64)
+
+    directions = torch.randn(count, 3, generator=generator, dtype=torch.float64)
+    of_term = {
+        "drag": {"linear_drag": 1e-3 * random(count), "quadratic_drag": 2e-3 * random(count)},
+        "adhesion": {"adhesion": 5e-3 * random(count), "adhesion_range": tensor(1e-3)},
+        "obstacle": {"obstacle": tensor([0.06, 0.02, 0.01, 0.0, 0.01, 0.01, 0.02, 1e4])},
+        "viscosity": {"viscosity": random(count, 2)},
+        "stiffening": {"stiffening": 500.0 * random(count)},
+        "fibres": {
+            "fibre_modulus": 1e3 * random(count),
+            "fibre_direction": directions / directions.norm(dim=1, keepdim=True),
+        },
+        "friction_law": {"friction_law": tensor([0.2, 0.3, 0.1])},
+    }
+    parameters = Parameters(
+        youngs_modulus=2e3 * random(count),
+        poissons_ratio=tensor(0.3).expand(count),
+        friction_coefficient=tensor(0.3),
+        grip_stiffness=tensor(0.3),
+        grip_damping=tensor(0.005),
+        initial_velocity=tensor((0.5, 0.2, 0.0)).expand(count, 3),
+        **{name: value for term in terms for name, value in of_term.get(term, {}).items()},
+    )
+    return simulator, parameters, controllers
+
+
+def check(results: dict[str, tuple[float, float]]) -> None:
+    for name, (adjoint, difference) in results.items():
+        assert difference != 0, f"{name} has no effect in this scene"
+        assert adjoint == pytest.approx(difference, rel=TOLERANCE), name
+
+
+@pytest.mark.parametrize("term", STEPS)
+def test_gradients(term):
+    """Of the law's own parameters and, through it, of the others and the start."""
+    simulator, parameters, controllers = scene((term,))
+    check(directional_errors(simulator, parameters, controllers, random_loss([1, 2, 3]), STEPS[term] | STATE_STEPS))
+
+
+def test_gradients_of_all_laws_and_inputs_at_once():
+    inputs = {"density": 1e-4, "initial_position": 1e-8, "force": 1e-9}
+    simulator, parameters, controllers = scene((*STEPS, *inputs), plastic_law="von_mises")
+    body = simulator.body
+    parameters = replace(
+        parameters,
+        plastic=tensor([20.0, 1.0]).expand(len(body.x0), 2),
+        density=tensor(body.density),
+        initial_position=tensor(body.x0),
+        force=torch.full((len(body.x0), 3), 1e-4, dtype=torch.float64),
+    )
+    steps = {name: step for own in STEPS.values() for name, step in own.items()} | STATE_STEPS | inputs
+    check(directional_errors(simulator, parameters, controllers, random_loss([1, 2, 3]), steps))
+
+
+def test_absent_laws_change_nothing():
+    """Terms at their dormant values: the motion without them, but for rounding."""
+    plain, parameters, controllers = scene(())
+    with_terms, *_ = scene(tuple(STEPS))
+    with torch.no_grad():
+        ours, theirs = (s.rollout(parameters, controllers) for s in (with_terms, plain))
+    assert with_terms.substeps(parameters) == plain.substeps(parameters)
+    for a, b in ((ours.x, theirs.x), (ours.v, theirs.v), (ours.F, theirs.F)):
+        torch.testing.assert_close(a, b, rtol=1e-12, atol=1e-13)
+
+
+# --- closed forms -------------------------------------------------------------------------------------------------
+
+
+def falling(**drag) -> tuple[torch.Tensor, torch.Tensor]:
+    """Times [s] and mean speeds downwards [m/s] of a small block that falls for 1.5 s; its mass is 8e-3 kg."""
+    body = block((2, 2, 2), corner=(0.0, 0.0, 50.0), density=1000.0)
+    simulator = Simulator(body, SimulationConfig(fps=20, ground_height=None, terms=("drag",), dtype="float64"))
+    states = rollout(simulator, 31, youngs_modulus=1e4, poissons_ratio=0.3, **drag)
+    return torch.arange(31).double() / 20, -states.v[:, :, 2].mean(1)
+
+
+def test_terminal_velocity_of_linear_drag():
+    """m v' = m g - c v: v = v_T (1 - exp(-g t / v_T)) with v_T = m g / c, here 2 m/s; the step costs 1e-3 of it."""
+    times, speed = falling(linear_drag=1e-3 * GRAVITY / 2.0)
+    torch.testing.assert_close(speed, 2.0 * (1 - (-GRAVITY * times / 2.0).exp()), rtol=0, atol=4e-3)
+    assert float(speed[-1]) == pytest.approx(2.0, rel=1e-3)
+
+
+def test_terminal_velocity_of_quadratic_drag():
+    """m v' = m g - c v^2: v = v_T tanh(g t / v_T) with v_T = sqrt(m g / c), here 2 m/s."""
+    times, speed = falling(quadratic_drag=1e-3 * GRAVITY / 4.0)
+    torch.testing.assert_close(speed, 2.0 * (GRAVITY * times / 2.0).tanh(), rtol=0, atol=4e-3)
+    assert float(speed[-1]) == pytest.approx(2.0, rel=1e-3)
+
+
+@pytest.mark.parametrize(("share", "lets_go"), [(0.9, False), (1.1, True)])
+def test_adhesion_lets_go_above_its_peak(share, lets_go):
+    """Pulled up, against a drag that lets nothing overshoot, by a force of `share` times weight and largest pull."""
+    body = block((3, 3, 2), density=1000.0)
+    count, mass, peak, reach = len(body.x0), 1e-3, 0.02, 1e-3
+    config = SimulationConfig(fps=30, terms=("adhesion", "drag", "force"))
+    simulator = Simulator(body, config)
+    force = torch.zeros(count, 3)
+    force[:, 2] = share * (mass * GRAVITY + peak)
+    states = rollout(
+        simulator, 25, youngs_modulus=5e4, poissons_ratio=0.3, adhesion=torch.full((count,), peak),
+        adhesion_range=reach, linear_drag=torch.full((count,), 0.5), force=force,
+    )  # fmt: skip
+    height = (states.x - states.x[0])[:, :, 2].mean(1)
+    if lets_go:
+        assert float(height[-1]) > 5 * reach
+    else:
+        u = float(height[-1]) / reach  # on the rising branch, where the pull is the force without the weight
+        assert u < 1
+        assert peak * u * math.exp(1 - u) == pytest.approx(share * (mass * GRAVITY + peak) - mass * GRAVITY, rel=0.02)
+        assert float(height[-1] - height[-3]) < 1e-2 * reach
+
+
+def test_body_rests_on_a_ball_at_depth_g_over_k():
+    """A flat block on a ball of 20 m: every particle of its one layer is g / k deep when drag has calmed it."""
+    body = block((2, 2, 1), corner=(-0.01, -0.01, -0.005), density=1000.0)
+    stiffness = 2e3
+    config = SimulationConfig(fps=30, ground_height=None, terms=("obstacle", "drag"), dtype="float64")
+    states = rollout(
+        Simulator(body, config), 20, youngs_modulus=2e4, poissons_ratio=0.3,
+        obstacle=[0.0, 0.0, -20.0, 0.0, 0.0, 0.0, 20.0, stiffness], linear_drag=0.04,
+    )  # fmt: skip
+    assert float(states.v[-1].abs().max()) < 1e-4
+    assert float(-states.x[-1, :, 2].mean()) == pytest.approx(GRAVITY / stiffness, rel=2e-3)
+
+
+def test_strong_viscosity_is_stable():
+    """A retardation time of 100 elastic steps; a jelly that would blow up within a frame if its step were the elastic one."""
+    body = block((6, 4, 4))
+    simulator = Simulator(body, SimulationConfig(fps=30, terms=("viscosity",)))
+    velocity = 0.3 * torch.randn(len(body.x0), 3, generator=torch.Generator().manual_seed(0))
+    states = rollout(
+        simulator, 6, youngs_modulus=2e4, poissons_ratio=0.3, viscosity=[200.0, 200.0], initial_velocity=velocity
+    )
+    assert torch.isfinite(states.x).all()
+    assert states.v[-1].norm(dim=1).max() < velocity.norm(dim=1).max()
+
+
+def test_fibres_add_to_the_stiffness_along_them():
+    """A bar hung up by its end, in weak gravity, stretches by rho g l^2 / 2 (E + k); across the fibres by rho g l^2 / 2 E."""
+    E, density, spacing, cells, gravity = 1e4, 1000.0, 0.01, 10, 1.0
+    length = 2 * cells * spacing
+    body = block((4, 4, 2 * cells + 2), spacing, density, corner=(0.0, 0.0, -length))
+    clamp = Clamp((-1.0, -1.0, 0.0), (1.0, 1.0, 1.0))
+    for direction, modulus in (((0.0, 0.0, 1.0), E + 1e4), ((1.0, 0.0, 0.0), E)):
+        fps, period = 200, 4 * length / np.sqrt(modulus / density)
+        config = SimulationConfig(fps=fps, ground_height=None, gravity=(0.0, 0.0, -gravity), terms=("fibres",))
+        states = rollout(
+            Simulator(body, config, clamps=(clamp,)), round(2 * period * fps) + 1, youngs_modulus=E, poissons_ratio=0.0,
+            fibre_modulus=1e4, fibre_direction=direction,
+        )  # fmt: skip
+        tip = body.x0[:, 2] < body.x0[:, 2].min() + 1e-9
+        stretch = float((states.x[0] - states.x[1:])[:, tip, 2].mean())
+        assert stretch == pytest.approx(density * gravity * length**2 / (2 * modulus), rel=0.05)
+
+
+def sliding_block(friction: float, law: tuple, speed: float, frames: int, gravity=(0.0, 0.0, -GRAVITY)) -> np.ndarray:
+    """How far [m] a block has slid along x at frame times of 1/60 s; stiff, as its shear swings against the friction."""
+    body = block((10, 10, 4), spacing=0.008)
+    simulator = Simulator(body, SimulationConfig(fps=60, terms=("friction_law",), gravity=gravity))
+    states = rollout(
+        simulator, frames, youngs_modulus=3e5, poissons_ratio=0.3, friction_coefficient=friction,
+        friction_law=law, initial_velocity=[speed, 0.0, 0.0],
+    )  # fmt: skip
+    return (states.x - states.x[0])[:, :, 0].double().mean(1).numpy()
+
+
+def test_friction_that_rises_with_speed_stops_a_block_sooner():
+    """s' = -g (mu + r s): it stops after s0 / (r g) - mu / (r^2 g) log(1 + r s0 / mu)."""
+    friction, rate, speed = 0.3, 0.2, 1.0
+    distance = speed / (rate * GRAVITY) - friction / (rate**2 * GRAVITY) * math.log(1 + rate * speed / friction)
+    slid = sliding_block(friction, (0.0, 1.0, rate), speed, 30)
+    assert slid[-1] == pytest.approx(distance, rel=0.03)
+    assert distance < 0.8 * speed**2 / (2 * friction * GRAVITY)
+
+
+def test_a_block_holds_on_a_slope_until_it_is_pushed():
+    """On 20 degrees (tan = 0.36) with mu from 0.2 to 0.8: at rest it stays, pushed it slides on, and faster.
+
+    Well above the static speed of 0.1 m/s its acceleration is g (sin a - 0.2 cos a).
+    """
+    sine, cosine = math.sin(math.radians(20.0)), math.cos(math.radians(20.0))
+    gravity = (GRAVITY * sine, 0.0, -GRAVITY * cosine)
+    law = (0.6, 0.1, 0.0)
+    resting = sliding_block(0.2, law, 0.0, 25, gravity)
+    assert abs(resting[-1] - resting[8]) < 5e-5
+    pushed, time = sliding_block(0.2, law, 0.8, 25, gravity), 24 / 60
+    expected = 0.8 * time + GRAVITY * (sine - 0.2 * cosine) * time**2 / 2
+    assert pushed[-1] == pytest.approx(expected, rel=0.03)

@@ -12,5 +12,3 @@ from pipeline.stage import run_stage
 from stages import add_effect, find_gap, fit_residual
 from stages._gap import load_report, save_report
 from tests.fitting import scene, test_stages as fitted
-
-

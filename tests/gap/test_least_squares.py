@@ -1,0 +1,110 @@
+"""Fits, scores and evidence in a linear world, against closed forms."""
+
+from dataclasses import dataclass
+
+import numpy as np
+import pytest
+
+from physreal_core.effects import EFFECTS, Coefficient, Effect
+from physreal_core.gap.least_squares import Data, fit, together
+from physreal_core.gap.screening import Screen, started
+from physreal_core.gap.unknowns import Priors, Unknowns
+from tests.gap.linear import FRAMES, TRACKS, LinearExperiment
+
+PRIORS = Priors()
+
+
+@dataclass
+class MadeUp(Effect):
+    """An effect of one or two coefficients, the first of fixed sign."""
+
+    name: str
+    coefficients: tuple[Coefficient, ...]
+
+
+def ramp(direction, power: float) -> np.ndarray:
+    time = np.linspace(0, 1, FRAMES)[:, None, None] ** power
+    return np.broadcast_to(1e-2 * time * np.asarray(direction, float), (FRAMES, TRACKS, 3))
+
+
+ANSWERS = {
+    "sink": {"amount": ramp((0, 0, -1), 1.0)},
+    "drift": {"east": ramp((1, 0, 0), 2.0), "north": ramp((0, 1, 0), 2.0)},
+}
+
+
+@pytest.fixture(autouse=True)
+def registry(monkeypatch):
+    one = Coefficient("amount", "m", "sinking", 0.0, 0.0, 10.0, 1.0)
+    two = tuple(Coefficient(name, "m", "drift", 0.0, -10.0, 10.0, 1.0) for name in ("east", "north"))
+    for effect in (MadeUp("sink", (one,)), MadeUp("drift", two)):
+        monkeypatch.setitem(EFFECTS, effect.name, effect)
+
+
+def scene(truth: dict) -> tuple[LinearExperiment, Data]:
+    experiment = LinearExperiment(ANSWERS, truth)
+    return experiment, Data([experiment], [experiment.noise()])
+
+
+def baseline(experiment, data):
+    unknowns = Unknowns(experiment.model.fields, (), PRIORS, ground=False)
+    (found,) = together([fit(unknowns, data, unknowns.start(), 8)], data)
+    return found
+
+
+def with_effect(name, base, data):
+    screen = Screen(base, data, [name], PRIORS)
+    (score,) = screen.scores(base.residual)
+    unknowns, start = started(base, base, score, PRIORS)
+    (found,) = together([fit(unknowns, data, start, 8, base.jacobian)], data)
+    return score, found
+
+
+def test_fit_reaches_the_closed_form_of_a_linear_problem():
+    experiment, data = scene({"sink": {"amount": 0.8}})
+    _, found = with_effect("sink", baseline(experiment, data), data)
+    block = found.unknowns.block
+    gradient = found.jacobian.T @ found.residual + block.precision @ (found.vector - block.mean)
+    newton = np.linalg.solve(found.hessian, gradient)
+    assert np.abs(newton / np.sqrt(np.diag(found.covariance))).max() < 0.3
+    sd = np.sqrt(found.covariance[-1, -1])
+    assert found.vector[-1] == pytest.approx(0.8, abs=3 * sd) and sd < 0.1
+
+
+def test_score_foretells_the_gain_of_the_fit():
+    """Where everything is linear, the score test's gain is the difference of the evidences."""
+    experiment, data = scene({"drift": {"east": 0.5, "north": -0.3}})
+    base = baseline(experiment, data)
+    score, found = with_effect("drift", base, data)
+    assert found.log_evidence - base.log_evidence == pytest.approx(score.gain, rel=0.02, abs=1.0)
+    assert score.values["east"] == pytest.approx(0.5, abs=0.05)
+
+
+def test_effects_rank_by_what_they_explain_and_signs_are_kept():
+    experiment, data = scene({"sink": {"amount": 0.6}})
+    base = baseline(experiment, data)
+    ranked = Screen(base, data, ["drift", "sink"], PRIORS).scores(base.residual)
+    assert [score.start.effect for score in ranked] == ["sink", "drift"]
+    experiment, data = scene({"sink": {"amount": -0.6}})  # against its sign: not to be had
+    base = baseline(experiment, data)
+    score, found = with_effect("sink", base, data)
+    assert score.values["amount"] == 0.0 and found.vector[-1] == 0.0 and score.gain < 1.0
+
+
+def test_nothing_hidden_rarely_beats_the_bootstrap():
+    gains = []
+    for seed in range(12):
+        experiment = LinearExperiment(ANSWERS, {}, seed)
+        data = Data([experiment], [experiment.noise()])
+        base = baseline(experiment, data)
+        screen = Screen(base, data, ["drift", "sink"], PRIORS)
+        gains.append(screen.scores(base.residual)[0].gain > np.quantile(screen.null_gains(0), 0.95))
+    assert sum(gains) <= 3
+
+
+def test_what_the_baseline_can_imitate_is_no_evidence():
+    """A second effect that moves the tracks as a modulus does has nothing left to explain with."""
+    experiment, data = scene({})
+    base = baseline(experiment, data)
+    column = base.jacobian[:, :1]
+    assert np.linalg.norm(Screen.beside(base, column)) < 0.2 * np.linalg.norm(column)

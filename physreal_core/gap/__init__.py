@@ -1,9 +1,19 @@
 """Where simulation and measurement disagree, what is missing, and what is left once it is added (missing_effect.md)."""
 
 from physreal_core.gap.adding import add_effect
-from physreal_core.gap.experiment import Experiment, Trial
+from physreal_core.gap.experiment import Experiment, Interaction, Trial
 from physreal_core.gap.report import Added, GapReport
 from physreal_core.gap.search import Search, find_gap
 from physreal_core.gap.settings import GapSettings
 
-__all__ = ["Added", "Experiment", "GapReport", "GapSettings", "Search", "Trial", "add_effect", "find_gap"]
+__all__ = [
+    "Added",
+    "Experiment",
+    "GapReport",
+    "GapSettings",
+    "Interaction",
+    "Search",
+    "Trial",
+    "add_effect",
+    "find_gap",
+]

@@ -9,7 +9,7 @@ import numpy as np
 
 from physreal_core.gap.disagreement import disagreements, held_out_gap
 from physreal_core.gap.evidence import Progress, fit_baseline
-from physreal_core.gap.experiment import Experiment
+from physreal_core.gap.experiment import Interaction
 from physreal_core.gap.least_squares import Fit, fit, together
 from physreal_core.gap.naming import fitted_effects
 from physreal_core.gap.report import Added, Candidate, GapReport
@@ -18,7 +18,7 @@ from physreal_core.gap.settings import GapSettings
 
 
 def add_effect(
-    experiments: Sequence[Experiment],
+    experiments: Sequence[Interaction],
     report: GapReport,
     settings: GapSettings | None = None,
     progress: Progress = lambda message: None,
@@ -69,7 +69,7 @@ def add_effect(
 class _Fits:
     """The baseline of some interactions, and fits beside it."""
 
-    experiments: Sequence[Experiment]
+    experiments: Sequence[Interaction]
     settings: GapSettings
     progress: Progress
 
@@ -89,7 +89,7 @@ class _Fits:
         return found
 
 
-def _shown(experiments: Sequence[Experiment], found: Fit, number: int):
+def _shown(experiments: Sequence[Interaction], found: Fit, number: int):
     trial = found.unknowns.trial(found.vector)
     return disagreements(experiments, [experiment.predict([trial])[0] for experiment in experiments], number)
 

@@ -7,12 +7,12 @@ from collections.abc import Sequence
 import numpy as np
 
 from physreal_core.array_types import Array, Float
-from physreal_core.gap.experiment import Experiment
+from physreal_core.gap.experiment import Interaction
 from physreal_core.gap.report import Disagreement
 
 
 def disagreements(
-    experiments: Sequence[Experiment],
+    experiments: Sequence[Interaction],
     predictions: Sequence[Float[Array, "frames tracks 3"]],
     fitted_on: int | None = None,
 ) -> tuple[Disagreement, ...]:

@@ -7,7 +7,7 @@ from collections.abc import Callable, Sequence
 import numpy as np
 
 from physreal_core.array_types import Array, Float
-from physreal_core.gap.experiment import Experiment, Trial
+from physreal_core.gap.experiment import Interaction, Trial
 from physreal_core.gap.least_squares import Data, Fit, fit, together
 from physreal_core.gap.noise import Noise
 from physreal_core.gap.numerics import rerun_differences
@@ -34,7 +34,7 @@ class Evidence:
 
     def __init__(
         self,
-        experiments: Sequence[Experiment],
+        experiments: Sequence[Interaction],
         trial: Trial,
         settings: GapSettings,
         share: float = 1.0,
@@ -51,7 +51,7 @@ class Evidence:
         )
 
     @staticmethod
-    def _surroundings(experiment: Experiment, trial: Trial, reruns: bool) -> tuple[Array, Array, Array]:
+    def _surroundings(experiment: Interaction, trial: Trial, reruns: bool) -> tuple[Array, Array, Array]:
         """The baseline's motion, the reruns' differences and the carried starting points of one experiment [m]."""
         motion = experiment.predict([trial])[0]
         modes = rerun_differences(experiment, trial, motion) if reruns else np.zeros((0, *motion.shape))
@@ -90,7 +90,7 @@ once it is half a period late."""
 
 
 def fit_baseline(
-    experiments: Sequence[Experiment], settings: GapSettings, progress: Progress = lambda message: None
+    experiments: Sequence[Interaction], settings: GapSettings, progress: Progress = lambda message: None
 ) -> tuple[Fit, Evidence]:
     """Fit the baseline to all experiments at once, over a growing horizon, with the noise model around it.
 
@@ -109,7 +109,7 @@ def fit_baseline(
     return found, evidence
 
 
-def _scanned(experiments: Sequence[Experiment], unknowns: Unknowns, settings: GapSettings) -> Array:
+def _scanned(experiments: Sequence[Interaction], unknowns: Unknowns, settings: GapSettings) -> Array:
     """The start, with its moduli times the factor that fits the first frames best."""
     vector = unknowns.start()
     vectors = [vector.copy() for _ in settings.scan]

@@ -5,6 +5,7 @@ from __future__ import annotations
 import dataclasses
 from collections.abc import Sequence
 from dataclasses import dataclass
+from typing import Any, Protocol, runtime_checkable
 
 import numpy as np
 import torch
@@ -51,8 +52,51 @@ class Variant:
     elastic_law: str | None = None
 
 
+@runtime_checkable
+class Interaction(Protocol):
+    """What the search needs of an interaction: something that rolls out, and its measurement.
+
+    Attributes:
+        measured: [T, J, 3] m, zero where not valid.
+        valid: [T, J].
+        sigma: [T, J] m, sensor noise.
+        points0: the tracked points at frame 0 [m], shape [J, 3].
+        frames, train: of the whole interval, and leading ones that a fit may see.
+        model: `fields` that a fit starts from, `effects` that are known already, `elastic_law`.
+        setting: what effects may look at.
+        placement: how the object lies against the first interaction's; None where it lies there.
+    """
+
+    measured: Float[Array, "frames tracks 3"]
+    valid: Bool[Array, "frames tracks"]
+    sigma: Float[Array, "frames tracks"]
+    model: Any
+    setting: Any
+    placement: Any
+
+    @property
+    def points0(self) -> Float[Array, "tracks 3"]: ...
+
+    @property
+    def frames(self) -> int: ...
+
+    @property
+    def train(self) -> int: ...
+
+    def predict(
+        self, trials: Sequence[Trial], frames: int | None = None, variant: Variant | None = None
+    ) -> Float[Array, "trials frames tracks 3"]:
+        """Where the measurement would see the tracks under each trial [m]; not a number where a rollout failed."""
+
+    def carried_starts(self, trial: Trial) -> Float[Array, "3 frames tracks 3"]:
+        """Where each track goes per metre by which its material point starts elsewhere along x, y and z."""
+
+    def motion(self, trial: Trial) -> States | None:
+        """The whole rollout of one trial, for effects that look where the body goes."""
+
+
 class Experiment:
-    """One interaction: problem, laws and measurement.
+    """An `Interaction` that rolls out our simulator: problem, laws and measurement.
 
     Args:
         problem: body, hand and tracks; `observed` frames train, the rest is held out. Needs tracks with 3D positions.
@@ -73,7 +117,7 @@ class Experiment:
         problem: Problem,
         model: Model,
         device: str = "cpu",
-        placement: tuple[Float[Array, "3 3"], Float[Array, "3"]] | None = None,
+        placement: tuple[Float[Array, "3 3"], Float[Array, 3]] | None = None,
     ) -> None:
         if problem.tracks is None or not bool(problem.tracks.valid3d.any()):
             raise InputError(

@@ -12,7 +12,7 @@ from dataclasses import dataclass
 import numpy as np
 
 from physreal_core.array_types import Array, Float
-from physreal_core.gap.experiment import Experiment, Trial
+from physreal_core.gap.experiment import Interaction, Trial
 from physreal_core.gap.noise import Noise
 from physreal_core.gap.unknowns import Unknowns
 
@@ -68,7 +68,7 @@ class Data:
         frames: how many there are of each experiment.
     """
 
-    def __init__(self, experiments: Sequence[Experiment], noises: Sequence[Noise]) -> None:
+    def __init__(self, experiments: Sequence[Interaction], noises: Sequence[Noise]) -> None:
         self.experiments, self.noises = list(experiments), list(noises)
         self.frames = [noise.frames for noise in noises]
 

@@ -10,7 +10,7 @@ import numpy as np
 from physreal_core.array_types import Array
 from physreal_core.effects import EFFECTS
 from physreal_core.gap.evidence import Evidence
-from physreal_core.gap.experiment import Experiment
+from physreal_core.gap.experiment import Interaction
 from physreal_core.gap.least_squares import Fit
 from physreal_core.gap.report import Candidate, FittedEffect, Verdict
 from physreal_core.gap.settings import GapSettings
@@ -44,7 +44,7 @@ def answer_of(
     screened: float | None,
     baseline: Fit,
     evidence: Evidence,
-    experiments: Sequence[Experiment],
+    experiments: Sequence[Interaction],
     energy: float,
 ) -> Answer:
     """Evaluates a fit against the baseline, whose held-out energy is `energy` [nat]."""

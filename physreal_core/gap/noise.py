@@ -40,6 +40,9 @@ class ModelError:
 KEPT = 0.995
 """Share of a kernel's trace that its leading eigenvectors must hold."""
 
+TELLING = 0.3
+"""Variance of a mode in units of the sensor's, from which on it takes part in the global test."""
+
 
 class Noise:
     """Whitens residuals of one experiment over its first frames.
@@ -97,14 +100,16 @@ class Noise:
         """Whether the smooth part of a residual [m] is larger than noise and model error allow.
 
         The projections on the modes of model error have variance 1 + their eigenvalue; the sum of their squares in
-        those units is chi-square with as many degrees as modes, less what the baseline has fitted.
+        those units is chi-square with as many degrees as modes, less what the baseline has fitted. Modes in which the
+        sensor drowns a smooth disagreement would only dilute the test.
         """
         from scipy.stats import chi2
 
         weighted = self.rows(residual[None])[:, 0] * self._scale
-        along = self._basis.T.astype(np.float64) @ weighted
-        statistic = float((along**2 / (1.0 + self._values)).sum())
-        degrees = max(len(self._values) - freedom, 1)
+        telling = self._values > TELLING
+        along = self._basis[:, telling].T.astype(np.float64) @ weighted
+        statistic = float((along**2 / (1.0 + self._values[telling])).sum())
+        degrees = max(int(telling.sum()) - freedom, 1)
         return {"statistic": statistic, "degrees": float(degrees), "p_value": float(chi2.sf(statistic, degrees))}
 
 

@@ -7,7 +7,7 @@ from collections.abc import Sequence
 import numpy as np
 
 from physreal_core.array_types import Array, Float
-from physreal_core.gap.experiment import Experiment, Trial, Variant
+from physreal_core.gap.experiment import Interaction, Trial, Variant
 
 VARIANTS = (
     Variant("half the time step", courant=0.5),
@@ -20,7 +20,7 @@ VARIANTS = (
 
 
 def rerun_differences(
-    experiment: Experiment,
+    experiment: Interaction,
     trial: Trial,
     predicted: Float[Array, "frames tracks 3"],
     variants: Sequence[Variant] = VARIANTS,

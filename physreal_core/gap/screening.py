@@ -14,7 +14,7 @@ import numpy as np
 
 from physreal_core.array_types import Array, Bool, Float
 from physreal_core.effects import EFFECTS, Effect
-from physreal_core.gap.experiment import EffectValues, Experiment, Trial
+from physreal_core.gap.experiment import EffectValues, Interaction, Trial
 from physreal_core.gap.least_squares import Data, Fit
 from physreal_core.gap.unknowns import Priors, Unknowns
 
@@ -157,7 +157,7 @@ class _Plan:
     half: Bool[Array, " amplitudes"]
 
 
-def _plans(effect: Effect, experiments: Sequence[Experiment], trial: Trial) -> list[_Plan]:
+def _plans(effect: Effect, experiments: Sequence[Interaction], trial: Trial) -> list[_Plan]:
     starts: list[dict[str, float]] = []
     for experiment in experiments:
         if experiment.placement is not None:

@@ -9,9 +9,9 @@ import numpy as np
 from physreal_core.effects import EFFECTS
 from physreal_core.gap.disagreement import disagreements
 from physreal_core.gap.evidence import Progress, fit_baseline
-from physreal_core.gap.experiment import Experiment
+from physreal_core.gap.experiment import Interaction
+from physreal_core.gap.interaction import locate
 from physreal_core.gap.least_squares import Fit, fit, together
-from physreal_core.gap.localisation import localise
 from physreal_core.gap.naming import Answer, answer_of, candidates_of, probabilities, verdict_of
 from physreal_core.gap.report import Candidate, FittedEffect, GapReport
 from physreal_core.gap.screening import Score, Screen, started
@@ -19,7 +19,7 @@ from physreal_core.gap.settings import GapSettings
 
 
 def find_gap(
-    experiments: Sequence[Experiment], settings: GapSettings | None = None, progress: Progress = lambda message: None
+    experiments: Sequence[Interaction], settings: GapSettings | None = None, progress: Progress = lambda message: None
 ) -> GapReport:
     """Where a model and the measurement disagree, and which effect of the library is missing.
 
@@ -44,7 +44,7 @@ class Search:
         answers: none, singles, pairs.
     """
 
-    def __init__(self, experiments: Sequence[Experiment], settings: GapSettings, progress: Progress) -> None:
+    def __init__(self, experiments: Sequence[Interaction], settings: GapSettings, progress: Progress) -> None:
         self.experiments, self.settings, self._progress = list(experiments), settings, progress
         known = {record["name"] for record in experiments[0].model.effects}
         names = settings.candidates or tuple(EFFECTS)
@@ -110,8 +110,8 @@ class Search:
 
     def _where(self) -> list[dict]:
         """Records of the baseline's disagreement, one per interaction."""
-        parts = zip(self.experiments, self.evidence.train.noises, self.baseline.predicted, strict=True)
-        return [localise(*part).as_record() for part in parts]
+        parts = zip(self.experiments, self.baseline.predicted, self.evidence.train.noises, strict=True)
+        return [locate(*part).as_record() for part in parts]
 
     def _not_fitted(self) -> tuple[Candidate, ...]:
         fitted = {answer.names for answer in self.answers}

@@ -5,7 +5,9 @@ from types import SimpleNamespace
 import numpy as np
 import torch
 
+from physreal_core.effects import Setting
 from physreal_core.gap.noise import ModelError, Noise
+from physreal_core.simulation import Body
 
 FRAMES, TRAIN, TRACKS, SIGMA = 10, 7, 6, 1e-3
 FIELDS = {
@@ -32,7 +34,10 @@ class LinearExperiment:
         self.valid[0] = False
         self.sigma = np.full(self.valid.shape, SIGMA)
         self.model = SimpleNamespace(fields=FIELDS, effects=[], elastic_law="hencky")
-        self.setting = SimpleNamespace(fps=30.0, ground_height=None)
+        body = Body(self.points0, np.ones(TRACKS), np.ones(TRACKS), 0.01)
+        still = torch.zeros(FRAMES, 0, 3)
+        self.setting = Setting(body, None, (), 30.0, (0.0, 0.0, -9.81), None, still, self.points0[:2])
+        self.placement = None
         fields = {**FIELDS, "youngs_modulus": FIELDS["youngs_modulus"] * torch.tensor([1.2, 0.9], dtype=torch.float64)}
         exact = self.predict([SimpleNamespace(fields=fields, effects=truth)])[0]
         self.measured = exact + SIGMA * random.standard_normal(exact.shape)

@@ -28,7 +28,7 @@ def noise(error: ModelError | None = None) -> Noise:
 def samples(count: int) -> np.ndarray:
     """Residuals of a right model: sensor noise now and in frame 0, and the reruns' differences at random amplitudes."""
     random = np.random.default_rng(1)
-    *_, valid, modes, _ = scene()
+    *_, modes, _ = scene()
     now = SIGMA * random.standard_normal((count, FRAMES, TRACKS, 3))
     first = SIGMA * random.standard_normal((count, 1, TRACKS, 3))
     return now - first + np.einsum("sm,mtjk->stjk", random.standard_normal((count, len(modes))), modes)
@@ -47,7 +47,7 @@ def test_global_test_is_calibrated_and_sees_a_gap():
     model = noise(ModelError(rms=1e-9, relative=0.0))
     p = np.array([model.global_test(sample, 0)["p_value"] for sample in samples(400)])
     assert 0.02 < (p < 0.05).mean() < 0.09
-    gap = samples(1)[0] + 4e-3 * np.linspace(0, 1, FRAMES)[:, None, None] * np.array([0.0, 0.0, 1.0])
+    gap = samples(1)[0] + 8e-3 * np.linspace(0, 1, FRAMES)[:, None, None] * np.array([0.0, 0.0, 1.0])
     assert noise(ModelError(rms=5e-4)).global_test(gap, 0)["p_value"] < 1e-6
 
 

@@ -84,14 +84,6 @@ def dormant_values(
     }
 
 
-RATE_MEMORY = 8
-"""Substeps over which viscosity averages the rate of deformation, with weights that fade as (8 / 9)^n.
-
-Steps of an explicit viscous stress must be short, as dx^2, which the average makes 2 RATE_MEMORY + 1 times longer
-(`timestep`). It is late by as many substeps, far less than what the motion of a body takes.
-"""
-
-
 def inner_shape(terms: Iterable[str]) -> tuple[int, int]:
     """Shape of what a particle carries beside x, v and F: the affine velocity, and below it the mean rate of deformation."""
     return (6, 3) if "viscosity" in terms else (3, 3)

@@ -11,7 +11,6 @@ from physreal_core.array_types import Tensor
 from physreal_core.simulation.body import Body, Grip
 from physreal_core.simulation.config import SimulationConfig
 from physreal_core.simulation.parameters import Parameters
-from physreal_core.simulation.terms import RATE_MEMORY
 
 LARGEST_COURANT = 0.6
 """Courant number of the elastic wave at which steps go unstable: with w its fastest grid mode, w dt = 2 there."""
@@ -19,6 +18,10 @@ FIBRE_STRETCH, STIFFENING_STRETCH = 1.2, 1.3
 """Stretches up to which the stiffness of fibres and of stiffening is counted."""
 FASTEST = 5.0
 """Speed [m/s] up to which quadratic drag is counted."""
+LONGEST_MEMORY = 8
+"""Substeps over which viscosity averages the rate of deformation at most: so many is its stress late."""
+SHARE_OF_ELASTIC = 0.7
+"""Share of the elastic substep that a longer memory is to save."""
 
 
 def elastic_step(body: Body, config: SimulationConfig, parameters: Parameters) -> float:
@@ -38,21 +41,40 @@ def elastic_step(body: Body, config: SimulationConfig, parameters: Parameters) -
 def viscous_step(body: Body, config: SimulationConfig, parameters: Parameters) -> float:
     """Substep [s] of elastic and viscous stresses together, the elastic one without viscosity.
 
-    With nu_v = (2 mu_v + lambda_v) / rho, of a rate of deformation averaged over n = RATE_MEMORY substeps, a mode of
-    frequency w that decays with g is stable while
+    With a rate of deformation averaged over n substeps (`rate_memory`), a mode of frequency w that decays with g is stable
+    while
         (w dt)^2 + 2 g dt / (2 n + 1) < 4
-    (at the limit its amplification is -1). Of the fastest grid mode w dt = 2 at LARGEST_COURANT, and g = (w / c)^2 nu_v.
+    (at the limit its amplification is -1). Of the fastest grid mode w dt = 2 at LARGEST_COURANT.
     """
     elastic = elastic_step(body, config, parameters)
     if parameters.viscosity is None:
         return elastic
-    shear, bulk = parameters.viscosity.detach().double().abs().unbind(-1)
-    diffusivity = float(((2.0 * shear + bulk) / _density(body, parameters)).max())
-    decay = (2.0 / (LARGEST_COURANT * body.cell)) ** 2 * diffusivity / (2 * RATE_MEMORY + 1)
+    decay = _viscous_decay(body, parameters) / (2 * rate_memory(body, config, parameters) + 1)
     safety = config.courant / LARGEST_COURANT
     frequency = 2.0 * safety / elastic
     # dt of (w dt)^2 + 2 g dt = 4 safety^2, in a form without a difference
     return 4.0 * safety**2 / (decay + math.sqrt(decay**2 + (2.0 * safety * frequency) ** 2))
+
+
+def rate_memory(body: Body, config: SimulationConfig, parameters: Parameters) -> int:
+    """Substeps n over which viscosity averages the rate of deformation, with weights that fade as (n / (n + 1))^k.
+
+    Steps of an explicit viscous stress must be short, as dx^2; the average makes them 2 n + 1 times longer. n is the
+    smallest that leaves the substep SHARE_OF_ELASTIC of the elastic one, and none is above LONGEST_MEMORY.
+    """
+    if parameters.viscosity is None:
+        return 0
+    step = SHARE_OF_ELASTIC * elastic_step(body, config, parameters)
+    room = 4.0 * (1.0 - SHARE_OF_ELASTIC**2) * (config.courant / LARGEST_COURANT) ** 2
+    needed = 2.0 * _viscous_decay(body, parameters) * step / room  # 2 n + 1
+    return min(LONGEST_MEMORY, max(0, math.ceil((needed - 1.0) / 2.0)))
+
+
+def _viscous_decay(body: Body, parameters: Parameters) -> float:
+    """Decay rate of the fastest grid mode under viscosity [1/s], (w / c)^2 (2 mu_v + lambda_v) / rho."""
+    shear, bulk = parameters.viscosity.detach().double().abs().unbind(-1)
+    diffusivity = float(((2.0 * shear + bulk) / _density(body, parameters)).max())
+    return (2.0 / (LARGEST_COURANT * body.cell)) ** 2 * diffusivity
 
 
 def _density(body: Body, parameters: Parameters) -> Tensor:

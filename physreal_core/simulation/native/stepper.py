@@ -15,7 +15,8 @@ from physreal_core.simulation.native.terms import INPUT_BARS, SUMS, TERM_ROWS, f
 from physreal_core.simulation.native.terms import gradients as law_gradients
 from physreal_core.simulation.parameters import Parameters
 from physreal_core.simulation.scalars import scalar_types
-from physreal_core.simulation.terms import RATE_MEMORY, inner_shape, term_shapes
+from physreal_core.simulation.terms import inner_shape, term_shapes
+from physreal_core.simulation.timestep import rate_memory
 
 BLOCK = 16  # particles; the widest block that a machine works on, to which rows of particles are filled up
 PARTICLES_PER_THREAD = 256  # fewer are not worth the threads' meeting twice a substep
@@ -57,7 +58,7 @@ class NativeStepper:
     ) -> None:
         self.types, self.config = scalar_types(config.dtype), config
         self.cell, self.particles = body.cell, len(body.x0)
-        self._start = self._numbers(body.x0)
+        self._body, self._start = body, self._numbers(body.x0)
         self.inner_shape = inner_shape(config.terms)
         self.offset = lattice_offset(body, config.ground_height, clamps)
         self.threads = min(threads or torch.get_num_threads(), max(1, self.particles // PARTICLES_PER_THREAD))
@@ -157,7 +158,6 @@ class NativeStepper:
         frame.workspace_size = int(sizes[1])
         latents = frame.latent_elastic_size + frame.latent_plastic_size
         frame.terms, optional = law_bits(self.config.terms), int(bool(self.config.terms))
-        frame.remembered = RATE_MEMORY / (RATE_MEMORY + 1.0)
         self._viscous = "viscosity" in self.config.terms
         self._state_rows = STATE_ROWS + 9 * self._viscous
         rate = (n, 3, 3) if self._viscous else (0, 3, 3)
@@ -242,6 +242,8 @@ class NativeStepper:
             self._hold("mass", parameters.density.detach() * self._held["volume"])
         if parameters.force is not None:
             self._hold("load", self._loads + parameters.force.detach())
+        memory = rate_memory(self._body, self.config, parameters)
+        self._frame.remembered = memory / (memory + 1.0)
         if self._frame.terms:
             x = self._start if parameters.initial_position is None else parameters.initial_position.detach()
             self._frame.term_numbers[:] = fill(self._held["term_values"], parameters, x[:, 2])

@@ -9,7 +9,6 @@ from physreal_core.simulation.plain.particle_forces import particle_force_kernel
 from physreal_core.simulation.plain.stress_terms import stress_term_kernels
 from physreal_core.simulation.plain.terms import Law, TermArrays
 from physreal_core.simulation.scalars import ScalarTypes
-from physreal_core.simulation.terms import RATE_MEMORY
 
 Record = Callable[..., Callable[..., None]]
 """Records a launch over all particles: takes the kernel, how many slots it has first, and its other arguments."""
@@ -20,6 +19,7 @@ class LawArrays:
     """What the laws read and add to; states are [slots, N], the rest is [N].
 
     Attributes:
+        timing: of the step; its fourth number is the share of the mean rate of deformation that a substep keeps.
         load, force, force_bar: constant forces, all forces, and their adjoint.
         x, v, x_bar, v_bar: positions and velocities.
         start, start_bar: positions at frame 0.
@@ -28,6 +28,7 @@ class LawArrays:
         tau, tau_bar: Kirchhoff stress.
     """
 
+    timing: wp.array
     load: wp.array
     force: wp.array
     force_bar: wp.array
@@ -142,9 +143,9 @@ def stress_laws(
 
 def rate_launches(types: ScalarTypes, arrays: LawArrays, record: Record) -> tuple[Callable[[int, int], None], Callable]:
     """Launches that put C of one slot into the mean rate of deformation of that slot, from that of another; the adjoint."""
-    kernels, remembered = stress_term_kernels(types.name), types.scalar(RATE_MEMORY / (RATE_MEMORY + 1.0))
-    forward = record(kernels.average_rate, 2, remembered, arrays.C, arrays.rate)
-    return forward, record(kernels.average_rate_adjoint, 0, remembered, arrays.C_bar, arrays.rate_bar)
+    kernels = stress_term_kernels(types.name)
+    forward = record(kernels.average_rate, 2, arrays.timing, arrays.C, arrays.rate)
+    return forward, record(kernels.average_rate_adjoint, 0, arrays.timing, arrays.C_bar, arrays.rate_bar)
 
 
 def _named(tensors: dict) -> Callable[..., wp.array]:

@@ -25,6 +25,7 @@ from physreal_core.simulation.plain.terms import TermArrays
 from physreal_core.simulation.plain.transfers import transfer_kernels
 from physreal_core.simulation.scalars import scalar_types
 from physreal_core.simulation.terms import inner_shape, term_shapes
+from physreal_core.simulation.timestep import rate_memory
 
 WEIGHT_ROWS = 64  # copies of a network's weight adjoint on a GPU, so that its threads do not queue for one address
 
@@ -84,7 +85,7 @@ class PlainStepper:
     ) -> None:
         self.types = scalar_types(config.dtype)
         self.device, self.config = config.device, config
-        self.particles, self.cell = len(body.x0), body.cell
+        self._body, self.particles, self.cell = body, len(body.x0), body.cell
         self.offset = lattice_offset(body, config.ground_height, clamps)
         self._viscous, self._slides = "viscosity" in config.terms, "friction_law" in config.terms
         self.inner_shape = inner_shape(config.terms)
@@ -119,7 +120,7 @@ class PlainStepper:
         self.start = self._x0.clone()
         lower, upper = held_boxes(clamps, self.cell)
         self.clamp_lower, self.clamp_upper = self._upload(lower, vec3), self._upload(upper, vec3)
-        self.timing = self._tensor(3)  # dt, 1 / substeps, 1 / frame time
+        self.timing = self._tensor(4)  # dt, 1 / substeps, 1 / frame time, share of the mean rate that a substep keeps
         self.box = self._tensor(6, dtype=torch.int32)
         self.status = self._tensor(2, dtype=torch.int64)
         self.gripped, self.controllers_bar = 0, self._tensor(2, 0, 3)
@@ -289,6 +290,7 @@ class PlainStepper:
         arrays = LawArrays(
             **{name: wp.from_torch(getattr(self, name), self.types.vec3) for name in vectors},
             **{name: wp.from_torch(getattr(self, name), self.types.mat33) for name in matrices},
+            timing=wp.from_torch(self.timing),
             mass=wp.from_torch(self.mass),
             mass_bar=wp.from_torch(self.mass_bar),
         )
@@ -312,7 +314,8 @@ class PlainStepper:
         if substeps != self.substeps:
             self._graphs.clear()
         self.substeps = substeps
-        timing = [1.0 / (self.config.fps * substeps), 1.0 / substeps, self.config.fps]
+        memory = rate_memory(self._body, self.config, parameters)
+        timing = [1.0 / (self.config.fps * substeps), 1.0 / substeps, self.config.fps, memory / (memory + 1.0)]
         self.timing.copy_(torch.tensor(timing, dtype=torch.float64))
         self.E.copy_(parameters.youngs_modulus)
         self.nu.copy_(parameters.poissons_ratio)

@@ -28,24 +28,26 @@ def stress_term_kernels(dtype: str) -> SimpleNamespace:
         slot: wp.int32,
         slot_next: wp.int32,
         # Model:
-        remembered: scalar,
+        timing: wp.array(dtype=scalar),
         # Data in:
         C_in: wp.array2d(dtype=mat33),
         # Data in and out: `slot_next` may be `slot`
         rate: wp.array2d(dtype=mat33),
     ):
         p = wp.tid()
+        remembered = timing[3]
         rate[slot_next, p] = remembered * rate[slot, p] + (one - remembered) * symmetric(C_in[slot_next, p])
 
     @wp.kernel(module=module)
     def average_rate_adjoint(
         # Model:
-        remembered: scalar,
+        timing: wp.array(dtype=scalar),
         # Data in and out:
         C_bar: wp.array(dtype=mat33),
         rate_bar: wp.array(dtype=mat33),
     ):
         p = wp.tid()
+        remembered = timing[3]
         bar = rate_bar[p]
         C_bar[p] = C_bar[p] + (one - remembered) * symmetric(bar)
         rate_bar[p] = remembered * bar

@@ -41,14 +41,14 @@ def add_effect(
     if not chosen or (names is None and report.verdict.kind == "unknown"):
         return Added(False, (), report.fields, before=report.baseline)
     number = _most_telling(report, chosen)
-    alone = _Fits([experiments[number]], settings, progress)
+    alone = Fits([experiments[number]], settings, progress)
     before = _shown(experiments, alone.baseline, number)
     after = _shown(experiments, alone.with_effects(chosen), number)
     rival = _runner_up(report, chosen)
     runner_up = _shown(experiments, alone.with_effects(rival.names), number) if rival else ()
     gap = held_out_gap(before), held_out_gap(after)
     closed = 1.0 - gap[1] / gap[0] if gap[0] > 0 else 0.0
-    everything = alone if len(experiments) == 1 else _Fits(experiments, settings, progress)
+    everything = alone if len(experiments) == 1 else Fits(experiments, settings, progress)
     final = _from_report(report, chosen) or _candidate(everything.with_effects(chosen))
     adopted = bool(gap[1] < gap[0])
     return Added(
@@ -66,8 +66,8 @@ def add_effect(
 
 
 @dataclass
-class _Fits:
-    """The baseline of some interactions, and fits beside it."""
+class Fits:
+    """The baseline of some interactions, fitted to their training frames, and fits beside it."""
 
     experiments: Sequence[Interaction]
     settings: GapSettings

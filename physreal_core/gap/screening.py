@@ -193,7 +193,7 @@ def _linear_gain(
     A = information + np.eye(len(pull)) / prior**2
     free = np.ones(len(pull), dtype=bool)
     z = np.zeros(len(pull))
-    for _ in range(len(pull)):
+    for _ in range(len(pull) + 1):
         z[:] = 0.0
         z[free] = np.linalg.solve(A[np.ix_(free, free)], pull[free])
         wrong = free & half & (z * sign < 0)

@@ -11,7 +11,7 @@ import numpy as np
 import torch
 
 from physreal_core.array_types import Array, Bool, Float, Tensor
-from physreal_core.effects import EFFECTS, Inputs, Setting, configured
+from physreal_core.effects import EFFECTS, Effect, Inputs, Setting, configured
 from physreal_core.errors import InputError
 from physreal_core.fitting.model import Model, particle_parameters
 from physreal_core.fitting.problem import Problem
@@ -211,6 +211,17 @@ class Experiment:
         ((x, F),) = self.rollouts([trial])
         v = torch.gradient(x, spacing=1.0 / float(self.problem.fps), dim=0)[0]
         return States(x, v, F)
+
+    def starts(self, effect: Effect, motion: States | None = None) -> tuple[dict[str, float], ...]:
+        """`effect.starts` for this interaction, places and directions as they are in the first one."""
+        found = effect.starts(self.setting, motion)
+        if self.placement is None:
+            return found
+        rotation, translation = self.placement
+        back = rotation.T, -rotation.T @ translation
+        dormant = {c.name: c.dormant for c in effect.coefficients}
+        there = [(start, effect.carried({**dormant, **start}, *back)) for start in found]
+        return tuple({name: values[name] for name in start} for start, values in there)
 
     # --- one trial ----------------------------------------------------------------------------------------------
 

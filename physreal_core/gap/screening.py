@@ -160,10 +160,8 @@ class _Plan:
 def _plans(effect: Effect, experiments: Sequence[Interaction], trial: Trial) -> list[_Plan]:
     starts: list[dict[str, float]] = []
     for experiment in experiments:
-        if experiment.placement is not None:
-            continue  # its places are those of another frame
         motion = experiment.motion(trial) if _looks_at_motion(effect) else None
-        starts += [start for start in effect.starts(experiment.setting, motion) if start not in starts]
+        starts += [start for start in experiment.starts(effect, motion) if start not in starts]
     return [_plan(effect, start) for start in starts]
 
 

@@ -2,6 +2,7 @@
 
 import json
 import os
+import shutil
 import signal
 import subprocess
 import sys
@@ -73,13 +74,15 @@ def _project(root: Path) -> Project:
     (root / "params.yaml").write_text(yaml.safe_dump({"seed": 0, **roles, **blocks}))
     given = scene.problem(scene.model(), frames=8, observed=6)
     for sequence in ("lift", "push"):
-        _write_artifacts(Project(root), sequence, given)
+        write_artifacts(Project(root), sequence, given)
     return Project(root)
 
 
-def _write_artifacts(project: Project, sequence: str, given: Problem) -> None:
+def write_artifacts(project: Project, sequence: str, given: Problem) -> None:
+    """The upstream artifacts of a sequence, as if its stages had run."""
     folders = {stage: project.artifact(stage, sequence) for stage in UPSTREAM}
     for folder in folders.values():
+        shutil.rmtree(folder, ignore_errors=True)
         folder.mkdir(parents=True)
     camera = given.camera
     shape = {"width": camera.width, "height": camera.height}

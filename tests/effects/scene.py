@@ -58,11 +58,14 @@ class Scene:
         plain = SimulationConfig(self.fps, ground_height=self.ground_height, gravity=self.gravity, dtype="float64")
         return configured(plain, tuple(EFFECTS[name] for name in names))
 
+    def simulator(self, *names: str) -> Simulator:
+        return Simulator(self.body, self.config(*names), self.grip, self.clamps)
+
     def rollout(self, **values: dict[str, float | Tensor]) -> States:
-        """States with effects; what is not named of their coefficients is dormant, and points are as they are observed."""
+        """States with effects, points as they are observed; coefficients that are not named are dormant."""
         own = {name: complete(name, given) for name, given in values.items()}
         inputs = self.inputs(own)
-        simulator = Simulator(self.body, self.config(*values), self.grip, self.clamps)
+        simulator = self.simulator(*values)
         states = simulator.rollout(inputs.parameters, inputs.controllers)
         seen = states.x
         for name, given in own.items():

@@ -74,7 +74,7 @@ def test_frame_rate_reads_a_parabola_at_other_times():
 
 
 def test_a_hand_seen_by_the_same_camera_is_read_back():
-    """`act` undoes on the hand's record what `observe` does to points, to rounding where no path is read between frames."""
+    """`act` undoes on the hand's record what `observe` does to points."""
     scene = held_bar(9)
     cases = {"camera_drift": {"x": 0.05, "roll": 0.4}, "depth_bias": {"offset": 0.02, "scale": -0.04}}
     for name, given in cases.items():

@@ -39,6 +39,6 @@ class GroundAdhesion(Effect):
 
 def resting_area(setting: Setting) -> np.ndarray:
     """Area with which each particle lies on the ground at frame 0 [m2], shape [N]; zero for those that do not."""
-    height = math.inf if setting.ground_height is None else setting.ground_height
+    height = -math.inf if setting.ground_height is None else setting.ground_height
     body = setting.body
     return np.where(body.x0[:, 2] < height + LAYER * body.spacing, body.volume / body.spacing, 0.0)

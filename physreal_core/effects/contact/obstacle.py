@@ -11,7 +11,7 @@ from physreal_core.geometry.patches import farthest_points
 from physreal_core.simulation import States
 
 FORMULA = "f = m k max(0, -phi) grad phi, phi the signed distance"
-STIFFNESS = Coefficient("stiffness", "1/s2", "acceleration over depth, k", 0.0, 0.0, 1e5, 3e3)
+STIFFNESS = Coefficient("stiffness", "1/s2", "acceleration over depth, k", 0.0, 0.0, 2e7, 1e6)
 MOST = 6  # starts
 FREE = 1.5  # spacings that an obstacle keeps from the body at frame 0
 

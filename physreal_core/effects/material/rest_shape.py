@@ -10,7 +10,7 @@ from physreal_core.effects.shape import axes, middle
 class RestShape(Effect):
     """Stretch and two curvatures along the body's longest axis, as by end forces and moments that have since gone.
 
-    The strain of a bar in pure tension and bending: it contracts sideways by Poisson's ratio, with stress along it alone.
+    The strain of a bar in pure tension and bending, with stress along it alone: sideways it contracts.
     """
 
     name = "rest_shape"

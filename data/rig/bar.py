@@ -35,7 +35,7 @@ def bar(motion: str, seed: int) -> Scene:
             youngs_modulus=float(np.exp(material.uniform(np.log(1.4e5), np.log(2.8e5)))),
             poissons_ratio=0.3,
             density=float(material.uniform(450, 750)),
-            damping=1e-6,  # as good as none; MuJoCo warns of a flex that has none
+            damping=2e-5,  # takes the chatter out of contacts; off the first swings it takes less than a hundredth
             friction_coefficient=float(material.uniform(0.35, 0.6)),
         ),
         view=View(eye=(-0.05, -0.75, 0.45), target=(0.0, 0.0, 0.09), focal=420.0),

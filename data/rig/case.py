@@ -20,7 +20,6 @@ from data.rig.scene import Scene
 from data.rig.simulate import Trajectory, simulate
 
 _SPREAD = 0.15  # amplitudes of one strength differ between seeds by up to this share
-_IMPLICIT_STEP = 0.001  # [s]
 _SETTLE = 0.1  # [s]; the bar lies flat, so there is little to settle
 
 
@@ -86,12 +85,11 @@ def make_case(case: Case, destination: Path, *, video: bool) -> None:
 
 def run(scene: Scene, hidden: Hidden) -> Trajectory:
     """The truth: undamped and symplectic unless the effect takes an implicit step."""
-    timestep = _IMPLICIT_STEP if hidden.implicit else explicit_step(scene) / hidden.hardening() ** 0.5
-    integrator = "discrete" if hidden.implicit else "Euler"
+    implicit = hidden.implicit_step()
     return simulate(
         scene,
-        timestep=timestep,
-        integrator=integrator,
+        timestep=explicit_step(scene) / hidden.hardening() ** 0.5 if implicit is None else implicit,
+        integrator="Euler" if implicit is None else "discrete",
         settle=_SETTLE,
         calm=_SETTLE / 5,
         hidden=hidden,

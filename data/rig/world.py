@@ -12,9 +12,6 @@ from data.rig.mesh import mesh_shape
 from data.rig.scene import Scene
 from physreal_core.array_types import Array, Float, Int
 
-# Direct stiffness and damping of contact and grip (MuJoCo reads negative `solref` so): with the default time constant
-# the constraints of such light nodes are orders of magnitude too soft.
-_STIFF = 'solref="-2e6 -2e3" solimp=".9 .95 .001"'
 NODE_RADIUS = 0.0005  # [m] collision radius of a flex node
 
 
@@ -88,11 +85,11 @@ class World:
     def _describe(self, integrator: str, further: str, flex: str) -> str:
         """The MuJoCo model as XML; the hand is a mocap body at the origin that carries its displacement."""
         scene, mesh, material = self.scene, self.mesh, self.scene.material
+        stiff = firm(self.timestep)
         points, elements = _numbers(mesh.vertices), " ".join(map(str, mesh.tets.ravel()))
         friction = f'friction="{material.friction_coefficient} .001 .0001"'
         held = "".join(
-            f'<connect body1="hand" body2="s_{i}" anchor="{_numbers(mesh.vertices[i])}" {_STIFF}/>'
-            for i in self.gripped
+            f'<connect body1="hand" body2="s_{i}" anchor="{_numbers(mesh.vertices[i])}" {stiff}/>' for i in self.gripped
         )
         return f"""<mujoco>
       <option timestep="{self.timestep}" gravity="{_numbers(scene.gravity)}" solver="Newton" tolerance="1e-8"
@@ -105,12 +102,21 @@ class World:
                   mass="{mesh.lumped_mass(material.density).sum()}">
           <elasticity young="{material.youngs_modulus}" poisson="{material.poissons_ratio}"
                       damping="{material.damping}" {flex}/>
-          <contact selfcollide="none" condim="3" {friction} {_STIFF}/>
+          <contact selfcollide="none" condim="3" {friction} {stiff}/>
         </flexcomp>
         {further}
       </worldbody>
       <equality>{held}</equality>
     </mujoco>"""
+
+
+def firm(timestep: float) -> str:
+    """Attributes of contact and grip: direct stiffness and damping, as MuJoCo reads a negative `solref`.
+
+    With the default time constant the constraints of such light nodes are orders of magnitude too soft. Friction is only as
+    firm as the damping lets it be: it takes at most that much off a node's speed in a step.
+    """
+    return f'solref="-2e6 -{max(2e3, 0.9 / timestep):.9g}" solimp=".9 .95 .001"'
 
 
 def _held(scene: Scene, vertices: Float[Array, "V 3"]) -> Int[Array, " B"]:

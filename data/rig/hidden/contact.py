@@ -8,10 +8,11 @@ from scipy.spatial.transform import Rotation
 from data.rig.hidden.effect import Act, Hidden
 from data.rig.mesh import surface_shares
 from data.rig.scene import Scene
-from data.rig.world import World
+from data.rig.world import World, firm
 from physreal_core.array_types import Array, Float
 
-_HARD = 'solref="-2e6 -2e3" solimp=".9 .95 .001" friction="1e-3 1e-4 1e-5"'  # an obstacle is smooth: no friction to speak of
+_STEP = 2e-4  # [s] about that of an explicit integration
+_SMOOTH = 'friction="1e-3 1e-4 1e-5" priority="1"'  # an obstacle has no friction to speak of, whatever the body's
 
 
 @dataclass(frozen=True)
@@ -125,7 +126,7 @@ class ObstaclePlane(Hidden):
         towards = np.array([flat * np.cos(self.azimuth), flat * np.sin(self.azimuth), np.sin(self.elevation)])
         middle = (np.asarray(scene.body.lower) + scene.body.upper) / 2
         place, normal = middle + self.distance * towards, -towards
-        return f'<geom type="plane" size="2 2 .1" pos="{_numbers(place)}" zaxis="{_numbers(normal)}" {_HARD}/>'
+        return f'<geom type="plane" size="2 2 .1" pos="{_numbers(place)}" zaxis="{_numbers(normal)}" {_SMOOTH} {firm(_STEP)}/>'
 
 
 @dataclass(frozen=True)
@@ -138,7 +139,7 @@ class ObstacleSphere(Hidden):
     radius: float
 
     def things(self, scene: Scene) -> str:
-        return f'<geom type="sphere" size="{self.radius}" pos="{self.x} {self.y} {self.z}" {_HARD}/>'
+        return f'<geom type="sphere" size="{self.radius}" pos="{self.x} {self.y} {self.z}" {_SMOOTH} {firm(_STEP)}/>'
 
 
 @dataclass(frozen=True)
@@ -152,7 +153,7 @@ class ObstaclePost(Hidden):
 
     def things(self, scene: Scene) -> str:
         ends = f"{self.x} {self.y} -0.5 {self.x} {self.y} {self.height - self.radius}"
-        return f'<geom type="capsule" size="{self.radius}" fromto="{ends}" {_HARD}/>'
+        return f'<geom type="capsule" size="{self.radius}" fromto="{ends}" {_SMOOTH} {firm(_STEP)}/>'
 
 
 def _numbers(values: Float[Array, " N"]) -> str:

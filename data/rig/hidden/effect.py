@@ -23,17 +23,15 @@ def _idle(time: float) -> None:
 
 @dataclass(frozen=True)
 class Hidden:
-    """Nothing is hidden; subclasses are frozen dataclasses whose fields are the effect's numbers in SI units.
-
-    Attributes:
-        implicit: whether it takes MuJoCo's implicit integrator.
-    """
-
-    implicit = False
+    """Nothing is hidden; subclasses are frozen dataclasses whose fields are the effect's numbers in SI units."""
 
     def values(self) -> dict[str, float]:
         """Its numbers by name, as the truth states them."""
         return {field.name: float(getattr(self, field.name)) for field in fields(self)}
+
+    def implicit_step(self) -> float | None:
+        """Length of a step [s] of MuJoCo's implicit integrator, if the effect takes it."""
+        return None
 
     def hardening(self) -> float:
         """By what factor it may stiffen the material; explicit steps shorten by its root."""

@@ -47,11 +47,10 @@ class Elements:
         """Adds a strain to the rest shape, which takes it out of the elastic one."""
         self.rest[:] += self._map(self.to_edges, strain)
 
-    def stretch_rest(self, change: Float[Array, "M 3 3"]) -> None:
-        """Makes 1 + `change` the deformation (symmetric) by which the present rest shape becomes the new one."""
-        deformation = np.eye(3) + change
-        green = (deformation @ deformation - np.eye(3)) / 2
-        self.flow(np.stack([green[:, i, j] * (1 if i == j else 2) for i, j in _PAIRS], axis=-1))
+    def displace_rest(self, nodes: Float[Array, "V 3"]) -> None:
+        """Moves the nodes of the rest shape by small displacements [m]; what they turn elements by does not count."""
+        along = nodes[self._ends[..., 1]] - nodes[self._ends[..., 0]]
+        self.rest[:] += 2 * (self.edges * along).sum(axis=-1)
 
     def add_stiffness(self, projections: Float[Array, "M 6"], stiffness: Float[Array, " M"]) -> None:
         """Adds the energy density k/2 (w . strain)^2, w = `projections`, k = `stiffness` [Pa], to MuJoCo's own.

@@ -8,6 +8,7 @@ from data.rig.hidden.effect import Act, Hidden
 from data.rig.hidden.elements import PLASTIC, Elements, EnergyForces, deviator
 from data.rig.scene import Scene
 from data.rig.world import World
+from physreal_core.array_types import Array, Float
 
 
 @dataclass(frozen=True)
@@ -19,7 +20,9 @@ class KelvinVoigt(Hidden):
     """
 
     time: float
-    implicit = True
+
+    def implicit_step(self) -> float:
+        return float(np.clip(self.time / 1.5, 3e-4, 1e-3))
 
     def prepare(self, world: World) -> Act:
         world.model.flex_damping[0] = max(self.time - world.timestep, 0.0)
@@ -130,14 +133,20 @@ class RestShape(Hidden):
         return PLASTIC
 
     def prepare(self, world: World) -> Act:
-        elements, nu = Elements(world), world.scene.material.poissons_ratio
-        offset = elements.centres - world.mesh.vertices.mean(axis=0)
-        strain = self.stretch + offset @ [0, self.curvature_1, self.curvature_2]
-        inverse = 1 / (1 + strain[:, None] * [1, -nu, -nu]) - 1
-        waiting = [inverse[:, :, None] * np.eye(3)]
+        elements, rest = Elements(world), self._rest_displacement(world)
+        waiting = [rest]
 
         def act(time: float) -> None:
             if time > 0 and waiting:
-                elements.stretch_rest(waiting.pop())
+                elements.displace_rest(waiting.pop())
 
         return act
+
+    def _rest_displacement(self, world: World) -> Float[Array, "V 3"]:
+        """Pure tension and bending of a bar (Saint-Venant), the other way round: where its nodes would rest [m]."""
+        x, y, z = (world.mesh.vertices - world.mesh.vertices.mean(axis=0)).T
+        s, k, q, nu = self.stretch, self.curvature_1, self.curvature_2, world.scene.material.poissons_ratio
+        along = -x * (s + k * y + q * z)
+        sideways = k * x**2 / 2 + nu * (s * y + k * (y**2 - z**2) / 2 + q * y * z)
+        upwards = q * x**2 / 2 + nu * (s * z + k * y * z + q * (z**2 - y**2) / 2)
+        return np.stack([along, sideways, upwards], axis=1)

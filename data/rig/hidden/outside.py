@@ -27,7 +27,8 @@ class Magnet(Hidden):
         def act(time: float) -> None:
             away = world.positions - [self.x, self.y, self.z]
             distance = np.linalg.norm(away, axis=1, keepdims=True)
-            world.push(-self.strength * 0.05**2 * weight[:, None] * away / (distance * (distance**2 + 0.02**2)))
+            fall = (0.05**2 + 0.02**2) / (distance**2 + 0.02**2)  # the pole is 2 cm wide
+            world.push(-self.strength * fall * weight[:, None] * away / distance)
 
         return act
 

@@ -1,4 +1,4 @@
-"""Amplitudes at which a bar's tracks move by about 1.5, 4 and 9 mm (root mean square, over the motion that shows it more).
+"""Amplitudes at which a bar's tracks are about 1.5, 4 and 9 mm from those of any elastic bar (see `calibrate.py`).
 
 Written by `python -m data.rig.hidden.calibrate`; units are those of the amplitude of each effect in `library.py`.
 """
@@ -6,13 +6,13 @@ Written by `python -m data.rig.hidden.calibrate`; units are those of the amplitu
 STRENGTHS = ("weak", "middle", "high")
 
 AMPLITUDES: dict[str, tuple[float, float, float]] = {
-    "linear_drag": (0.2, 0.5, 1.2),
-    "quadratic_drag": (0.4, 1.0, 2.5),
-    "wind": (0.3, 0.8, 2.0),
-    "gravity": (0.05, 0.12, 0.3),
-    "kelvin_voigt": (0.0015, 0.003, 0.006),
-    "maxwell_creep": (0.03, 0.1, 0.3),
-    "plastic_yield": (15.0, 25.0, 40.0),
+    "linear_drag": (0.205, 0.613, 1.84),
+    "quadratic_drag": (0.255, 0.839, 3.1),
+    "wind": (1.7, 3.69, 8.0),
+    "gravity": (0.159, 0.258, 0.42),
+    "kelvin_voigt": (0.0006, 0.0015, 0.0036),
+    "maxwell_creep": (0.0954, 0.26, 0.609),
+    "plastic_yield": (6.86, 8.32, 10.6),
     "strain_stiffening": (0.3, 1.0, 3.0),
     "fibres": (0.2, 0.5, 1.5),
     "soft_spot": (0.2, 0.5, 0.9),

@@ -21,9 +21,8 @@ class Together(Hidden):
 
     parts: tuple[Hidden, ...]
 
-    @property
-    def implicit(self) -> bool:
-        return any(part.implicit for part in self.parts)
+    def implicit_step(self) -> float | None:
+        return min((step for part in self.parts if (step := part.implicit_step()) is not None), default=None)
 
     def hardening(self) -> float:
         return prod(part.hardening() for part in self.parts)

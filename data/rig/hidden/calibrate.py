@@ -1,0 +1,117 @@
+"""`python -m data.rig.hidden.calibrate [effect ...]`: finds the amplitudes of `strengths.py` and prints its table.
+
+The size of an effect is how far it takes the tracks from the nearest purely elastic bar: the same bar without the effect, at
+the Young's modulus that comes nearest, because a fit of the baseline is free to choose that. Root mean square over points and
+frames, of the motion that shows it more, averaged over seeds.
+"""
+
+import argparse
+from concurrent.futures import ProcessPoolExecutor
+from dataclasses import replace
+from functools import cache
+
+import numpy as np
+from scipy.interpolate import CubicSpline
+
+from data.rig import recording
+from data.rig.bar import MOTIONS, bar
+from data.rig.case import run
+from data.rig.hidden.effect import NOTHING, Hidden
+from data.rig.hidden.library import LIBRARY
+from data.rig.hidden.strengths import AMPLITUDES
+from data.rig.scene import Scene
+from physreal_core.array_types import Array, Float
+
+TARGETS = (0.0015, 0.004, 0.009)  # [m]
+SEEDS = (0, 1)
+SPACING = 0.02  # [m], of the elements: coarse, since only sizes are asked for
+MODULI = np.arange(
+    -0.6, 0.91, 0.06
+)  # logarithms of the shares of the true modulus at which the elastic bar is simulated
+FINE = np.arange(-0.6, 0.9, 0.01)  # and of those at which it is known, by cubic splines
+TRIALS = 2
+LARGEST = {"gravity": 0.42, "wind": 8.0, "soft_spot": 0.95}  # amplitudes beyond which the effect would be another one
+
+
+def scenes(seed: int) -> dict[str, Scene]:
+    """The motions of one object, coarsely meshed."""
+    return {motion: replace(bar(motion, seed), mesh_spacing=SPACING) for motion in MOTIONS}
+
+
+def tracks(scene: Scene, hidden: Hidden, seed: int) -> Float[Array, "T J 3"]:
+    """What is recorded, without noise [m]."""
+    ideal = recording.ideal(scene, run(scene, hidden), np.random.default_rng(seed))
+    return hidden.record(ideal, scene.motion).tracks
+
+
+@cache
+def elastic(seed: int, motion: str) -> Float[Array, "E T J 3"]:
+    """Tracks of the bar with nothing hidden, at each of `FINE`."""
+    scene = scenes(seed)[motion]
+    true = scene.material
+    softer = [replace(true, youngs_modulus=float(true.youngs_modulus * np.exp(share))) for share in MODULI]
+    known = [tracks(replace(scene, material=material), NOTHING, seed) for material in softer]
+    return CubicSpline(MODULI, np.stack(known))(FINE).astype(np.float32)
+
+
+def size(name: str, amplitude: float, seed: int) -> float:
+    """Distance [m] of the effect's tracks from the nearest elastic bar's."""
+    case = scenes(seed)
+    hidden = LIBRARY[name](amplitude, case, np.random.default_rng([seed, 10]))
+    gaps = [elastic(seed, motion) - tracks(scene, hidden, seed) for motion, scene in case.items()]
+    squares = [3 * np.square(gap).mean(axis=(1, 2, 3)) for gap in gaps]
+    nearest = np.sum(squares, axis=0).argmin()
+    return float(np.sqrt(np.max([square[nearest] for square in squares])))
+
+
+def amplitudes(name: str) -> tuple[float, ...]:
+    """Of one effect, at each of `TARGETS`: secants in the logarithms of amplitude and size."""
+    known: dict[float, float] = {}
+
+    def measure(amplitude: float) -> None:
+        known[amplitude] = max(float(np.mean([size(name, amplitude, seed) for seed in SEEDS])), 1e-5)
+
+    measure(AMPLITUDES[name][1])
+    found = []
+    for target in TARGETS:
+        for _ in range(TRIALS):
+            amplitude = _guess(known, target)
+            if any(abs(np.log(amplitude / tried)) < 0.05 for tried in known):
+                break
+            measure(amplitude)
+        found.append(_guess(known, target))
+    if found[-1] > LARGEST.get(name, np.inf):
+        found = [found[0], (found[0] * LARGEST[name]) ** 0.5, LARGEST[name]]
+    print(f'    "{name}": ({", ".join(f"{a:.3g}" for a in found)}),  # {_listed(known)}', flush=True)
+    return tuple(found)
+
+
+def _guess(known: dict[float, float], target: float) -> float:
+    """Where a line through the two points nearest to the target meets it; at most four times beyond what was tried."""
+    near = sorted(known, key=lambda amplitude: abs(np.log(known[amplitude] / target)))[:2]
+    slope = 1.0
+    if len(near) == 2:
+        slope = np.log(known[near[1]] / known[near[0]]) / np.log(near[1] / near[0])
+    step = np.log(target / known[near[0]]) / np.clip(slope, 0.3, 4.0)
+    return float(near[0] * np.exp(np.clip(step, -np.log(4), np.log(4))))
+
+
+def _listed(known: dict[float, float]) -> str:
+    return ", ".join(f"{amplitude:.3g}: {1000 * known[amplitude]:.2f} mm" for amplitude in sorted(known))
+
+
+def main() -> None:
+    """Reads the command line."""
+    parser = argparse.ArgumentParser(prog="python -m data.rig.hidden.calibrate", description=__doc__)
+    parser.add_argument("effects", nargs="*", default=list(LIBRARY))
+    parser.add_argument("--jobs", type=int, default=2)
+    arguments = parser.parse_args()
+    for seed in SEEDS:  # before the workers are forked, so that they share it
+        for motion in MOTIONS:
+            elastic(seed, motion)
+    with ProcessPoolExecutor(arguments.jobs) as pool:
+        list(pool.map(amplitudes, arguments.effects))
+
+
+if __name__ == "__main__":
+    main()

@@ -89,9 +89,10 @@ def step_responses(
     parameters, controllers = stacked(trials)
     with torch.no_grad():
         states = motion_since_start(simulator.rollout_batch(parameters, controllers), parameters)
-    if states.failures:
+    broken = [failure for failure in states.failures if failure is not None]
+    if broken:
         raise InputError(
-            f"{len(states.failures)} of {len(trials)} rollouts broke off", where="step responses of the model"
+            f"{len(broken)} of {len(trials)} rollouts broke off: {broken[0]}", where="step responses of the model"
         )
     tracks, x0 = rollouts.problem.tracks, torch.as_tensor(problem.body.x0).to(states.x)
     carried = [

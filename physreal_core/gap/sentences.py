@@ -38,10 +38,11 @@ def where_sentence(where: Where) -> str:
 def _agreement_sentence(where: Where) -> str:
     sizes = where.sizes
     numerics = f" and {millimetres(sizes.numerics)} of numerical error" if sizes.numerics > 0 else ""
-    return (
-        f"Simulation and measurement agree: they are {millimetres(sizes.residual)} apart (RMS), as "
-        f"{millimetres(sizes.noise)} of noise{numerics} would have it (p = {where.test.p_value:.2g})."
-    )
+    floor = f"{millimetres(sizes.noise)} of noise{numerics}"
+    apart, chance = f"{millimetres(sizes.residual)} apart (RMS)", f"(p = {where.test.p_value:.2g})"
+    if sizes.gap < 0.5 * sizes.residual:
+        return f"Simulation and measurement agree: they are {apart}, as {floor} would have it {chance}."
+    return f"Simulation and measurement are {apart}; with {floor} that may still be chance {chance}."
 
 
 def _when(onset: Onset | None, frames: int) -> str:

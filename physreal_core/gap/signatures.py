@@ -85,7 +85,7 @@ def _offset(comparison: Comparison, entries: Array) -> Signature:
     size = float(np.linalg.norm(vector))
     direction = vector / max(size, 1e-12)
     deviation = comparison.deviation(weights[..., None] / total * direction)
-    explained = size**2 * total / _energy(comparison, entries)
+    explained = float(size**2 * total / _energy(comparison, entries))
     return Signature("offset", size, deviation, "m", size, deviation, explained, tuple(direction.tolist()))
 
 

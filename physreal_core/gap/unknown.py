@@ -163,19 +163,22 @@ def force_field(scene: Scene, stretch: float = 0.2) -> ForceField:
 
 
 def _ridge(columns: Float[Array, "n C"], target: Float[Array, " n"]) -> tuple[Float[Array, " C"], Float[Array, " C"]]:
-    """Posterior mean and standard deviation of coefficients of mean zero and one common variance, noise of variance one."""
+    """Posterior mean and standard deviation of coefficients of mean zero and one common variance. The noise has a variance of
+    one or, as far as the responses are no exact model, more."""
     values, vectors = np.linalg.eigh(columns.T @ columns)
     values = np.maximum(values, 0.0)
     along = vectors.T @ (columns.T @ target)
 
-    def evidence(log_variance: float) -> float:
-        variance = np.exp(log_variance)
-        return float((np.log1p(variance * values) - variance * along**2 / (1.0 + variance * values)).sum())
+    def noise(ratio: float) -> float:
+        return max(1.0, float(target @ target - (ratio * along**2 / (1.0 + ratio * values)).sum()) / len(target))
 
-    grid = np.log(np.logspace(-6, 4, 41))
-    precision = np.exp(-min(grid, key=evidence))
-    covariance = vectors / (values + precision)
-    return covariance @ along, np.sqrt((covariance * vectors).sum(1))
+    def unlikely(ratio: float) -> float:
+        left = float(target @ target - (ratio * along**2 / (1.0 + ratio * values)).sum())
+        return len(target) * np.log(noise(ratio)) + left / noise(ratio) + float(np.log1p(ratio * values).sum())
+
+    ratio = min(np.logspace(-8, 4, 61), key=unlikely)
+    covariance = vectors / (values + 1.0 / ratio)
+    return covariance @ along, np.sqrt(noise(ratio) * (covariance * vectors).sum(1))
 
 
 class _Search:
@@ -302,8 +305,9 @@ def _share(target: Float[Array, " n"], left: Float[Array, " n"]) -> float:
 
 
 def _sentence(terms: tuple[FittedTerm, ...], explained: float, held_out: float, fields: tuple[ForceField, ...]) -> str:
-    size = max(float(np.sqrt((field.acceleration**2).sum(-1).mean())) for field in fields)
-    start = f"As a force it would be about {size:.2g} N per kg"
+    # the mean over the body: neighbouring regions may push against one another without moving much
+    size = max(float(np.sqrt((field.acceleration.mean(1) ** 2).sum(-1).mean())) for field in fields)
+    start = f"As a force on the whole body it would be about {size:.2g} N per kg"
     if not terms:
         return f"{start}; no short formula of position, velocity and strain explains it."
     words = " and ".join(fitted.term.words for fitted in terms)

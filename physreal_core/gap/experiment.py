@@ -212,17 +212,6 @@ class Experiment:
         v = torch.gradient(x, spacing=1.0 / float(self.problem.fps), dim=0)[0]
         return States(x, v, F)
 
-    def starts(self, effect: Effect, motion: States | None = None) -> tuple[dict[str, float], ...]:
-        """`effect.starts` for this interaction, places and directions as they are in the first one."""
-        found = effect.starts(self.setting, motion)
-        if self.placement is None:
-            return found
-        rotation, translation = self.placement
-        back = rotation.T, -rotation.T @ translation
-        dormant = {c.name: c.dormant for c in effect.coefficients}
-        there = [(start, effect.carried({**dormant, **start}, *back)) for start in found]
-        return tuple({name: values[name] for name in start} for start, values in there)
-
     # --- one trial ----------------------------------------------------------------------------------------------
 
     def _known(self) -> EffectValues:
@@ -302,3 +291,15 @@ def _run(simulator: Simulator, inputs: list[Inputs]) -> list[tuple[Tensor, Tenso
     with torch.no_grad():
         states = motion_since_start(simulator.rollout_batch(parameters, controllers), parameters)
     return [(states.x[row], states.F[row]) for row in range(len(inputs))]
+
+
+def starts_of(interaction: Interaction, effect: Effect, motion: States | None = None) -> tuple[dict[str, float], ...]:
+    """`effect.starts` for an interaction, places and directions as they are in the first one."""
+    found = effect.starts(interaction.setting, motion)
+    if interaction.placement is None:
+        return found
+    rotation, translation = interaction.placement
+    back = rotation.T, -rotation.T @ translation
+    dormant = {c.name: c.dormant for c in effect.coefficients}
+    there = [(start, effect.carried({**dormant, **start}, *back)) for start in found]
+    return tuple({name: values[name] for name in start} for start, values in there)

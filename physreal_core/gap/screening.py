@@ -14,7 +14,7 @@ import numpy as np
 
 from physreal_core.array_types import Array, Bool, Float
 from physreal_core.effects import EFFECTS, Effect
-from physreal_core.gap.experiment import EffectValues, Interaction, Trial
+from physreal_core.gap.experiment import EffectValues, Interaction, Trial, starts_of
 from physreal_core.gap.least_squares import Data, Fit
 from physreal_core.gap.unknowns import Priors, Unknowns
 
@@ -161,7 +161,7 @@ def _plans(effect: Effect, experiments: Sequence[Interaction], trial: Trial) -> 
     starts: list[dict[str, float]] = []
     for experiment in experiments:
         motion = experiment.motion(trial) if _looks_at_motion(effect) else None
-        starts += [start for start in experiment.starts(effect, motion) if start not in starts]
+        starts += [start for start in starts_of(experiment, effect, motion) if start not in starts]
     return [_plan(effect, start) for start in starts]
 
 

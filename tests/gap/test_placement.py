@@ -10,6 +10,7 @@ from scipy.spatial.transform import Rotation
 from physreal_core.effects import EFFECTS
 from physreal_core.fitting.transfer import transfer_model
 from physreal_core.gap import Experiment, Trial
+from physreal_core.gap.experiment import starts_of
 from physreal_core.simulation import Body, Grip
 from tests.fitting import scene
 
@@ -63,6 +64,6 @@ def test_a_local_effect_does_the_same_to_the_object_elsewhere(interactions, name
 
 
 def test_starts_are_given_where_the_first_interaction_has_them(interactions):
-    ours, theirs = (experiment.starts(EFFECTS["soft_spot"]) for experiment in interactions)
+    ours, theirs = (starts_of(experiment, EFFECTS["soft_spot"]) for experiment in interactions)
     for one, other in zip(ours, theirs, strict=True):
         assert [other[axis] for axis in "xyz"] == pytest.approx([one[axis] for axis in "xyz"], abs=2e-3)

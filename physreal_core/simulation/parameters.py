@@ -142,6 +142,7 @@ def _check_ranges(tensors: dict[str, Tensor]) -> None:
         _check_range(name, tensors, lambda value: value > 0, "positive values")
     for name in TERM_OF.keys() - {"density", "adhesion_range"}:
         _check_range(name, tensors, torch.isfinite, "finite values")
+    _check_range("friction_law", tensors, lambda law: law[..., 1:2] > 0, "a positive static speed, the second number")
 
 
 def _check_range(name: str, tensors: dict[str, Tensor], valid, expected: str) -> None:

@@ -298,6 +298,8 @@ def test_what_does_not_fit_is_named():
         (("density",), "density", tensor(0.0), "positive"),
         (("force",), "force", torch.zeros(3, 3), "shape"),
         (("initial_position",), "initial_position", tensor([np.nan, 0.0, 0.0]), "finite"),
+        (("adhesion",), "adhesion_range", tensor(0.0), "positive"),
+        (("friction_law",), "friction_law", tensor([0.1, 0.0, 0.0]), "static speed"),
     ):
         with pytest.raises(InputError, match=f"Parameters.{name}.*{told}"):
             bare(body, terms=terms).rollout(replace(given, **{name: value}), torch.zeros(2, 0, 3))

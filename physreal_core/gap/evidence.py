@@ -61,6 +61,12 @@ class Evidence:
         """The noise model of one experiment over all its frames, for who asks where it disagrees."""
         return self._noise(number, 0, self.experiments[number].frames)
 
+    def held_out(self, number: int) -> Noise | None:
+        """The noise model of one experiment over its held-out frames; None where nothing was measured in them."""
+        if self._held_out is None:
+            self._held_out = [self._noise(n, e.train, e.frames) for n, e in enumerate(self.experiments)]
+        return self._held_out[number]
+
     def _noise(self, number: int, first: int, end: int) -> Noise | None:
         """Of the frames [first, end) of one experiment, None where nothing was measured in them."""
         experiment, (motion, modes, carried) = self.experiments[number], self._around[number]
@@ -74,10 +80,9 @@ class Evidence:
 
     def held_out_energy(self, predictions: Sequence[Float[Array, "frames tracks 3"]]) -> float:
         """Half the whitened squared residual over the held-out frames of all experiments [nat]; predictions over all frames."""
-        if self._held_out is None:
-            self._held_out = [self._noise(number, e.train, e.frames) for number, e in enumerate(self.experiments)]
         total = 0.0
-        for experiment, noise, predicted in zip(self.experiments, self._held_out, predictions, strict=True):
+        for number, (experiment, predicted) in enumerate(zip(self.experiments, predictions, strict=True)):
+            noise = self.held_out(number)
             if noise is not None:
                 residual = noise.whiten((predicted - experiment.measured)[None])[:, 0]
                 total += 0.5 * float(residual @ residual)

@@ -4,23 +4,26 @@ search's own model of noise and error."""
 from __future__ import annotations
 
 import dataclasses
+from collections.abc import Sequence
 
 import numpy as np
+from scipy.spatial import cKDTree
 
 from physreal_core.array_types import Array, Float, Tensor
-from physreal_core.fitting.problem import Problem
+from physreal_core.effects import Setting
 from physreal_core.gap.comparison import Comparison
-from physreal_core.gap.experiment import Experiment
+from physreal_core.gap.evidence import Evidence
+from physreal_core.gap.experiment import Experiment, Interaction
 from physreal_core.gap.noise import Noise
 from physreal_core.gap.phases import label_phases, on_ground
 from physreal_core.gap.responses import step_responses
-from physreal_core.gap.unknown import Scene
+from physreal_core.gap.unknown import Lead, Scene, find_lead
 from physreal_core.gap.where import Where, find_where
 from physreal_core.geometry.patches import farthest_points, patch_weights
 
 
 def locate(
-    experiment: Experiment, predicted: Float[Array, "frames tracks 3"], noise: Noise, *, overdispersion: float = 1.0
+    experiment: Interaction, predicted: Float[Array, "frames tracks 3"], noise: Noise, *, overdispersion: float = 1.0
 ) -> Where:
     """Where a model disagrees with the tracks of an experiment, over the frames of its noise model.
 
@@ -30,22 +33,22 @@ def locate(
         noise: of the same experiment; its valid entries are those that are looked at.
         overdispersion: as of `agreement`.
     """
-    frames = noise.frames
+    frames, setting = noise.frames, experiment.setting
     simulated = predicted[:frames].astype(np.float64)
     comparison = Comparison(
         simulated=simulated,
         measured=experiment.measured[:frames],
         sigma=experiment.sigma[:frames],
         valid=noise.valid,
-        fps=experiment.setting.fps,
+        fps=setting.fps,
         modes=noise.modes(),
     )
     phases = label_phases(
         simulated,
-        experiment.setting.fps,
-        controllers=experiment.problem.controllers[:frames].double().numpy(),
-        held_distance=held_distance(experiment.problem),
-        touching=on_ground(simulated, experiment.setting.ground_height, experiment.problem.body.spacing),
+        setting.fps,
+        controllers=setting.controllers[:frames].double().cpu().numpy(),
+        held_distance=held_distance(experiment.points0, setting),
+        touching=on_ground(simulated, setting.ground_height, setting.body.spacing),
     )
     return find_where(comparison, phases, overdispersion=overdispersion)
 
@@ -88,17 +91,35 @@ def force_scene(
     )
 
 
+def lead_on(
+    evidence: Evidence, fields: dict[str, Tensor], predicted: Sequence[Float[Array, "frames tracks 3"]]
+) -> Lead:
+    """The disagreement of all interactions that our simulator rolls out, as a force field and a formula.
+
+    Args:
+        evidence: of the search.
+        fields: of the baseline, as of `Model.fields`.
+        predicted: the tracks under it, over all frames of each interaction [m].
+
+    Raises:
+        InputError: scikit-learn is not installed, a rollout could not go on, or no interaction is an `Experiment`.
+    """
+    noises = [(evidence.train.noises[number], evidence.held_out(number)) for number in range(len(predicted))]
+    triples = zip(evidence.experiments, predicted, noises, strict=True)
+    return find_lead([force_scene(e, fields, p, *n) for e, p, n in triples if isinstance(e, Experiment)])
+
+
 def _nothing(fields: Float[Array, "C T J 3"]) -> Float[Array, "0 C"]:
     return np.zeros((0, len(fields)))
 
 
-def held_distance(problem: Problem) -> Float[Array, " tracks"] | None:
-    """Distance [m] of each track at frame 0 from the nearest gripped particle or clamp; None where nothing holds the body."""
-    points = problem.tracks.points0.double().numpy()
-    distances = [_distance_to_box(points, *(np.asarray(c, float) for c in (k.lower, k.upper))) for k in problem.clamps]
-    if problem.grip is not None and len(problem.grip.particles):
-        held = problem.body.x0[np.unique(problem.grip.particles)]
-        distances.append(np.linalg.norm(points[:, None] - held[None], axis=2).min(1))
+def held_distance(points0: Float[Array, "tracks 3"], setting: Setting) -> Float[Array, " tracks"] | None:
+    """Distance [m] of each point at frame 0 from the nearest gripped particle or clamp; None where nothing holds the body."""
+    boxes = [(np.asarray(clamp.lower, float), np.asarray(clamp.upper, float)) for clamp in setting.clamps]
+    distances = [_distance_to_box(points0, *box) for box in boxes]
+    if setting.grip is not None and len(setting.grip.particles):
+        held = setting.body.x0[np.unique(setting.grip.particles)]
+        distances.append(cKDTree(held).query(points0)[0])
     return np.min(distances, axis=0) if distances else None
 
 

@@ -305,14 +305,13 @@ def _share(target: Float[Array, " n"], left: Float[Array, " n"]) -> float:
 
 
 def _sentence(terms: tuple[FittedTerm, ...], explained: float, held_out: float, fields: tuple[ForceField, ...]) -> str:
-    # the mean over the body: neighbouring regions may push against one another without moving much
-    size = max(float(np.sqrt((field.acceleration.mean(1) ** 2).sum(-1).mean())) for field in fields)
-    start = f"As a force on the whole body it would be about {size:.2g} N per kg"
     if not terms:
-        return f"{start}; no short formula of position, velocity and strain explains it."
+        # the mean over the body: neighbouring regions may push against one another without moving much
+        size = max(float(np.sqrt((field.acceleration.mean(1) ** 2).sum(-1).mean())) for field in fields)
+        return f"As a force on the body it would be about {size:.2g} N per kg, with no short formula of position, velocity and strain."
     words = " and ".join(fitted.term.words for fitted in terms)
     formula = " ".join(f"{fitted.coefficient:+.3g} {fitted.term.named()}" for fitted in terms)
     shares = f"which explains {explained:.0%} of the gap, {held_out:.0%} on held-out frames"
     if held_out < 0.5:
-        return f"{start}. No short formula explains it well; nearest comes {words}: f/m = {formula}, {shares}."
-    return f"{start}. It looks like {words}: f/m = {formula}, {shares}."
+        return f"No short formula explains it well; as a force, nearest comes {words}: f/m = {formula}, {shares}."
+    return f"As a force it looks like {words}: f/m = {formula}, {shares}."

@@ -48,7 +48,7 @@ def test_a_force_of_velocity_is_found_with_its_number(force, formula, value):
     assert [fitted.term.formula for fitted in lead.terms] == [formula]
     # the measured velocity is smoothed over 0.2 s of a swing of 0.8 s
     assert lead.terms[0].coefficient == pytest.approx(value, rel=0.1)
-    assert lead.explained_held_out > 0.95 and "It looks like" in lead.sentence
+    assert lead.explained_held_out > 0.95 and "it looks like" in lead.sentence
 
 
 def test_a_magnet_is_found_at_its_place():

@@ -58,6 +58,11 @@ class GapCase:
         return "pair" if "+" in self.effect else "single"
 
     @property
+    def truth(self) -> tuple[str, ...]:
+        """Names of the library that are right, sorted; none for what is outside it."""
+        return tuple(sorted(self.effect.split("+"))) if self.kind in ("single", "pair") else ()
+
+    @property
     def name(self) -> str:
         """Name of its folder."""
         return f"{self.effect.replace(':', '.')}-{self.strength}-{self.seed:06d}"
@@ -88,9 +93,12 @@ def benchmark_cases(effects: Iterable[str], *, variant: Variant, seed: int = 0) 
     return _interleaved(strong, controls + pairs + strangers) + weak
 
 
-def calibration_cases(count: int, *, seed: int = 0) -> list[GapCase]:
-    """Captures without an effect that are in no benchmark: numbers of the search are set on them."""
-    return [_case("none", "middle", seed, -1 - number) for number in range(count)]
+def calibration_cases(effects: Iterable[str], count: int, *, seed: int = 0) -> list[GapCase]:
+    """Captures that are in no benchmark, on which numbers of the search are set: every other one without an effect."""
+    known = list(effects)
+    hidden = [known[(3 * number) % len(known)] for number in range(count // 2)]
+    singles = [_case(name, ("high", "middle")[i % 2], seed, -1 - i) for i, name in enumerate(hidden)]
+    return _interleaved([_case("none", "middle", seed, -1 - number) for number in range(count - len(singles))], singles)
 
 
 def chosen(cases: list[GapCase], patterns: Iterable[str]) -> list[GapCase]:
@@ -105,6 +113,8 @@ def _case(effect: str, strength: str, seed: int, number: int = 0) -> GapCase:
 
 def _interleaved(many: list[GapCase], few: list[GapCase]) -> list[GapCase]:
     """Both lists in their own order, mixed evenly."""
+    if not few:
+        return many
     places = [(index + 0.5) / len(many) for index in range(len(many))]
     others = [(index + 0.5) / len(few) for index in range(len(few))]
     ordered = sorted(zip(places + others, many + few, strict=True), key=lambda pair: pair[0])

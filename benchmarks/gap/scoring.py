@@ -100,7 +100,7 @@ def judge(case: GapCase, answer: dict | None, oracle: dict | None, sizes: dict[s
         oracle: `oracle.json`: `truth`, coefficients by effect, and `closed`, the true model's; None if it failed.
         sizes: by effect of the library.
     """
-    truth = () if case.kind in ("none", "outside") else tuple(sorted(case.effect.split("+")))
+    truth = case.truth
     if answer is None:
         return Judgement(case, case.kind, truth, "failed")
     verdict = answer["report"]["verdict"]
@@ -247,7 +247,8 @@ def _closed(answer: dict) -> float:
 
 def _rank(candidates: list[dict], truth: tuple[str, ...], key: str) -> int | None:
     """Place of the truth among the candidates by `key`, the largest first; those without it come last."""
-    ordered = sorted((c for c in candidates if c[key] is not None), key=lambda c: -c[key])
+    known = [c for c in candidates if c[key] is not None and (key != "probability" or c["gain"] is not None)]
+    ordered = sorted(known, key=lambda c: -c[key])
     names = [tuple(sorted(effect["name"] for effect in candidate["effects"])) for candidate in ordered]
     return names.index(truth) + 1 if truth in names else None
 

@@ -25,10 +25,15 @@ def answer(kind, members, probability, fitted=(), closed=0.5, seconds=100.0):
     """Members by names; the first is the best. Candidates: the members, then "none"."""
     by_name = {entry["name"]: entry for entry in fitted}
     candidates = [
-        {"effects": [by_name.get(n, effect(n, {})) for n in names], "screened": 5.0 - i, "probability": 0.9 / (i + 1)}
+        {
+            "effects": [by_name.get(n, effect(n, {})) for n in names],
+            "screened": 5.0 - i,
+            "gain": 4.0,
+            "probability": 0.9 / (i + 1),
+        }
         for i, names in enumerate(members)
     ]
-    candidates.append({"effects": [], "screened": None, "probability": 0.01})
+    candidates.append({"effects": [], "screened": None, "gain": 0.0, "probability": 0.01})
     verdict = {"kind": kind, "names": members[0] if members else [], "members": members, "probability": probability}
     report = {"verdict": verdict, "candidates": candidates}
     return {"report": report, "added": {"adopted": bool(members), "closed": closed}, "seconds": seconds}
@@ -136,6 +141,7 @@ def test_cases_are_named_seeded_and_keep_their_seeds_when_the_library_grows():
     assert sum(case.kind == "none" for case in more) >= 20
     assert {case.strength for case in more if case.effect == "wind"} == {"weak", "middle", "high"}
     assert not set(benchmark_cases(["wind"], variant="tracks_only", seed=1)) & set(more)
-    assert not set(calibration_cases(8)) & set(more)
+    assert not set(calibration_cases(["wind", "lag"], 8)) & set(more)
+    assert sum(case.kind == "none" for case in calibration_cases(["wind", "lag"], 8)) == 4
     assert [case.effect for case in chosen(more, ["lag-*"])] == ["lag"] * 3
     assert sum(case.kind == "none" for case in more[: len(more) // 3]) >= 6  # controls come in between

@@ -1,0 +1,38 @@
+"""The search's answer to one case, from its captures of tracks alone. The truth is not in this folder and not asked for."""
+
+import time
+from collections.abc import Callable
+from pathlib import Path
+from typing import Any
+
+from benchmarks.gap.problems import baseline_model, problems_of
+from physreal_core.gap import Experiment, GapSettings, add_effect, find_gap
+
+Tell = Callable[[str], None]
+
+
+def experiments_of(captures: Path) -> list[Experiment]:
+    """The interactions of a case, in the order of their names, with one guessed baseline for all."""
+    problems = list(problems_of(captures).values())
+    model = baseline_model(problems[0])
+    return [Experiment(problem, model) for problem in problems]
+
+
+def answer(captures: Path, settings: GapSettings, tell: Tell = lambda message: None) -> dict[str, Any]:
+    """What is missing, by the search, and what adding it does.
+
+    Args:
+        captures: folder with one capture per interaction.
+        settings: of the search.
+        tell: called with a line of text now and then.
+
+    Returns:
+        `report` and `added` as `GapReport` and `Added` write them, and the `seconds` that each took.
+    """
+    begun = time.perf_counter()
+    experiments = experiments_of(captures)
+    report = find_gap(experiments, settings, tell)
+    found = time.perf_counter()
+    added = add_effect(experiments, report, settings, tell)
+    seconds = {"seconds": time.perf_counter() - begun, "seconds_naming": found - begun}
+    return {"report": report.as_record(), "added": added.as_record(), **seconds}

@@ -1,0 +1,100 @@
+"""Numbers of the search that stand for honesty, from captures of known truth that are in no benchmark.
+
+Where nothing is hidden, the test of disagreement must not see more than noise and model error: by how much it does says by how
+much the model error is too small. And gains in evidence become probabilities by the temperature, and by the weight of held-out
+frames, under which the true answers are the most probable.
+"""
+
+from collections.abc import Iterable, Sequence
+from dataclasses import dataclass, replace
+from typing import Any
+
+import numpy as np
+
+from benchmarks.gap.cases import GapCase, calibration_cases
+from benchmarks.gap.files import read_json
+from benchmarks.gap.run import Run, run_cases
+from physreal_core.effects import EFFECTS
+from physreal_core.gap import GapSettings
+from physreal_core.gap.naming import probabilities
+
+TEMPERATURES = (1.0, 1.5, 2.0, 3.0, 4.0, 6.0, 8.0, 12.0, 16.0, 24.0)
+WEIGHTS = (0.0, 0.1, 0.25, 0.5, 1.0)  # of held-out frames
+LEAST = 1e-4  # probability that a truth is given at least in the score: one case shall not decide alone
+
+
+@dataclass(frozen=True)
+class Gained:
+    """One answer of a search: its effects and gains [nat]."""
+
+    names: tuple[str, ...]
+    gain: float
+    held_out: float
+
+
+@dataclass(frozen=True)
+class Searched:
+    """The fitted answers of one search, and which of them is true (None: it was not fitted)."""
+
+    answers: tuple[Gained, ...]
+    true: int | None
+
+
+def calibrate(count: int, seed: int, run: Run) -> str:
+    """Run `count` captures, half of them without an effect, and say what they ask for."""
+    run = replace(run, folder=run.folder.with_name(f"{run.folder.name}_calibration"))
+    cases = calibration_cases(EFFECTS, count, seed=seed)
+    run_cases(cases, run)
+    records = {case: read_json(run.folder / case.name / "answer.json") for case in cases}
+    found = {case: record["report"] for case, record in records.items() if record is not None}
+    if not any(case.kind == "none" for case in found):
+        return "no capture without an effect has an answer yet"
+    excess = [
+        report["test"]["statistic"] / report["test"]["degrees"] for case, report in found.items() if not case.truth
+    ]
+    searched = [searched_of(case, report) for case, report in found.items()]
+    return _told(excess, searched)
+
+
+def searched_of(case: GapCase, report: dict[str, Any]) -> Searched:
+    """What a search fitted, from its record."""
+    fitted = [c for c in report["candidates"] if c["gain"] is not None]
+    names = [tuple(sorted(effect["name"] for effect in c["effects"])) for c in fitted]
+    answers = tuple(Gained(n, c["gain"], c["held_out"]) for n, c in zip(names, fitted, strict=True))
+    return Searched(answers, names.index(case.truth) if case.truth in names else None)
+
+
+def surprise(searched: Iterable[Searched], settings: GapSettings, library: int) -> float:
+    """Mean of minus the logarithm of the probability that the truth is given [nat], where it was fitted."""
+    known = [s for s in searched if s.true is not None]
+    chances = [probabilities(s.answers, settings, library)[s.true] for s in known]
+    return float(-np.log(np.maximum(chances, LEAST)).mean())
+
+
+def best_temperature(searched: Sequence[Searched], library: int) -> tuple[float, float, float]:
+    """Temperature and weight of held-out frames of least surprise, and that surprise [nat]."""
+    tried = [
+        (surprise(searched, replace(GapSettings(), temperature=t, held_out_weight=w), library), t, w)
+        for t in TEMPERATURES
+        for w in WEIGHTS
+    ]
+    least, temperature, weight = min(tried)
+    return temperature, weight, least
+
+
+def _told(excess: Sequence[float], searched: Sequence[Searched]) -> str:
+    own = GapSettings()
+    temperature, weight, least = best_temperature(searched, len(EFFECTS))
+    factor = float(np.sqrt(np.median(excess)))
+    missed = sum(s.true is None for s in searched)
+    return "\n".join(
+        [
+            f"{len(excess)} captures without an effect, {len(searched) - len(excess)} with one",
+            f"test of disagreement over its expectation: median {np.median(excess):.2f}, "
+            f"90 % below {np.quantile(excess, 0.9):.2f}; as if the model's error were {factor:.2f} times as large: "
+            f"model_error.rms {own.model_error.rms:g} -> {own.model_error.rms * factor:.2g}",
+            f"truth not among the fitted answers: {missed} of {len(searched)}",
+            f"least surprise {least:.2f} nat at temperature {temperature:g}, held_out_weight {weight:g} "
+            f"(now {surprise(searched, own, len(EFFECTS)):.2f} at {own.temperature:g}, {own.held_out_weight:g})",
+        ]
+    )

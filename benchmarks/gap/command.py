@@ -1,0 +1,49 @@
+"""`physreal gap-benchmark`, or `python -m benchmarks.gap` where the pipeline's packages are not: run cases, score them, write results."""
+
+import argparse
+from pathlib import Path
+
+
+def add_arguments(parser: argparse.ArgumentParser) -> None:
+    """The command's options."""
+    variant = parser.add_mutually_exclusive_group()
+    variant.add_argument("--tracks-only", action="store_const", dest="variant", const="tracks_only", help="default")
+    variant.add_argument(
+        "--rgbd", action="store_const", dest="variant", const="rgbd", help="through the whole pipeline"
+    )
+    parser.add_argument("--seed", type=int, default=0, help="of the set of cases")
+    parser.add_argument("--jobs", type=int, default=1, help="cases at once; each gets its share of the cores")
+    parser.add_argument("--out", type=Path, default=Path("data/gap_benchmark"), help="folder of the cases")
+    parser.add_argument("--cases", nargs="*", default=[], help="patterns of names, e.g. 'none-*' 'wind-high-*'; all")
+    parser.add_argument("--minutes", type=float, help="stop then, to go on the next time")
+    parser.add_argument("--settings", type=Path, help="JSON with values laid over the search's settings")
+    parser.add_argument("--results", type=Path, default=Path("results"), help="where the score is written")
+    parser.add_argument("--score", action="store_true", help="score what is there, run nothing")
+    parser.add_argument("--list", action="store_true", help="list the cases and stop")
+    parser.add_argument("--calibrate", type=int, metavar="N", help="run N further captures without an effect instead")
+    parser.set_defaults(variant="tracks_only", command=run)
+
+
+def run(parsed: argparse.Namespace) -> int:
+    """The command."""
+    from benchmarks.gap.calibration import calibrate
+    from benchmarks.gap.cases import benchmark_cases, chosen
+    from benchmarks.gap.results import write_results
+    from benchmarks.gap.run import Run, run_cases
+    from physreal_core.effects import EFFECTS
+
+    folder = parsed.out / parsed.variant
+    settings = () if parsed.settings is None else (str(parsed.settings.resolve()),)
+    module = {"tracks_only": "benchmarks.gap.case", "rgbd": "benchmarks.gap.rgbd"}[parsed.variant]
+    how = Run(folder, parsed.jobs, module, settings, parsed.minutes)
+    if parsed.calibrate:
+        print(calibrate(parsed.calibrate, parsed.seed, how))
+        return 0
+    cases = benchmark_cases(EFFECTS, variant=parsed.variant, seed=parsed.seed)
+    if parsed.list:
+        print("\n".join(case.name for case in chosen(cases, parsed.cases)))
+        return 0
+    if not parsed.score:
+        run_cases(chosen(cases, parsed.cases), how)
+    print(write_results(parsed.variant, folder, cases, parsed.results))
+    return 0

@@ -1,0 +1,19 @@
+"""Results on disk: whole or absent."""
+
+import json
+import os
+from pathlib import Path
+from typing import Any
+
+
+def read_json(path: Path) -> dict | None:
+    """The record in a file, None where there is no file."""
+    return json.loads(path.read_text()) if path.is_file() else None
+
+
+def write_json(path: Path, record: Any) -> None:
+    """Writes a record at once; a run that is cut off leaves what was there."""
+    path.parent.mkdir(parents=True, exist_ok=True)
+    draft = path.with_name(f"{path.name}.{os.getpid()}")
+    draft.write_text(json.dumps(record, indent=1) + "\n")
+    draft.replace(path)

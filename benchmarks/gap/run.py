@@ -1,0 +1,102 @@
+"""Runs the cases that have no answer yet, each in a process of its own on its own cores, until all are done or time is up."""
+
+import os
+import subprocess
+import sys
+import time
+from collections.abc import Sequence
+from concurrent.futures import ThreadPoolExecutor
+from dataclasses import dataclass
+from pathlib import Path
+from queue import SimpleQueue
+
+from benchmarks.gap.cases import GapCase
+from benchmarks.gap.files import read_json
+
+
+@dataclass(frozen=True)
+class Run:
+    """How cases are run.
+
+    Args:
+        folder: results, a folder per case.
+        jobs: cases at once.
+        module: that runs one case, given folder and name.
+        arguments: further ones for it.
+        minutes: wall time after which what runs is stopped, to go on the next time; None for no limit.
+    """
+
+    folder: Path
+    jobs: int
+    module: str = "benchmarks.gap.case"
+    arguments: tuple[str, ...] = ()
+    minutes: float | None = None
+
+
+def run_cases(cases: Sequence[GapCase], run: Run) -> None:
+    """Run those of the cases that have neither an answer with its score nor failed; a line of text for each."""
+    todo = [case for case in cases if not is_done(run.folder / case.name)]
+    print(f"{len(cases) - len(todo)} of {len(cases)} cases are done; {len(todo)} to go, {run.jobs} at once", flush=True)
+    deadline = None if run.minutes is None else time.monotonic() + 60 * run.minutes
+    shares: SimpleQueue[list[int]] = SimpleQueue()
+    for number in range(run.jobs):
+        shares.put(core_share(number, run.jobs))
+
+    def one(numbered: tuple[int, GapCase]) -> None:
+        number, case = numbered
+        cores = shares.get()
+        try:
+            ended = _run(case, run, cores, deadline)
+        finally:
+            shares.put(cores)
+        print(f"[{number}/{len(todo)}] {case.name}: {ended}", flush=True)
+
+    with ThreadPoolExecutor(run.jobs) as pool:
+        list(pool.map(one, enumerate(todo, start=1)))
+
+
+def is_done(own: Path) -> bool:
+    """Whether nothing is left to do for a case."""
+    return (own / "failed.txt").is_file() or all((own / f"{name}.json").is_file() for name in ("answer", "oracle"))
+
+
+def core_share(number: int, jobs: int) -> list[int]:
+    """Cores of one of several jobs: all are shared out where there are more cores than jobs."""
+    cores = sorted(os.sched_getaffinity(0)) if hasattr(os, "sched_getaffinity") else list(range(os.cpu_count() or 1))
+    return cores[number % len(cores) :: max(jobs, 1)] if jobs <= len(cores) else [cores[number % len(cores)]]
+
+
+def _run(case: GapCase, run: Run, cores: list[int], deadline: float | None) -> str:
+    """Runs one case and says how it ended."""
+    left = None if deadline is None else deadline - time.monotonic()
+    if left is not None and left <= 0:
+        return "not begun, time is up"
+    own = run.folder / case.name
+    own.mkdir(parents=True, exist_ok=True)
+    command = [sys.executable, "-m", run.module, str(run.folder), case.name, *run.arguments]
+    begun = time.monotonic()
+    with (own / "log.txt").open("a") as log:
+        process = subprocess.Popen(command, stdout=log, stderr=log, env=_environment(len(cores)))
+        if hasattr(os, "sched_setaffinity"):
+            os.sched_setaffinity(process.pid, cores)
+        try:
+            process.wait(left)
+        except subprocess.TimeoutExpired:
+            process.terminate()
+            process.wait()
+            return "stopped, time is up; it goes on from its last step"
+    return f"{_outcome(own)} in {time.monotonic() - begun:.0f} s"
+
+
+def _outcome(own: Path) -> str:
+    found = read_json(own / "answer.json")
+    if found is None or (own / "failed.txt").is_file():
+        return f"failed, see {own / 'log.txt'}"
+    verdict = found["report"]["verdict"]
+    named = "+".join(verdict["names"])
+    return f"{verdict['kind']} {named} ({verdict['probability']:.2f})"
+
+
+def _environment(threads: int) -> dict[str, str]:
+    limits = dict.fromkeys(("OMP_NUM_THREADS", "OPENBLAS_NUM_THREADS", "MKL_NUM_THREADS"), str(threads))
+    return os.environ | limits | {"OMP_WAIT_POLICY": "PASSIVE", "CUDA_VISIBLE_DEVICES": ""}

@@ -1,0 +1,31 @@
+"""The search's settings for a run of the benchmark: the library's own, or those with some numbers replaced from a file."""
+
+import dataclasses
+import json
+from pathlib import Path
+from typing import Any
+
+from physreal_core.errors import InputError
+from physreal_core.gap import GapSettings
+
+
+def load_settings(path: Path | None) -> GapSettings:
+    """The default settings with the values of a JSON file laid over them, as {"temperature": 3, "model_error": {"rms": 0.001}}.
+
+    Raises:
+        InputError: a name in the file is no setting.
+    """
+    return GapSettings() if path is None else _laid_over(GapSettings(), json.loads(path.read_text()), str(path))
+
+
+def _laid_over(settings: Any, values: dict[str, Any], where: str) -> Any:
+    known = {entry.name for entry in dataclasses.fields(settings)}
+    if unknown := sorted(set(values) - known):
+        raise InputError(f"no setting {unknown[0]!r}", where=where, expected=f"one of {sorted(known)}")
+    own = {name: getattr(settings, name) for name in values}
+    nested = {
+        name: _laid_over(own[name], value, where) if dataclasses.is_dataclass(own[name]) else value
+        for name, value in values.items()
+    }
+    lists = {name: tuple(value) if isinstance(value, list) else value for name, value in nested.items()}
+    return dataclasses.replace(settings, **lists)

@@ -1,0 +1,94 @@
+"""Cases run in processes of their own, go on where they were cut off, and end in the files of the results."""
+
+import json
+import os
+import sys
+
+import pytest
+
+from benchmarks.gap import case as one_case
+from benchmarks.gap.cases import GapCase
+from benchmarks.gap.results import write_results
+from benchmarks.gap.run import Run, core_share, run_cases
+from benchmarks.gap.settings import load_settings
+from physreal_core.errors import InputError
+
+NONE, DRAG, WIND, SLOW = (GapCase(e, "high", 1) for e in ("none", "linear_drag", "wind", "gravity"))
+FAKE = "tests.benchmarks.gap_fake_case"
+
+
+def test_each_case_runs_once_and_the_results_are_written(tmp_path, capsys):
+    run = Run(tmp_path / "cases", jobs=2, module=FAKE)
+    for _ in range(2):
+        run_cases([NONE, DRAG, WIND], run)
+    assert "3 of 3 cases are done; 0 to go" in capsys.readouterr().out
+    for case in (NONE, DRAG, WIND):
+        assert len((run.folder / case.name / "runs.txt").read_text().splitlines()) == 1
+    (tmp_path / "results").mkdir()
+    (tmp_path / "results" / "gap_benchmark.json").write_text('{"rgbd": {"named_first": 0.5}}')
+    text = write_results("tracks_only", run.folder, [NONE, DRAG, WIND, SLOW], tmp_path / "results")
+    record = json.loads((tmp_path / "results" / "gap_benchmark.json").read_text())
+    assert record["rgbd"] == {"named_first": 0.5}
+    found = record["tracks_only"]
+    assert (found["named_first"], found["false_alarm_rate"]) == (0.5, 0.0)  # drag right, wind failed
+    assert (found["counts"]["failed"], found["counts"]["not_run"]) == (1, 1)
+    assert text in (tmp_path / "results" / "gap_benchmark_tracks_only.md").read_text()
+
+
+def test_when_time_is_up_what_runs_is_stopped_and_nothing_more_begins(tmp_path, capsys):
+    run_cases([SLOW, NONE], Run(tmp_path, jobs=1, module=FAKE, minutes=0.1))
+    told = capsys.readouterr().out
+    assert "stopped, time is up" in told and "not begun" in told
+    assert not (tmp_path / SLOW.name / "answer.json").exists() and not (tmp_path / NONE.name).exists()
+
+
+def test_cores_are_shared_out(monkeypatch):
+    monkeypatch.setattr(os, "sched_getaffinity", lambda process: {0, 1, 2, 3, 8})
+    assert [core_share(number, 2) for number in range(2)] == [[0, 2, 8], [1, 3]]
+    assert [core_share(number, 7) for number in range(7)] == [[0], [1], [2], [3], [8], [0], [1]]
+
+
+def test_the_search_is_called_when_the_truth_is_out_of_its_sight(tmp_path, monkeypatch):
+    """The rig's truth is laid aside before the answer is asked for, and read when the answer is on disk."""
+    own = tmp_path / DRAG.name
+
+    def make_case(case, destination, *, video):
+        for motion in ("lift_swing", "press_drag"):
+            (destination / motion).mkdir(parents=True)
+            (destination / motion / "capture.json").write_text("{}")
+            (destination / motion / "truth.npz").write_bytes(b"secret")
+
+    def answer(captures, settings, tell):
+        assert sorted(file.name for file in captures.rglob("*") if file.is_file()) == ["capture.json"] * 2
+        return {"report": {"verdict": {"names": []}}}
+
+    def truth_of(own):
+        assert (own / "answer.json").is_file()
+        return {"linear_drag": {"rate": 1.0}}
+
+    rig = type(sys)("data.rig.case")
+    rig.Case, rig.make_case = GapCase, make_case
+    monkeypatch.setitem(sys.modules, "data.rig.case", rig)
+    monkeypatch.setattr(one_case, "answer", answer)
+    monkeypatch.setattr(one_case, "truth_of", truth_of)
+    one_case.run_case(DRAG, tmp_path, load_settings(None))
+    assert sorted(file.name for file in (own / "truth").iterdir()) == ["lift_swing.npz", "press_drag.npz"]
+    assert json.loads((own / "oracle.json").read_text()) == {"truth": {"linear_drag": {"rate": 1.0}}, "closed": None}
+
+
+def test_a_step_that_raises_is_recorded(tmp_path, monkeypatch):
+    monkeypatch.setattr(one_case, "capture", lambda case, own: (_ for _ in ()).throw(RuntimeError("no rig here")))
+    with pytest.raises(RuntimeError):
+        one_case.run_case(DRAG, tmp_path, load_settings(None))
+    assert "no rig here" in (tmp_path / DRAG.name / "failed.txt").read_text()
+
+
+def test_settings_from_a_file_are_laid_over_the_librarys(tmp_path):
+    path = tmp_path / "settings.json"
+    path.write_text('{"temperature": 3.5, "candidates": ["wind"], "model_error": {"rms": 0.002}}')
+    found, plain = load_settings(path), load_settings(None)
+    assert (found.temperature, found.candidates, found.model_error.rms) == (3.5, ("wind",), 0.002)
+    assert (found.shortlist, found.model_error.time) == (plain.shortlist, plain.model_error.time)
+    path.write_text('{"model_error": {"size": 0.002}}')
+    with pytest.raises(InputError, match="size"):
+        load_settings(path)

@@ -7,7 +7,7 @@ from dataclasses import dataclass
 
 import numpy as np
 
-from physreal_core.array_types import Array
+from physreal_core.array_types import Array, Float
 from physreal_core.effects import EFFECTS
 from physreal_core.gap.evidence import Evidence
 from physreal_core.gap.experiment import Interaction
@@ -75,11 +75,16 @@ def fitted_effects(fit: Fit) -> tuple[FittedEffect, ...]:
 
 
 def probabilities(answers: Sequence[Answer], settings: GapSettings, library: int) -> Array:
-    """Of the answers, the first of which is `none`, from their gains at the calibrated temperature and their priors."""
+    """Of the answers, from their gains at the calibrated temperature and their priors."""
+    gains = np.array([answer.gain + settings.held_out_weight * answer.held_out for answer in answers])
+    return chances([len(answer.names) for answer in answers], gains, settings, library)
+
+
+def chances(sizes: Sequence[int], gains: Float[Array, " answers"], settings: GapSettings, library: int) -> Array:
+    """Probabilities of answers with so many effects each and these gains [nat]."""
     something = 1.0 - settings.prior_none
     single, pair = something * (1.0 - settings.prior_pair) / library, something * settings.prior_pair / library
-    priors = np.log([(settings.prior_none, single, pair)[len(answer.names)] for answer in answers])
-    gains = np.array([answer.gain + settings.held_out_weight * answer.held_out for answer in answers])
+    priors = np.log([(settings.prior_none, single, pair)[size] for size in sizes])
     weights = priors + gains / settings.temperature
     weights = np.exp(weights - weights.max())
     return weights / weights.sum()

@@ -14,9 +14,10 @@ import numpy as np
 from benchmarks.gap.cases import GapCase, calibration_cases
 from benchmarks.gap.files import read_json
 from benchmarks.gap.run import Run, run_cases
+from physreal_core.array_types import Array
 from physreal_core.effects import EFFECTS
 from physreal_core.gap import GapSettings
-from physreal_core.gap.naming import probabilities
+from physreal_core.gap.naming import chances
 
 TEMPERATURES = (1.0, 1.5, 2.0, 3.0, 4.0, 6.0, 8.0, 12.0, 16.0, 24.0)
 WEIGHTS = (0.0, 0.1, 0.25, 0.5, 1.0)  # of held-out frames
@@ -67,8 +68,13 @@ def searched_of(case: GapCase, report: dict[str, Any]) -> Searched:
 def surprise(searched: Iterable[Searched], settings: GapSettings, library: int) -> float:
     """Mean of minus the logarithm of the probability that the truth is given [nat], where it was fitted."""
     known = [s for s in searched if s.true is not None]
-    chances = [probabilities(s.answers, settings, library)[s.true] for s in known]
-    return float(-np.log(np.maximum(chances, LEAST)).mean())
+    given = [_chances(s.answers, settings, library)[s.true] for s in known]
+    return float(-np.log(np.maximum(given, LEAST)).mean())
+
+
+def _chances(answers: Sequence[Gained], settings: GapSettings, library: int) -> Array:
+    gains = np.array([answer.gain + settings.held_out_weight * answer.held_out for answer in answers])
+    return chances([len(answer.names) for answer in answers], gains, settings, library)
 
 
 def best_temperature(searched: Sequence[Searched], library: int) -> tuple[float, float, float]:
@@ -87,14 +93,9 @@ def _told(excess: Sequence[float], searched: Sequence[Searched]) -> str:
     temperature, weight, least = best_temperature(searched, len(EFFECTS))
     factor = float(np.sqrt(np.median(excess)))
     missed = sum(s.true is None for s in searched)
-    return "\n".join(
-        [
-            f"{len(excess)} captures without an effect, {len(searched) - len(excess)} with one",
-            f"test of disagreement over its expectation: median {np.median(excess):.2f}, "
-            f"90 % below {np.quantile(excess, 0.9):.2f}; as if the model's error were {factor:.2f} times as large: "
-            f"model_error.rms {own.model_error.rms:g} -> {own.model_error.rms * factor:.2g}",
-            f"truth not among the fitted answers: {missed} of {len(searched)}",
-            f"least surprise {least:.2f} nat at temperature {temperature:g}, held_out_weight {weight:g} "
-            f"(now {surprise(searched, own, len(EFFECTS)):.2f} at {own.temperature:g}, {own.held_out_weight:g})",
-        ]
-    )
+    return f"""{len(excess)} captures without an effect, {len(searched) - len(excess)} with one
+test of disagreement over its expectation: median {np.median(excess):.2f}, 90 % below {np.quantile(excess, 0.9):.2f};
+as if the model's error were {factor:.2f} times as large: model_error.rms {own.model_error.rms:g} -> {own.model_error.rms * factor:.2g}
+truth not among the fitted answers: {missed} of {len(searched)}
+least surprise {least:.2f} nat at temperature {temperature:g}, held_out_weight {weight:g};
+now {surprise(searched, own, len(EFFECTS)):.2f} at {own.temperature:g}, {own.held_out_weight:g}"""

@@ -30,8 +30,9 @@ PAIRS = (
 
 NEAREST = {
     "magnet": ("gravity", "wind", "ground_adhesion", "payload", "density_gradient"),
-    "breathing": ("rest_shape", "maxwell_creep", "depth_bias"),
-    "rotating_frame": ("gravity", "wind", "quadratic_drag"),
+    "breathing": ("rest_shape", "maxwell_creep", "plastic_yield"),
+    "turntable": ("gravity", "wind", "quadratic_drag"),
+    "tether": ("ground_adhesion", "wind", "gravity", "obstacle_post"),
 }
 """Effects that are not in the library, and the names in it that would be physically nearest."""
 

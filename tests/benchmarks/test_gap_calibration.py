@@ -3,10 +3,9 @@
 import numpy as np
 import pytest
 
-from benchmarks.gap.calibration import Gained, Searched, best_temperature, searched_of, surprise
+from benchmarks.gap.calibration import Gained, Searched, _chances, best_temperature, searched_of, surprise
 from benchmarks.gap.cases import GapCase
 from physreal_core.gap import GapSettings
-from physreal_core.gap.naming import probabilities
 
 NAMES = [(), ("a",), ("b",), ("c",)]
 
@@ -19,7 +18,7 @@ def test_the_temperature_under_which_truths_are_drawn_is_found(temperature):
     for _ in range(1500):
         gains = random.normal(0.0, 4.0 * temperature, (2, len(NAMES)))
         answers = tuple(Gained(n, g, h) for n, g, h in zip(NAMES, *gains, strict=True))
-        searched.append(Searched(answers, int(random.choice(len(NAMES), p=probabilities(answers, settings, 3)))))
+        searched.append(Searched(answers, int(random.choice(len(NAMES), p=_chances(answers, settings, 3)))))
     found, weight, least = best_temperature(searched, 3)
     assert (found, weight) == (temperature, 0.5)
     assert least < surprise(searched, GapSettings(temperature=8 * temperature, held_out_weight=0.5), 3)
@@ -33,5 +32,5 @@ def test_a_truth_that_was_not_fitted_is_left_out():
             {"effects": [], "gain": 0.0, "held_out": 0.0},
         ]
     }
-    true = [searched_of(GapCase(name, "high", 1), report).true for name in ("wind", "lag", "none", "outside:magnet")]
+    true = [searched_of(GapCase(name, "high", 1), report).true for name in ("wind", "lag", "none", "outside:tether")]
     assert true == [0, None, 1, 1]

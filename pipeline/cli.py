@@ -8,6 +8,7 @@ import sys
 from collections.abc import Sequence
 from pathlib import Path
 
+from benchmarks.gap.command import add_arguments as add_benchmark_arguments
 from physreal_core.errors import InputError
 
 
@@ -57,10 +58,17 @@ def _parser() -> argparse.ArgumentParser:
     command = commands.add_parser("status", help="how far every sequence is, and where the report lies")
     command.set_defaults(command=_status)
 
-    command = commands.add_parser("gap", help="where a fitted sequence's model is wrong, what is missing, what it helps")
+    command = commands.add_parser(
+        "gap", help="where a fitted sequence's model is wrong, what is missing, what it helps"
+    )
     command.add_argument("sequence", help="a name under `fits` in params.yaml")
     command.add_argument("--again", action="store_true", help="search anew, even if the result at hand is up to date")
     command.set_defaults(command=_gap)
+
+    command = commands.add_parser(
+        "gap-benchmark", help="how often the search is right, on captures with a hidden effect"
+    )
+    add_benchmark_arguments(command)
 
     command = commands.add_parser("run", help="run one stage on one sequence, without DVC")
     command.add_argument("stage")

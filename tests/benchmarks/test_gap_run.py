@@ -12,6 +12,7 @@ from benchmarks.gap.results import write_results
 from benchmarks.gap.run import Run, core_share, run_cases
 from benchmarks.gap.settings import load_settings
 from physreal_core.errors import InputError
+from pipeline.cli import main
 
 NONE, DRAG, WIND, SLOW = (GapCase(e, "high", 1) for e in ("none", "linear_drag", "wind", "gravity"))
 FAKE = "tests.benchmarks.gap_fake_case"
@@ -92,3 +93,11 @@ def test_settings_from_a_file_are_laid_over_the_librarys(tmp_path):
     path.write_text('{"model_error": {"size": 0.002}}')
     with pytest.raises(InputError, match="size"):
         load_settings(path)
+
+
+def test_the_command_lists_the_cases_that_patterns_choose(capsys):
+    with pytest.raises(SystemExit) as ended:
+        main(["gap-benchmark", "--list", "--cases", "kelvin_voigt-*", "none-*"])
+    names = capsys.readouterr().out.split()
+    assert ended.value.code == 0
+    assert len(names) == 3 + 24 and all(GapCase.named(name).effect in ("kelvin_voigt", "none") for name in names)

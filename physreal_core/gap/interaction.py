@@ -104,9 +104,12 @@ def lead_on(
     Raises:
         InputError: scikit-learn is not installed, a rollout could not go on, or no interaction is an `Experiment`.
     """
-    noises = [(evidence.train.noises[number], evidence.held_out(number)) for number in range(len(predicted))]
-    triples = zip(evidence.experiments, predicted, noises, strict=True)
-    return find_lead([force_scene(e, fields, p, *n) for e, p, n in triples if isinstance(e, Experiment)])
+    scenes = [
+        force_scene(experiment, fields, predicted[number], evidence.train.noises[number], evidence.held_out(number))
+        for number, experiment in enumerate(evidence.experiments)
+        if isinstance(experiment, Experiment)
+    ]
+    return find_lead(scenes)
 
 
 def _nothing(fields: Float[Array, "C T J 3"]) -> Float[Array, "0 C"]:

@@ -108,6 +108,7 @@ class GapReport:
         fields: the refitted baseline's fields, as of `Model.fields`.
         information: expected whitened change per effect beyond baseline and numerics, one row per interaction.
         settings: that the search ran with.
+        lead: for an unknown effect, the disagreement as a force field and a formula (`unknown.Lead`); None otherwise.
     """
 
     verdict: Verdict
@@ -118,6 +119,7 @@ class GapReport:
     fields: dict[str, Tensor] = field(repr=False)
     information: tuple[dict[str, float], ...] = ()
     settings: dict[str, Any] = field(default_factory=dict)
+    lead: dict[str, Any] | None = None
 
     @property
     def best(self) -> Candidate:

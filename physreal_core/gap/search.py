@@ -3,19 +3,22 @@
 from __future__ import annotations
 
 from collections.abc import Sequence
+from dataclasses import replace
 
 import numpy as np
 
 from physreal_core.effects import EFFECTS
+from physreal_core.errors import InputError
 from physreal_core.gap.disagreement import disagreements
 from physreal_core.gap.evidence import Progress, fit_baseline
 from physreal_core.gap.experiment import Interaction
-from physreal_core.gap.interaction import locate
+from physreal_core.gap.interaction import lead_on, locate
 from physreal_core.gap.least_squares import Fit, fit, together
 from physreal_core.gap.naming import Answer, answer_of, candidates_of, probabilities, verdict_of
 from physreal_core.gap.report import Candidate, FittedEffect, GapReport
 from physreal_core.gap.screening import Score, Screen, started
 from physreal_core.gap.settings import GapSettings
+from physreal_core.gap.unknown import Lead
 
 
 def find_gap(
@@ -97,6 +100,9 @@ class Search:
         test["explained"] = explained
         verdict = verdict_of(candidates, threshold, test["p_value"] < 1e-3, explained, settings)
         predictions = self._predicted(self.baseline)
+        lead = self._lead(predictions) if verdict.kind == "unknown" else None
+        if lead is not None:
+            verdict = replace(verdict, sentence=f"{verdict.sentence} {lead.sentence}")
         return GapReport(
             verdict=verdict,
             candidates=candidates,
@@ -106,7 +112,17 @@ class Search:
             fields=self.baseline.unknowns.baseline_fields(self.baseline.vector),
             information=tuple(self.screen.information()),
             settings={"candidates": list(self.names), "seed": settings.seed},
+            lead=None if lead is None else lead.as_record(),
         )
+
+    def _lead(self, predictions: list[np.ndarray]) -> Lead | None:
+        """What nothing in the library explains as a force; None where that cannot be said."""
+        self._progress("unknown: looking for a formula")
+        try:
+            return lead_on(self.evidence, self.baseline.unknowns.baseline_fields(self.baseline.vector), predictions)
+        except InputError as error:  # a lead is a help; the verdict stands without it
+            self._progress(f"no formula: {error}")
+            return None
 
     def _where(self) -> list[dict]:
         """Records of the baseline's disagreement, one per interaction."""

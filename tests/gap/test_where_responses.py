@@ -6,9 +6,12 @@ import numpy as np
 import pytest
 import torch
 
+from physreal_core.errors import InputError
+from physreal_core.gap.evidence import Evidence
 from physreal_core.gap.experiment import Experiment, Trial
-from physreal_core.gap.interaction import force_scene
+from physreal_core.gap.interaction import force_scene, lead_on
 from physreal_core.gap.noise import ModelError, Noise
+from physreal_core.gap.settings import GapSettings
 from physreal_core.gap.unknown import find_lead
 from physreal_core.simulation import Clamp
 from tests.fitting import scene
@@ -76,3 +79,18 @@ def test_drag_in_the_simulator_is_read_off_as_drag(seen):
 
 def test_responses_start_at_rest(seen):
     assert np.abs(seen.responses.step[:, :, 0]).max() == 0.0
+
+
+def test_the_searchs_evidence_leads_to_the_same_formula(experiment, model):
+    trial = Trial(model.fields)
+    evidence = Evidence([experiment], trial, GapSettings(model_error=ModelError(rms=1e-6)), reruns=False)
+    lead = lead_on(evidence, model.fields, list(experiment.predict([trial])))
+    assert [fitted.term.formula for fitted in lead.terms] == ["-v"]
+    assert lead.explained_held_out > 0.8 and "in proportion to speed" in lead.sentence
+
+
+def test_a_search_without_our_simulator_has_no_lead(experiment, model):
+    evidence = Evidence([experiment], Trial(model.fields), GapSettings(), reruns=False)
+    evidence.experiments = [object()]
+    with pytest.raises(InputError, match="no interaction"):
+        lead_on(evidence, model.fields, list(experiment.predict([Trial(model.fields)])))

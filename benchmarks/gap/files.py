@@ -12,8 +12,8 @@ def read_json(path: Path) -> dict | None:
 
 
 def write_json(path: Path, record: Any) -> None:
-    """Writes a record at once; a run that is cut off leaves what was there."""
+    """Writes a record, numpy's numbers and arrays in it as plain ones, at once: a run that is cut off leaves what was there."""
     path.parent.mkdir(parents=True, exist_ok=True)
     draft = path.with_name(f"{path.name}.{os.getpid()}")
-    draft.write_text(json.dumps(record, indent=1) + "\n")
+    draft.write_text(json.dumps(record, indent=1, default=lambda value: value.tolist()) + "\n")
     draft.replace(path)

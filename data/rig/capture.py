@@ -2,11 +2,16 @@
 
 import json
 import shutil
+from collections.abc import Mapping, Sequence
+from dataclasses import replace
 from pathlib import Path
+from types import MappingProxyType
 
 import numpy as np
 
 from data.rig import texture
+from data.rig.hidden.effect import NOTHING, Hidden
+from data.rig.mesh import TetMesh
 from data.rig.render import HAND, OBJECT, Picture, Stage
 from data.rig.scene import Scene
 from data.rig.sensor import read_colour, read_depth
@@ -25,23 +30,46 @@ def make_capture(scene: Scene, destination: Path, *, seed: int = 0, timestep: fl
         seed: seeds sensor noise and the prior's pose; the same seed gives the same files.
         timestep: largest step of the simulation [s].
     """
+    film(scene, simulate(scene, timestep=timestep), destination, seed=seed)
+
+
+def film(
+    scene: Scene,
+    trajectory: Trajectory,
+    destination: Path,
+    *,
+    seed: int | Sequence[int] = 0,
+    hidden: Hidden = NOTHING,
+    further_truth: Mapping[str, Array | str] = MappingProxyType({}),
+) -> None:
+    """Films what happened into `destination`, which is replaced as a whole.
+
+    Args:
+        scene: what the capture says it shows.
+        trajectory: what truly happened.
+        destination: capture folder.
+        seed: seeds sensor noise and the prior's pose.
+        hidden: what the capture does not say of camera and table.
+        further_truth: more arrays for truth.npz.
+    """
     destination = Path(destination)
     draft = destination.with_name(destination.name + ".partial")
     shutil.rmtree(draft, ignore_errors=True)
     for folder in ("color", "depth"):
         (draft / folder).mkdir(parents=True)
-    trajectory = simulate(scene, timestep=timestep)
-    stage = Stage(scene, trajectory)
+    stage = Stage(scene, trajectory, hidden.placed)
     random = np.random.default_rng(seed)
     for frame in range(scene.frames):
-        picture = stage.picture(trajectory.vertices[frame], trajectory.hand[frame])
+        pose = hidden.camera(scene.view.pose(), frame / scene.fps)
+        picture = stage.picture(trajectory.vertices[frame], trajectory.hand[frame], pose=pose)
         if frame == 0:
             hints = {"object": {"point": _click(picture, OBJECT)}, "controller": {"point": _click(picture, HAND)}}
-        _write_frame(draft, frame, picture, scene, random)
+        _write_frame(draft, frame, replace(picture, depth=hidden.depth(picture.depth)), scene, random)
     (draft / "capture.json").write_text(json.dumps(describe(scene, hints), indent=1) + "\n")
     T_world_prior = random_similarity(random)
     _write_prior(draft / "shape_prior.glb", trajectory, T_world_prior)
-    _write_truth(draft / "truth.npz", scene, trajectory, stage, T_world_prior)
+    truth = true_arrays(scene, trajectory, stage.hand, T_world_prior)
+    np.savez_compressed(draft / "truth.npz", **truth, **further_truth)
     shutil.rmtree(destination, ignore_errors=True)
     draft.rename(destination)
 
@@ -103,25 +131,25 @@ def _write_prior(path: Path, trajectory: Trajectory, T_world_prior: Float[Array,
     surface.export(path)
 
 
-def _write_truth(
-    path: Path, scene: Scene, trajectory: Trajectory, stage: Stage, T_world_prior: Float[Array, "4 4"]
-) -> None:
+def true_arrays(
+    scene: Scene, trajectory: Trajectory, hand: TetMesh, T_world_prior: Float[Array, "4 4"]
+) -> dict[str, Array | float]:
+    """The fields of truth.npz that `Truth` reads; `hand` is the hand's mesh at frame 0."""
     material = scene.material
-    np.savez_compressed(
-        path,
-        E=material.youngs_modulus,
-        nu=material.poissons_ratio,
-        density=material.density,
-        friction=material.friction_coefficient,
-        damping=material.damping,
-        rest_vertices=trajectory.mesh.vertices.astype(np.float32),
-        tets=trajectory.mesh.tets.astype(np.int32),
-        faces=trajectory.mesh.faces.astype(np.int32),
-        vertices=trajectory.vertices.astype(np.float32),
-        gripped=trajectory.gripped.astype(np.int32),
-        hand=trajectory.hand.astype(np.float32),
-        hand_vertices=stage.hand.vertices.astype(np.float32),
-        hand_faces=stage.hand.faces.astype(np.int32),
-        T_world_prior=T_world_prior,
-        fps=scene.fps,
-    )
+    return {
+        "E": material.youngs_modulus,
+        "nu": material.poissons_ratio,
+        "density": material.density,
+        "friction": material.friction_coefficient,
+        "damping": material.damping,
+        "rest_vertices": trajectory.mesh.vertices.astype(np.float32),
+        "tets": trajectory.mesh.tets.astype(np.int32),
+        "faces": trajectory.mesh.faces.astype(np.int32),
+        "vertices": trajectory.vertices.astype(np.float32),
+        "gripped": trajectory.gripped.astype(np.int32),
+        "hand": trajectory.hand.astype(np.float32),
+        "hand_vertices": hand.vertices.astype(np.float32),
+        "hand_faces": hand.faces.astype(np.int32),
+        "T_world_prior": T_world_prior,
+        "fps": scene.fps,
+    }

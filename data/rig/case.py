@@ -11,6 +11,7 @@ import numpy as np
 
 from data.rig import recording
 from data.rig.bar import MOTIONS, bar
+from data.rig.capture import film, true_arrays
 from data.rig.hidden.effect import Hidden
 from data.rig.hidden.library import maker
 from data.rig.hidden.strengths import AMPLITUDES, STRENGTHS
@@ -18,6 +19,7 @@ from data.rig.hidden.together import Together
 from data.rig.mesh import mesh_shape
 from data.rig.scene import Scene
 from data.rig.simulate import Trajectory, simulate
+from physreal_core.array_types import Array
 
 _SPREAD = 0.15  # amplitudes of one strength differ between seeds by up to this share
 _SETTLE = 0.1  # [s]; the bar lies flat, so there is little to settle
@@ -75,10 +77,14 @@ def make_case(case: Case, destination: Path, *, video: bool) -> None:
     draft = destination.with_name(destination.name + ".partial")
     shutil.rmtree(draft, ignore_errors=True)
     for number, motion in enumerate(MOTIONS):
-        scene = bar(motion, case.seed)
-        random = np.random.default_rng([case.seed, 20 + number])
+        scene, seed = bar(motion, case.seed), [case.seed, 20 + number]
+        trajectory = run(scene, case.hidden)
         (draft / motion).mkdir(parents=True)
-        _write_tracks(draft / motion, scene, run(scene, case.hidden), case, random)
+        if video:
+            truth = _hidden_truth(case)
+            film(scene, trajectory, draft / motion, seed=seed, hidden=case.hidden, further_truth=truth)
+        else:
+            _write_tracks(draft / motion, scene, trajectory, case, np.random.default_rng(seed))
     shutil.rmtree(destination, ignore_errors=True)
     draft.rename(destination)
 
@@ -111,27 +117,18 @@ def _write_tracks(folder: Path, scene: Scene, trajectory: Trajectory, case: Case
     ideal = recording.ideal(scene, trajectory, random)
     measured = case.hidden.record(ideal, scene.motion)
     recording.write(folder, scene, measured, recording.at_frame_zero(trajectory), random)
-    material, hand = scene.material, mesh_shape(scene.hand, 0.012)
     np.savez_compressed(
         folder / "truth.npz",
-        E=material.youngs_modulus,
-        nu=material.poissons_ratio,
-        density=material.density,
-        friction=material.friction_coefficient,
-        damping=material.damping,
-        rest_vertices=trajectory.mesh.vertices.astype(np.float32),
-        tets=trajectory.mesh.tets.astype(np.int32),
-        faces=trajectory.mesh.faces.astype(np.int32),
-        vertices=trajectory.vertices.astype(np.float32),
-        gripped=trajectory.gripped.astype(np.int32),
-        hand=trajectory.hand.astype(np.float32),
-        hand_vertices=hand.vertices.astype(np.float32),
-        hand_faces=hand.faces.astype(np.int32),
-        T_world_prior=np.eye(4),
-        fps=scene.fps,
+        **true_arrays(scene, trajectory, mesh_shape(scene.hand, 0.012), np.eye(4)),
+        **_hidden_truth(case),
         clean_tracks=ideal.tracks.astype(np.float32),
         clean_controllers=ideal.controllers.astype(np.float32),
-        effect_names=np.array(case.names, dtype=str),
-        effect_values_json=json.dumps({name: effect.values() for name, effect in case.effects.items()}),
-        strength=case.strength,
     )
+
+
+def _hidden_truth(case: Case) -> dict[str, Array | str]:
+    return {
+        "effect_names": np.array(case.names, dtype=str),
+        "effect_values_json": json.dumps({name: effect.values() for name, effect in case.effects.items()}),
+        "strength": case.strength,
+    }

@@ -1,5 +1,6 @@
 """Pictures of a truth: colour, exact depth and labels by ray casting, with a lamp, its shadow and a table."""
 
+from collections.abc import Callable
 from dataclasses import dataclass
 
 import numpy as np
@@ -29,39 +30,56 @@ class Picture:
 
 
 class Stage:
-    """Everything in front of the camera: the object's surface, the hand's (`hand`, at frame 0), the table."""
+    """Everything in front of the camera: the object's surface, the hand's (`hand`, at frame 0), the table.
 
-    def __init__(self, scene: Scene, trajectory: Trajectory) -> None:
+    Args:
+        scene: what is filmed.
+        trajectory: how the object moved.
+        placed: where hand and table are, from where they would be were the table level at z = 0.
+    """
+
+    def __init__(self, scene: Scene, trajectory: Trajectory, placed: Callable[[Array], Array] = np.asarray) -> None:
         self._scene = scene
         hand = mesh_shape(scene.hand, _HAND_SPACING)
+        hand.vertices[:] = placed(hand.vertices)
         corners = _TABLE_HALF * np.array([[-1, -1, 0], [1, -1, 0], [1, 1, 0], [-1, 1, 0.0]])
         self.hand = hand
-        self._rest = [trajectory.mesh.vertices, hand.vertices, corners]
+        self._rest = [trajectory.mesh.vertices, hand.vertices, placed(corners)]
         faces = [trajectory.mesh.faces, hand.faces, np.array([[0, 1, 2], [0, 2, 3]])]
         offsets = np.cumsum([0] + [len(points) for points in self._rest[:-1]])
         self._faces = np.concatenate([part + offset for part, offset in zip(faces, offsets, strict=True)])
         self._label = np.repeat([OBJECT, HAND, TABLE], [len(part) for part in faces])
         self._paint = np.concatenate(self._rest)
 
-    def picture(self, vertices: Float[Array, "V 3"], hand: Float[Array, "3"], supersampling: int = 2) -> Picture:
+    def picture(
+        self,
+        vertices: Float[Array, "V 3"],
+        hand: Float[Array, "3"],
+        supersampling: int = 2,
+        pose: Float[Array, "4 4"] | None = None,
+    ) -> Picture:
         """The view of the object at `vertices` [m] with the hand displaced by `hand` [m].
 
-        Colour is averaged over `supersampling`^2 rays a pixel; depth and label are those of the pixel's centre.
+        Colour is averaged over `supersampling`^2 rays a pixel; depth and label are those of the pixel's centre. The camera
+        stands at `pose` (T_world_camera), by default where the scene's view says.
         """
         points = np.concatenate([vertices, self._rest[1] + hand, self._rest[2]])
         caster = Raycaster(points, self._faces)
         normals = _vertex_normals(points, self._faces)
         view = self._scene.view
+        pose = view.pose() if pose is None else pose
         offsets = (np.arange(supersampling) + 0.5) / supersampling - 0.5
-        colours = [self._shade(caster, points, normals, (u, v))[0] for u in offsets for v in offsets]
-        _, depth, label, slope = self._shade(caster, points, normals, (0.0, 0.0))
+        colours = [self._shade(caster, points, normals, pose, (u, v))[0] for u in offsets for v in offsets]
+        _, depth, label, slope = self._shade(caster, points, normals, pose, (0.0, 0.0))
         shape = (view.height, view.width)
         rgb = np.mean(colours, axis=0).reshape(*shape, 3)
         return Picture(rgb, depth.reshape(shape), label.reshape(shape), slope.reshape(shape))
 
-    def _shade(self, caster: Raycaster, points: Array, normals: Array, shift: tuple[float, float]) -> tuple:
+    def _shade(
+        self, caster: Raycaster, points: Array, normals: Array, pose: Array, shift: tuple[float, float]
+    ) -> tuple:
         view = self._scene.view
-        eye, directions, scale = pixel_rays(view.intrinsics(), view.pose(), view.width, view.height, shift)
+        eye, directions, scale = pixel_rays(view.intrinsics(), pose, view.width, view.height, shift)
         hits = caster.cast(np.broadcast_to(eye, directions.shape), directions)
         hit = hits.triangle >= 0
         corners, weights = self._faces[hits.triangle[hit]], hits.weights[hit][..., None]

@@ -1,6 +1,7 @@
 """Captures with a hidden effect: their layout, what they tell and what they do not, and that a seed fixes them."""
 
 import json
+from dataclasses import replace
 
 import numpy as np
 import pytest
@@ -8,7 +9,7 @@ import pytest
 pytest.importorskip("mujoco")
 trimesh = pytest.importorskip("trimesh")
 
-from data.rig import bar
+from data.rig import bar, case
 from data.rig.case import Case, make_case
 from data.rig.hidden.library import LIBRARY
 from data.rig.hidden.strengths import AMPLITUDES
@@ -87,6 +88,25 @@ def test_same_seed_same_files(folder, tmp_path):
     for capture in folder.iterdir():
         for name in ("tracks3d.npz", "controllers.npz", "shape_prior.glb", "capture.json"):
             assert (capture / name).read_bytes() == (tmp_path / "again" / capture.name / name).read_bytes()
+
+
+def test_video_shows_what_tracks_would(monkeypatch, tmp_path):
+    pytest.importorskip("cv2")
+    whole = bar.bar
+
+    def brief(motion, seed):
+        scene = whole(motion, seed)
+        return replace(scene, frames=2, observed=1, view=replace(scene.view, width=80, height=60, focal=105.0))
+
+    monkeypatch.setattr(case, "bar", brief)
+    make_case(Case("payload", "high", 3), tmp_path / "case", video=True)
+    for capture in (tmp_path / "case").iterdir():
+        described, truth = read_capture(capture), load_truth(capture / "truth.npz")
+        assert described.kind == "video" and described.density == pytest.approx(truth.density)
+        assert np.load(capture / "truth.npz")["effect_names"].tolist() == ["payload"]
+        body, hand = truth.masks(described.K, described.T_world_camera, 80, 60, 0)
+        assert body.sum() > 100 and hand.sum() > 100
+        assert sorted(path.name for path in (capture / "depth").iterdir()) == ["000000.png", "000001.png"]
 
 
 def test_every_effect_has_strengths_that_grow():

@@ -355,6 +355,22 @@ def test_camera_drift_moves_and_turns_the_tracks_alone():
     assert seen.controllers is true.controllers
 
 
+def test_a_drifting_camera_sees_the_apparent_motion():
+    pose, time = View().pose(), 0.7
+    true = measurement.CameraDrift(0.01, 0.02, -0.02, roll=0.3).camera(pose, time)
+    point = np.array([0.05, -0.02, 0.1, 1.0])
+    seen = pose @ np.linalg.inv(true) @ point
+    about_axis = (point[:3] - pose[:3, 3]) @ pose[:3, :3]
+    cosine, sine = np.cos(0.3 * time), np.sin(0.3 * time)
+    turned = pose[:3, :3] @ (np.array([[cosine, -sine, 0], [sine, cosine, 0], [0, 0, 1.0]]) @ about_axis) + pose[:3, 3]
+    np.testing.assert_allclose(seen[:3], turned + time * np.array([0.01, 0.02, -0.02]), atol=1e-12)
+
+
+def test_biased_depth_keeps_missing_readings():
+    depth = measurement.DepthBias(0.01, 0.05).depth(np.array([[0.0, 1.0]]))
+    np.testing.assert_allclose(depth, [[0.0, 1.06]])
+
+
 def test_depth_bias_stretches_depth_along_rays():
     true = recording()
     seen = measurement.DepthBias(0.01, 0.05).record(true, STILL)

@@ -87,7 +87,7 @@ class RateFriction(_Sliding):
 
 @dataclass(frozen=True)
 class GroundPlane(Hidden):
-    """The table is higher by `height` [m] below the body's middle and rises by `slope_x` and `slope_y`; the body lies on it."""
+    """The table is higher by `height` [m] at the origin, above which the body lies, and rises by `slope_x` and `slope_y`."""
 
     height: float
     slope_x: float
@@ -102,13 +102,11 @@ class GroundPlane(Hidden):
         return Rotation.from_rotvec(axis * (np.arcsin(sine) / sine if sine > 0 else 0.0))
 
     def placed(self, points: Float[Array, "P 3"]) -> Float[Array, "P 3"]:
-        below = np.array([*points[:, :2].mean(axis=0), 0.0])
-        return self._turn.apply(points - below) + below + [0, 0, self.height]
+        return self._turn.apply(points) + [0, 0, self.height]
 
     def prepare(self, world: World) -> Act:
         table = world.model.geom("table").id
-        x, y, _ = world.mesh.vertices.mean(axis=0)
-        world.model.geom_pos[table] = [x, y, self.height]
+        world.model.geom_pos[table] = [0, 0, self.height]
         world.model.geom_quat[table] = self._turn.as_quat(scalar_first=True)
         return super().prepare(world)
 

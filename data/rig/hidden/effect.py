@@ -67,8 +67,16 @@ class Hidden:
 
         mujoco.mj_step(world.model, world.data)
 
+    def camera(self, pose: Float[Array, "4 4"], time: float) -> Float[Array, "4 4"]:
+        """Where the camera truly stands at `time` [s], where it is said to stand at `pose` (T_world_camera)."""
+        return pose
+
+    def depth(self, depth: Float[Array, "H W"]) -> Float[Array, "H W"]:
+        """What a depth sensor without noise reads [m], 0 for nothing, where `depth` is right."""
+        return depth
+
     def record(self, recording: Recording, motion: Motion) -> Recording:
-        """What is measured of the truth."""
+        """What is measured of the truth without images."""
         return recording
 
 

@@ -6,6 +6,7 @@ Without images the hand's record comes from elsewhere and is right, unless a cam
 from dataclasses import dataclass, replace
 
 import numpy as np
+from scipy.spatial.transform import Rotation
 
 from data.rig.hidden.effect import Hidden
 from data.rig.recording import Recording
@@ -15,16 +16,22 @@ from physreal_core.array_types import Array, Float
 
 @dataclass(frozen=True)
 class CameraDrift(Hidden):
-    """Everything seems to drift by (x, y, z) [m/s] and to turn by `roll` [rad/s] about the vertical through the object."""
+    """Everything seems to drift by (x, y, z) [m/s] and to turn by `roll` [rad/s] about the camera's axis; in a record without
+    a camera, about the vertical through the object."""
 
     x: float
     y: float
     z: float
     roll: float
 
-    def record(self, recording: Recording, motion: Motion) -> Recording:
-        from scipy.spatial.transform import Rotation
+    def camera(self, pose: Float[Array, "4 4"], time: float) -> Float[Array, "4 4"]:
+        """The apparent motion, undone: what seems to move one way is seen by a camera that moves the other way."""
+        apparent, eye = np.eye(4), pose[:3, 3]
+        apparent[:3, :3] = Rotation.from_rotvec(self.roll * time * pose[:3, 2]).as_matrix()
+        apparent[:3, 3] = eye - apparent[:3, :3] @ eye + time * np.array([self.x, self.y, self.z])
+        return np.linalg.inv(apparent) @ pose
 
+    def record(self, recording: Recording, motion: Motion) -> Recording:
         time = np.arange(len(recording.tracks)) / recording.fps
         turns = Rotation.from_rotvec(time[:, None] * [0, 0, self.roll]).as_matrix()
         centre = recording.middle
@@ -38,6 +45,9 @@ class DepthBias(Hidden):
 
     offset: float
     scale: float
+
+    def depth(self, depth: Float[Array, "H W"]) -> Float[Array, "H W"]:
+        return np.where(depth > 0, (1 + self.scale) * depth + self.offset, 0.0)
 
     def record(self, recording: Recording, motion: Motion) -> Recording:
         pose = recording.view.pose()

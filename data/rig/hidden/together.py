@@ -61,6 +61,16 @@ class Together(Hidden):
         own = [part for part in self.parts if type(part).advance is not Hidden.advance]
         (own[0] if own else super()).advance(world)
 
+    def camera(self, pose: Float[Array, "4 4"], time: float) -> Float[Array, "4 4"]:
+        for part in self.parts:
+            pose = part.camera(pose, time)
+        return pose
+
+    def depth(self, depth: Float[Array, "H W"]) -> Float[Array, "H W"]:
+        for part in self.parts:
+            depth = part.depth(depth)
+        return depth
+
     def record(self, recording: Recording, motion: Motion) -> Recording:
         for part in self.parts:
             recording = part.record(recording, motion)

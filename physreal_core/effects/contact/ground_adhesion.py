@@ -23,7 +23,7 @@ class GroundAdhesion(Effect):
     told_by = "press and release, and lifting slowly: more force at first than the weight"
     terms = ("adhesion",)
     coefficients = (
-        Coefficient("strength", "Pa", "largest traction p", 0.0, 0.0, 2e4, 200.0),
+        Coefficient("strength", "Pa", "largest traction p", 0.0, 0.0, 2e4, 300.0),
         Coefficient("range", "m", "height at which it is reached, d", 0.005, 5e-4, 0.05, 0.005, "shape"),
     )
 

@@ -28,9 +28,9 @@ class GroundPlane(Effect):
     told_by = "letting it lie, then pushing it to either side (tilted gravity acts in the air, too)"
     terms = ("initial_position", "initial_deformation", "gravity")
     coefficients = (
-        Coefficient("height", "m", "below the body's middle", 0.0, -0.1, 0.1, 0.005),
-        Coefficient("slope_x", "1", "rise along x", 0.0, -0.5, 0.5, 0.05),
-        Coefficient("slope_y", "1", "rise along y", 0.0, -0.5, 0.5, 0.05),
+        Coefficient("height", "m", "below the body's middle", 0.0, -0.1, 0.1, 0.01),
+        Coefficient("slope_x", "1", "rise along x", 0.0, -0.5, 0.5, 0.1),
+        Coefficient("slope_y", "1", "rise along y", 0.0, -0.5, 0.5, 0.1),
     )
 
     def act(self, inputs: Inputs, values: Values, setting: Setting) -> Inputs:

@@ -25,9 +25,9 @@ class GripOffset(Effect):
     shows = "in all that hangs on the grip, at once with the first motion; constant after it"
     told_by = "setting it down again: the shift remains between hand and object"
     coefficients = (
-        Coefficient("x", "m", "shift of the hold along x", 0.0, -0.1, 0.1, 0.005),
-        Coefficient("y", "m", "shift of the hold along y", 0.0, -0.1, 0.1, 0.005),
-        Coefficient("z", "m", "shift of the hold upwards", 0.0, -0.1, 0.1, 0.005),
+        Coefficient("x", "m", "shift of the hold along x", 0.0, -0.1, 0.1, 0.007),
+        Coefficient("y", "m", "shift of the hold along y", 0.0, -0.1, 0.1, 0.007),
+        Coefficient("z", "m", "shift of the hold upwards", 0.0, -0.1, 0.1, 0.007),
     )
 
     def act(self, inputs: Inputs, values: Values, setting: Setting) -> Inputs:

@@ -24,7 +24,7 @@ class MaxwellCreep(Effect):
     shows = "while a load lasts, growing with time; remains as a new shape after the load is gone"
     told_by = "holding a load still for seconds: the shape drifts (plastic yield: at once, beyond a threshold)"
     laws: ClassVar[dict[str, str]] = {"plastic_law": "von_mises"}
-    coefficients = (Coefficient("rate", "1/s", "inverse relaxation time r", 0.0, 0.0, 20.0, 0.3),)
+    coefficients = (Coefficient("rate", "1/s", "inverse relaxation time r", 0.0, 0.0, 20.0, 0.4),)
 
     def act(self, inputs: Inputs, values: Values, setting: Setting) -> Inputs:
         mu, _ = lame(inputs, setting)

@@ -23,9 +23,9 @@ class RestShape(Effect):
     told_by = "letting it lie, or hang, free before anything else"
     terms = ("initial_deformation",)
     coefficients = (
-        Coefficient("stretch", "1", "along the longest axis, s", 0.0, -0.3, 0.3, 0.02),
-        Coefficient("curvature_1", "1/m", "towards the second axis, k1", 0.0, -10.0, 10.0, 0.5),
-        Coefficient("curvature_2", "1/m", "towards the third axis, k2", 0.0, -10.0, 10.0, 0.5),
+        Coefficient("stretch", "1", "along the longest axis, s", 0.0, -0.3, 0.3, 0.015),
+        Coefficient("curvature_1", "1/m", "towards the second axis, k1", 0.0, -10.0, 10.0, 0.8),
+        Coefficient("curvature_2", "1/m", "towards the third axis, k2", 0.0, -10.0, 10.0, 0.8),
     )
 
     def act(self, inputs: Inputs, values: Values, setting: Setting) -> Inputs:

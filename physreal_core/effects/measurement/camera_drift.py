@@ -24,7 +24,7 @@ class CameraDrift(Effect):
         Coefficient("x", "m/s", "apparent drift along x", 0.0, -0.1, 0.1, 0.005),
         Coefficient("y", "m/s", "apparent drift along y", 0.0, -0.1, 0.1, 0.005),
         Coefficient("z", "m/s", "apparent drift upwards", 0.0, -0.1, 0.1, 0.005),
-        Coefficient("roll", "rad/s", "apparent turn about the view axis", 0.0, -0.5, 0.5, 0.02),
+        Coefficient("roll", "rad/s", "apparent turn about the view axis", 0.0, -0.5, 0.5, 0.04),
     )
 
     def act(self, inputs: Inputs, values: Values, setting: Setting) -> Inputs:

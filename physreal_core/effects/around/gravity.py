@@ -18,8 +18,8 @@ class Gravity(Effect):
     told_by = "the same motion with the object turned about the vertical: gravity's tilt stays where it is"
     terms = ("gravity",)
     coefficients = (
-        Coefficient("tilt_x", "rad", "turn about x: tilts gravity towards y", 0.0, -0.7, 0.7, 0.15),
-        Coefficient("tilt_y", "rad", "turn about y: tilts gravity towards -x", 0.0, -0.7, 0.7, 0.15),
+        Coefficient("tilt_x", "rad", "turn about x: tilts gravity towards y", 0.0, -1.0, 1.0, 0.2),
+        Coefficient("tilt_y", "rad", "turn about y: tilts gravity towards -x", 0.0, -1.0, 1.0, 0.2),
         Coefficient("excess", "1", "relative excess of its size", 0.0, -0.5, 1.0, 0.1),
     )
 

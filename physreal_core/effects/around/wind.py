@@ -16,9 +16,9 @@ class Wind(Effect):
     told_by = "an object with thin and thick parts: wind moves the thin ones more (tilted gravity: both alike)"
     terms = ("force",)
     coefficients = (
-        Coefficient("x", "m/s2", "force over the body's mass, along x", 0.0, -10.0, 10.0, 1.5),
-        Coefficient("y", "m/s2", "force over the body's mass, along y", 0.0, -10.0, 10.0, 1.5),
-        Coefficient("z", "m/s2", "force over the body's mass, upwards", 0.0, -10.0, 10.0, 1.5),
+        Coefficient("x", "m/s2", "force over the body's mass, along x", 0.0, -30.0, 30.0, 3.0),
+        Coefficient("y", "m/s2", "force over the body's mass, along y", 0.0, -30.0, 30.0, 3.0),
+        Coefficient("z", "m/s2", "force over the body's mass, upwards", 0.0, -30.0, 30.0, 3.0),
     )
 
     def act(self, inputs: Inputs, values: Values, setting: Setting) -> Inputs:

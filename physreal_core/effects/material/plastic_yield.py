@@ -30,7 +30,7 @@ class PlasticYield(Effect):
     told_by = "press hard and release, then press less: the second press leaves nothing (creep: it goes on)"
     laws: ClassVar[dict[str, str]] = {"plastic_law": "von_mises"}
     coefficients = (
-        Coefficient("inverse_yield_strain", "1", "a = E / sigma_y; 25 yields at 4 % strain", 0.0, 0.0, 1000.0, 25.0),
+        Coefficient("inverse_yield_strain", "1", "a = E / sigma_y; 25 yields at 4 % strain", 0.0, 0.0, 1000.0, 15.0),
     )
 
     def act(self, inputs: Inputs, values: Values, setting: Setting) -> Inputs:

@@ -7,7 +7,7 @@ import pytest
 import torch
 
 from physreal_core.effects import EFFECTS
-from tests.effects.scene import Scene, bar, held_bar, material
+from tests.effects.scene import Scene, bar, complete, held_bar, material
 
 GRAVITY, SPACING = 9.81, 0.008
 
@@ -183,3 +183,11 @@ def test_obstacles_are_tried_where_the_body_goes_and_was_not_before(name):
 def test_without_a_ground_there_is_nothing_to_try(name):
     assert EFFECTS[name].starts(block(2).setting)
     assert EFFECTS[name].starts(block(2, ground_height=None).setting) == ()
+
+
+def test_the_two_laws_of_friction_go_together_in_either_order():
+    scene, laws = block(2), {"stick_slip": {"excess": 0.2, "speed": 0.05}, "rate_friction": {"rate": 0.7}}
+    full = {name: complete(name, own) for name, own in laws.items()}
+    for order in (full, dict(reversed(full.items()))):
+        law = scene.inputs(order).parameters.friction_law
+        torch.testing.assert_close(law, torch.tensor([0.2, 0.05, 0.7], dtype=torch.float64))

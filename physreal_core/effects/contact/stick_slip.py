@@ -3,7 +3,7 @@
 import torch
 
 from physreal_core.effects.effect import Coefficient, Effect, Inputs, Setting, Values
-from physreal_core.effects.fields import added
+from physreal_core.effects.fields import changed, vector
 from physreal_core.simulation import States
 
 
@@ -23,8 +23,10 @@ class StickSlip(Effect):
     )
 
     def act(self, inputs: Inputs, values: Values, setting: Setting) -> Inputs:
-        excess, speed = (values[name].to(inputs.parameters.youngs_modulus) for name in ("excess", "speed"))
-        return added(inputs, friction_law=torch.stack([excess, speed, torch.zeros_like(excess)]))
+        excess, speed = vector(values, "excess", "speed", like=inputs.parameters.youngs_modulus)
+        present = inputs.parameters.friction_law
+        rate = torch.zeros_like(excess) if present is None else present[2]
+        return changed(inputs, friction_law=torch.stack([excess, speed, rate]))
 
     def starts(self, setting: Setting, motion: States | None = None) -> tuple[dict[str, float], ...]:
         """Only where there is a ground; one start slower than a hand's drag, one about as fast."""

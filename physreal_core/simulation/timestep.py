@@ -18,8 +18,9 @@ FIBRE_STRETCH, STIFFENING_STRETCH = 1.2, 1.3
 """Stretches up to which the stiffness of fibres and of stiffening is counted."""
 FASTEST = 5.0
 """Speed [m/s] up to which quadratic drag is counted."""
-LONGEST_MEMORY = 8
-"""Substeps over which viscosity averages the rate of deformation at most: so many is its stress late."""
+MEMORY, LATE = 8, 0.05
+"""Substeps over which viscosity may average the rate of deformation: so many is its stress late; or more of them, while
+that is less than this share of a frame."""
 SHARE_OF_ELASTIC = 0.7
 """Share of the elastic substep that a longer memory is to save."""
 
@@ -60,14 +61,16 @@ def rate_memory(body: Body, config: SimulationConfig, parameters: Parameters) ->
     """Substeps n over which viscosity averages the rate of deformation, with weights that fade as (n / (n + 1))^k.
 
     Steps of an explicit viscous stress must be short, as dx^2; the average makes them 2 n + 1 times longer. n is the
-    smallest that leaves the substep SHARE_OF_ELASTIC of the elastic one, and none is above LONGEST_MEMORY.
+    smallest that leaves the substep SHARE_OF_ELASTIC of the elastic one, as far as MEMORY and LATE allow it.
     """
     if parameters.viscosity is None:
         return 0
+    decay, squared_safety = _viscous_decay(body, parameters), (config.courant / LARGEST_COURANT) ** 2
     step = SHARE_OF_ELASTIC * elastic_step(body, config, parameters)
-    room = 4.0 * (1.0 - SHARE_OF_ELASTIC**2) * (config.courant / LARGEST_COURANT) ** 2
-    needed = 2.0 * _viscous_decay(body, parameters) * step / room  # 2 n + 1
-    return min(LONGEST_MEMORY, max(0, math.ceil((needed - 1.0) / 2.0)))
+    needed = 2.0 * decay * step / (4.0 * (1.0 - SHARE_OF_ELASTIC**2) * squared_safety)  # 2 n + 1
+    # n dt <= LATE / fps with the viscous dt = 2 safety^2 (2 n + 1) / g, which the elastic stress only shortens
+    allowed = (math.sqrt(1.0 + 4.0 * LATE / config.fps * decay / squared_safety) - 1.0) / 4.0
+    return min(max(MEMORY, int(allowed)), max(0, math.ceil((needed - 1.0) / 2.0)))
 
 
 def _viscous_decay(body: Body, parameters: Parameters) -> float:

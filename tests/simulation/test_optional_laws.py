@@ -225,7 +225,7 @@ def test_strong_viscosity_is_stable():
     assert simulator.substeps(replace(given, viscosity=torch.tensor([200.0, 200.0]))) < 4 * simulator.substeps(given)
 
 
-@pytest.mark.parametrize("memory", [0, 1, 4, 8])
+@pytest.mark.parametrize("memory", [0, 1, 8, 40])
 def test_viscous_step_is_the_stability_limit(memory):
     """Of the mode v' = v - a X - g R, X' = X + v', R' = (n R + v') / (n + 1): stable up to a + 2 g / (2 n + 1) = 4."""
 

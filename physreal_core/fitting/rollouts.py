@@ -17,7 +17,9 @@ from physreal_core.fitting.named_effects import registered
 from physreal_core.fitting.problem import Problem
 from physreal_core.simulation import Parameters, Simulator, States
 from physreal_core.simulation.batch import BatchStates
+from physreal_core.simulation.parameters import PARAMETER_NAMES
 from physreal_core.simulation.play import Player
+from physreal_core.simulation.terms import dormant_values
 
 Fields = dict[str, Tensor]
 EffectValues = Mapping[str, Mapping[str, Tensor | float]]
@@ -92,9 +94,7 @@ class Rollouts:
 
     def simulate_batch(self, inputs: list[Inputs], frames: int | None = None) -> BatchStates:
         """The same for many at once, with an axis of rollouts; what ended one early stands in `failures`."""
-        parameters, controllers = stacked(inputs)
-        batch = self._simulator.rollout_batch(parameters, controllers[:, :frames])
-        return motion_since_start(batch, parameters)
+        return roll_out_together(self._simulator, inputs, frames)
 
     def play(self, fields: Fields, values: EffectValues | None = None) -> Player:
         """A rollout for new actions, stepped frame by frame from frame 0 on with the controller points that the caller gives.
@@ -138,13 +138,21 @@ def rotation_part(F: Float[Tensor, "*shape 3 3"]) -> Float[Tensor, "*shape 3 3"]
     return F
 
 
-def stacked(inputs: list[Inputs]) -> tuple[Parameters, Float[Tensor, "rollouts frames controllers 3"]]:
-    """What `Simulator.rollout_batch` takes, from the inputs of each rollout; all must have the same parameters in use."""
+def roll_out_together(simulator: Simulator, inputs: list[Inputs], frames: int | None = None) -> BatchStates:
+    """States of the first `frames` frames of many rollouts at once, with an axis of rollouts, F as the motion since frame 0.
+
+    One may leave out what another gives (two effects may share a term of the simulator): it is dormant there.
+    """
+    dormant = dormant_values(simulator.config.terms, simulator.body, simulator.config.gravity)
 
     def together(name: str) -> Tensor | None:
         rows = [getattr(one.parameters, name) for one in inputs]
-        return None if rows[0] is None else torch.stack(rows)
+        given = next((row for row in rows if row is not None), None)
+        if given is None:
+            return None
+        absent = torch.as_tensor(dormant.get(name, 0.0)).to(given).expand_as(given)
+        return torch.stack([absent if row is None else row for row in rows])
 
-    names = [field.name for field in dataclasses.fields(Parameters)]
-    parameters = Parameters(**{name: together(name) for name in names})
-    return parameters, torch.stack([one.controllers for one in inputs])
+    parameters = Parameters(**{name: together(name) for name in PARAMETER_NAMES})
+    controllers = torch.stack([one.controllers for one in inputs])[:, :frames]
+    return motion_since_start(simulator.rollout_batch(parameters, controllers), parameters)

@@ -15,7 +15,7 @@ from physreal_core.effects import EFFECTS, Effect, Inputs, Setting, configured
 from physreal_core.errors import InputError
 from physreal_core.fitting.model import Model, particle_parameters
 from physreal_core.fitting.problem import Problem
-from physreal_core.fitting.rollouts import motion_since_start, stacked
+from physreal_core.fitting.rollouts import roll_out_together
 from physreal_core.rendering import carry_points
 from physreal_core.simulation import Body, SimulationConfig, Simulator, States
 
@@ -287,9 +287,8 @@ def _tensors(values: dict[str, float]) -> dict[str, Tensor]:
 
 def _run(simulator: Simulator, inputs: list[Inputs]) -> list[tuple[Tensor, Tensor]]:
     """States of all inputs, from one batch."""
-    parameters, controllers = stacked(inputs)
     with torch.no_grad():
-        states = motion_since_start(simulator.rollout_batch(parameters, controllers), parameters)
+        states = roll_out_together(simulator, inputs)
     return [(states.x[row], states.F[row]) for row in range(len(inputs))]
 
 

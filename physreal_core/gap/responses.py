@@ -19,7 +19,7 @@ from physreal_core.effects.fields import added
 from physreal_core.errors import InputError
 from physreal_core.fitting.model import Model
 from physreal_core.fitting.problem import Problem
-from physreal_core.fitting.rollouts import Rollouts, motion_since_start, stacked
+from physreal_core.fitting.rollouts import Rollouts, roll_out_together
 from physreal_core.rendering import carry_points
 from physreal_core.simulation import Simulator
 
@@ -86,9 +86,8 @@ def step_responses(
     share = torch.as_tensor(step * weights * problem.body.mass[:, None]).to(rollouts.dtype).to(device)
     pushes = torch.einsum("nr,ac->ranc", share, torch.eye(3, dtype=share.dtype, device=device)).flatten(0, 1)
     trials = [added(base, force=push) for push in (torch.zeros_like(pushes[0]), *pushes)]
-    parameters, controllers = stacked(trials)
     with torch.no_grad():
-        states = motion_since_start(simulator.rollout_batch(parameters, controllers), parameters)
+        states = roll_out_together(simulator, trials)
     broken = [failure for failure in states.failures if failure is not None]
     if broken:
         raise InputError(

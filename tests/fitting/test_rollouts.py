@@ -13,8 +13,8 @@ from physreal_core.fitting.losses import LossConfig
 from physreal_core.fitting.model import load_model, save_model
 from physreal_core.fitting.named_effects import effect_record, registered
 from physreal_core.fitting.objective import Objective
-from physreal_core.fitting.rollouts import Rollouts, motion_since_start, rotation_part
-from physreal_core.simulation import Parameters, States
+from physreal_core.fitting.rollouts import Rollouts, motion_since_start, roll_out_together, rotation_part
+from physreal_core.simulation import Parameters, Simulator, States
 from tests.fitting import scene
 
 FRAMES = 5
@@ -101,6 +101,20 @@ def test_a_batch_gives_the_states_of_single_rollouts(given):
             # the batch shares no grid between threads, so its sums are added in another order
             assert torch.allclose(batch.x[row], rollouts.simulate(one, frames=4).x, rtol=0.0, atol=1e-12)
     assert (batch.x[1] - batch.x[0]).abs().max() > 1e-5 and (batch.x[2] - batch.x[0]).abs().max() > 1e-3
+
+
+def test_effects_that_share_a_term_run_in_one_batch(given):
+    """Linear and quadratic drag fill different numbers of one term; what a rollout does not give is dormant in it."""
+    fields = scene.model(dtype="float64").fields
+    drags = [effect_record("linear_drag", {"rate": 8.0}), effect_record("quadratic_drag", {"rate": 15.0})]
+    rollouts = [Rollouts(given, _with(record)) for record in drags]
+    inputs = [one.inputs(fields) for one in rollouts]
+    simulator = Simulator(given.body, rollouts[0].config, given.grip)
+    with torch.no_grad():
+        batch = roll_out_together(simulator, inputs)
+        for row, (one, own) in enumerate(zip(rollouts, inputs, strict=True)):
+            assert torch.allclose(batch.x[row], one.simulate(own).x, rtol=0.0, atol=1e-12)
+    assert (batch.x[0] - batch.x[1]).abs().max() > 1e-4
 
 
 def test_an_effect_on_the_measurement_moves_what_is_compared_and_not_the_object(given):

@@ -52,15 +52,15 @@ class Case:
             InputError: there is no such effect.
         """
         scenes = {motion: bar(motion, self.seed) for motion in MOTIONS}
-        return {name: self._effect(name, scenes) for name in self.names}
+        return {name: self._effect(name, scenes, number) for number, name in enumerate(self.names)}
 
     @property
     def hidden(self) -> Hidden:
         """All of them at once."""
         return Together(tuple(self.effects.values()))
 
-    def _effect(self, name: str, scenes: dict[str, Scene]) -> Hidden:
-        make, random = maker(name), np.random.default_rng([self.seed, 10])
+    def _effect(self, name: str, scenes: dict[str, Scene], number: int) -> Hidden:
+        make, random = maker(name), np.random.default_rng([self.seed, 10 + number])
         amplitude = AMPLITUDES[name][STRENGTHS.index(self.strength)]
         return make(amplitude * np.exp(random.uniform(-_SPREAD, _SPREAD)), scenes, random)
 

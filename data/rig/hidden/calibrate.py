@@ -8,7 +8,7 @@ frames, of the motion that shows it more, averaged over seeds.
 import argparse
 from concurrent.futures import ProcessPoolExecutor
 from dataclasses import replace
-from functools import cache
+from functools import cache, partial
 
 import numpy as np
 from scipy.interpolate import CubicSpline
@@ -23,7 +23,6 @@ from data.rig.scene import Scene
 from physreal_core.array_types import Array, Float
 
 TARGETS = (0.0015, 0.004, 0.009)  # [m]
-SEEDS = (0, 1)
 SPACING = 0.02  # [m], of the elements: coarse, since only sizes are asked for
 MODULI = np.arange(
     -0.6, 0.91, 0.06
@@ -64,12 +63,12 @@ def size(name: str, amplitude: float, seed: int) -> float:
     return float(np.sqrt(np.max([square[nearest] for square in squares])))
 
 
-def amplitudes(name: str) -> tuple[float, ...]:
-    """Of one effect, at each of `TARGETS`: secants in the logarithms of amplitude and size."""
+def amplitudes(name: str, seeds: int) -> tuple[float, ...]:
+    """Of one effect, at each of `TARGETS`, averaged over so many seeds: secants in the logarithms of amplitude and size."""
     known: dict[float, float] = {}
 
     def measure(amplitude: float) -> None:
-        known[amplitude] = max(float(np.mean([size(name, amplitude, seed) for seed in SEEDS])), 1e-5)
+        known[amplitude] = max(float(np.mean([size(name, amplitude, seed) for seed in range(seeds)])), 1e-5)
 
     measure(AMPLITUDES[name][1])
     found = []
@@ -105,12 +104,13 @@ def main() -> None:
     parser = argparse.ArgumentParser(prog="python -m data.rig.hidden.calibrate", description=__doc__)
     parser.add_argument("effects", nargs="*", default=list(LIBRARY))
     parser.add_argument("--jobs", type=int, default=2)
+    parser.add_argument("--seeds", type=int, default=2, help="how many objects to average over")
     arguments = parser.parse_args()
-    for seed in SEEDS:  # before the workers are forked, so that they share it
+    for seed in range(arguments.seeds):  # before the workers are forked, so that they share it
         for motion in MOTIONS:
             elastic(seed, motion)
     with ProcessPoolExecutor(arguments.jobs) as pool:
-        list(pool.map(amplitudes, arguments.effects))
+        list(pool.map(partial(amplitudes, seeds=arguments.seeds), arguments.effects))
 
 
 if __name__ == "__main__":

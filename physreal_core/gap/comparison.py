@@ -71,14 +71,16 @@ class Comparison:
         return self.residual / self._noise[..., None]
 
     @cached_property
-    def whitened_modes(self) -> Float[Array, "M entries 3"]:
-        """The modes in units of the noise, at the valid entries."""
-        modes = np.zeros((0, int(self.valid.sum()), 3)) if self.modes is None else self.modes
-        return modes / self._noise[self.valid][:, None].astype(modes.dtype)
+    def whitened_modes(self) -> Float[Array, "entries 3 M"]:
+        """The modes in units of the noise, at the valid entries; modes last, so that what some entries need lies together."""
+        count = int(self.valid.sum())
+        modes = np.zeros((0, count, 3)) if self.modes is None else self.modes
+        scale = self._noise[self.valid][:, None, None].astype(modes.dtype)
+        return np.ascontiguousarray(modes.transpose(1, 2, 0)) / scale
 
     @cached_property
     def _mode_squares(self) -> Float[Array, " entries"]:
-        return np.einsum("mec,mec->e", self.whitened_modes, self.whitened_modes)
+        return np.einsum("ecm,ecm->e", self.whitened_modes, self.whitened_modes)
 
     @cached_property
     def noise_scale(self) -> float:
@@ -109,7 +111,8 @@ class Comparison:
         """Standard deviation of sum(weights * residual) by noise and numerical error."""
         scaled = weights[self.valid] * self._noise[self.valid][:, None]
         used = scaled.any(1)  # of many modes only what is looked at
-        along = np.tensordot(self.whitened_modes[:, used], scaled[used], 2)
+        modes = self.whitened_modes[used] if not used.all() else self.whitened_modes
+        along = scaled[used].ravel().astype(modes.dtype) @ modes.reshape(3 * len(modes), modes.shape[2])
         return float(np.sqrt((scaled**2).sum() + (along**2).sum()))
 
     def rms(self, chosen: Bool[Array, "T J"] | None = None) -> Sizes:
@@ -203,7 +206,7 @@ def local_scores(comparison: Comparison, frames: slice) -> tuple[Float[Array, " 
     values = left.T @ comparison.whitened[frames][valid]
     among = np.zeros(comparison.valid.shape, bool)
     among[frames] = valid
-    modes = np.einsum("nk,mnc->kcm", left, comparison.whitened_modes[:, among[comparison.valid]], optimize=True)
+    modes = np.tensordot(left.T, comparison.whitened_modes[among[comparison.valid]].astype(np.float64), 1)
     return values.reshape(-1), modes.reshape(values.size, modes.shape[-1])
 
 

@@ -28,11 +28,11 @@ class Discretisation:
     """How finely an object is cut.
 
     Args:
-        particles: material points, about.
+        particles: cells that the object fills; those that its surface cuts make some more material points.
         patches: places of the material field.
     """
 
-    particles: int = 1400
+    particles: int = 1000
     patches: int = 8
 
 

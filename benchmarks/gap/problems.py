@@ -20,7 +20,7 @@ from physreal_core.simulation import Body, Grip
 
 BINDING_NEIGHBOURS, TRACK_DISTANCE, GRIP_RADIUS = 8, 0.01, 0.02  # of `sample_particles`; the latter two in [m]
 GUESS = {"youngs_modulus": 1e5, "poissons_ratio": 0.3, "friction_coefficient": 0.4, "grip_damping": 0.01}
-GRIP_STIFFNESS = 6e4  # of all bonds together, whatever their number [N]: a hand that holds a bar as a vice does
+GRIP_STIFFNESS = 3e4  # of all bonds together, whatever their number [N]: a hand that holds a bar as a vice does
 
 
 @dataclass(frozen=True)
@@ -33,7 +33,7 @@ class Discretisation:
     """
 
     particles: int = 1000
-    patches: int = 8
+    patches: int = 6
 
 
 def problems_of(folder: Path, cut: Discretisation = Discretisation()) -> dict[str, Problem]:
@@ -76,7 +76,7 @@ def baseline_model(problem: Problem, guess: dict[str, float] = GUESS) -> Model:
         torch.from_numpy(problem.body.x0[patch_particles(problem)]),
         {"grip_stiffness": GRIP_STIFFNESS / bonds} | guess,
         elastic_law="fixed_corotated",
-        simulation={"ground_height": 0.0, "courant": 0.4, "dtype": "float32"},
+        simulation={"ground_height": 0.0, "courant": 0.5, "dtype": "float32"},
     )
 
 

@@ -89,7 +89,7 @@ class Evidence:
         return total
 
 
-HORIZONS = (0.3, 0.5, 0.75)
+HORIZONS = (0.35, 0.65)
 """Shares of the training frames over which a rough baseline is fitted first: a swing whose frequency is wrong has other minima
 once it is half a period late."""
 

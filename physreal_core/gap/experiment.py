@@ -63,6 +63,7 @@ class Interaction(Protocol):
         points0: the tracked points at frame 0 [m], shape [J, 3].
         frames, train: of the whole interval, and leading ones that a fit may see.
         model: `fields` that a fit starts from, `effects` that are known already, `elastic_law`.
+        config: of its simulator.
         setting: what effects may look at.
         placement: how the object lies against the first interaction's; None where it lies there.
     """
@@ -71,6 +72,7 @@ class Interaction(Protocol):
     valid: Bool[Array, "frames tracks"]
     sigma: Float[Array, "frames tracks"]
     model: Any
+    config: Any
     setting: Any
     placement: Any
 
@@ -133,7 +135,7 @@ class Experiment:
         self.valid: Bool[Array, "frames tracks"] = valid
         self.measured = np.where(valid[..., None], tracks.points3d.numpy().astype(np.float64), 0.0)
         self.sigma = np.where(valid, tracks.sigma3d.numpy().astype(np.float64), 1.0)
-        self._config = model.simulation_config(problem.fps, device)
+        self.config = model.simulation_config(problem.fps, device)
         self._controllers = problem.controllers.to(torch.float32)
         self._simulators: dict[tuple[SimulationConfig, Variant | None], Simulator] = {}
         camera = problem.camera
@@ -142,8 +144,8 @@ class Experiment:
             grip=problem.grip,
             clamps=problem.clamps,
             fps=float(problem.fps),
-            gravity=tuple(self._config.gravity),
-            ground_height=self._config.ground_height,
+            gravity=tuple(self.config.gravity),
+            ground_height=self.config.ground_height,
             controllers=self._controllers,
             anchors=model.fields["patch_positions"].numpy(),
             T_world_camera=None if camera is None else camera.T_world_camera.numpy(),
@@ -224,7 +226,7 @@ class Experiment:
         return {**self._known(), **here}
 
     def _configuration(self, trial: Trial) -> SimulationConfig:
-        return configured(self._config, tuple(EFFECTS[name] for name in self._effects(trial)))
+        return configured(self.config, tuple(EFFECTS[name] for name in self._effects(trial)))
 
     def _inputs(self, trial: Trial, frames: int) -> Inputs:
         problem = self.problem

@@ -98,7 +98,7 @@ class Screen:
         """The same with other effects in place already, from the tangents at the baseline."""
         best: dict[str, Score] = {}
         for start, raw in zip(self.starts, self.raw, strict=True):
-            if start.effect in fit.unknowns.effects:
+            if not all(go_together(start.effect, name) for name in fit.unknowns.effects):
                 continue
             own = self.beside(fit, raw)
             score = self._score(start, raw.T @ own, -own.T @ fit.residual)
@@ -144,6 +144,17 @@ class Screen:
             ]
             best = np.maximum(best, gains)
         return best
+
+
+EXCLUSIVE = ("obstacle", "fibres")
+"""Terms of which the simulator has one."""
+
+
+def go_together(first: str, second: str) -> bool:
+    """Whether two effects can act in one simulation: they are not the same and do not want the same law or the same place."""
+    a, b = EFFECTS[first], EFFECTS[second]
+    shared = {*a.laws} & {*b.laws} or {*a.terms} & {*b.terms} & {*EXCLUSIVE}
+    return first != second and not shared
 
 
 @dataclass(frozen=True)
@@ -205,7 +216,9 @@ def _linear_gain(
 def started(baseline: Fit, beside: Fit, score: Score, priors: Priors) -> tuple[Unknowns, Float[Array, " unknowns"]]:
     """Unknowns and start of the fit of one more effect beside those that a fit has already."""
     at: EffectValues = {**beside.unknowns.values(beside.vector), score.start.effect: score.values}
-    names, base = (*beside.unknowns.effects, score.start.effect), baseline.unknowns
+    order = list(EFFECTS)
+    names = sorted((*beside.unknowns.effects, score.start.effect), key=order.index)
+    base = baseline.unknowns
     unknowns = Unknowns(base.fields, names, priors, at, base.ground)
     vector = unknowns.start()
     vector[: unknowns.baseline] = beside.vector[: unknowns.baseline]

@@ -7,7 +7,7 @@ from dataclasses import replace
 
 import numpy as np
 
-from physreal_core.effects import EFFECTS
+from physreal_core.effects import EFFECTS, fits
 from physreal_core.errors import InputError
 from physreal_core.gap.disagreement import disagreements
 from physreal_core.gap.evidence import Progress, fit_baseline
@@ -16,7 +16,7 @@ from physreal_core.gap.interaction import lead_on, locate
 from physreal_core.gap.least_squares import Fit, fit, together
 from physreal_core.gap.naming import Answer, answer_of, candidates_of, probabilities, verdict_of
 from physreal_core.gap.report import Candidate, FittedEffect, GapReport
-from physreal_core.gap.screening import Score, Screen, started
+from physreal_core.gap.screening import Score, Screen, go_together, started
 from physreal_core.gap.settings import GapSettings
 from physreal_core.gap.unknown import Lead
 
@@ -37,6 +37,25 @@ def find_gap(
     return Search(experiments, settings or GapSettings(), progress).report()
 
 
+def candidates(experiment: Interaction, settings: GapSettings) -> tuple[str, ...]:
+    """Names of the effects that may be missing: those asked for, without those that the model has or has no place for.
+
+    Raises:
+        InputError: for a name that is not in the registry.
+    """
+    if unknown := sorted(set(settings.candidates) - set(EFFECTS)):
+        raise InputError(f"effect {unknown[0]!r}", where="GapSettings.candidates", expected=", ".join(EFFECTS))
+    known = {record["name"] for record in experiment.model.effects}
+    return tuple(
+        name
+        for name, effect in EFFECTS.items()
+        if name in (settings.candidates or EFFECTS)
+        and name not in known
+        and all(go_together(name, other) for other in known)
+        and fits(effect, experiment.config)
+    )
+
+
 class Search:
     """One search; its parts stay at hand for tests and for who wants to look inside.
 
@@ -49,9 +68,7 @@ class Search:
 
     def __init__(self, experiments: Sequence[Interaction], settings: GapSettings, progress: Progress) -> None:
         self.experiments, self.settings, self._progress = list(experiments), settings, progress
-        known = {record["name"] for record in experiments[0].model.effects}
-        names = settings.candidates or tuple(EFFECTS)
-        self.names = tuple(name for name in names if name not in known)
+        self.names = candidates(experiments[0], settings)
         self.baseline, self.evidence = fit_baseline(experiments, settings, progress)
         progress(f"screening {len(self.names)} candidates")
         self.screen = Screen(self.baseline, self.evidence.train, self.names, settings.priors)

@@ -33,8 +33,8 @@ class GapSettings:
     candidates: tuple[str, ...] = ()
     shortlist: int = 8
     seconds: int = 3
-    iterations: int = 5
-    baseline_iterations: int = 4
+    iterations: int = 4
+    baseline_iterations: int = 3
     scan: tuple[float, ...] = (1.0,)
     model_error: ModelError = field(default_factory=ModelError)
     priors: Priors = field(default_factory=Priors)

@@ -60,7 +60,7 @@ def _simulated(mesh, controllers: Array) -> Array:
     grip = Grip(pairs.particles, pairs.controllers, pairs.weights, pairs.rest_lengths)
     simulator = Simulator(Body(x0, volume, np.full(len(x0), DENSITY), spacing), SimulationConfig(fps=FPS), grip)
     values = {"youngs_modulus": YOUNGS_MODULUS, "poissons_ratio": 0.3, "friction_coefficient": 0.4}
-    values |= {"grip_stiffness": 6e4 / len(pairs.weights), "grip_damping": 0.01}
+    values |= {"grip_stiffness": 3e4 / len(pairs.weights), "grip_damping": 0.01}
     parameters = Parameters(**{name: torch.tensor(value) for name, value in values.items()})
     points0 = sample_surface(mesh, TRACKS, oversampling=1).points
     with torch.no_grad():

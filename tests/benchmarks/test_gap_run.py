@@ -2,17 +2,20 @@
 
 import json
 import os
+import subprocess
 import sys
 
 import pytest
 
 from benchmarks.gap import case as one_case
+from benchmarks.gap import rgbd
 from benchmarks.gap.cases import GapCase
 from benchmarks.gap.results import write_results
 from benchmarks.gap.run import Run, core_share, run_cases
 from benchmarks.gap.settings import load_settings
 from physreal_core.errors import InputError
 from pipeline.cli import main
+from pipeline.project import Project
 
 NONE, DRAG, WIND, SLOW = (GapCase(e, "high", 1) for e in ("none", "linear_drag", "wind", "gravity"))
 FAKE = "tests.benchmarks.gap_fake_case"
@@ -93,6 +96,29 @@ def test_settings_from_a_file_are_laid_over_the_librarys(tmp_path):
     path.write_text('{"model_error": {"size": 0.002}}')
     with pytest.raises(InputError, match="size"):
         load_settings(path)
+
+
+def test_a_case_from_rgbd_is_a_project_of_its_own_whose_stages_run_in_order(tmp_path, monkeypatch):
+    for motion in ("press_drag", "lift_swing"):
+        (tmp_path / "captures" / motion).mkdir(parents=True)
+    project, ran = rgbd.project_of(tmp_path), []
+    assert project.capture("lift_swing").is_dir()
+
+    def stage(command, cwd, **_):
+        name, sequence = command[-2:]
+        ran.append((name, sequence))
+        output = Project.find(cwd).artifact(name, sequence)
+        output.mkdir(parents=True)
+        for file in ("gap.json", "gap_after.json"):
+            (output / file).write_text(f'{{"from": "{name}"}}')
+
+    monkeypatch.setattr(subprocess, "run", stage)
+    found = rgbd._answer(project)
+    assert (found["report"], found["added"]) == ({"from": "find_gap"}, {"from": "add_effect"})
+    assert ran[: len(rgbd.SEEN)] == [(name, "press_drag") for name in rgbd.SEEN]
+    assert ran[len(rgbd.SEEN) :] == [(name, "lift_swing") for name in rgbd.FITTED]
+    rgbd._answer(project)
+    assert len(ran) == len(rgbd.SEEN) + len(rgbd.FITTED)  # what is there is not run again
 
 
 def test_the_command_lists_the_cases_that_patterns_choose(capsys):

@@ -28,7 +28,10 @@ def where_sentence(where: Where) -> str:
         return _agreement_sentence(where)
     place = where.place
     touches = any(cell.label == "on the ground" for cell in where.cells)
-    parts = [_when(where.onset, len(where.frames)), _phase(place, touches)]
+    phase = _phase(place, touches)
+    if phase and place.motion and _motion_at_onset(where) not in (None, place.motion):
+        phase = f"most of all {phase}"
+    parts = [_when(where.onset, len(where.frames)), phase]
     start = ", ".join(part for part in parts if part)
     subject = f"the {place.part} of the body" if place.part else "the body"
     sentence = f"{start}, {subject} {_departure(place)}" if start else f"{subject} {_departure(place)}"
@@ -52,6 +55,12 @@ def _when(onset: Onset | None, frames: int) -> str:
     if onset.frame <= 2:
         return "from the start on" if lasts else f"up to frame {onset.last}"
     return f"from frame {onset.frame} on" if lasts else f"between frames {onset.frame} and {onset.last}"
+
+
+def _motion_at_onset(where: Where) -> str | None:
+    if where.onset is None:
+        return None
+    return next(motion for motion, first, after_last in where.spans if first <= where.onset.frame < after_last)
 
 
 def _phase(place: Place, touches: bool) -> str:

@@ -139,6 +139,16 @@ def test_phases_of_a_lift_that_stops():
     np.testing.assert_allclose([a for _, a, _ in found], [0, 5, bar.STOP], atol=3)
 
 
+def test_what_begins_in_one_phase_and_is_worst_in_another_is_told_so():
+    t = bar.times()
+    simulated = bar.bar(t)
+    truth = simulated.copy()
+    truth[10:, :, 0] += 0.002
+    truth[bar.STOP + 1 :, :, 0] += 0.008
+    sentence = find(truth, simulated).sentence
+    assert sentence.startswith("From frame 10 on, most of all while swinging free, the body is ")
+
+
 def test_contact_is_named_where_the_disagreement_is_on_the_ground():
     simulated = bar.bar(bar.times(), swing=0.0)
     simulated[:, ::2, 2] = 0.0

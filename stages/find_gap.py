@@ -8,7 +8,6 @@ from physreal_core.fitting.model import load_model
 from physreal_core.gap.experiment import Experiment
 from physreal_core.gap.report import GapReport
 from physreal_core.gap.search import Search
-from physreal_core.gap.where import Where
 from pipeline.stage import StageContext, main
 from stages._gap import interactions, located, save_report, settings_of, teller, trial_of
 from stages._gap_pictures import write_before_after, write_gap_map, write_gap_timeline, write_probabilities
@@ -27,12 +26,12 @@ def run(context: StageContext) -> None:
     report = dataclasses.replace(report, where=tuple(where.as_record() for where, _ in places))
     save_report(context.output, report)
     with context.timed("figures"):
-        _draw(context, experiments[0], report, *places[0])
+        _draw(context, experiments[0], report, places[0][1])
     print(report.where[0]["sentence"], report.verdict.sentence, sep="\n")
 
 
-def _draw(context: StageContext, own: Experiment, report: GapReport, where: Where, before: np.ndarray) -> None:
-    """Figures of the sequence itself."""
+def _draw(context: StageContext, own: Experiment, report: GapReport, before: np.ndarray) -> None:
+    """Figures of the sequence itself; `before` are its tracks [T,J,3] m as the baseline has them."""
     record = report.where[0]
     write_gap_map(context.output / "map.svg", own.points0, record)
     write_gap_timeline(context.output / "timeline.svg", record, observed=own.train)

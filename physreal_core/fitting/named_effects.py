@@ -54,6 +54,7 @@ def _check_values(effect: Effect, values: Mapping[str, float], where: str) -> No
         raise InputError(f"coefficients {sorted(values)}", where=where, expected=f"{sorted(own)}")
     for name, value in values.items():
         lower, upper = own[name].lower, own[name].upper
-        if not (math.isfinite(value) and lower <= value <= upper):
+        slack = 1e-9 * (upper - lower)  # a fit that ends on a bound may miss it by its rounding
+        if not (math.isfinite(value) and lower - slack <= value <= upper + slack):
             expected = f"a number in [{lower:g}, {upper:g}] {own[name].unit}"
             raise InputError(f"{name} = {value:g}", where=where, expected=expected)

@@ -17,17 +17,17 @@ YOUNGS_MODULUS, NOISE, TRACKS = 1.5e5, 0.0005, 40  # Pa, m
 STROKES = {"lift_swing": (0.0, 0.01, 0.06), "press_drag": (0.04, 0.0, -0.003)}  # of the hand [m]
 
 
-def write_captures(folder: Path, seed: int = 0) -> dict[str, Array]:
-    """One folder per stroke in `folder`; true tracks [T, J, 3] m of each."""
-    return {name: _write(folder / name, np.array(stroke), seed) for name, stroke in STROKES.items()}
+def write_captures(folder: Path, seed: int = 0, pull: float = 9.81) -> dict[str, Array]:
+    """One folder per stroke in `folder`; true tracks [T, J, 3] m of each, under a gravity of `pull` m/s2."""
+    return {name: _write(folder / name, np.array(stroke), seed, pull) for name, stroke in STROKES.items()}
 
 
-def _write(capture: Path, stroke: Array, seed: int) -> Array:
+def _write(capture: Path, stroke: Array, seed: int, pull: float) -> Array:
     capture.mkdir(parents=True)
     mesh = rounded_block(400)
     save_mesh(capture / "shape_prior.glb", mesh)
     controllers = _hand(stroke)
-    truth = _simulated(mesh, controllers)
+    truth = _simulated(mesh, controllers, pull)
     random = np.random.default_rng(seed)
     valid = random.random(truth.shape[:2]) > 0.2
     valid[0] = True
@@ -53,12 +53,13 @@ def _hand(stroke: Array) -> Array:
     return points + (share**2 * (3 - 2 * share))[:, None, None] * stroke
 
 
-def _simulated(mesh, controllers: Array) -> Array:
+def _simulated(mesh, controllers: Array, pull: float) -> Array:
     spacing = (mesh.volume / 500) ** (1 / 3)
     x0, volume = fill_mesh(mesh, spacing)
     pairs = bind_grip(x0, controllers, radius=0.02, spacing=spacing)
     grip = Grip(pairs.particles, pairs.controllers, pairs.weights, pairs.rest_lengths)
-    simulator = Simulator(Body(x0, volume, np.full(len(x0), DENSITY), spacing), SimulationConfig(fps=FPS), grip)
+    config = SimulationConfig(fps=FPS, gravity=(0.0, 0.0, -pull))
+    simulator = Simulator(Body(x0, volume, np.full(len(x0), DENSITY), spacing), config, grip)
     values = {"youngs_modulus": YOUNGS_MODULUS, "poissons_ratio": 0.3, "friction_coefficient": 0.4}
     values |= {"grip_stiffness": 3e4 / len(pairs.weights), "grip_damping": 0.01}
     parameters = Parameters(**{name: torch.tensor(value) for name, value in values.items()})

@@ -10,7 +10,7 @@ from typing import Literal
 import numpy as np
 
 from data.rig import recording
-from data.rig.bar import MOTIONS, bar
+from data.rig.bar import MOTIONS, bar, run
 from data.rig.capture import film, true_arrays
 from data.rig.hidden.effect import Hidden
 from data.rig.hidden.library import maker
@@ -18,11 +18,10 @@ from data.rig.hidden.strengths import AMPLITUDES, STRENGTHS
 from data.rig.hidden.together import Together
 from data.rig.mesh import mesh_shape
 from data.rig.scene import Scene
-from data.rig.simulate import Trajectory, simulate
+from data.rig.simulate import Trajectory
 from physreal_core.array_types import Array
 
 _SPREAD = 0.15  # amplitudes of one strength differ between seeds by up to this share
-_SETTLE = 0.1  # [s]; the bar lies flat, so there is little to settle
 
 
 @dataclass(frozen=True)
@@ -87,30 +86,6 @@ def make_case(case: Case, destination: Path, *, video: bool) -> None:
             _write_tracks(draft / motion, scene, trajectory, case, np.random.default_rng(seed))
     shutil.rmtree(destination, ignore_errors=True)
     draft.rename(destination)
-
-
-def run(scene: Scene, hidden: Hidden) -> Trajectory:
-    """The truth: undamped and symplectic unless the effect takes an implicit step."""
-    implicit = hidden.implicit_step()
-    return simulate(
-        scene,
-        timestep=explicit_step(scene) / hidden.hardening() ** 0.5 if implicit is None else implicit,
-        integrator="Euler" if implicit is None else "discrete",
-        settle=_SETTLE,
-        calm=_SETTLE / 5,
-        hidden=hidden,
-        punctual=True,
-    )
-
-
-def explicit_step(scene: Scene) -> float:
-    """A stable step [s]: 0.42 of the time that a pressure wave takes through an element.
-
-    The limit itself is near 0.55, that of a corner tetrahedron's height of 1 / sqrt 3 edges.
-    """
-    E, nu = scene.material.youngs_modulus, scene.material.poissons_ratio
-    speed = np.sqrt(E * (1 - nu) / ((1 + nu) * (1 - 2 * nu)) / scene.material.density)
-    return 0.42 * scene.mesh_spacing / speed
 
 
 def _write_tracks(folder: Path, scene: Scene, trajectory: Trajectory, case: Case, random: np.random.Generator) -> None:

@@ -11,10 +11,11 @@ trimesh = pytest.importorskip("trimesh")
 
 from data.rig import bar, case
 from data.rig.case import Case, make_case
-from data.rig.hidden.library import LIBRARY
+from data.rig.hidden.library import LIBRARY, OUTSIDE
 from data.rig.hidden.strengths import AMPLITUDES
 from data.rig.recording import MISSING, NOISE, seen
 from data.rig.truth import load_truth
+from physreal_core.effects import EFFECTS
 from physreal_core.errors import InputError
 from pipeline.capture import read_capture
 
@@ -112,6 +113,17 @@ def test_video_shows_what_tracks_would(monkeypatch, tmp_path):
 def test_every_effect_has_strengths_that_grow():
     assert set(AMPLITUDES) == set(LIBRARY)
     assert all(0 < weak < middle < high for weak, middle, high in AMPLITUDES.values())
+
+
+@pytest.mark.parametrize("name", [name for name in LIBRARY if not name.startswith(OUTSIDE)])
+def test_truth_speaks_of_the_coefficients_that_the_search_fits(name):
+    known = {coefficient.name: coefficient for coefficient in EFFECTS[name].coefficients}
+    for seed in range(20):
+        for strength in ("weak", "middle", "high"):
+            values = Case(name, strength, seed).effects[name].values()
+            assert set(known) - set(values) <= {"stiffness"}  # of an obstacle, which truly is hard
+            for key, value in values.items():
+                assert known[key].lower <= value <= known[key].upper
 
 
 def test_unknown_effect_is_an_input_error(tmp_path):

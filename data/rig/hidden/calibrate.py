@@ -14,8 +14,7 @@ import numpy as np
 from scipy.interpolate import CubicSpline
 
 from data.rig import recording
-from data.rig.bar import MOTIONS, bar
-from data.rig.case import run
+from data.rig.bar import MOTIONS, bar, run
 from data.rig.hidden.effect import NOTHING, Hidden
 from data.rig.hidden.library import LIBRARY
 from data.rig.hidden.strengths import AMPLITUDES
@@ -27,9 +26,19 @@ SPACING = 0.02  # [m], of the elements: coarse, since only sizes are asked for
 MODULI = np.arange(
     -0.6, 0.91, 0.06
 )  # logarithms of the shares of the true modulus at which the elastic bar is simulated
-FINE = np.arange(-0.6, 0.9, 0.01)  # and of those at which it is known, by cubic splines
+FINE = np.arange(-1.2, 0.9, 0.01)  # and of those at which it is known, by cubic splines
 TRIALS = 2
-LARGEST = {"gravity": 0.42, "wind": 8.0, "soft_spot": 0.95}  # amplitudes beyond which the effect would be another one
+# Amplitudes beyond which the effect would be another one, or the object.
+LARGEST = {
+    "gravity": 0.42,
+    "wind": 8.0,
+    "soft_spot": 0.95,
+    "fibres": 6.0,
+    "density_gradient": 15.0,
+    "payload": 1.0,
+    "stick_slip": 2.5,
+    "rate_friction": 6.0,
+}
 
 
 def scenes(seed: int) -> dict[str, Scene]:
@@ -71,28 +80,27 @@ def amplitudes(name: str, seeds: int) -> tuple[float, ...]:
         known[amplitude] = max(float(np.mean([size(name, amplitude, seed) for seed in range(seeds)])), 1e-5)
 
     measure(AMPLITUDES[name][1])
-    found = []
     for target in TARGETS:
         for _ in range(TRIALS):
-            amplitude = _guess(known, target)
+            amplitude = _guess(name, known, target)
             if any(abs(np.log(amplitude / tried)) < 0.05 for tried in known):
                 break
             measure(amplitude)
-        found.append(_guess(known, target))
-    if found[-1] > LARGEST.get(name, np.inf):
-        found = [found[0], (found[0] * LARGEST[name]) ** 0.5, LARGEST[name]]
+    found = [_guess(name, known, target) for target in TARGETS]
+    if found[-1] >= LARGEST.get(name, np.inf):
+        found[1:] = [min(found[1], (found[0] * found[2]) ** 0.5), found[2]]
     print(f'    "{name}": ({", ".join(f"{a:.3g}" for a in found)}),  # {_listed(known)}', flush=True)
     return tuple(found)
 
 
-def _guess(known: dict[float, float], target: float) -> float:
+def _guess(name: str, known: dict[float, float], target: float) -> float:
     """Where a line through the two points nearest to the target meets it; at most four times beyond what was tried."""
     near = sorted(known, key=lambda amplitude: abs(np.log(known[amplitude] / target)))[:2]
     slope = 1.0
     if len(near) == 2:
         slope = np.log(known[near[1]] / known[near[0]]) / np.log(near[1] / near[0])
     step = np.log(target / known[near[0]]) / np.clip(slope, 0.3, 4.0)
-    return float(near[0] * np.exp(np.clip(step, -np.log(4), np.log(4))))
+    return min(float(near[0] * np.exp(np.clip(step, -np.log(4), np.log(4)))), LARGEST.get(name, np.inf))
 
 
 def _listed(known: dict[float, float]) -> str:

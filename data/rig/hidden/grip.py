@@ -50,7 +50,8 @@ class GripLag(Hidden):
 
 @dataclass(frozen=True)
 class GripCompliance(Hidden):
-    """Springs hold the object, all together of stiffness 1 / `compliance` [N/m] in any direction, instead of a firm hand."""
+    """Springs hold the object, all together of stiffness 1 / `compliance` [N/m] in any direction, instead of a firm hand;
+    each node's share is that of its mass, so that small ones need no smaller steps."""
 
     compliance: float
 
@@ -58,12 +59,13 @@ class GripCompliance(Hidden):
         world.model.eq_active0[:] = 0
         world.data.eq_active[:] = 0
         anchors = world.mesh.vertices[world.gripped]
-        each = 1 / (self.compliance * len(anchors))
+        shares = world.masses[world.gripped] / world.masses[world.gripped].sum()
+        stiffness = shares[:, None] / self.compliance
 
         def act(time: float) -> None:
             force = np.zeros_like(world.positions)
             away = world.positions[world.gripped] - anchors - world.data.mocap_pos[0]
-            force[world.gripped] = -each * (away + _GRIP_DAMPING * world.velocities[world.gripped])
+            force[world.gripped] = -stiffness * (away + _GRIP_DAMPING * world.velocities[world.gripped])
             world.push(force)
 
         return act

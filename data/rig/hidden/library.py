@@ -4,9 +4,11 @@ An amplitude is the one number of an effect that its strength sets (`strengths.p
 """
 
 from collections.abc import Callable, Mapping
+from dataclasses import replace
 
 import numpy as np
 
+from data.rig.bar import run
 from data.rig.hidden.around import Gravity, LinearDrag, QuadraticDrag, Wind
 from data.rig.hidden.contact import (
     GroundAdhesion,
@@ -39,6 +41,7 @@ Scenes = Mapping[str, Scene]  # by motion, of one object
 Maker = Callable[[float, Scenes, np.random.Generator], Hidden]
 """From an amplitude, the scenes of a case and a generator for directions and places to the effect."""
 
+_COARSE = 0.02  # [m] elements for finding where the bar goes
 OUTSIDE = "outside:"  # begins the names of effects that the search does not know
 
 
@@ -103,8 +106,8 @@ def _fibres(amplitude: float, scenes: Scenes, random: np.random.Generator) -> Fi
 
 def _soft_spot(amplitude: float, scenes: Scenes, random: np.random.Generator) -> SoftSpot:
     """Share of the modulus lost; between the middle and the hand, where bending is largest."""
-    place = _inside(scenes, random, [0.5, 0.3, 0.3], [0.75, 0.7, 0.7])
-    return SoftSpot(min(amplitude, 0.95), *map(float, place), radius=0.025)
+    place = _inside(scenes, random, [0.5, 0.2, 0.3], [0.72, 0.8, 0.7])
+    return SoftSpot(min(amplitude, 0.95), *map(float, place), radius=0.035)
 
 
 def _rest_shape(amplitude: float, scenes: Scenes, random: np.random.Generator) -> RestShape:
@@ -114,9 +117,10 @@ def _rest_shape(amplitude: float, scenes: Scenes, random: np.random.Generator) -
 
 
 def _payload(amplitude: float, scenes: Scenes, random: np.random.Generator) -> Payload:
-    """Mass over the body's; in the free half."""
-    place = _inside(scenes, random, [0.05, 0.2, 0.3], [0.4, 0.8, 0.7])
-    return Payload(amplitude, *map(float, place), radius=0.02)
+    """Mass over the body's; in the free part near one side, so that the bar twists (in its middle it would pass for a lower
+    modulus)."""
+    x, y, z = _inside(scenes, random, [0.1, 0.1, 0.3], [0.5, 0.25, 0.7])
+    return Payload(amplitude, float(x), float(random.choice([-1, 1]) * y), float(z), radius=0.02)
 
 
 def _density_gradient(amplitude: float, scenes: Scenes, random: np.random.Generator) -> DensityGradient:
@@ -143,43 +147,45 @@ def _ground_plane(amplitude: float, scenes: Scenes, random: np.random.Generator)
     return GroundPlane(abs(slope_x) * half[0] + abs(slope_y) * half[1], slope_x, slope_y)
 
 
-def _sideways(scenes: Scenes) -> float:
-    """How far the lifted bar is jerked across [m], with sign."""
-    return float(scenes["lift_swing"].motion.displacement(10.0)[1])
+def _swung(scenes: Scenes) -> tuple[Float[Array, "T F 3"], float]:
+    """Where the free part of the lifted bar goes when nothing is in its way [m], coarsely meshed; and the side, 1 or -1, to
+    which it is jerked."""
+    scene = replace(scenes["lift_swing"], mesh_spacing=_COARSE)
+    motion = run(scene)
+    free = motion.mesh.vertices[:, 0] < scene.grasp.lower[0] - _COARSE
+    return motion.vertices[:, free], float(np.sign(scene.motion.displacement(10.0)[1]))
 
 
-def _hanging(scenes: Scenes, x: float) -> float:
-    """About how high the bar's axis hangs at `x` [m] when it is lifted: a cantilever under its weight."""
-    scene = scenes["lift_swing"]
-    height, material = scene.body.upper[2] - scene.body.lower[2], scene.material
-    root = scene.grasp.lower[0]
-    free, span = root - scene.body.lower[0], root - x
-    curvature = material.density * 9.81 * 12 / (24 * material.youngs_modulus * height**2)  # q / 24 E I
-    sag = curvature * span**2 * (6 * free**2 - 4 * free * span + span**2)
-    return float(scene.motion.displacement(10.0)[2]) + height / 2 - sag
+def _farthest(scenes: Scenes, random: np.random.Generator) -> tuple[Float[Array, "3"], float]:
+    """The point of the free end that goes farthest to the side, there [m]; and the side."""
+    places, side = _swung(scenes)
+    near = np.abs(places[0, :, 0] - random.uniform(-0.1, -0.06)).argmin()
+    slice_ = places[:, places[0, :, 0] == places[0, near, 0]].reshape(-1, 3)
+    return slice_[(side * slice_[:, 1]).argmax()], side
 
 
 def _obstacle_plane(amplitude: float, scenes: Scenes, random: np.random.Generator) -> ObstaclePlane:
-    """m, by which the free end would enter the wall were it to follow the hand; oblique, so that the hand passes it."""
-    across, (_, upper) = _sideways(scenes), _body(scenes)
-    angle, side = random.uniform(0.5, 0.8), np.sign(across)
-    reach = upper[0] * np.sin(angle) + (upper[1] + abs(across)) * np.cos(angle)
-    return ObstaclePlane(float(np.arctan2(side * np.cos(angle), -np.sin(angle))), 0.0, reach - amplitude)
+    """m, by which the free end would enter the wall; oblique, so that the hand passes it."""
+    places, side = _swung(scenes)
+    angle = random.uniform(0.5, 0.8)
+    towards = np.array([-np.sin(angle), side * np.cos(angle), 0.0])
+    lower, upper = _body(scenes)
+    reach = ((places - (lower + upper) / 2) @ towards).max()
+    return ObstaclePlane(float(np.arctan2(towards[1], towards[0])), 0.0, float(reach) - amplitude)
 
 
 def _obstacle_sphere(amplitude: float, scenes: Scenes, random: np.random.Generator) -> ObstacleSphere:
-    """m, by which the bar would enter the ball were it to follow the hand."""
-    across, (_, upper), radius = _sideways(scenes), _body(scenes), random.uniform(0.025, 0.035)
-    x = random.uniform(-0.1, -0.06)
-    y = np.sign(across) * (upper[1] + abs(across) + radius - amplitude)
-    return ObstacleSphere(x, y, _hanging(scenes, x), radius)
+    """m, by which the free end would enter the ball."""
+    (x, y, z), side = _farthest(scenes, random)
+    radius = random.uniform(0.025, 0.035)
+    return ObstacleSphere(float(x), float(y + side * (radius - amplitude)), float(z), radius)
 
 
 def _obstacle_post(amplitude: float, scenes: Scenes, random: np.random.Generator) -> ObstaclePost:
-    """m, by which the bar would enter the post were it to follow the hand."""
-    across, (_, upper), radius = _sideways(scenes), _body(scenes), random.uniform(0.015, 0.025)
-    y = np.sign(across) * (upper[1] + abs(across) + radius - amplitude)
-    return ObstaclePost(random.uniform(-0.1, -0.06), y, 0.25, radius)
+    """m, by which the free end would enter the post."""
+    (x, y, _), side = _farthest(scenes, random)
+    radius = random.uniform(0.015, 0.025)
+    return ObstaclePost(float(x), float(y + side * (radius - amplitude)), 0.25, radius)
 
 
 def _grip_slip(amplitude: float, scenes: Scenes, random: np.random.Generator) -> GripSlip:

@@ -118,8 +118,8 @@ def test_every_effect_has_strengths_that_grow():
 @pytest.mark.parametrize("name", [name for name in LIBRARY if not name.startswith(OUTSIDE)])
 def test_truth_speaks_of_the_coefficients_that_the_search_fits(name):
     known = {coefficient.name: coefficient for coefficient in EFFECTS[name].coefficients}
-    for seed in range(20):
-        for strength in ("weak", "middle", "high"):
+    for seed in range(1 if name.startswith("obstacle") else 20):  # an obstacle is placed by a simulation
+        for strength in ("weak", "high"):
             values = Case(name, strength, seed).effects[name].values()
             assert set(known) - set(values) <= {"stiffness"}  # of an obstacle, which truly is hard
             for key, value in values.items():

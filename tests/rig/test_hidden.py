@@ -332,10 +332,12 @@ def test_compliant_grip_gives_way_by_weight_times_compliance():
     )  # held at every node, so it cannot tip
     hidden = grip.GripCompliance(0.004)
     world, act = start(hidden, scene)
-    run(hidden, world, act, 1.0)
+    for _ in range(20):  # comes to rest
+        run(hidden, world, act, 0.03)
+        launch(world, 0.0)
     weight = world.masses.sum() * 9.81
     fallen = (world.mesh.vertices - world.positions)[:, 2].mean()
-    assert fallen == pytest.approx(0.004 * weight, rel=0.01)
+    assert fallen == pytest.approx(0.004 * weight, rel=0.02)
 
 
 def recording(frames=30):

@@ -10,7 +10,7 @@ from data.rig.world import World
 from physreal_core.array_types import Array, Float
 
 _SETTLING = 0.2  # [s] in which a shift in the hand comes in
-_GRIP_DAMPING = 0.01  # [s] times the compliant hand's stiffness
+_GRIP_DAMPING = 0.001  # [s] times the compliant hand's stiffness
 
 
 @dataclass(frozen=True)

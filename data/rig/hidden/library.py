@@ -156,12 +156,17 @@ def _swung(scenes: Scenes) -> tuple[Float[Array, "T F 3"], float]:
     return motion.vertices[:, free], float(np.sign(scene.motion.displacement(10.0)[1]))
 
 
-def _farthest(scenes: Scenes, random: np.random.Generator) -> tuple[Float[Array, "3"], float]:
-    """The point of the free end that goes farthest to the side, there [m]; and the side."""
-    places, side = _swung(scenes)
-    near = np.abs(places[0, :, 0] - random.uniform(-0.1, -0.06)).argmin()
-    slice_ = places[:, places[0, :, 0] == places[0, near, 0]].reshape(-1, 3)
-    return slice_[(side * slice_[:, 1]).argmax()], side
+def _entered(
+    places: Float[Array, "P A"], beside: Float[Array, " A"], radius: float, side: float, depth: float
+) -> Array:
+    """The centre [m] of a ball (A = 3) or post (A = 2) that `places` enter by `depth` [m] and no more: `beside`, moved to
+    the side."""
+    inner, outer = 0.0, 0.5
+    for _ in range(40):
+        centre = beside + side * np.eye(len(beside))[1] * (inner + outer) / 2
+        entered = radius - np.linalg.norm(places - centre, axis=1).min()
+        inner, outer = ((inner + outer) / 2, outer) if entered > depth else (inner, (inner + outer) / 2)
+    return centre
 
 
 def _obstacle_plane(amplitude: float, scenes: Scenes, random: np.random.Generator) -> ObstaclePlane:
@@ -176,16 +181,19 @@ def _obstacle_plane(amplitude: float, scenes: Scenes, random: np.random.Generato
 
 def _obstacle_sphere(amplitude: float, scenes: Scenes, random: np.random.Generator) -> ObstacleSphere:
     """m, by which the free end would enter the ball."""
-    (x, y, z), side = _farthest(scenes, random)
-    radius = random.uniform(0.025, 0.035)
-    return ObstacleSphere(float(x), float(y + side * (radius - amplitude)), float(z), radius)
+    places, side = _swung(scenes)
+    end = np.abs(places[0, :, 0] - random.uniform(-0.1, -0.06)).argmin()
+    beside, radius = places[(side * places[:, end, 1]).argmax(), end], random.uniform(0.025, 0.035)
+    x, y, z = _entered(places.reshape(-1, 3), beside, radius, side, amplitude)
+    return ObstacleSphere(float(x), float(y), float(z), radius)
 
 
 def _obstacle_post(amplitude: float, scenes: Scenes, random: np.random.Generator) -> ObstaclePost:
     """m, by which the free end would enter the post."""
-    (x, y, _), side = _farthest(scenes, random)
-    radius = random.uniform(0.015, 0.025)
-    return ObstaclePost(float(x), float(y + side * (radius - amplitude)), 0.25, radius)
+    places, side = _swung(scenes)
+    beside, radius = np.array([random.uniform(-0.1, -0.06), 0.0]), random.uniform(0.015, 0.025)
+    x, y = _entered(places.reshape(-1, 3)[:, :2], beside, radius, side, amplitude)
+    return ObstaclePost(float(x), float(y), 0.25, radius)
 
 
 def _grip_slip(amplitude: float, scenes: Scenes, random: np.random.Generator) -> GripSlip:

@@ -1,6 +1,7 @@
 """`physreal gap`: find_gap and add_effect on one sequence, where they are not up to date, and what they found."""
 
 import importlib
+import sys
 
 from physreal_core.errors import InputError, SimulationError
 from pipeline.config import Parameters, load_parameters, unknown_key
@@ -9,6 +10,7 @@ from pipeline.results import Results
 from pipeline.stage import checked_artifact, run_stage
 
 STAGES = ("find_gap", "add_effect")
+WIDTH = 150  # characters of a line where there is no terminal
 
 
 def find_and_add(sequence: str, *, again: bool = False, project: Project | None = None) -> None:
@@ -54,7 +56,7 @@ def _print(results: Results, sequence: str) -> None:
     from rich.console import Console
 
     summary = results.gap(sequence)
-    console = Console()
+    console = Console(width=None if sys.stdout.isatty() else WIDTH)
     for sentence in summary.sentences:
         console.print(sentence, soft_wrap=True, highlight=False, markup=False)
     for table in summary.tables():

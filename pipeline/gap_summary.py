@@ -75,8 +75,8 @@ class GapSummary:
             for (interaction, interval), before in entries["before"].items()
         ]
         rival = " + ".join(self.after["runner_up_names"]) or "none fitted"
-        caption = "Root mean square distance of the tracks, and in units of sensor noise."
-        headings = ["interaction", "frames", "before [mm]", "after [mm]", f"runner-up: {rival} [mm]"]
+        caption = f"Root mean square distance of the tracks, and in units of sensor noise; runner-up: {rival}."
+        headings = ["interaction", "frames", "before [mm]", "after [mm]", "runner-up [mm]"]
         return Table(caption, [*headings, "sensor floor [mm]", "numerical floor [mm]"], rows)
 
 

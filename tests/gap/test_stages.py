@@ -20,6 +20,9 @@ from stages._gap import load_report, save_report
 from tests.fitting import scene
 from tests.fitting.test_stages import write_artifacts
 
+pytestmark = (
+    pytest.mark.slow
+)  # two searches; tests/fitting/test_stages.py runs the stages in seconds, without asking what they find
 WIND = {"x": 0.0, "y": 3.0, "z": 0.0}
 FRAMES, OBSERVED = 10, 7
 
@@ -137,7 +140,6 @@ def test_none_leaves_the_model_as_it_was(tmp_path):
         assert (folder / name).read_bytes() == (project.artifact("fit_patches", "lift") / name).read_bytes()
 
 
-@pytest.mark.slow
 def test_a_companion_is_the_second_interaction(tmp_path):
     project = _project(tmp_path, companion=True)
     run_stage("find_gap", "lift", find_gap.run, project)

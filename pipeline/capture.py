@@ -51,11 +51,18 @@ class Clamp(_Checked):
 
 
 class Payload(_Checked):
-    """A known force on the part of the object within `radius` of `point` at frame 0."""
+    """Something fastened to the part of the object within `radius` of `point` at frame 0: a mass, a force, or both."""
 
     point: _matrix(3) = Field(description="centre, world frame [m]")
     radius: float = Field(gt=0, description="[m]")
-    force: _matrix(3) = Field(description="sum over the part [N]")
+    mass: float = Field(0.0, ge=0, description="shared by the part; its weight and its inertia act [kg]")
+    force: _matrix(3) = Field(np.zeros(3), description="sum over the part, beside the mass's weight [N]")
+
+    @model_validator(mode="after")
+    def _acts(self) -> "Payload":
+        if self.mass == 0.0 and not self.force.any():
+            raise ValueError("a payload has a mass or a force")
+        return self
 
 
 class Split(_Checked):

@@ -1,5 +1,6 @@
 """From the artifacts of one sequence to a `Problem`: the one place where the fit stages and `predict` read their inputs."""
 
+import dataclasses
 from collections.abc import Callable
 from pathlib import Path
 
@@ -43,7 +44,7 @@ def load_problem(
             expected="the same number of frames",
             remedy="rerun segment_and_track",
         )
-    body = _body(particles)
+    body, loads = carry_payloads(_body(particles), capture)
     camera = load_camera(video / "camera.json") if capture.kind == "video" else None
     observed = capture.observed(frame_count).train[1]
     return Problem(
@@ -55,7 +56,7 @@ def load_problem(
         patch_weights=torch.from_numpy(particles["patch_weights"]).double(),
         grip=_grip(particles),
         clamps=tuple(Clamp(clamp.lower, clamp.upper) for clamp in capture.clamps),
-        loads=_loads(capture, body),
+        loads=loads,
         tracks=_tracks(tracks, particles, camera),
         masks=_masks(context, particles, camera, observed, masks) if masks is not None and camera is not None else None,
         camera=camera,
@@ -66,6 +67,28 @@ def patch_positions(particles_file: Path) -> torch.Tensor:
     """[K,3] m: where the patches lie at frame 0."""
     particles = np.load(particles_file)
     return torch.from_numpy(particles["x0"][particles["patches"]]).double()
+
+
+def carry_payloads(body: Body, capture: Capture) -> tuple[Body, tuple[PointLoad, ...]]:
+    """The body with the masses of the capture's payloads in it, and their forces; each shared by mass among its ball's particles.
+
+    Raises:
+        InputError: no particle lies in a payload's ball.
+    """
+    loads, density = [], body.density.copy()
+    for number, payload in enumerate(capture.payloads):
+        near = np.flatnonzero(np.linalg.norm(body.x0 - payload.point, axis=1) <= payload.radius)
+        if len(near) == 0:
+            raise InputError(
+                f"no particle within {payload.radius} m of {payload.point.tolist()}",
+                where=f"capture.json, payloads[{number}]",
+                expected="a point on the object",
+                remedy="move the payload's point or widen its radius",
+            )
+        density[near] *= 1.0 + payload.mass / body.mass[near].sum()
+        if payload.force.any():
+            loads.append(PointLoad(near.astype(np.int32), body.mass[near], payload.force))
+    return dataclasses.replace(body, density=density), tuple(loads)
 
 
 def _body(particles: dict) -> Body:
@@ -81,22 +104,6 @@ def _grip(particles: dict) -> Grip | None:
         *(particles[f"grip_{name}"] for name in ("particles", "controllers", "weights")),
         rest_lengths=particles["grip_rest_lengths"],
     )
-
-
-def _loads(capture: Capture, body: Body) -> tuple[PointLoad, ...]:
-    """Payloads of the capture, each shared by mass among the particles in its ball."""
-    loads = []
-    for number, payload in enumerate(capture.payloads):
-        near = np.flatnonzero(np.linalg.norm(body.x0 - payload.point, axis=1) <= payload.radius)
-        if len(near) == 0:
-            raise InputError(
-                f"no particle within {payload.radius} m of {payload.point.tolist()}",
-                where=f"capture.json, payloads[{number}]",
-                expected="a point on the object",
-                remedy="move the payload's point or widen its radius",
-            )
-        loads.append(PointLoad(near.astype(np.int32), body.mass[near], payload.force))
-    return tuple(loads)
 
 
 def _tracks(tracks: dict, particles: dict, camera: Camera | None) -> TrackObservations | None:

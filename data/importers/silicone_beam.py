@@ -18,6 +18,8 @@ from physreal_core.errors import InputError
 
 LENGTH, WIDTH, AXIS_HEIGHT = 0.100, 0.030, 0.5  # [m]
 DENSITY = 1070.0  # [kg/m^3]
+GRAVITY = 9.81  # [m/s^2]
+FASTENED = 0.010  # [m] the load hangs at the upper edge of the tip's face; this near to it the silicone carries it
 MARKER_NOISE = 0.0003  # [m] a held beam's markers wander by this much
 _RELEASED = 0.0002  # [m] the tip has begun to fall
 
@@ -68,7 +70,6 @@ def import_capture(source: Path, destination: Path, *, duration: float | None = 
             "marker_misfit_m": round(misfit, 5),
             "static_tip_displacement_m": settled.round(5).tolist(),
             "tip_load_newton": load,
-            "tip_load": "its force alone: the 52 g that hang there also slow the swing" if load else "none",
         }
         write_description(folder, describe(fps, len(points), load, split) | {"notes": notes})
 
@@ -85,7 +86,7 @@ def describe(fps: float, frames: int, load: float, split: float) -> dict:
         "density": DENSITY,
         "T_world_object": np.eye(4),
         "clamps": [{"lower": [-0.05, -WIDTH, below], "upper": [0.0, WIDTH, above]}],
-        "payloads": [{"point": edge, "radius": 0.6 * WIDTH, "force": [0.0, 0.0, -load]}] if load else [],
+        "payloads": [{"point": edge, "radius": FASTENED, "mass": load / GRAVITY}] if load else [],
         "split": first_part_observed(frames, split),
     }
 

@@ -16,7 +16,9 @@ from physreal_core.fitting.problem import Problem, TrackObservations
 from physreal_core.fitting.variables import Variable
 from physreal_core.geometry import fill_mesh, load_mesh
 from physreal_core.rendering import bind
-from physreal_core.simulation import Body, Clamp, PointLoad
+from physreal_core.simulation import Body, Clamp
+from pipeline.capture import read_capture
+from stages._problem import carry_payloads
 
 pytestmark = pytest.mark.slow
 
@@ -33,7 +35,7 @@ def _problem(real_data, folder, recording: str) -> Problem:
     capture = json.loads((folder / "capture.json").read_text())
     tracks = {name: torch.from_numpy(array) for name, array in np.load(folder / "tracks3d.npz").items()}
     x0, volume = fill_mesh(load_mesh(folder / "shape_prior.glb"), SPACING)
-    body = Body(x0, volume, np.full(len(x0), capture["density"]), SPACING)
+    body, loads = carry_payloads(Body(x0, volume, np.full(len(x0), capture["density"]), SPACING), read_capture(folder))
     points0 = tracks["points3d"][0].double()
     return Problem(
         body=body,
@@ -43,14 +45,9 @@ def _problem(real_data, folder, recording: str) -> Problem:
         patch_neighbours=torch.zeros(len(x0), 1, dtype=torch.int64),
         patch_weights=torch.ones(len(x0), 1, dtype=torch.float64),
         clamps=tuple(Clamp(np.array(c["lower"]), np.array(c["upper"])) for c in capture["clamps"]),
-        loads=tuple(_load(body, payload) for payload in capture["payloads"]),
+        loads=loads,
         tracks=TrackObservations(points0, bind(points0, torch.from_numpy(x0), 8), **tracks),
     )
-
-
-def _load(body: Body, payload: dict) -> PointLoad:
-    near = np.flatnonzero(np.linalg.norm(body.x0 - payload["point"], axis=1) <= payload["radius"])
-    return PointLoad(near.astype(np.int32), body.mass[near], np.array(payload["force"]))
 
 
 def _tip(objective: Objective, fields: dict) -> tuple[float, float]:

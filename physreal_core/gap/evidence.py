@@ -41,21 +41,15 @@ class Evidence:
         reruns: bool = True,
     ) -> None:
         self.experiments, self._settings = list(experiments), settings
-        self._around = [self._surroundings(experiment, trial, reruns) for experiment in experiments]
         frames = [max(2, round(share * experiment.train)) for experiment in experiments]
+        known = [e.frames if share == 1.0 else end for e, end in zip(experiments, frames, strict=True)]
+        self._around = [_surroundings(e, trial, end, reruns) for e, end in zip(experiments, known, strict=True)]
         self.train = Data(experiments, [self._noise(number, 0, end) for number, end in enumerate(frames)])
         self._held_out: list[Noise | None] | None = None
         self.floors = tuple(
             float(np.sqrt((modes**2).sum(-1)[:, e.valid].mean())) if len(modes) else 0.0
             for e, (_, modes, _) in zip(experiments, self._around, strict=True)
         )
-
-    @staticmethod
-    def _surroundings(experiment: Interaction, trial: Trial, reruns: bool) -> tuple[Array, Array, Array]:
-        """The baseline's motion, the reruns' differences and the carried starting points of one experiment [m]."""
-        motion = experiment.predict([trial])[0]
-        modes = rerun_differences(experiment, trial, motion) if reruns else np.zeros((0, *motion.shape))
-        return motion, modes, experiment.carried_starts(trial)
 
     def whole(self, number: int) -> Noise:
         """The noise model of one experiment over all its frames, for who asks where it disagrees."""
@@ -87,6 +81,12 @@ class Evidence:
                 residual = noise.whiten((predicted - experiment.measured)[None])[:, 0]
                 total += 0.5 * float(residual @ residual)
         return total
+
+
+def _surroundings(experiment: Interaction, trial: Trial, frames: int, reruns: bool) -> tuple[Array, Array, Array]:
+    """The baseline's motion, the reruns' differences and the carried starting points of one experiment [m]."""
+    motion, carried = experiment.carried(trial, frames)
+    return motion, rerun_differences(experiment, trial, motion) if reruns else np.zeros((0, *motion.shape)), carried
 
 
 HORIZONS = (0.35, 0.65)

@@ -90,8 +90,11 @@ class Interaction(Protocol):
     ) -> Float[Array, "trials frames tracks 3"]:
         """Where the measurement would see the tracks under each trial [m]; not a number where a rollout failed."""
 
-    def carried_starts(self, trial: Trial) -> Float[Array, "3 frames tracks 3"]:
-        """Where each track goes per metre by which its material point starts elsewhere along x, y and z."""
+    def carried(
+        self, trial: Trial, frames: int | None = None
+    ) -> tuple[Float[Array, "frames tracks 3"], Float[Array, "3 frames tracks 3"]]:
+        """Where the measurement would see the tracks [m], and where they go per metre by which their material points start
+        elsewhere along x, y and z."""
 
     def motion(self, trial: Trial) -> States | None:
         """The whole rollout of one trial, for effects that look where the body goes."""
@@ -202,11 +205,14 @@ class Experiment:
         states = _run(self._simulators[key], inputs)
         return [stage.turned_back(x, F) for x, F in states]
 
-    def carried_starts(self, trial: Trial) -> Float[Array, "3 frames tracks 3"]:
-        """Where each track goes per metre by which its material point starts elsewhere along x, y and z."""
-        ((x, F),) = self.rollouts([trial])
+    def carried(
+        self, trial: Trial, frames: int | None = None
+    ) -> tuple[Float[Array, "frames tracks 3"], Float[Array, "3 frames tracks 3"]]:
+        """Where the measurement would see the tracks [m], and where they go per metre by which their material points start
+        elsewhere along x, y and z; from one rollout."""
+        ((x, F),) = self.rollouts([trial], frames)
         here = self._observed(trial, x, F)
-        return np.stack([(self._observed(trial, x, F, 1e-3 * axis) - here) / 1e-3 for axis in torch.eye(3)])
+        return here, np.stack([(self._observed(trial, x, F, 1e-3 * axis) - here) / 1e-3 for axis in torch.eye(3)])
 
     def motion(self, trial: Trial) -> States:
         """The whole rollout of one trial."""

@@ -20,7 +20,6 @@ Predictions = list[Array]
 """Per experiment: [R, T, J, 3] m, the answers to R trials."""
 Request = Generator[list[Trial], Predictions, "Fit"]
 
-SHARES = (1.0, 0.35)  # of a step, tried at once
 LONGEST_BASELINE, LONGEST_EFFECT = 0.5, 1.5  # steps, in free coordinates
 SMALL_GAIN = 0.25  # [nat] expected of the next step, below which a fit has arrived
 
@@ -137,12 +136,11 @@ def fit(
         step, expected = _step(unknowns, vector, residual, J, damping)
         if expected < SMALL_GAIN:
             break
-        steps_tried = [_clipped(unknowns, vector, share * step) for share in SHARES]
-        predictions = yield [unknowns.trial(vector + s) for s in steps_tried]
-        residuals = data.residuals(predictions)
-        energies = [_energy(unknowns, vector + s, residuals[:, i]) for i, s in enumerate(steps_tried)]
-        best = int(np.nanargmin(energies)) if np.isfinite(energies).any() else 0
-        if not energies[best] < energy:
+        tried = _clipped(unknowns, vector, step)
+        predictions = yield [unknowns.trial(vector + tried)]
+        found = data.residuals(predictions)[:, 0]
+        reached = _energy(unknowns, vector + tried, found)
+        if not reached < energy:
             if renewed and damping > 1.0:
                 break
             damping = max(10.0 * damping, 0.3)
@@ -151,11 +149,10 @@ def fit(
                 answers = yield trials
                 J, renewed = _finite(data.changes(answers, now) / sizes), True
             continue
-        taken, change = steps_tried[best], residuals[:, best] - residual
-        J = J + np.outer(change - J @ taken, taken) / float(taken @ taken)
-        vector, residual, damping = vector + taken, residuals[:, best], 0.3 * damping
-        gained, energy = energy - energies[best], energies[best]
-        now = [p[best] for p in predictions]
+        change, gained = found - residual, energy - reached
+        J = J + np.outer(change - J @ tried, tried) / float(tried @ tried)
+        vector, residual, energy, damping = vector + tried, found, reached, 0.3 * damping
+        now = [p[0] for p in predictions]
         if refresh and gained > SMALL_GAIN:
             trials, sizes = tangents(unknowns, vector, refresh)
             answers = yield trials

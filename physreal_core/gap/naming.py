@@ -120,10 +120,8 @@ def verdict_of(
     """
     best = candidates[0]
     none = next(c for c in candidates if not c.names)
-    named = [c for c in candidates if c.names and c.gain is not None and c.gain > threshold]
-    if not best.names or not named or named[0] is not best:
-        if significant and best.names == () and not named:
-            pass
+    named = [c for c in candidates if c.names and c.gain is not None and c.gain > max(threshold, 0.0)]
+    if best not in named:
         return _none(none, significant)
     if significant and explained < settings.unexplained:
         members = tuple(c.names for c in named[: settings.class_size])

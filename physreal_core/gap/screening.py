@@ -17,6 +17,7 @@ from physreal_core.effects import EFFECTS, Effect
 from physreal_core.gap.experiment import EffectValues, Interaction, Trial, starts_of
 from physreal_core.gap.least_squares import Data, Fit
 from physreal_core.gap.unknowns import Priors, Unknowns
+from physreal_core.simulation import States
 
 STEP = 0.25  # of a coefficient's scale
 DRAWS = 200
@@ -63,7 +64,8 @@ class Screen:
     def __init__(self, baseline: Fit, data: Data, names: Sequence[str], priors: Priors) -> None:
         self.baseline, self._data, self._priors = baseline, data, priors
         trial = baseline.unknowns.trial(baseline.vector)
-        plans = [plan for name in names for plan in _plans(EFFECTS[name], data.experiments, trial)]
+        motions = [experiment.motion(trial) for experiment in data.experiments]
+        plans = [plan for name in names for plan in _plans(EFFECTS[name], data.experiments, motions)]
         trials = [Trial(trial.fields, {**trial.effects, plan.effect.name: v}) for plan in plans for v in plan.steps]
         answers = data.predict(trials)
         changes = data.changes(answers, baseline.predicted)
@@ -168,16 +170,11 @@ class _Plan:
     half: Bool[Array, " amplitudes"]
 
 
-def _plans(effect: Effect, experiments: Sequence[Interaction], trial: Trial) -> list[_Plan]:
+def _plans(effect: Effect, experiments: Sequence[Interaction], motions: Sequence[States | None]) -> list[_Plan]:
     starts: list[dict[str, float]] = []
-    for experiment in experiments:
-        motion = experiment.motion(trial) if _looks_at_motion(effect) else None
+    for experiment, motion in zip(experiments, motions, strict=True):
         starts += [start for start in starts_of(experiment, effect, motion) if start not in starts]
     return [_plan(effect, start) for start in starts]
-
-
-def _looks_at_motion(effect: Effect) -> bool:
-    return type(effect).starts is not Effect.starts
 
 
 def _plan(effect: Effect, start: dict[str, float]) -> _Plan:

@@ -56,6 +56,10 @@ def candidates(experiment: Interaction, settings: GapSettings) -> tuple[str, ...
     )
 
 
+SIGNIFICANT = 1e-3
+"""p-value of the global test below which there is a disagreement beyond noise and numerics."""
+
+
 class Search:
     """One search; its parts stay at hand for tests and for who wants to look inside.
 
@@ -86,9 +90,8 @@ class Search:
         shortlist = [score for score in ranked if np.isfinite(score.gain)][: self.settings.shortlist]
         self._progress("fitting " + ", ".join(score.start.effect for score in shortlist))
         self._add(self.baseline, shortlist)
-        singles = self.answers[1:]
-        if singles:
-            best = max(singles, key=lambda answer: answer.gain).fit
+        best = max(self.answers, key=lambda answer: answer.gain).fit
+        if best.unknowns.effects and self._test(best)["p_value"] < SIGNIFICANT:  # something is left for a second one
             seconds = self.screen.scores_beside(best)[: self.settings.seconds]
             self._progress(f"beside {best.unknowns.effects[0]}: " + ", ".join(s.start.effect for s in seconds))
             self._add(best, seconds)
@@ -115,7 +118,7 @@ class Search:
         best = max(range(len(self.answers)), key=lambda number: chances[number])
         explained = self._explained(self.answers[best].fit)
         test["explained"] = explained
-        verdict = verdict_of(candidates, threshold, test["p_value"] < 1e-3, explained, settings)
+        verdict = verdict_of(candidates, threshold, test["p_value"] < SIGNIFICANT, explained, settings)
         predictions = self._predicted(self.baseline)
         lead = self._lead(predictions) if verdict.kind == "unknown" else None
         if lead is not None:

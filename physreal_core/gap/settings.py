@@ -31,7 +31,7 @@ class GapSettings:
     """
 
     candidates: tuple[str, ...] = ()
-    shortlist: int = 8
+    shortlist: int = 7
     seconds: int = 3
     iterations: int = 4
     baseline_iterations: int = 3

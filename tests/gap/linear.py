@@ -54,8 +54,8 @@ class LinearExperiment:
                 points += self._answers[name][key] * value
         return points
 
-    def carried_starts(self, trial) -> np.ndarray:
-        return np.zeros((3, FRAMES, TRACKS, 3))
+    def carried(self, trial, frames=None) -> tuple[np.ndarray, np.ndarray]:
+        return self.predict([trial], frames)[0], np.zeros((3, frames or FRAMES, TRACKS, 3))
 
     def motion(self, trial):
         return None

@@ -110,14 +110,14 @@ def _gaps(results: Results) -> Table:
             gap.verdict["kind"],
             " or ".join(" + ".join(names) for names in gap.verdict["members"] if names),
             f"{gap.verdict['probability']:.2f}",
-            f"{gap.after['closed']:.0%}" if gap.after["adopted"] else "",
-            *(_stress_share(results.residual(sequence).get(kind)) for kind in ("without", "with")),
+            f"{gap.after['closed']:.0%}" if gap.after["adopted"] else "not adopted" if gap.after["after"] else "",
+            *(_stress_share(results.residual(sequence).get(kind)) for kind in ("with", "without")),
         ]
         for sequence in results.sequences
         if (gap := results.gap(sequence))
     ]
     headings = ["sequence", "verdict", "missing", "probability", "held-out gap closed"]
-    shares = ["networks' stress without the effect [%]", "with it [%]"]
+    shares = ["networks' stress [%]", "without the effect [%]"]
     return Table("What the fitted models were missing, and what it leaves to the networks.", [*headings, *shares], rows)
 
 

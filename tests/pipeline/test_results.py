@@ -67,7 +67,7 @@ def test_what_was_missing_stands_in_a_table_and_what_it_leaves_to_the_networks(r
     summarise.run(results)
     with (results.project.results / "tables/gaps.csv").open() as file:
         (row,) = csv.DictReader(file)
-    assert list(row.values()) == ["lift", "effect", "linear_drag", "0.96", "98%", "11.0", "4.0"]
+    assert list(row.values()) == ["lift", "effect", "linear_drag", "0.96", "98%", "4.0", "11.0"]
 
 
 def test_the_gap_in_sentences_and_tables(results):

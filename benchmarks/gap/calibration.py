@@ -17,7 +17,7 @@ from benchmarks.gap.run import Run, run_cases
 from physreal_core.array_types import Array
 from physreal_core.effects import EFFECTS
 from physreal_core.gap import GapSettings
-from physreal_core.gap.naming import chances
+from physreal_core.gap.naming import chances, weighed
 
 TEMPERATURES = (1.0, 1.5, 2.0, 3.0, 4.0, 6.0, 8.0, 12.0, 16.0, 24.0)
 WEIGHTS = (0.0, 0.1, 0.25, 0.5, 1.0)  # of held-out frames
@@ -73,7 +73,7 @@ def surprise(searched: Iterable[Searched], settings: GapSettings, library: int) 
 
 
 def _chances(answers: Sequence[Gained], settings: GapSettings, library: int) -> Array:
-    gains = np.array([answer.gain + settings.held_out_weight * answer.held_out for answer in answers])
+    gains = np.array([weighed(answer.gain, answer.held_out, settings) for answer in answers])
     return chances([len(answer.names) for answer in answers], gains, settings, library)
 
 

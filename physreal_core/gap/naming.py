@@ -76,8 +76,17 @@ def fitted_effects(fit: Fit) -> tuple[FittedEffect, ...]:
 
 def probabilities(answers: Sequence[Answer], settings: GapSettings, library: int) -> Array:
     """Of the answers, from their gains at the calibrated temperature and their priors."""
-    gains = np.array([answer.gain + settings.held_out_weight * answer.held_out for answer in answers])
+    gains = np.array([weighed(answer.gain, answer.held_out, settings) for answer in answers])
     return chances([len(answer.names) for answer in answers], gains, settings, library)
+
+
+def weighed(gain: float, held_out: float, settings: GapSettings) -> float:
+    """An answer's gain in evidence, less what it loses on held-out frames [nat].
+
+    A loss there speaks against an effect. A gain is no more than what the evidence has promised already: counted, it would let
+    an effect with none of its own be named for the luck of one late swing.
+    """
+    return gain + settings.held_out_weight * min(held_out, 0.0)
 
 
 def chances(sizes: Sequence[int], gains: Float[Array, " answers"], settings: GapSettings, library: int) -> Array:

@@ -22,7 +22,7 @@ class GapSettings:
         prior_none: probability that nothing is missing, before looking.
         prior_pair: probability of two effects, given that something is missing.
         temperature: by which gains are divided before they become probabilities.
-        held_out_weight: weight of the held-out frames' gain beside the training evidence.
+        held_out_weight: weight of what an answer loses on held-out frames, beside the training evidence.
         class_ratio: an answer belongs to the reported class if it is at least this times as probable as the best one.
         class_size: members at most.
         false_alarms: share of captures without a missing effect in which one may be named.

@@ -74,9 +74,10 @@ class StrainStiffening(Hidden):
 
         def act(time: float) -> None:
             F = energy.deformation(world.positions)
-            shrunk = np.linalg.det(F)[:, None, None] ** (-2 / 3)
-            I1 = (F**2).sum(axis=(1, 2), keepdims=True)
-            slope = shrunk * (2 * F - 2 / 3 * I1 * np.linalg.inv(F).transpose(0, 2, 1))
+            cofactors = np.stack([np.cross(F[:, i - 2], F[:, i - 1]) for i in range(3)], axis=1)
+            J = (F[:, 0] * cofactors[:, 0]).sum(axis=1)[:, None, None]
+            shrunk, I1 = J ** (-2 / 3), (F**2).sum(axis=(1, 2), keepdims=True)
+            slope = shrunk * (2 * F - 2 / 3 * I1 * cofactors / J)
             world.push(energy.of(2 * modulus * (shrunk * I1 - 3) * slope))
 
         return act

@@ -17,6 +17,7 @@ import torch
 
 from physreal_core.simulation import Body, Clamp, Grip, Parameters, PointLoad, SimulationConfig, Simulator, States
 from physreal_core.simulation.constitutive import ResidualConfig, initial_weights
+from physreal_core.simulation.terms import TERMS
 
 REFERENCE = Path(__file__).parent / "results" / "agreement_cpu.npz"
 # Sums over threads come in another order on a GPU: rounding (1e-16, 6e-8) grows over some fifty substeps, and float32
@@ -33,6 +34,7 @@ class Case:
     plastic_law: str = "identity"
     residual: ResidualConfig | None = None
     held: bool = False  # by a clamp at one side, pulled by a load at another
+    terms: tuple[str, ...] = ()
 
 
 CASES = {
@@ -42,6 +44,8 @@ CASES = {
     "Hencky, von Mises": Case("hencky", "von_mises"),
     "Drucker-Prager": Case(plastic_law="drucker_prager"),
     "residuals": Case(plastic_law="von_mises", residual=ResidualConfig(latent_size=2, hidden=4)),
+    "all terms": Case(terms=tuple(TERMS)),
+    "drag, density": Case(terms=("drag", "density")),
 }
 PLASTIC = {"identity": (0.0, 0.0), "von_mises": (20.0, 1.0), "drucker_prager": (0.4, 5.0)}
 
@@ -55,8 +59,8 @@ def scene(case: Case, device: str, dtype: str, kernels: str = "fast") -> tuple[S
     particles = np.arange(10)
     lengths = np.linalg.norm(x0[particles] - points[particles % 2], axis=1)
     config = SimulationConfig(
-        fps=60.0, elastic_law=case.elastic_law, plastic_law=case.plastic_law, residual=case.residual, dtype=dtype,
-        device=device, kernels=kernels,
+        fps=60.0, elastic_law=case.elastic_law, plastic_law=case.plastic_law, residual=case.residual, terms=case.terms,
+        dtype=dtype, device=device, kernels=kernels,
     )  # fmt: skip
     clamps, loads = (), ()
     if case.held:
@@ -84,8 +88,37 @@ def scene(case: Case, device: str, dtype: str, kernels: str = "fast") -> tuple[S
             noise = torch.randn(weights.shape, generator=generator, dtype=torch.float64)
             leaves[f"network_{name}"] = leaf(weights + 0.3 * noise)
             leaves[f"latent_{name}"] = leaf(torch.randn(count, 2, generator=generator, dtype=torch.float64))
+    given = term_values(x0)
+    leaves |= {name: leaf(given[name]) for term in case.terms for name in TERMS[term]}
     time = torch.linspace(0, 1, FRAMES, dtype=torch.float64)[:, None, None]
     return simulator, leaves, torch.as_tensor(points) + time * torch.tensor([0.01, 0.005, 0.01])
+
+
+def term_values(x0: np.ndarray) -> dict[str, torch.Tensor]:
+    """Parameters of all optional terms for a block that starts at x0 [N, 3] and runs into a post."""
+    count, generator = len(x0), torch.Generator().manual_seed(3)
+
+    def random(*shape: int) -> torch.Tensor:
+        return 0.5 + torch.rand(shape, generator=generator, dtype=torch.float64)
+
+    direction = random(count, 3)
+    return {
+        "gravity": torch.tensor([1.0, 0.5, -9.0], dtype=torch.float64),
+        "density": 300.0 * random(count),
+        "force": 1e-4 * random(count, 3),
+        "initial_position": torch.as_tensor(x0) + 1e-4 * random(count, 3),
+        "initial_deformation": torch.eye(3, dtype=torch.float64) + 0.02 * random(count, 3, 3),
+        "linear_drag": 1e-3 * random(count),
+        "quadratic_drag": 2e-3 * random(count),
+        "adhesion": 5e-3 * random(count),
+        "adhesion_range": torch.tensor(1e-3, dtype=torch.float64),
+        "obstacle": torch.tensor([0.07, 0.03, 0.01, 0.0, 0.01, 0.01, 0.02, 1e4], dtype=torch.float64),
+        "viscosity": random(count, 2),
+        "stiffening": 500.0 * random(count),
+        "fibre_modulus": 1e3 * random(count),
+        "fibre_direction": direction / direction.norm(dim=1, keepdim=True),
+        "friction_law": torch.tensor([0.2, 0.3, 0.1], dtype=torch.float64),
+    }
 
 
 def run(case: Case, device: str, dtype: str, kernels: str = "fast") -> dict[str, np.ndarray]:

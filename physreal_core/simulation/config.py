@@ -21,8 +21,7 @@ class SimulationConfig:
         ground_height: z of the support plane [m]; None for no ground.
         courant: Courant number of the elastic wave and of the grip's oscillation; above about 0.6 steps go unstable.
         residual: neural residuals beside the expert laws; None for none. A bound beta of zero leaves that one out.
-        terms: optional terms in use, of `terms.TERMS`; each switches parameters of `Parameters` on. On a GPU any of them
-            takes the plain kernels.
+        terms: optional terms in use, of `terms.TERMS`; each switches parameters of `Parameters` on.
         dtype: "float32", or "float64" for gradient proofs.
         device: "cpu" or "cuda:0".
         kernels: "fast", or "plain" for the one-kernel-per-phase form that the fast ones are held to.

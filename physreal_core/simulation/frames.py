@@ -35,7 +35,7 @@ def larger(margin: PerRollout, cell: float) -> PerRollout:
     return 2.0 * margin + 4.0 * cell
 
 
-def margin_of(frame_time: float, gravity: float, cell: float, speed: PerRollout, travel: PerRollout) -> PerRollout:
+def margin_of(frame_time: float, gravity: PerRollout, cell: float, speed: PerRollout, travel: PerRollout) -> PerRollout:
     """By how much particles may miss where their velocities take them within a frame [m].
 
     Args:

@@ -106,14 +106,14 @@ def make_stepper(
 ) -> Stepper | CudaStepper:
     """The form of the step that `config.kernels` and `config.device` ask for.
 
-    It is the plain one for laws and terms without a C++ twin, and on a GPU for any term.
+    It is the plain one on the CPU for laws and terms without a C++ twin.
 
     Args:
         body, config, grip, clamps, loads: as for `Simulator`.
         threads: of the fast form on the CPU; by default torch's number.
         kept_bytes: memory for kept frames of the fast form on the CPU; by default its own.
     """
-    if config.kernels == "fast" and config.device != "cpu" and not config.terms:
+    if config.kernels == "fast" and config.device != "cpu":
         return CudaStepper(body, config, grip, clamps, loads)
     if config.kernels == "fast" and config.device == "cpu" and has_laws(config):
         return NativeStepper(body, config, grip, clamps, loads, threads, kept_bytes)

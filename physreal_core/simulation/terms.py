@@ -1,7 +1,7 @@
 """Optional terms of a simulation: the parameters that each of them switches on, and the values at which it is absent.
 
 A term named in `SimulationConfig.terms` is part of every substep; without it its parameters must be None. The laws are
-stated where they are evaluated, in `plain` and, as vector C++, in `native`.
+stated where they are evaluated, in `plain` (of which `cuda` takes them) and, as vector C++, in `native`.
 """
 
 from collections.abc import Iterable

@@ -130,8 +130,11 @@ def test_float32_gradients_agree_with_float64(kernels):
 
 def test_the_gpus_form_leaves_the_controllers_gradient_to_the_plain_one(monkeypatch):
     def chosen(body, config, *rest, **options):
-        fused = config.kernels == "fast" and not config.terms
-        return CudaStepper(body, config, *rest) if fused else make_stepper(body, config, *rest, **options)
+        return (
+            CudaStepper(body, config, *rest)
+            if config.kernels == "fast"
+            else make_stepper(body, config, *rest, **options)
+        )
 
     monkeypatch.setattr(simulator_module, "make_stepper", chosen)
     simulator, parameters, controllers = scene(terms=())

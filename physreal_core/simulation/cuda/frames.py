@@ -17,7 +17,16 @@ from physreal_core.simulation.box import LARGEST_EDGE, box_corners
 from physreal_core.simulation.config import SimulationConfig
 from physreal_core.simulation.cuda.report import bounds
 from physreal_core.simulation.cuda.stepper import CudaStepper
-from physreal_core.simulation.frames import ATTEMPTS, Bars, Progress, Substeps, larger, last_frame, margin_of
+from physreal_core.simulation.frames import (
+    ATTEMPTS,
+    Bars,
+    PerRollout,
+    Progress,
+    Substeps,
+    larger,
+    last_frame,
+    margin_of,
+)
 from physreal_core.simulation.parameters import Parameters
 from physreal_core.simulation.stepper import State
 
@@ -33,7 +42,7 @@ class CudaRecord:
 
     Attributes:
         substeps: per frame, of all rollouts.
-        C: affine velocities at frame times, shape [T, R, N, 3, 3].
+        C: affine velocities at frame times (and what `terms.inner_shape` says), shape [T, R, N, 3, 3].
         boxes: nodes of a rollout, and the boxes [R, 6], of every frame.
         orders: order of the particles in every frame.
         failures: what ended each rollout early.
@@ -69,10 +78,23 @@ class CudaFrames:
     def __init__(self, body: Body, config: SimulationConfig, stepper: CudaStepper, substeps: Substeps) -> None:
         self.config, self.stepper, self._substeps = config, stepper, substeps
         self._x0 = torch.tensor(body.x0, dtype=stepper.types.torch_dtype, device=config.device)
-        self._gravity = float(np.linalg.norm(config.gravity))
+        self._gravity: PerRollout = float(np.linalg.norm(config.gravity))  # of the rollouts under way
         self._box_rows: np.ndarray | None = None
 
     # --- forward ------------------------------------------------------------------------------------------------
+
+    def _start(self, parameters: Parameters, substeps: int) -> State:
+        """Load the rollouts' parameters; their state at the first frame time, each [R, N, ...], C = 0."""
+        stepper = self.stepper
+        stepper.load_parameters(parameters, substeps)
+        if parameters.gravity is not None:
+            self._gravity = parameters.gravity.norm(dim=-1).double().cpu().numpy()
+        v, shape = parameters.initial_velocity, (stepper.rollouts, stepper.particles)
+        x = self._x0.expand(*shape, 3) if parameters.initial_position is None else parameters.initial_position
+        F = parameters.initial_deformation
+        if F is None:
+            F = torch.eye(3).to(v).expand(*shape, 3, 3)
+        return x, v, F, v.new_zeros(*shape, *stepper.inner_shape)
 
     def forward(
         self, parameters: Parameters, points: Tensor, progress: Progress | None, keep: bool
@@ -91,10 +113,9 @@ class CudaFrames:
         shape = (stepper.rollouts, stepper.particles, 3)
         x, v = self._x0.new_empty(frames, *shape), self._x0.new_empty(frames, *shape)
         F = self._x0.new_empty(frames, *shape, 3)
-        C = self._x0.new_zeros(frames if keep else 2, *shape, 3)
+        C = self._x0.new_zeros(frames if keep else 2, *shape[:2], *stepper.inner_shape)
         record = CudaRecord(self._substeps(parameters), C, failures=[None] * stepper.rollouts)
-        stepper.load_parameters(parameters, record.substeps)
-        x[0], v[0], F[0] = self._x0, parameters.initial_velocity, torch.eye(3).to(self._x0)
+        x[0], v[0], F[0], C[0] = self._start(parameters, record.substeps)
         travel, course = self._travel(points), _Course(self._first_bounds(x[0], v[0]))
         for frame in range(frames - 1):
             now, after = (frame, frame + 1) if keep else (frame % 2, (frame + 1) % 2)
@@ -115,11 +136,8 @@ class CudaFrames:
     def play(self, parameters: Parameters, points: Tensor) -> Generator[State, Tensor, None]:
         """Yields the state of the one rollout and takes the controller points [C, 3] of the next frame time."""
         stepper = self.stepper
-        shape = (1, stepper.particles, 3)
-        states = [tuple(self._x0.new_zeros(*shape, *more) for more in ((), (), (3,), (3,))) for _ in range(2)]
-        for values, target in zip((self._x0, parameters.initial_velocity, torch.eye(3)), states[0][:3], strict=True):
-            target.copy_(values)
-        stepper.load_parameters(parameters, self._substeps(parameters))
+        given = self._start(parameters, self._substeps(parameters))
+        states = [tuple(t.clone(memory_format=torch.contiguous_format) for t in given) for _ in range(2)]
         course, frame = _Course(self._first_bounds(*states[0][:2])), 0
         while True:
             start, end = states[frame % 2], states[(frame + 1) % 2]

@@ -5,8 +5,8 @@ import zlib
 import torch
 import warp as wp
 
+from physreal_core.simulation.cuda.laws import laws_in_use
 from physreal_core.simulation.cuda.model import BodyModel
-from physreal_core.simulation.cuda.nodes import node_kernels
 from physreal_core.simulation.cuda.particles import forward_kernel
 from physreal_core.simulation.cuda.particles_adjoint import backward_kernel
 from physreal_core.simulation.cuda.structs import particle_structs
@@ -36,43 +36,53 @@ class FrameLaunches:
         def empty(*shape: int) -> torch.Tensor:
             return torch.empty(shape, dtype=types.torch_dtype, device=model.device)
 
-        self.states = {name: empty(slots, count, *size) for name, size in SIZES.items()}
+        sizes = SIZES | ({"rate": (3, 3)} if "viscosity" in model.config.terms else {})
+        self.states = {name: empty(slots, count, *size) for name, size in sizes.items()}
         self.momentum, self._velocity, self._node_bar = empty(slots, rows, 4), empty(rows, 4), empty(2, rows, 4)
-        self.friction_bar = torch.zeros(rows, dtype=types.torch_dtype, device=model.device)
+        self.node_bars = {name: empty(rows, *size).zero_() for name, size in model.node_shapes.items()}
+        self._backward: dict[tuple[bool, bool], Phase] | None = None
         self._record(count, rows, nodes, wp.from_torch(first), wp.from_torch(report))
 
     def _record(self, count: int, rows: int, nodes: int, first: wp.array, report: wp.array) -> None:
         model, types, config = self.model, self.model.types, self.model.config
         states = particle_structs(config.dtype).States()
         for name, values in self.states.items():
-            setattr(states, name, wp.from_torch(values, types.vec3 if name in "xv" else types.mat33))
+            setattr(states, name, wp.from_torch(values, types.vec3 if name in ("x", "v") else types.mat33))
         momentum, velocity, node_bar = (
             wp.from_torch(t, types.vec4) for t in (self.momentum, self._velocity, self._node_bar)
         )
         particle_model, node_model, bars = model.particle_struct(nodes), model.node_struct(nodes), model.bar_struct()
+        node_bars = model.nodes.NodeBars()
+        for name, values in self.node_bars.items():
+            setattr(node_bars, name, wp.from_torch(values, types.vec3 if values.ndim > 1 else None))
         elastic = (config.elastic_law, config.elastic_residual)
         plastic = (config.plastic_law, config.plastic_residual)
+        laws, inputs = laws_in_use(config.terms), tuple(t for t in ("density", "force") if t in config.terms)
         tag = f"{zlib.crc32(repr((elastic, plastic)).encode()):08x}"
-        family = f"cuda_{elastic[0]}_{plastic[0]}_{tag}{'_grip' if model.gripped else ''}"
+        family = "_".join(("cuda", elastic[0], plastic[0], tag, *(("grip",) if model.gripped else ()), *laws))
         module = kernel_module(family, config.dtype)
-        material = (module, elastic, plastic, model.gripped, config.dtype)
+        adjoint_module = kernel_module("_".join((family, "adjoint", *inputs)), config.dtype)
+        material = (elastic, plastic, model.gripped, laws)
 
         # all kernels of a module before the first launch, which compiles it
-        forward = {half: forward_kernel(*material, *half) for half in HALVES}
-        backward = {half: backward_kernel(*material, *half) for half in HALVES}
-        kernels = node_kernels(config.dtype)
+        forward = {half: forward_kernel(module, *material, config.dtype, *half) for half in HALVES}
+        kernels = model.nodes
 
         def phase(kernel: wp.Kernel, threads: int, indices: int, *arguments) -> Phase:
             return Phase(kernel, threads, indices, list(arguments), model.device, BLOCK)
 
         ahead = (particle_model, first, velocity, states, momentum, report)
         back = (particle_model, first, velocity, states, node_bar, bars)
-        friction_bar = wp.from_torch(self.friction_bar)
         self._forward = {half: phase(kernel, count, 5, *ahead) for half, kernel in forward.items()}
-        self._backward = {half: phase(kernel, count, 1, *back) for half, kernel in backward.items()}
         self._start = phase(kernels.start, rows, 0, first, momentum, report)
         self._update = phase(kernels.update, rows, 2, node_model, first, momentum, velocity)
-        self._turn = phase(kernels.turn, rows, 3, node_model, first, momentum, node_bar, friction_bar, velocity)
+        self._turn = phase(kernels.turn, rows, 3, node_model, first, momentum, node_bar, node_bars, velocity)
+
+        def backward() -> dict[tuple[bool, bool], Phase]:
+            kernels = {half: backward_kernel(adjoint_module, *material, inputs, config.dtype, *half) for half in HALVES}
+            return {half: phase(kernel, count, 1, *back) for half, kernel in kernels.items()}
+
+        self._make_backward = backward
 
     def forward(self, substeps: int, keep: bool) -> None:
         """All substeps of the frame: from its first slot to slot `substeps` with `keep`, else within the first."""
@@ -84,8 +94,13 @@ class FrameLaunches:
             self._update(grid_slot, next_grid)
             self._forward[True, s + 1 < substeps](s + 1, slot, following, next_grid, int(keep))
 
+    def prepare_backward(self) -> None:
+        """Compile and record the adjoint, unless that is done: a search that only looks forward never needs it."""
+        if self._backward is None:
+            self._backward = self._make_backward()
+
     def backward(self, substeps: int) -> None:
-        """Adjoint of a kept frame."""
+        """Adjoint of a kept frame, once it is prepared."""
         self._turn(substeps, 0, 1)
         self._backward[False, True](substeps)
         for s in reversed(range(1, substeps)):

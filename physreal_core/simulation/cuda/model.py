@@ -10,11 +10,14 @@ import warp as wp
 from physreal_core.simulation.body import Body, Clamp, Grip, PointLoad, load_forces
 from physreal_core.simulation.box import held_boxes
 from physreal_core.simulation.config import SimulationConfig
+from physreal_core.simulation.cuda.laws import law_structs, laws_in_use
 from physreal_core.simulation.cuda.nodes import node_kernels
 from physreal_core.simulation.cuda.structs import particle_structs
 from physreal_core.simulation.parameters import Parameters
 from physreal_core.simulation.plain.grip import bond_functions
 from physreal_core.simulation.scalars import scalar_types
+from physreal_core.simulation.terms import PARTICLES, TERMS, term_shapes
+from physreal_core.simulation.timestep import rate_memory
 
 WEIGHT_ROWS = 64  # copies of a network's weight adjoint on a GPU, so that its threads do not queue for one address
 
@@ -26,7 +29,11 @@ class BodyModel:
         shapes: full shape of every parameter in use by name, without the axis of rollouts.
         box: origin and count of each rollout's nodes, shape [R, 6].
         controllers: controller points [m] at both ends of the frame, shape [R, 2, C, 3].
-        bars: adjoints of the state and of particles' parameters by name, each [P, ...], in the order of the kernels.
+        laws: names of the parameters of particles' optional laws.
+        shared: those of them that a rollout has one of, and the friction law's, [R, ...].
+        node_shapes: of what the nodes of a rollout share and has an adjoint, by name.
+        bars: adjoints of the state and of particles' parameters by name, each [P, ...], in the order of the kernels; also of
+            what particles of a rollout share.
     """
 
     def __init__(
@@ -41,11 +48,13 @@ class BodyModel:
     ) -> None:
         self.types, self.config, self.rollouts = scalar_types(config.dtype), config, rollouts
         self.device, self.particles, self.offset = config.device, len(body.x0), offset
-        self.cell = body.cell
+        self._body, self.cell = body, body.cell
+        self.nodes = node_kernels(config.dtype, "friction_law" in config.terms, "gravity" in config.terms)
         self.mass_floor = torch.finfo(self.types.torch_dtype).eps ** 2 * body.mass.min()
-        self.timing = self._zeros(3)  # dt, 1 / substeps, 1 / frame time
+        self.timing = self._zeros(4)  # dt, 1 / substeps, 1 / frame time, share of the mean rate that a substep keeps
         self.box = torch.zeros(rollouts, 6, dtype=torch.int32, device=self.device)
         self.friction, self.grip = self._zeros(rollouts), self._zeros(rollouts, 2)
+        self.gravity = self._repeat(np.array([config.gravity], dtype=np.float64))
         self.clamps = [wp.array(c, dtype=self.types.vec3, device=self.device) for c in held_boxes(clamps, body.cell)]
         self.given = {
             "mass": self._repeat(body.mass),
@@ -53,8 +62,10 @@ class BodyModel:
             "load": self._repeat(load_forces(body, loads)),
             "place": self._repeat(np.arange(self.particles, dtype=np.int32)),
         }
+        self._loads = self.given["load"].clone()
         self._bonds(body, grip)
         self._parameters()
+        self._laws()
         self.sorted = {name: given.clone() for name, given in self.given.items()}
 
     def _zeros(self, *shape: int) -> torch.Tensor:
@@ -113,6 +124,29 @@ class BodyModel:
             self.weights[kind] = self._zeros(self.rollouts, width)
             self.weights_bar[kind] = self._zeros(self.rollouts * self.weight_rows, width)
 
+    def _laws(self) -> None:
+        """Parameters of the optional terms, and their adjoints."""
+        terms, p = self.config.terms, self.rollouts * self.particles
+        self.shapes |= term_shapes(terms, self.particles)
+        self.laws, self.shared = [], {}
+        for term in laws_in_use(terms):
+            for name, parameter in TERMS[term].items():
+                self.laws.append(name)
+                size = tuple(axis for axis in parameter.shape if axis != PARTICLES)
+                if PARTICLES in parameter.shape:
+                    self.given[name] = self._zeros(p, *size)
+                else:
+                    self.shared[name] = self._zeros(self.rollouts, *size)
+                self.bars[name] = self._zeros(p, *size)
+        if "friction_law" in terms:
+            self.shared["friction_law"] = self._zeros(self.rollouts, 3)
+        if "adhesion" in terms:
+            self.laws.append("start")
+            self.given["start"], self.bars["start"] = self._repeat(self._body.x0), self._zeros(p, 3)
+        self.node_shapes = {"friction": ()} | {name: (3,) for name in ("gravity", "friction_law") if name in terms}
+        sizes = {"viscosity": ("rate", 3, 3), "density": ("mass",), "force": ("load", 3)}
+        self.bars |= {name: self._zeros(p, *size) for term, (name, *size) in sizes.items() if term in terms}
+
     # --- Warp's view --------------------------------------------------------------------------------------------
 
     def particle_struct(self, nodes: int):
@@ -122,35 +156,51 @@ class BodyModel:
         model.particles, model.nodes = self.particles, nodes
         model.offset, model.cells_per_metre = vec3(*self.offset), self.types.scalar(1.0 / self.cell)
         for name, values in self.sorted.items():
-            setattr(model, name, wp.from_torch(values, {"load": vec3, "plastic": vec2}.get(name)))
+            if name not in self.laws:
+                setattr(model, name, wp.from_torch(values, {"load": vec3, "plastic": vec2}.get(name)))
+        model.laws = law_structs(self.config.dtype).Laws()
+        for name in self.laws:
+            setattr(model.laws, name, self._law_array(self.sorted[name] if name in self.sorted else self.shared[name]))
         for kind, weights in self.weights.items():
             setattr(model, f"weights_{kind}", wp.from_torch(weights))
         model.bonds, model.grip, model.controllers = self.bonds, wp.from_torch(self.grip), self._controller_array()
         model.timing, model.box = wp.from_torch(self.timing), wp.from_torch(self.box)
         return model
 
+    def _law_array(self, values: torch.Tensor) -> wp.array:
+        """Two and three numbers to a row are vectors, an obstacle's eight are not."""
+        return wp.from_torch(values, {(2,): self.types.vec2, (3,): self.types.vec3}.get(tuple(values.shape[1:])))
+
     def _controller_array(self) -> wp.array:
         return wp.from_torch(self.controllers, self.types.vec3)
 
     def node_struct(self, nodes: int):
         """`nodes.Nodes` over these arrays, for boxes with room for `nodes` nodes."""
-        model, vec3, scalar = node_kernels(self.config.dtype).Nodes(), self.types.vec3, self.types.scalar
+        model, vec3, scalar = self.nodes.Nodes(), self.types.vec3, self.types.scalar
         model.nodes, model.offset, model.cell = nodes, vec3(*self.offset), scalar(self.cell)
-        model.gravity, model.mass_floor = vec3(*self.config.gravity), scalar(self.mass_floor)
+        model.gravity, model.mass_floor = wp.from_torch(self.gravity, vec3), scalar(self.mass_floor)
         model.has_ground = int(self.config.ground_height is not None)
         model.clamp_lower, model.clamp_upper = self.clamps
         model.timing, model.box = wp.from_torch(self.timing), wp.from_torch(self.box)
         model.friction = wp.from_torch(self.friction)
+        if "friction_law" in self.shared:
+            model.friction_law = wp.from_torch(self.shared["friction_law"])
         return model
 
     def bar_struct(self):
         """`structs.Bars` over the adjoints."""
         types = self.types
         dtypes = {"x": types.vec3, "v": types.vec3, "F": types.mat33, "C": types.mat33}
-        dtypes |= {"plastic": types.vec2, "grip": types.vec2}
+        dtypes |= {"plastic": types.vec2, "grip": types.vec2, "load": types.vec3}
         bars = particle_structs(self.config.dtype).Bars()
+        bars.laws = law_structs(self.config.dtype).LawBars()
         for name, values in self.bars.items():
-            setattr(bars, name, wp.from_torch(values, dtypes.get(name)))
+            if name in self.laws:
+                setattr(bars.laws, name, self._law_array(values))
+            elif name == "rate":
+                bars.laws.rate = wp.from_torch(values, types.mat33)
+            else:
+                setattr(bars, name, wp.from_torch(values, dtypes.get(name)))
         for kind, values in self.weights_bar.items():
             setattr(bars, f"weights_{kind}", wp.from_torch(values))
         bars.weight_rows = self.weight_rows
@@ -161,8 +211,9 @@ class BodyModel:
     def load(self, parameters: Parameters, substeps: int) -> None:
         """Take over parameters with an axis of rollouts; `sort` puts them in order."""
         fps = self.config.fps
-        timing = torch.tensor([1.0 / (fps * substeps), 1.0 / substeps, fps], dtype=torch.float64)
-        self.timing.copy_(timing)
+        memory = rate_memory(self._body, self.config, parameters)
+        timing = [1.0 / (fps * substeps), 1.0 / substeps, fps, memory / (memory + 1.0)]
+        self.timing.copy_(torch.tensor(timing, dtype=torch.float64))
         self._give("E", parameters.youngs_modulus)
         self._give("nu", parameters.poissons_ratio)
         if parameters.friction_coefficient is not None:
@@ -176,6 +227,24 @@ class BodyModel:
                 self._give(f"latent_{kind}", getattr(parameters, f"latent_{kind}"))
         if self.gripped:
             self.grip[:, 0], self.grip[:, 1] = parameters.grip_stiffness, parameters.grip_damping
+        self._load_terms(parameters)
+
+    def _load_terms(self, parameters: Parameters) -> None:
+        if parameters.gravity is not None:
+            self.gravity.copy_(parameters.gravity)
+        if parameters.density is not None:
+            self._give("mass", parameters.density * self.given["volume"].view(self.rollouts, -1))
+        if parameters.force is not None:
+            self._give("load", self._loads + parameters.force.reshape(self._loads.shape))
+        for name in self.laws:
+            if name in self.shared:
+                self.shared[name].copy_(getattr(parameters, name))
+            elif name != "start":
+                self._give(name, getattr(parameters, name))
+            elif parameters.initial_position is not None:
+                self._give(name, parameters.initial_position)
+        if parameters.friction_law is not None:
+            self.shared["friction_law"].copy_(parameters.friction_law)
 
     def _give(self, name: str, values: torch.Tensor) -> None:
         self.given[name].copy_(values.reshape(self.given[name].shape))
@@ -195,12 +264,12 @@ class BodyModel:
         for bar in (*self.bars.values(), *self.weights_bar.values()):
             bar.zero_()
 
-    def gradients(self, order: torch.Tensor, friction_bar: torch.Tensor) -> dict[str, torch.Tensor]:
+    def gradients(self, order: torch.Tensor, node_bars: dict[str, torch.Tensor]) -> dict[str, torch.Tensor]:
         """Adjoints of the parameters in use by name, with an axis of rollouts, as the caller counts.
 
         Args:
             order: caller's number of each particle.
-            friction_bar: adjoint of the friction coefficient, shape [R].
+            node_bars: adjoints by name of what acts on nodes, each [R, ...].
         """
         own = {name: torch.empty_like(bar).index_copy_(0, order, bar) for name, bar in self.bars.items()}
         grip = own["grip"].view(self.rollouts, -1, 2).sum(1)
@@ -209,10 +278,19 @@ class BodyModel:
             "poissons_ratio": own["nu"],
             "plastic": own["plastic"],
             "initial_velocity": own["v"],
-            "friction_coefficient": friction_bar,
+            "friction_coefficient": node_bars["friction"],
+            "initial_position": own["x"] + own.get("start", 0.0),
+            "initial_deformation": own["F"],
             "grip_stiffness": grip[:, 0],
             "grip_damping": grip[:, 1],
         }
+        found |= {name: node_bars[name] for name in ("gravity", "friction_law") if name in node_bars}
+        for name in self.laws:
+            found[name] = own[name].view(self.rollouts, self.particles, -1).sum(1) if name in self.shared else own[name]
+        if "density" in self.shapes:
+            found["density"] = self.given["volume"] * own["mass"]
+        if "force" in self.shapes:
+            found["force"] = own["load"]
         for kind, bar in self.weights_bar.items():
             found[f"latent_{kind}"] = own[f"latent_{kind}"]
             found[f"network_{kind}"] = bar.view(self.rollouts, self.weight_rows, -1).sum(1)

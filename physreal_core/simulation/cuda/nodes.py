@@ -10,18 +10,26 @@ from types import SimpleNamespace
 import warp as wp
 
 from physreal_core.simulation.cuda.report import COLUMNS, FAILURES, LEAST, NOT_FAILED
+from physreal_core.simulation.plain.friction import sliding_functions
 from physreal_core.simulation.plain.grid import FREE, node_functions
 from physreal_core.simulation.scalars import kernel_module, scalar_types
 
 
 @functools.cache
-def node_kernels(dtype: str) -> SimpleNamespace:
-    """Struct `Nodes` and kernels `start`, `update`, `turn` over one scalar type."""
+def node_kernels(dtype: str, slides: bool, tilts: bool) -> SimpleNamespace:
+    """Structs `Nodes`, `NodeBars` and kernels `start`, `update`, `turn` over one scalar type.
+
+    Args:
+        dtype: "float32" or "float64".
+        slides: whether friction depends on speed, as the term friction_law says.
+        tilts: whether the adjoint of gravity is asked for, as the term gravity does.
+    """
     types = scalar_types(dtype)
     scalar, vec3, vec4 = types.scalar, types.vec3, types.vec4
-    module = kernel_module("cuda_nodes", dtype)
-    functions = node_functions(dtype)
-    kind_of, velocity_of, velocity_adjoint = functions.kind_of, functions.velocity_of, functions.velocity_adjoint
+    module = kernel_module(f"cuda_nodes{'_sliding' if slides else ''}{'_tilted' if tilts else ''}", dtype)
+    functions, sliding = node_functions(dtype), sliding_functions(dtype)
+    kind_of, coulomb, coulomb_adjoint = functions.kind_of, functions.velocity_of, functions.velocity_adjoint
+    slide, slide_adjoint = sliding.velocity_of, sliding.velocity_adjoint
 
     @wp.struct
     class Nodes:
@@ -30,13 +38,14 @@ def node_kernels(dtype: str) -> SimpleNamespace:
         nodes: wp.int32
         offset: vec3
         cell: scalar
-        gravity: vec3
+        gravity: wp.array(dtype=vec3)  # [rollouts]
         mass_floor: scalar
         has_ground: wp.int32
         clamp_lower: wp.array(dtype=vec3)
         clamp_upper: wp.array(dtype=vec3)
         timing: wp.array(dtype=scalar)
         friction: wp.array(dtype=scalar)  # [rollouts]
+        friction_law: wp.array2d(dtype=scalar)  # [rollouts, 3] with the term
         box: wp.array2d(dtype=wp.int32)  # [rollouts, 6]
 
     @wp.func
@@ -53,6 +62,41 @@ def node_kernels(dtype: str) -> SimpleNamespace:
                 model.clamp_lower, model.clamp_upper,
             )  # fmt: skip
         return kind
+
+    @wp.func
+    def velocity_of(model: Nodes, p: vec4, kind: int, rollout: int):
+        dt = model.timing[0]
+        g = model.gravity[rollout]
+        mu = model.friction[rollout]
+        if slides:
+            v = slide(p, kind, dt, g, model.mass_floor, mu, model.friction_law[rollout])
+        else:
+            v = coulomb(p, kind, dt, g, model.mass_floor, mu)
+        return v
+
+    @wp.struct
+    class NodeBars:
+        """Adjoints of what nodes of a rollout share, [nodes of all rollouts]; empty without the term."""
+
+        friction: wp.array(dtype=scalar)
+        gravity: wp.array(dtype=vec3)
+        friction_law: wp.array(dtype=vec3)
+
+    @wp.func
+    def velocity_adjoint(model: Nodes, bars: NodeBars, n: int, p: vec4, kind: int, rollout: int, velocity_bar: vec4):
+        """Adjoint of (momentum, mass); adds to the bars of node n."""
+        dt = model.timing[0]
+        g = model.gravity[rollout]
+        mu = model.friction[rollout]
+        if slides:
+            back = slide_adjoint(p, kind, dt, g, model.mass_floor, mu, model.friction_law[rollout], velocity_bar)
+            bars.friction_law[n] = bars.friction_law[n] + back.law
+        else:
+            back = coulomb_adjoint(p, kind, dt, g, model.mass_floor, mu, velocity_bar)
+        bars.friction[n] = bars.friction[n] + back.friction
+        if tilts:  # gravity acts on the velocity as momentum / mass does, dt times
+            bars.gravity[n] = bars.gravity[n] + (dt * p[3]) * vec3(back.momentum[0], back.momentum[1], back.momentum[2])
+        return back.momentum
 
     @wp.kernel(module=module)
     def start(
@@ -86,9 +130,7 @@ def node_kernels(dtype: str) -> SimpleNamespace:
             return
         p = momentum[first[0] + slot, n]
         kind = kind_at(model, n, rollout, p)
-        velocity_out[n] = velocity_of(
-            p, kind, model.timing[0], model.gravity, model.mass_floor, model.friction[rollout]
-        )
+        velocity_out[n] = velocity_of(model, p, kind, rollout)
         momentum[first[0] + cleared_slot, n] = vec4()
 
     @wp.kernel(module=module)
@@ -103,7 +145,7 @@ def node_kernels(dtype: str) -> SimpleNamespace:
         momentum_in: wp.array2d(dtype=vec4),
         # Data in and out: adjoint of the nodes' velocity becomes that of (momentum, mass); rows by turns
         bar: wp.array2d(dtype=vec4),
-        friction_bar: wp.array(dtype=scalar),
+        bars: NodeBars,
         # Data out:
         velocity_out: wp.array(dtype=vec4),
     ):
@@ -111,19 +153,14 @@ def node_kernels(dtype: str) -> SimpleNamespace:
         rollout = n / model.nodes
         if not used(model, n, rollout):
             return
-        friction = model.friction[rollout]
         if arriving != 0:
             p = momentum_in[first[0] + slot, n]
             kind = kind_at(model, n, rollout, p)
-            back = velocity_adjoint(
-                p, kind, model.timing[0], model.gravity, model.mass_floor, friction, bar[slot % 2, n]
-            )
-            bar[slot % 2, n] = back.momentum
-            friction_bar[n] = friction_bar[n] + back.friction
+            bar[slot % 2, n] = velocity_adjoint(model, bars, n, p, kind, rollout, bar[slot % 2, n])
         if leaving != 0:
             p0 = momentum_in[first[0] + slot - 1, n]
             kind0 = kind_at(model, n, rollout, p0)
-            velocity_out[n] = velocity_of(p0, kind0, model.timing[0], model.gravity, model.mass_floor, friction)
+            velocity_out[n] = velocity_of(model, p0, kind0, rollout)
             bar[(slot + 1) % 2, n] = vec4()
 
-    return SimpleNamespace(Nodes=Nodes, start=start, update=update, turn=turn)
+    return SimpleNamespace(Nodes=Nodes, NodeBars=NodeBars, start=start, update=update, turn=turn)

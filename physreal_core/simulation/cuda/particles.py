@@ -10,11 +10,13 @@ import warp as wp
 
 from physreal_core.simulation.constitutive import ResidualConfig
 from physreal_core.simulation.cuda.adder import lane_adder
+from physreal_core.simulation.cuda.laws import law_functions
 from physreal_core.simulation.cuda.material import flow_functions, stress_functions
 from physreal_core.simulation.cuda.report import COLUMNS, FAILURES, raise_to
 from physreal_core.simulation.cuda.structs import particle_structs
 from physreal_core.simulation.plain.grip import bond_functions
 from physreal_core.simulation.plain.lattice import lattice_functions
+from physreal_core.simulation.plain.stress_terms import stress_term_functions
 from physreal_core.simulation.plain.transfer_functions import transfer_functions
 from physreal_core.simulation.plain.transfers import NOT_FINITE, OUTSIDE
 from physreal_core.simulation.scalars import scalar_types
@@ -25,7 +27,14 @@ Law = tuple[str, ResidualConfig | None]
 
 @functools.cache
 def forward_kernel(
-    module: wp.Module, elastic: Law, plastic: Law, gripped: bool, dtype: str, arriving: bool, leaving: bool
+    module: wp.Module,
+    elastic: Law,
+    plastic: Law,
+    gripped: bool,
+    laws: tuple[str, ...],
+    dtype: str,
+    arriving: bool,
+    leaving: bool,
 ) -> wp.Kernel:
     """The kernel from the nodes' velocities of one substep to the momenta of the next, or one of its halves.
 
@@ -33,6 +42,7 @@ def forward_kernel(
         module: where it is compiled.
         elastic, plastic: the laws.
         gripped: whether there are bonds.
+        laws: the optional ones in use, see `laws_in_use`.
         dtype: "float32" or "float64".
         arriving: whether it gathers and flows.
         leaving: whether it scatters; if not, it checks the state and reports on it.
@@ -46,6 +56,9 @@ def forward_kernel(
     affine_momentum, scatter, gather = transfer.affine_momentum, transfer.scatter, transfer.gather
     stress, flow = stress_functions(*elastic, dtype).stress, flow_functions(*plastic, dtype).flow
     bonds_force = bond_functions(dtype).bonds_force
+    optional, viscous = law_functions(laws, dtype), "viscosity" in laws
+    laws_force, laws_stress = optional.force, optional.stress
+    average_rate = stress_term_functions(dtype).average_rate
 
     @wp.func
     def fail(model: Model, report: wp.array(dtype=wp.int64), rollout: int, kind: int, substep: int, p: int):
@@ -91,6 +104,9 @@ def forward_kernel(
         F = states.F[now, p]
         v = vec3()
         C = mat33()
+        rate = mat33()
+        if viscous:
+            rate = states.rate[now, p]
         if arriving:
             r0 = relative(x, model.offset, model.cells_per_metre, box)
             if not inside(r0, box):
@@ -111,6 +127,9 @@ def forward_kernel(
             if keep != 0 or not leaving:
                 states.v[after, p] = v
                 states.C[after, p] = C
+            if viscous:
+                rate = average_rate(model.timing[3], rate, C)
+                states.rate[after, p] = rate
         else:
             v = states.v[now, p]
             C = states.C[now, p]
@@ -118,9 +137,10 @@ def forward_kernel(
         if leaving:
             m = model.mass[p]
             tau = stress(F, model.E[p], model.nu[p], p, model.latent_elastic, model.weights_elastic[rollout])
+            tau = laws_stress(model.laws, p, F, rate, tau)
             if keep != 0:
                 states.tau[after, p] = tau
-            force = model.load[p]
+            force = laws_force(model.laws, p, rollout, m, x, v, model.load[p])
             if gripped:
                 force = bonds_force(
                     model.bonds, model.bond_begin[p], model.bond_end[p], model.grip[rollout, 0],

@@ -9,20 +9,33 @@ import functools
 import warp as wp
 
 from physreal_core.simulation.cuda.adder import lane_adder
+from physreal_core.simulation.cuda.laws import law_functions
 from physreal_core.simulation.cuda.material import flow_functions, stress_functions
 from physreal_core.simulation.cuda.particles import Law
 from physreal_core.simulation.cuda.structs import particle_structs
 from physreal_core.simulation.plain.grip import bond_functions
 from physreal_core.simulation.plain.lattice import lattice_functions
+from physreal_core.simulation.plain.stress_terms import stress_term_functions
 from physreal_core.simulation.plain.transfer_functions import transfer_functions
 from physreal_core.simulation.scalars import scalar_types
 
 
 @functools.cache
 def backward_kernel(
-    module: wp.Module, elastic: Law, plastic: Law, gripped: bool, dtype: str, arriving: bool, leaving: bool
+    module: wp.Module,
+    elastic: Law,
+    plastic: Law,
+    gripped: bool,
+    laws: tuple[str, ...],
+    inputs: tuple[str, ...],
+    dtype: str,
+    arriving: bool,
+    leaving: bool,
 ) -> wp.Kernel:
-    """Adjoint of `particles.forward_kernel`; arguments as there, the halves as the backward pass meets them."""
+    """Adjoint of `particles.forward_kernel`; arguments as there, the halves as the backward pass meets them.
+
+    `inputs` are those of the terms density and force in use, whose adjoints are summed up.
+    """
     types, lattice = scalar_types(dtype), lattice_functions(dtype)
     scalar, vec2, vec3, vec4, mat33 = types.scalar, types.vec2, types.vec3, types.vec4, types.mat33
     structs, transfer = particle_structs(dtype), transfer_functions(dtype, lane_adder(dtype))
@@ -36,6 +49,11 @@ def backward_kernel(
     flows = plastic != ("identity", None)
     bonds = bond_functions(dtype)
     bonds_force, bonds_adjoint = bonds.bonds_force, bonds.bonds_adjoint
+    optional, viscous = law_functions(laws, dtype), "viscosity" in laws
+    has_laws, weighed, pushed = bool(laws), "density" in inputs, "force" in inputs
+    laws_force, laws_force_adjoint = optional.force, optional.force_adjoint
+    laws_stress_adjoint = optional.stress_adjoint
+    average_rate_adjoint = stress_term_functions(dtype).average_rate_adjoint
     zero, four = scalar(0.0), scalar(4.0)
 
     @wp.kernel(module=module)
@@ -67,6 +85,11 @@ def backward_kernel(
         F_bar = bars.F[p]
         v_bar = vec3()
         C_bar = mat33()
+        rate = mat33()
+        rate_bar = mat33()
+        if viscous:
+            rate = states.rate[at, p]
+            rate_bar = bars.laws.rate[p]
         v = states.v[at, p]
         C = states.C[at, p]
         if arriving:
@@ -78,7 +101,7 @@ def backward_kernel(
             f = fraction(r, base)
             m = model.mass[p]
             volume = model.volume[p]
-            force = model.load[p]
+            force = laws_force(model.laws, p, rollout, m, x, v, model.load[p])
             if gripped:
                 force = bonds_force(
                     model.bonds, model.bond_begin[p], model.bond_end[p], model.grip[rollout, 0],
@@ -100,6 +123,19 @@ def backward_kernel(
                 x_bar += pull.x
                 v_bar += pull.v
                 bars.grip[p] = bars.grip[p] + vec2(pull.stiffness, pull.damping)
+            mass_bar = bar.mass + wp.dot(v, bar.q) + wp.ddot(C, bar.A) / cells_per_metre
+            if has_laws:
+                acted = laws_force_adjoint(model.laws, bars.laws, p, rollout, m, x, v, dt * bar.q)
+                x_bar += acted.x
+                v_bar += acted.v
+                mass_bar += acted.mass
+                strained = laws_stress_adjoint(model.laws, bars.laws, p, states.F[at, p], rate, tau_bar)
+                F_bar += strained.F
+                rate_bar += strained.rate
+            if weighed:
+                bars.mass[p] = bars.mass[p] + mass_bar
+            if pushed:
+                bars.load[p] = bars.load[p] + dt * bar.q
             s = stress_adjoint(
                 states.F[at, p], E, nu, p, model.latent_elastic, model.weights_elastic[rollout], tau_bar,
                 bars.latent_elastic, bars.weights_elastic, weight_row,
@@ -115,6 +151,9 @@ def backward_kernel(
             r0 = relative(states.x[at - 1, p], model.offset, cells_per_metre, box)
             if not inside(r0, box):
                 return
+            if viscous:
+                C_bar += average_rate_adjoint(model.timing[3], rate_bar)
+                rate_bar = model.timing[3] * rate_bar
             base0 = base_cell(r0)
             f0 = fraction(r0, base0)
             if flows:
@@ -137,6 +176,8 @@ def backward_kernel(
         else:
             bars.v[p] = v_bar
             bars.C[p] = C_bar
+        if viscous:
+            bars.laws.rate[p] = rate_bar
         bars.x[p] = x_bar
         bars.F[p] = F_bar
         bars.E[p] = E_bar

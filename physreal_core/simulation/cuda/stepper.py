@@ -17,6 +17,7 @@ from physreal_core.simulation.cuda.model import BodyModel
 from physreal_core.simulation.cuda.report import COLUMNS
 from physreal_core.simulation.parameters import Parameters
 from physreal_core.simulation.scalars import scalar_types
+from physreal_core.simulation.terms import inner_shape
 
 KEPT_SHARE = 0.25
 """Share of a GPU's memory for frames whose substeps are kept for the backward pass. 20 frames of 50 substeps of 20 000
@@ -35,6 +36,7 @@ class CudaStepper:
         shapes: full shape of every parameter in use by name, without the axis of rollouts.
         order: the caller's number (rollout x particles + particle) of each particle, shape [P].
         kept_bytes: memory that kept frames may take.
+        inner_shape: of what a particle carries beside x, v and F, see `terms.inner_shape`.
         holder: whose frames are kept; None if nobody's.
     """
 
@@ -51,7 +53,7 @@ class CudaStepper:
         self.particles, self.rollouts, self.cell = len(body.x0), rollouts, body.cell
         self.offset = lattice_offset(body, config.ground_height, clamps)
         self.model = BodyModel(body, config, grip, clamps, loads, rollouts, self.offset)
-        self.shapes = self.model.shapes
+        self.shapes, self.inner_shape = self.model.shapes, inner_shape(config.terms)
         self.substeps = self.slots = self.nodes = self.kept_slots = 0
         self.kept_bytes = 0
         if self.device != "cpu":
@@ -69,8 +71,9 @@ class CudaStepper:
     # --- memory -------------------------------------------------------------------------------------------------
 
     def frame_bytes(self, nodes: int) -> int:
-        """Bytes of a kept frame: 33 numbers a particle and 4 a node, for each substep."""
-        numbers = self.rollouts * (33 * self.particles + 4 * max(int(NODE_RESERVE * nodes), self.nodes))
+        """Bytes of a kept frame: 24 numbers a particle, what it carries besides, and 4 a node, for each substep."""
+        own = 24 + 3 * self.inner_shape[0]
+        numbers = self.rollouts * (own * self.particles + 4 * max(int(NODE_RESERVE * nodes), self.nodes))
         return (self.substeps + 1) * numbers * self.types.torch_dtype.itemsize
 
     def keep_frames(self, holder: object, frames: int, nodes: int) -> int:
@@ -102,11 +105,12 @@ class CudaStepper:
         if nodes > self.nodes:
             self.nodes = int(NODE_RESERVE * nodes)
         self.slots = max(self.slots, working)
-        friction_bar = 0.0 if self._launches is None else self._friction_bar()  # a backward pass may be under way
+        node_bars = self._node_bars()  # a backward pass may be under way
         self._launches = None
         self._graphs.clear()
         self._launches = FrameLaunches(self.model, self.slots, self.nodes, self._first, self._report.view(-1))
-        self._launches.friction_bar.view(self.rollouts, -1)[:, 0] = friction_bar
+        for name, bar in node_bars.items():
+            self._launches.node_bars[name].unflatten(0, (self.rollouts, -1))[:, 0] = bar
         return True
 
     # --- one rollout --------------------------------------------------------------------------------------------
@@ -155,14 +159,19 @@ class CudaStepper:
 
     def set_state(self, x: torch.Tensor, v: torch.Tensor, F: torch.Tensor, C: torch.Tensor) -> None:
         """Put in the state at the frame's start, each [R, N, ...]."""
-        for name, value in (("x", x), ("v", v), ("F", F), ("C", C)):
+        for name, value in (("x", x), ("v", v), ("F", F), *self._inner(C)):
             torch.index_select(value.flatten(0, 1), 0, self.order, out=self._launches.states[name][self._slot])
 
     def write_state(self, out: tuple[torch.Tensor, ...], keep: bool) -> None:
         """Write the state at the frame's end to x, v, F, C, each contiguous [R, N, ...]."""
         slot = self._slot + (self.substeps if keep else 0)
-        for name, target in zip("xvFC", out, strict=True):
+        x, v, F, C = out
+        for name, target in (("x", x), ("v", v), ("F", F), *self._inner(C)):
             target.flatten(0, 1).index_copy_(0, self.order, self._launches.states[name][slot])
+
+    def _inner(self, C: torch.Tensor) -> list[tuple[str, torch.Tensor]]:
+        """Affine velocity and, with viscosity, mean rate of deformation as views of [R, N, 3 or 6, 3]."""
+        return list(zip(("C", "rate"), C.split(3, dim=-2), strict=False))
 
     def void(self, rollout: int) -> None:
         """Take a rollout out of the kept frame, so that its adjoint is zero."""
@@ -182,6 +191,7 @@ class CudaStepper:
     def backward(self) -> None:
         """Adjoint of the kept frame: the state's adjoints go from its end to its start; the parameters' grow."""
         launches = self._launches
+        launches.prepare_backward()
         self._run("backward", lambda: launches.backward(self.substeps))
 
     def _run(self, name: str, launches) -> None:
@@ -204,7 +214,8 @@ class CudaStepper:
         """Set all adjoints to zero."""
         self.model.clear_bars()
         if self._launches is not None:
-            self._launches.friction_bar.zero_()
+            for bar in self._launches.node_bars.values():
+                bar.zero_()
 
     def add_adjoints(self, x_bar: torch.Tensor | None, v_bar: torch.Tensor | None, F_bar: torch.Tensor | None) -> None:
         """Add derivatives of the loss by the state where the adjoint stands now, each [R, N, ...]."""
@@ -214,9 +225,13 @@ class CudaStepper:
 
     def gradients(self) -> dict[str, torch.Tensor]:
         """Adjoints of the parameters in use by name, with an axis of rollouts."""
-        return self.model.gradients(self.order, self._friction_bar())
+        return self.model.gradients(self.order, self._node_bars())
 
-    def _friction_bar(self) -> torch.Tensor:
+    def _node_bars(self) -> dict[str, torch.Tensor]:
+        """Adjoints by name of what acts on nodes, each [R, ...]."""
         if self._launches is None:
-            return torch.zeros(self.rollouts, dtype=self.types.torch_dtype, device=self.device)
-        return self._launches.friction_bar.view(self.rollouts, -1).sum(1)
+            return {
+                name: torch.zeros(self.rollouts, *size).to(self._lattice)
+                for name, size in self.model.node_shapes.items()
+            }
+        return {name: bar.unflatten(0, (self.rollouts, -1)).sum(1) for name, bar in self._launches.node_bars.items()}

@@ -1,10 +1,14 @@
-"""What the fused particle kernels read and write, as Warp structs; P particles of all rollouts, R rollouts, S slots."""
+"""What the fused particle kernels read and write, as Warp structs; P particles of all rollouts, R rollouts, S slots.
+
+All arguments of a kernel together must stay below CUDA's 4 kB, which those of the adjoint come near.
+"""
 
 import functools
 from types import SimpleNamespace
 
 import warp as wp
 
+from physreal_core.simulation.cuda.laws import law_structs
 from physreal_core.simulation.plain.grip import bond_functions
 from physreal_core.simulation.scalars import scalar_types
 
@@ -14,7 +18,8 @@ def particle_structs(dtype: str) -> SimpleNamespace:
     """Structs `Model`, `States` and `Bars` over one scalar type."""
     types = scalar_types(dtype)
     scalar, vec2, vec3, mat33 = types.scalar, types.vec2, types.vec3, types.mat33
-    Bonds = bond_functions(dtype).Bonds
+    Bonds, laws = bond_functions(dtype).Bonds, law_structs(dtype)
+    Laws, LawBars = laws.Laws, laws.LawBars
 
     @wp.struct
     class Model:
@@ -42,16 +47,18 @@ def particle_structs(dtype: str) -> SimpleNamespace:
         bond_end: wp.array(dtype=wp.int32)
         grip: wp.array2d(dtype=scalar)  # [R, 2]: stiffness, damping
         controllers: wp.array3d(dtype=vec3)  # [R, 2, C]
+        laws: Laws
 
     @wp.struct
     class States:
-        """[S, P]; affine velocity C and stress tau."""
+        """[S, P]; affine velocity C, stress tau, and with viscosity the mean rate of deformation."""
 
         x: wp.array2d(dtype=vec3)
         v: wp.array2d(dtype=vec3)
         F: wp.array2d(dtype=mat33)
         C: wp.array2d(dtype=mat33)
         tau: wp.array2d(dtype=mat33)
+        rate: wp.array2d(dtype=mat33)
 
     @wp.struct
     class Bars:
@@ -70,5 +77,8 @@ def particle_structs(dtype: str) -> SimpleNamespace:
         weights_elastic: wp.array2d(dtype=scalar)  # [R * rows, W]
         weights_plastic: wp.array2d(dtype=scalar)
         weight_rows: wp.int32
+        mass: wp.array(dtype=scalar)  # with the term density
+        load: wp.array(dtype=vec3)  # with the term force
+        laws: LawBars
 
     return SimpleNamespace(Model=Model, States=States, Bars=Bars)

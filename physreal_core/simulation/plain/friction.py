@@ -10,11 +10,13 @@ from physreal_core.simulation.scalars import kernel_module, scalar_types
 
 
 @functools.cache
-def friction_functions(dtype: str) -> wp.Function:
-    """Warp function `coefficient_at` over one scalar type: mu(s), and its derivatives."""
+def sliding_functions(dtype: str) -> SimpleNamespace:
+    """Warp functions `velocity_of`, `velocity_adjoint` over one scalar type; as those of `grid`, with the law's numbers."""
     types = scalar_types(dtype)
-    scalar, vec3 = types.scalar, types.vec3
-    zero = scalar(0.0)
+    scalar, vec3, vec4 = types.scalar, types.vec3, types.vec4
+    functions = node_functions(dtype)
+    slide, slide_adjoint = functions.slide, functions.slide_adjoint
+    zero, one = scalar(0.0), scalar(1.0)
 
     @wp.struct
     class Coefficient:
@@ -38,7 +40,61 @@ def friction_functions(dtype: str) -> wp.Function:
             out.by_law = vec3(fade, law[0] * fade * speed / (law[1] * law[1]), speed)
         return out
 
-    return coefficient_at
+    @wp.func
+    def velocity_of(
+        p: vec4,
+        kind: int,
+        dt: scalar,
+        gravity: vec3,
+        mass_floor: scalar,
+        dynamic: scalar,
+        law: wp.array(dtype=scalar),
+    ):
+        v = vec3()
+        if p[3] > mass_floor and kind != HELD:
+            v = vec3(p[0], p[1], p[2]) / p[3] + dt * gravity
+            if kind == GROUND and v[2] < zero:
+                v = slide(v, -coefficient_at(dynamic, law, v).value * v[2])
+        return vec4(v[0], v[1], v[2], zero)
+
+    @wp.struct
+    class SlidingAdjoint:
+        momentum: vec4
+        friction: scalar
+        law: vec3
+
+    @wp.func
+    def velocity_adjoint(
+        p: vec4,
+        kind: int,
+        dt: scalar,
+        gravity: vec3,
+        mass_floor: scalar,
+        dynamic: scalar,
+        law: wp.array(dtype=scalar),
+        velocity_bar: vec4,
+    ):
+        out = SlidingAdjoint()
+        if p[3] > mass_floor and kind != HELD:
+            b = vec3(velocity_bar[0], velocity_bar[1], velocity_bar[2])
+            free = vec3(p[0], p[1], p[2]) / p[3]
+            v = free + dt * gravity
+            if kind == GROUND and v[2] < zero:
+                mu = coefficient_at(dynamic, law, v)
+                slid = slide_adjoint(v, -mu.value * v[2], b)
+                mu_bar = -v[2] * slid.lost
+                speed = wp.sqrt(v[0] * v[0] + v[1] * v[1])
+                faster = zero
+                if speed > zero:
+                    faster = mu_bar * mu.by_speed / speed
+                b = slid.along_plane + vec3(faster * v[0], faster * v[1], -mu.value * slid.lost)
+                out.friction = mu_bar * mu.by_dynamic
+                out.law = mu_bar * mu.by_law
+            inverse_mass = one / p[3]
+            out.momentum = inverse_mass * vec4(b[0], b[1], b[2], -wp.dot(b, free))
+        return out
+
+    return SimpleNamespace(velocity_of=velocity_of, velocity_adjoint=velocity_adjoint)
 
 
 @functools.cache
@@ -47,10 +103,8 @@ def friction_kernels(dtype: str) -> SimpleNamespace:
     types = scalar_types(dtype)
     scalar, vec3, vec4 = types.scalar, types.vec3, types.vec4
     module = kernel_module("friction", dtype)
-    functions = node_functions(dtype)
-    slide, slide_adjoint = functions.slide, functions.slide_adjoint
-    coefficient_at = friction_functions(dtype)
-    zero, one = scalar(0.0), scalar(1.0)
+    functions = sliding_functions(dtype)
+    velocity_of, velocity_adjoint = functions.velocity_of, functions.velocity_adjoint
 
     @wp.kernel(module=module)
     def update_nodes(
@@ -71,12 +125,7 @@ def friction_kernels(dtype: str) -> SimpleNamespace:
     ):
         n = wp.tid()
         p = momentum_in[grid_slot, n]
-        v = vec3()
-        if p[3] > mass_floor and kind[n] != HELD:
-            v = vec3(p[0], p[1], p[2]) / p[3] + timing[0] * gravity[0]
-            if kind[n] == GROUND and v[2] < zero:
-                v = slide(v, -coefficient_at(friction[0], law, v).value * v[2])
-        velocity_out[n] = vec4(v[0], v[1], v[2], zero)
+        velocity_out[n] = velocity_of(p, kind[n], timing[0], gravity[0], mass_floor, friction[0], law)
         cleared_out[cleared_slot, n] = vec4()
 
     @wp.kernel(module=module)
@@ -99,25 +148,12 @@ def friction_kernels(dtype: str) -> SimpleNamespace:
     ):
         n = wp.tid()
         p = momentum_in[grid_slot, n]
-        bar = vec4()
-        if p[3] > mass_floor and kind[n] != HELD:
-            b = vec3(node_bar[n][0], node_bar[n][1], node_bar[n][2])
-            free = vec3(p[0], p[1], p[2]) / p[3]
-            v = free + timing[0] * gravity[0]
-            if kind[n] == GROUND and v[2] < zero:
-                mu = coefficient_at(friction[0], law, v)
-                slid = slide_adjoint(v, -mu.value * v[2], b)
-                mu_bar = -v[2] * slid.lost
-                speed = wp.sqrt(v[0] * v[0] + v[1] * v[1])
-                faster = zero
-                if speed > zero:
-                    faster = mu_bar * mu.by_speed / speed
-                b = slid.along_plane + vec3(faster * v[0], faster * v[1], -mu.value * slid.lost)
-                friction_bar[n] = friction_bar[n] + mu_bar * mu.by_dynamic
-                law_bar[n] = law_bar[n] + mu_bar * mu.by_law
-            gravity_bar[n] = gravity_bar[n] + timing[0] * b
-            inverse_mass = one / p[3]
-            bar = inverse_mass * vec4(b[0], b[1], b[2], -wp.dot(b, free))
-        node_bar[n] = bar
+        bar = velocity_adjoint(p, kind[n], timing[0], gravity[0], mass_floor, friction[0], law, node_bar[n])
+        node_bar[n] = bar.momentum
+        # gravity acts on the velocity as momentum / mass does, dt times
+        weight = timing[0] * p[3]
+        gravity_bar[n] = gravity_bar[n] + weight * vec3(bar.momentum[0], bar.momentum[1], bar.momentum[2])
+        friction_bar[n] = friction_bar[n] + bar.friction
+        law_bar[n] = law_bar[n] + bar.law
 
     return SimpleNamespace(update_nodes=update_nodes, update_nodes_adjoint=update_nodes_adjoint)

@@ -1,6 +1,7 @@
 """Forces on particles from what is around them: drag, adhesion to the ground, an obstacle; with the adjoints.
 
-The laws are stated in `term_laws`. Every kernel adds to what is there, one thread per particle.
+The laws are stated in `term_laws`: as Warp functions of one particle, for the plain kernels and for the fused ones, and as
+kernels that add to what is there, one thread per particle.
 """
 
 import functools
@@ -13,12 +14,60 @@ from physreal_core.simulation.term_laws import OBSTACLE_SOFTENING
 
 
 @functools.cache
-def obstacle_functions(dtype: str) -> SimpleNamespace:
-    """Warp function `contact`: where and how deep a position is in a capsule, over one scalar type."""
+def particle_force_functions(dtype: str) -> SimpleNamespace:
+    """Warp functions `drag`, `adhesion`, `obstacle`, each with `..._adjoint`, over one scalar type."""
     types = scalar_types(dtype)
     scalar, vec3 = types.scalar, types.vec3
-    zero, one = scalar(0.0), scalar(1.0)
+    zero, one, two = scalar(0.0), scalar(1.0), scalar(2.0)
     softening = scalar(OBSTACLE_SOFTENING**2)
+
+    @wp.func
+    def drag(linear: scalar, quadratic: scalar, v: vec3):
+        return -(linear + quadratic * wp.length(v)) * v
+
+    @wp.struct
+    class DragAdjoint:
+        v: vec3
+        linear: scalar
+        quadratic: scalar
+
+    @wp.func
+    def drag_adjoint(linear: scalar, quadratic: scalar, v: vec3, force_bar: vec3):
+        out = DragAdjoint()
+        speed = wp.length(v)
+        along = wp.dot(v, force_bar)
+        turning = zero
+        if speed > zero:
+            turning = quadratic * along / speed
+        out.v = -(linear + quadratic * speed) * force_bar - turning * v
+        out.linear = -along
+        out.quadratic = -speed * along
+        return out
+
+    @wp.func
+    def adhesion(peak: scalar, reach: scalar, start: vec3, x: vec3):
+        u = wp.max((x[2] - start[2]) / reach, zero)
+        return vec3(zero, zero, -peak * u * wp.exp(one - u))
+
+    @wp.struct
+    class AdhesionAdjoint:
+        """`lift` is the adjoint of the position, and minus that of the start."""
+
+        lift: vec3
+        peak: scalar
+        reach: scalar
+
+    @wp.func
+    def adhesion_adjoint(peak: scalar, reach: scalar, start: vec3, x: vec3, force_bar: vec3):
+        out = AdhesionAdjoint()
+        u = (x[2] - start[2]) / reach
+        if u > zero:
+            fade = wp.exp(one - u)
+            u_bar = peak * (u - one) * fade * force_bar[2]
+            out.lift = vec3(zero, zero, u_bar / reach)
+            out.peak = -u * fade * force_bar[2]
+            out.reach = -u * u_bar / reach
+        return out
 
     @wp.struct
     class Contact:
@@ -51,7 +100,48 @@ def obstacle_functions(dtype: str) -> SimpleNamespace:
         c.depth = wp.max(capsule[6] - c.length, zero)
         return c
 
-    return SimpleNamespace(contact=contact)
+    @wp.func
+    def obstacle(capsule: wp.array(dtype=scalar), mass: scalar, x: vec3):
+        at = contact(x, capsule)
+        return (mass * capsule[7] * at.depth) * at.outwards
+
+    @wp.struct
+    class ObstacleAdjoint:
+        """`x` is the adjoint of the position, and minus that of the centre."""
+
+        x: vec3
+        mass: scalar
+        axis: vec3
+        radius: scalar
+        stiffness: scalar
+
+    @wp.func
+    def obstacle_adjoint(capsule: wp.array(dtype=scalar), mass: scalar, x: vec3, force_bar: vec3):
+        adjoint = ObstacleAdjoint()
+        at = contact(x, capsule)
+        if at.depth > zero:
+            work = wp.dot(at.outwards, force_bar)
+            stiffness = mass * capsule[7]
+            turning = stiffness * at.depth / at.length
+            out_bar = turning * force_bar - (turning * work + stiffness * work) * at.outwards
+            along_bar = zero
+            if at.beside != 0:
+                along_bar = -at.inverse_square * wp.dot(at.axis, out_bar)
+            adjoint.x = out_bar + along_bar * at.axis
+            adjoint.axis = along_bar * (at.arm - two * at.along * at.axis) - at.along * out_bar
+            adjoint.mass = capsule[7] * at.depth * work
+            adjoint.radius = stiffness * work
+            adjoint.stiffness = mass * at.depth * work
+        return adjoint
+
+    return SimpleNamespace(
+        drag=drag,
+        drag_adjoint=drag_adjoint,
+        adhesion=adhesion,
+        adhesion_adjoint=adhesion_adjoint,
+        obstacle=obstacle,
+        obstacle_adjoint=obstacle_adjoint,
+    )
 
 
 @functools.cache
@@ -60,8 +150,10 @@ def particle_force_kernels(dtype: str) -> SimpleNamespace:
     types = scalar_types(dtype)
     scalar, vec3 = types.scalar, types.vec3
     module = kernel_module("particle_forces", dtype)
-    contact = obstacle_functions(dtype).contact
-    zero, one, two = scalar(0.0), scalar(1.0), scalar(2.0)
+    laws = particle_force_functions(dtype)
+    drag_of, drag_adjoint_of = laws.drag, laws.drag_adjoint
+    adhesion_of, adhesion_adjoint_of = laws.adhesion, laws.adhesion_adjoint
+    obstacle_of, obstacle_adjoint_of = laws.obstacle, laws.obstacle_adjoint
 
     @wp.kernel(module=module)
     def only_loads(
@@ -86,8 +178,7 @@ def particle_force_kernels(dtype: str) -> SimpleNamespace:
         force: wp.array(dtype=vec3),
     ):
         p = wp.tid()
-        v = v_in[slot, p]
-        force[p] = force[p] - (linear[p] + quadratic[p] * wp.length(v)) * v
+        force[p] = force[p] + drag_of(linear[p], quadratic[p], v_in[slot, p])
 
     @wp.kernel(module=module)
     def drag_adjoint(
@@ -104,16 +195,10 @@ def particle_force_kernels(dtype: str) -> SimpleNamespace:
         quadratic_bar: wp.array(dtype=scalar),
     ):
         p = wp.tid()
-        v = v_in[slot, p]
-        f_bar = force_bar_in[p]
-        speed = wp.length(v)
-        along = wp.dot(v, f_bar)
-        turning = zero
-        if speed > zero:
-            turning = quadratic[p] * along / speed
-        v_bar[p] = v_bar[p] - (linear[p] + quadratic[p] * speed) * f_bar - turning * v
-        linear_bar[p] = linear_bar[p] - along
-        quadratic_bar[p] = quadratic_bar[p] - speed * along
+        bar = drag_adjoint_of(linear[p], quadratic[p], v_in[slot, p], force_bar_in[p])
+        v_bar[p] = v_bar[p] + bar.v
+        linear_bar[p] = linear_bar[p] + bar.linear
+        quadratic_bar[p] = quadratic_bar[p] + bar.quadratic
 
     @wp.kernel(module=module)
     def adhesion(
@@ -128,8 +213,7 @@ def particle_force_kernels(dtype: str) -> SimpleNamespace:
         force: wp.array(dtype=vec3),
     ):
         p = wp.tid()
-        u = wp.max((x_in[slot, p][2] - start[p][2]) / reach[0], zero)
-        force[p] = force[p] - vec3(zero, zero, peak[p] * u * wp.exp(one - u))
+        force[p] = force[p] + adhesion_of(peak[p], reach[0], start[p], x_in[slot, p])
 
     @wp.kernel(module=module)
     def adhesion_adjoint(
@@ -148,16 +232,11 @@ def particle_force_kernels(dtype: str) -> SimpleNamespace:
         start_bar: wp.array(dtype=vec3),
     ):
         p = wp.tid()
-        u = (x_in[slot, p][2] - start[p][2]) / reach[0]
-        if u > zero:
-            f_bar = force_bar_in[p][2]
-            fade = wp.exp(one - u)
-            u_bar = peak[p] * (u - one) * fade * f_bar
-            lift = vec3(zero, zero, u_bar / reach[0])
-            x_bar[p] = x_bar[p] + lift
-            start_bar[p] = start_bar[p] - lift
-            peak_bar[p] = peak_bar[p] - u * fade * f_bar
-            reach_bar[p] = reach_bar[p] - u * u_bar / reach[0]
+        bar = adhesion_adjoint_of(peak[p], reach[0], start[p], x_in[slot, p], force_bar_in[p])
+        x_bar[p] = x_bar[p] + bar.lift
+        start_bar[p] = start_bar[p] - bar.lift
+        peak_bar[p] = peak_bar[p] + bar.peak
+        reach_bar[p] = reach_bar[p] + bar.reach
 
     @wp.kernel(module=module)
     def obstacle(
@@ -171,8 +250,7 @@ def particle_force_kernels(dtype: str) -> SimpleNamespace:
         force: wp.array(dtype=vec3),
     ):
         p = wp.tid()
-        at = contact(x_in[slot, p], capsule)
-        force[p] = force[p] + (mass[p] * capsule[7] * at.depth) * at.outwards
+        force[p] = force[p] + obstacle_of(capsule, mass[p], x_in[slot, p])
 
     @wp.kernel(module=module)
     def obstacle_adjoint(
@@ -189,25 +267,14 @@ def particle_force_kernels(dtype: str) -> SimpleNamespace:
         capsule_bar: wp.array2d(dtype=scalar),
     ):
         p = wp.tid()
-        at = contact(x_in[slot, p], capsule)
-        if at.depth > zero:
-            f_bar = force_bar_in[p]
-            work = wp.dot(at.outwards, f_bar)
-            stiffness = mass[p] * capsule[7]
-            turning = stiffness * at.depth / at.length
-            out_bar = turning * f_bar - (turning * work + stiffness * work) * at.outwards
-            along_bar = zero
-            if at.beside != 0:
-                along_bar = -at.inverse_square * wp.dot(at.axis, out_bar)
-            moved = out_bar + along_bar * at.axis
-            turned = along_bar * (at.arm - two * at.along * at.axis) - at.along * out_bar
-            x_bar[p] = x_bar[p] + moved
-            mass_bar[p] = mass_bar[p] + capsule[7] * at.depth * work
-            for d in range(3):
-                capsule_bar[p, d] = capsule_bar[p, d] - moved[d]
-                capsule_bar[p, 3 + d] = capsule_bar[p, 3 + d] + turned[d]
-            capsule_bar[p, 6] = capsule_bar[p, 6] + stiffness * work
-            capsule_bar[p, 7] = capsule_bar[p, 7] + mass[p] * at.depth * work
+        bar = obstacle_adjoint_of(capsule, mass[p], x_in[slot, p], force_bar_in[p])
+        x_bar[p] = x_bar[p] + bar.x
+        mass_bar[p] = mass_bar[p] + bar.mass
+        for d in range(3):
+            capsule_bar[p, d] = capsule_bar[p, d] - bar.x[d]
+            capsule_bar[p, 3 + d] = capsule_bar[p, 3 + d] + bar.axis[d]
+        capsule_bar[p, 6] = capsule_bar[p, 6] + bar.radius
+        capsule_bar[p, 7] = capsule_bar[p, 7] + bar.stiffness
 
     return SimpleNamespace(
         only_loads=only_loads,

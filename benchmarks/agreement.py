@@ -170,6 +170,7 @@ def main() -> None:
     parser.add_argument("--device", default="cuda:0")
     parser.add_argument("--live", action="store_true", help="compute the CPU's numbers here instead of reading them")
     parser.add_argument("--write", action="store_true", help="store the CPU's numbers and stop")
+    parser.add_argument("--scenes", nargs="+", choices=CASES, default=list(CASES))
     args = parser.parse_args()
     if args.write:
         write()
@@ -179,7 +180,7 @@ def main() -> None:
     print("| scene | width | states | gradients | worst |\n|---|---|--:|--:|---|")
     failed = False
     for dtype, tolerance in TOLERANCES.items():
-        for name in CASES:
+        for name in args.scenes:
             found = differences(name, args.device, dtype, args.live)
             worst = max(found, key=found.get)
             states, gradients = (

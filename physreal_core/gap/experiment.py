@@ -19,6 +19,9 @@ from physreal_core.fitting.rollouts import roll_out_together
 from physreal_core.rendering import carry_points
 from physreal_core.simulation import Body, SimulationConfig, Simulator, States
 
+LARGEST_BATCH = 256
+"""Rollouts at once; a GPU is full long before, and their states must fit beside each other."""
+
 EffectValues = dict[str, dict[str, float]]
 """Coefficients by the name of their effect, in the order in which the effects act."""
 
@@ -181,20 +184,31 @@ class Experiment:
         """
         frames = frames or self.frames
         predicted = np.full((len(trials), frames, len(self.points0), 3), np.nan)
-        groups: dict[tuple, list[int]] = {}
-        for row, trial in enumerate(trials):
-            groups.setdefault(self._configuration(trial), []).append(row)
-        for rows in groups.values():
+        for rows in self._batches(trials):
             states = self.rollouts([trials[row] for row in rows], frames, variant)
             for row, (x, F) in zip(rows, states, strict=True):
                 predicted[row] = self._observed(trials[row], x, F)
         return predicted
 
+    def _batches(self, trials: Sequence[Trial]) -> list[list[int]]:
+        """Trials to be run together: on the CPU those that need the same terms, so that none pays for another's; on a GPU,
+        where what counts is that they are many, those that need the same laws."""
+        groups: dict[tuple, list[int]] = {}
+        for row, trial in enumerate(trials):
+            config = self._configuration([trial])
+            key = config if self.device == "cpu" else dataclasses.replace(config, terms=())
+            groups.setdefault(key, []).append(row)
+        return [
+            rows[first : first + LARGEST_BATCH]
+            for rows in groups.values()
+            for first in range(0, len(rows), LARGEST_BATCH)
+        ]
+
     def rollouts(
         self, trials: Sequence[Trial], frames: int | None = None, variant: Variant | None = None
     ) -> list[tuple[Tensor, Tensor]]:
-        """States x [T, N, 3] m and F [T, N, 3, 3] of trials that need the same laws and terms, in the capture's frame."""
-        config = self._configuration(trials[0])
+        """States x [T, N, 3] m and F [T, N, 3, 3] of trials that need the same laws, in the capture's frame, on the device."""
+        config = self._configuration(trials)
         stage = _Stage(self.problem, config, variant or Variant("itself"))
         key = (config, variant)
         if key not in self._simulators:
@@ -216,7 +230,7 @@ class Experiment:
 
     def motion(self, trial: Trial) -> States:
         """The whole rollout of one trial."""
-        ((x, F),) = self.rollouts([trial])
+        x, F = (state.cpu() for state in self.rollouts([trial])[0])
         v = torch.gradient(x, spacing=1.0 / float(self.problem.fps), dim=0)[0]
         return States(x, v, F)
 
@@ -231,13 +245,15 @@ class Experiment:
         here = {name: EFFECTS[name].carried(values, *self.placement) for name, values in trial.effects.items()}
         return {**self._known(), **here}
 
-    def _configuration(self, trial: Trial) -> SimulationConfig:
-        return configured(self.config, tuple(EFFECTS[name] for name in self._effects(trial)))
+    def _configuration(self, trials: Sequence[Trial]) -> SimulationConfig:
+        """With what the effects of all trials need."""
+        names = dict.fromkeys(name for trial in trials for name in self._effects(trial))
+        return configured(self.config, tuple(EFFECTS[name] for name in names))
 
     def _inputs(self, trial: Trial, frames: int) -> Inputs:
         problem = self.problem
         parameters = particle_parameters(
-            trial.fields, problem.patch_neighbours, problem.patch_weights, dtype=torch.float32, device=self.device
+            trial.fields, problem.patch_neighbours, problem.patch_weights, dtype=torch.float32, device="cpu"
         )
         inputs = Inputs(parameters, self._controllers)
         for name, values in self._effects(trial).items():
@@ -248,9 +264,9 @@ class Experiment:
         self, trial: Trial, x: Tensor, F: Tensor, shift: Float[Tensor, 3] | None = None
     ) -> Float[Array, "frames tracks 3"]:
         tracks = self.problem.tracks
-        x0 = torch.as_tensor(self.problem.body.x0, dtype=x.dtype)
-        points0 = tracks.points0.to(x) + (0.0 if shift is None else shift)
-        points = carry_points(tracks.binding, points0, x0, x, F)
+        x0 = torch.as_tensor(self.problem.body.x0).to(x)
+        points0 = tracks.points0 if shift is None else tracks.points0 + shift
+        points = carry_points(tracks.binding, points0.to(x), x0, x, F).cpu()
         for name, values in self._effects(trial).items():
             points = EFFECTS[name].observe(points, _tensors(values), self.setting)
         return points.double().numpy()
@@ -286,7 +302,8 @@ class _Stage:
         """States in the capture's frame."""
         if self.is_plain:
             return x, F
-        return (x - self._centre - self._shift) @ self._turn + self._centre, self._turn.T @ F @ self._turn
+        turn, centre, shift = (t.to(x) for t in (self._turn, self._centre, self._shift))
+        return (x - centre - shift) @ turn + centre, turn.T @ F @ turn
 
 
 def _tensors(values: dict[str, float]) -> dict[str, Tensor]:

@@ -1,0 +1,105 @@
+"""The recordings of the silicone beam as interactions for the search: what importer and stages do in several steps, in memory."""
+
+import dataclasses
+import tempfile
+from dataclasses import dataclass
+from pathlib import Path
+
+import numpy as np
+import torch
+
+from data.importers.silicone_beam import import_capture
+from physreal_core.errors import InputError
+from physreal_core.fitting import Model, Problem, TrackObservations, uniform_model
+from physreal_core.gap import Experiment
+from physreal_core.geometry import Mesh, farthest_points, fill_mesh, load_mesh, patch_weights
+from physreal_core.rendering import bind
+from physreal_core.simulation import Body, Clamp
+from pipeline.capture import Capture, read_capture
+from stages._problem import carry_payloads
+
+FITTED, AGAIN, LOADED = "gravity_V2_a", "gravity_V2_b", ("load52_V2_a", "load52_V2_b")
+RECORDINGS = (FITTED, AGAIN, *LOADED)
+GUESS = {"youngs_modulus": 2.5e5, "poissons_ratio": 0.45, "friction_coefficient": 0.5}
+BINDING_NEIGHBOURS = 8
+
+
+@dataclass(frozen=True)
+class Cut:
+    """How finely the beam and its recording are cut.
+
+    Args:
+        spacing: of the particles [m]; at 5 mm there are three grid cells across the beam.
+        patches: places of the material field along the beam.
+        every: frames kept, of 100 a second: every second one leaves six in a swing of the unloaded beam.
+        duration: from the release on [s]; None for the whole recording.
+        train: part of it that fits see [s].
+    """
+
+    spacing: float = 0.005
+    patches: int = 3
+    every: int = 2
+    duration: float | None = 2.0
+    train: float = 1.0
+
+
+def recordings_in(folder: Path) -> dict[str, Path]:
+    """The files of the four recordings.
+
+    Raises:
+        InputError: the folder or a recording is missing.
+    """
+    files = {name: Path(folder) / "silicone_beam" / f"{name}.npz" for name in RECORDINGS}
+    if missing := [str(file) for file in files.values() if not file.is_file()]:
+        raise InputError(
+            "no such recording",
+            where=missing[0],
+            expected=", ".join(f"silicone_beam/{name}.npz" for name in RECORDINGS),
+            remedy="set PHYSREAL_REAL_DATA to the folder of real recordings, or skip this benchmark",
+        )
+    return files
+
+
+def experiment_of(recording: Path, cut: Cut = Cut()) -> Experiment:
+    """A recording with an elastic beam of guessed stiffness: where the fit begins."""
+    with tempfile.TemporaryDirectory() as folder:
+        imported = Path(folder) / "capture"
+        import_capture(recording, imported, duration=cut.duration)
+        capture = read_capture(imported)
+        mesh = load_mesh(imported / "shape_prior.glb")
+        tracks = {name: array[:: cut.every] for name, array in np.load(imported / "tracks3d.npz").items()}
+    problem, patches = _problem(capture, mesh, tracks, cut)
+    return Experiment(problem, _elastic(problem.body.x0[patches]))
+
+
+def _problem(capture: Capture, mesh: Mesh, tracks: dict[str, np.ndarray], cut: Cut) -> tuple[Problem, np.ndarray]:
+    """The problem, and the particles in the middle of its patches."""
+    x0, volume = fill_mesh(mesh, cut.spacing)
+    body, loads = carry_payloads(Body(x0, volume, np.full(len(x0), capture.density), cut.spacing), capture)
+    patches = farthest_points(x0, cut.patches)
+    neighbours, weights = patch_weights(x0, patches)
+    frames, fps = len(tracks["points3d"]), capture.fps / cut.every
+    observed = {name: torch.from_numpy(np.ascontiguousarray(array)) for name, array in tracks.items()}
+    points0 = observed["points3d"][0].double()
+    problem = Problem(
+        body=body,
+        fps=fps,
+        controllers=torch.zeros(frames, 0, 3),
+        observed=min(frames, round(cut.train * fps)),
+        patch_neighbours=torch.from_numpy(neighbours),
+        patch_weights=torch.from_numpy(weights),
+        clamps=tuple(Clamp(clamp.lower, clamp.upper) for clamp in capture.clamps),
+        loads=loads,
+        tracks=TrackObservations(points0, bind(points0, torch.from_numpy(x0), BINDING_NEIGHBOURS), **observed),
+    )
+    return problem, patches
+
+
+def _elastic(patches: np.ndarray) -> Model:
+    simulation = {"ground_height": None, "courant": 0.5, "dtype": "float32"}
+    return uniform_model(torch.from_numpy(patches), GUESS, elastic_law="fixed_corotated", simulation=simulation)
+
+
+def whole(cut: Cut) -> Cut:
+    """The same cut of whole recordings."""
+    return dataclasses.replace(cut, duration=None)

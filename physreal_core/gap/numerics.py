@@ -27,9 +27,11 @@ def rerun_differences(
 ) -> Float[Array, "modes frames tracks 3"]:
     """How the tracks move [m] from `predicted`, the trial's own, when only the discretisation changes; failed reruns are left out.
 
-    Known effects with a direction of their own are not turned with the body, so with any the turned grid is left out.
+    Known effects with a direction of their own are not turned with the body, and what clamps a body stays where it is; with
+    any of these the turned grid is left out.
     """
-    usable = [v for v in variants if not (experiment.model.effects or trial.effects) or v.turn == 0.0]
+    stays = bool(experiment.model.effects or trial.effects or experiment.setting.clamps)
+    usable = [v for v in variants if not stays or v.turn == 0.0]
     own_law = experiment.model.elastic_law
     usable = [v for v in usable if v.elastic_law != own_law]
     found = [experiment.predict([trial], variant=variant)[0] - predicted for variant in usable]

@@ -127,7 +127,7 @@ def motion_since_start(states: States, parameters: Parameters) -> States:
     F0 = parameters.initial_deformation
     if F0 is None:
         return states
-    inverse_stretch = torch.linalg.solve(F0, rotation_part(F0))
+    inverse_stretch = torch.linalg.solve(F0, rotation_part(F0)).to(states.F)
     return dataclasses.replace(states, F=states.F @ inverse_stretch.unsqueeze(-4))
 
 

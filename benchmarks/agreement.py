@@ -35,6 +35,7 @@ class Case:
     residual: ResidualConfig | None = None
     held: bool = False  # by a clamp at one side, pulled by a load at another
     terms: tuple[str, ...] = ()
+    led: bool = False  # whether the controller points have a gradient, too
 
 
 CASES = {
@@ -44,7 +45,7 @@ CASES = {
     "Hencky, von Mises": Case("hencky", "von_mises"),
     "Drucker-Prager": Case(plastic_law="drucker_prager"),
     "residuals": Case(plastic_law="von_mises", residual=ResidualConfig(latent_size=2, hidden=4)),
-    "all terms": Case(terms=tuple(TERMS)),
+    "all terms": Case(terms=tuple(TERMS), led=True),
     "drag, density": Case(terms=("drag", "density")),
 }
 PLASTIC = {"identity": (0.0, 0.0), "von_mises": (20.0, 1.0), "drucker_prager": (0.4, 5.0)}
@@ -124,8 +125,10 @@ def term_values(x0: np.ndarray) -> dict[str, torch.Tensor]:
 def run(case: Case, device: str, dtype: str, kernels: str = "fast") -> dict[str, np.ndarray]:
     """States at the last frame and gradients of a random loss, by name."""
     simulator, leaves, controllers = scene(case, device, dtype, kernels)
-    states = simulator.rollout(Parameters(**leaves), controllers)
+    points = controllers.clone().requires_grad_(case.led)
+    states = simulator.rollout(Parameters(**leaves), points)
     random_loss(states).backward()
+    leaves |= {"controllers": points} if case.led else {}
     numbers = {"x": states.x[-1], "v": states.v[-1], "F": states.F[-1]}
     numbers |= {f"gradient {name}": tensor.grad for name, tensor in leaves.items()}
     return {name: tensor.detach().double().cpu().numpy() for name, tensor in numbers.items()}

@@ -5,7 +5,6 @@ The backward pass is the exact adjoint of the discrete step (`frames`, and `cuda
 
 from collections.abc import Iterator
 from contextlib import contextmanager
-from dataclasses import replace
 from functools import partial
 
 import torch
@@ -56,8 +55,7 @@ class Simulator:
         self._threads = torch.get_num_threads()
         self._side_streams: tuple[torch.cuda.Stream, wp.Stream] | None = None
         self._substeps_of = partial(substeps_per_frame, body, config, rates=grip_rates(body, grip))
-        self._batch: tuple[tuple[int, bool], Loop] | None = None
-        self._plain: Frames | None = None
+        self._batch: tuple[int, Loop] | None = None
         with self._stream():
             self._loop = self._frames()
         self._stepper = self._loop.stepper
@@ -73,8 +71,7 @@ class Simulator:
 
         Args:
             parameters: differentiable parameters; under `torch.no_grad()` nothing is kept for a backward pass.
-            controllers: controller points [m] at frame times, shape [T, C, 3], C = 0 without a grip; differentiable,
-                on a GPU by the plain kernels.
+            controllers: controller points [m] at frame times, shape [T, C, 3], C = 0 without a grip; differentiable.
             progress: called as `progress(frames done, frames)` after each frame, forward and backward.
 
         Raises:
@@ -82,7 +79,7 @@ class Simulator:
             SimulationError: where a state turns non-finite or a particle leaves its grid.
         """
         points = self._check_controllers(controllers).to(self.config.device)
-        loop = self._single(points)
+        loop = self._loop
         if isinstance(loop, CudaFrames):
             states, failures = self._run(loop, self._complete(parameters, 1), points[:, None], progress)
             states = [s.squeeze(1) for s in states]
@@ -112,7 +109,7 @@ class Simulator:
         rollouts = self._rollouts(parameters, controllers)
         own = controllers if controllers.ndim == 4 else controllers.expand(rollouts, *controllers.shape)
         points = torch.stack([self._check_controllers(c) for c in own], 1).to(self.config.device)
-        states, failures = self._run(self._many(rollouts, points), self._complete(parameters, rollouts), points, None)
+        states, failures = self._run(self._many(rollouts), self._complete(parameters, rollouts), points, None)
         return BatchStates(*(s.transpose(0, 1) for s in states), tuple(failures))
 
     def play(self, parameters: Parameters, controllers: Float[Tensor, "points 3"]) -> Player:
@@ -131,42 +128,26 @@ class Simulator:
 
     # --- forms of the step --------------------------------------------------------------------------------------
 
-    def _single(self, points: Tensor) -> Frames | CudaFrames:
-        """The frame loop for one rollout with these controller points."""
-        if not self._lacks_gradient(points):
-            return self._loop
-        if self._plain is None:
-            with self._stream():
-                self._plain = self._frames("plain")
-        return self._plain
-
-    def _many(self, rollouts: int, points: Tensor) -> PooledFrames | CudaFrames:
-        """The frame loop for many rollouts with these controller points."""
-        key = rollouts, self._lacks_gradient(points)
-        if self._batch is None or self._batch[0] != key:
+    def _many(self, rollouts: int) -> PooledFrames | CudaFrames:
+        """The frame loop for many rollouts."""
+        if self._batch is None or self._batch[0] != rollouts:
             self._batch = None  # its arrays make room for the new ones
             with self._stream():
-                self._batch = key, self._batch_frames(*key)
+                self._batch = rollouts, self._batch_frames(rollouts)
         return self._batch[1]
 
-    def _lacks_gradient(self, points: Tensor) -> bool:
-        """Whether a gradient by the controller points is asked for that the form of the step does not have."""
-        return isinstance(self._loop, CudaFrames) and points.requires_grad and torch.is_grad_enabled()
-
-    def _frames(self, kernels: str | None = None, **options) -> Frames | CudaFrames:
-        """A frame loop of one rollout; kernels instead of the configured ones, options as of `make_stepper`."""
-        body, config, *rest = self._scene
-        config = config if kernels is None else replace(config, kernels=kernels)
-        stepper = make_stepper(body, config, *rest, **{"threads": self._threads, **options})
+    def _frames(self, **options) -> Frames | CudaFrames:
+        """A frame loop of one rollout; options as of `make_stepper`."""
+        stepper = make_stepper(*self._scene, **{"threads": self._threads, **options})
         kind = CudaFrames if isinstance(stepper, CudaStepper) else Frames
         return kind(self.body, self.config, stepper, self._substeps_of)
 
-    def _batch_frames(self, rollouts: int, plain: bool) -> PooledFrames | CudaFrames:
-        if isinstance(self._loop, CudaFrames) and not plain:
+    def _batch_frames(self, rollouts: int) -> PooledFrames | CudaFrames:
+        if isinstance(self._loop, CudaFrames):
             stepper = CudaStepper(*self._scene, rollouts=rollouts)
             return CudaFrames(self.body, self.config, stepper, self._substeps_of)
         threads = cores() if self.config.device == "cpu" else 1
-        make = partial(self._frames, "plain" if plain else None, threads=1, kept_bytes=0)
+        make = partial(self._frames, threads=1, kept_bytes=0)
         return PooledFrames(make, rollouts, threads)
 
     @contextmanager

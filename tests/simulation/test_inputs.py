@@ -12,9 +12,6 @@ import torch
 
 from physreal_core.errors import InputError
 from physreal_core.simulation import Body, Clamp, Parameters, PointLoad, SimulationConfig, Simulator
-from physreal_core.simulation import simulator as simulator_module
-from physreal_core.simulation.cuda.stepper import CudaStepper
-from physreal_core.simulation.stepper import make_stepper
 from tests.simulation.scenes import block, directional_errors, random_loss, two_point_grip
 
 INPUTS = ("gravity", "density", "force", "initial_position", "initial_deformation")
@@ -126,30 +123,6 @@ def test_float32_gradients_agree_with_float64(kernels):
     exact, *rest = scene()
     single, *_ = scene(dtype="float32")
     assert_close(gradients(single, *rest), gradients(exact, *rest), 5e-3)
-
-
-def test_the_gpus_form_leaves_the_controllers_gradient_to_the_plain_one(monkeypatch):
-    def chosen(body, config, *rest, **options):
-        return (
-            CudaStepper(body, config, *rest)
-            if config.kernels == "fast"
-            else make_stepper(body, config, *rest, **options)
-        )
-
-    monkeypatch.setattr(simulator_module, "make_stepper", chosen)
-    simulator, parameters, controllers = scene(terms=())
-    parameters = replace(parameters, **{name: None for name in INPUTS})
-    plain, *_ = scene(terms=(), kernels="plain")
-    assert isinstance(simulator._stepper, CudaStepper)
-    found = []
-    for one in (simulator, plain):
-        for points in (controllers, torch.stack([controllers, 1.01 * controllers])):
-            leaf = points.clone().requires_grad_()
-            states = (one.rollout if points.ndim == 3 else one.rollout_batch)(parameters, leaf)
-            states.x.square().sum().backward()
-            found.append(leaf.grad)
-    assert torch.equal(found[0], found[2]) and torch.equal(found[1], found[3])
-    assert found[0].any(-1).all() and found[1].any(-1).all()
 
 
 # --- values ---------------------------------------------------------------------------------------------------------

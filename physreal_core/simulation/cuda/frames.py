@@ -272,7 +272,10 @@ class CudaFrames:
         bars: Bars,
         progress: Progress | None,
     ) -> dict[str, Tensor]:
-        """Gradients by parameter name, with an axis of rollouts; frames after a rollout's failure have none."""
+        """Gradients by parameter name, with an axis of rollouts, and of `points` as "controllers" if they ask for it.
+
+        Frames after a rollout's failure have none.
+        """
         stepper, frames = self.stepper, len(points)
         stepper.load_parameters(parameters, record.substeps)
         held = stepper.holder is record
@@ -284,6 +287,7 @@ class CudaFrames:
         if last:
             stepper.use_order(record.orders[last - 1], adjoints=False)
         self._inject(bars, last)
+        led, points_bar = points.requires_grad, torch.zeros_like(points)
         for frame in reversed(range(last)):
             kept = frame if held and frame < record.kept else None
             stepper.use_order(record.orders[frame], adjoints=True)
@@ -294,11 +298,14 @@ class CudaFrames:
             for rollout, failure in enumerate(record.failures):
                 if failure is not None and failure.frame <= frame:
                     stepper.void(rollout)
-            stepper.backward()
+            stepper.backward(led)
+            if led:
+                bar = stepper.controllers_adjoint().transpose(0, 1)
+                points_bar[frame : frame + 2, :, : points.shape[2]] += bar[:, :, : points.shape[2]]
             self._inject(bars, frame)
             if progress is not None:
                 progress(frames - 1 - frame, frames - 1)
-        return stepper.gradients()
+        return stepper.gradients() | ({"controllers": points_bar} if led else {})
 
     def _before_failures(self, bars: Bars, record: CudaRecord) -> Bars:
         """The derivatives, zero where a state is not a number."""

@@ -40,7 +40,7 @@ class FrameLaunches:
         self.states = {name: empty(slots, count, *size) for name, size in sizes.items()}
         self.momentum, self._velocity, self._node_bar = empty(slots, rows, 4), empty(rows, 4), empty(2, rows, 4)
         self.node_bars = {name: empty(rows, *size).zero_() for name, size in model.node_shapes.items()}
-        self._backward: dict[tuple[bool, bool], Phase] | None = None
+        self._backward: dict[bool, dict[tuple[bool, bool], Phase]] = {}
         self._record(count, rows, nodes, wp.from_torch(first), wp.from_torch(report))
 
     def _record(self, count: int, rows: int, nodes: int, first: wp.array, report: wp.array) -> None:
@@ -61,7 +61,6 @@ class FrameLaunches:
         tag = f"{zlib.crc32(repr((elastic, plastic)).encode()):08x}"
         family = "_".join(("cuda", elastic[0], plastic[0], tag, *(("grip",) if model.gripped else ()), *laws))
         module = kernel_module(family, config.dtype)
-        adjoint_module = kernel_module("_".join((family, "adjoint", *inputs)), config.dtype)
         material = (elastic, plastic, model.gripped, laws)
 
         # all kernels of a module before the first launch, which compiles it
@@ -78,8 +77,10 @@ class FrameLaunches:
         self._update = phase(kernels.update, rows, 2, node_model, first, momentum, velocity)
         self._turn = phase(kernels.turn, rows, 3, node_model, first, momentum, node_bar, node_bars, velocity)
 
-        def backward() -> dict[tuple[bool, bool], Phase]:
-            kernels = {half: backward_kernel(adjoint_module, *material, inputs, config.dtype, *half) for half in HALVES}
+        def backward(led: bool) -> dict[tuple[bool, bool], Phase]:
+            summed = (*inputs, "controllers") if led else inputs
+            module = kernel_module("_".join((family, "adjoint", *summed)), config.dtype)
+            kernels = {half: backward_kernel(module, *material, summed, config.dtype, *half) for half in HALVES}
             return {half: phase(kernel, count, 1, *back) for half, kernel in kernels.items()}
 
         self._make_backward = backward
@@ -94,17 +95,22 @@ class FrameLaunches:
             self._update(grid_slot, next_grid)
             self._forward[True, s + 1 < substeps](s + 1, slot, following, next_grid, int(keep))
 
-    def prepare_backward(self) -> None:
-        """Compile and record the adjoint, unless that is done: a search that only looks forward never needs it."""
-        if self._backward is None:
-            self._backward = self._make_backward()
+    def prepare_backward(self, controllers: bool) -> None:
+        """Compile and record the adjoint, unless that is done: a search that only looks forward never needs it.
 
-    def backward(self, substeps: int) -> None:
+        Args:
+            controllers: whether that of the controller points is asked for, too.
+        """
+        if controllers not in self._backward:
+            self._backward[controllers] = self._make_backward(controllers)
+
+    def backward(self, substeps: int, controllers: bool) -> None:
         """Adjoint of a kept frame, once it is prepared."""
+        phases = self._backward[controllers]
         self._turn(substeps, 0, 1)
-        self._backward[False, True](substeps)
+        phases[False, True](substeps)
         for s in reversed(range(1, substeps)):
             self._turn(s, 1, 1)
-            self._backward[True, True](s)
+            phases[True, True](s)
         self._turn(0, 1, 0)
-        self._backward[True, False](0)
+        phases[True, False](0)

@@ -29,6 +29,7 @@ class BodyModel:
         shapes: full shape of every parameter in use by name, without the axis of rollouts.
         box: origin and count of each rollout's nodes, shape [R, 6].
         controllers: controller points [m] at both ends of the frame, shape [R, 2, C, 3].
+        controllers_bar: their adjoint, of one frame.
         laws: names of the parameters of particles' optional laws.
         shared: those of them that a rollout has one of, and the friction law's, [R, ...].
         node_shapes: of what the nodes of a rollout share and has an adjoint, by name.
@@ -96,6 +97,7 @@ class BodyModel:
                 setattr(self.bonds, name, wp.array(values[order], dtype=dtype, device=self.device))
         self.given |= {"bond_begin": self._repeat(begin), "bond_end": self._repeat(end)}
         self.controllers = self._zeros(self.rollouts, 2, count, 3)
+        self.controllers_bar = torch.zeros_like(self.controllers)
 
     def _parameters(self) -> None:
         n, config = self.particles, self.config
@@ -163,16 +165,14 @@ class BodyModel:
             setattr(model.laws, name, self._law_array(self.sorted[name] if name in self.sorted else self.shared[name]))
         for kind, weights in self.weights.items():
             setattr(model, f"weights_{kind}", wp.from_torch(weights))
-        model.bonds, model.grip, model.controllers = self.bonds, wp.from_torch(self.grip), self._controller_array()
+        model.bonds, model.grip = self.bonds, wp.from_torch(self.grip)
+        model.controllers = wp.from_torch(self.controllers, vec3)
         model.timing, model.box = wp.from_torch(self.timing), wp.from_torch(self.box)
         return model
 
     def _law_array(self, values: torch.Tensor) -> wp.array:
         """Two and three numbers to a row are vectors, an obstacle's eight are not."""
         return wp.from_torch(values, {(2,): self.types.vec2, (3,): self.types.vec3}.get(tuple(values.shape[1:])))
-
-    def _controller_array(self) -> wp.array:
-        return wp.from_torch(self.controllers, self.types.vec3)
 
     def node_struct(self, nodes: int):
         """`nodes.Nodes` over these arrays, for boxes with room for `nodes` nodes."""
@@ -203,7 +203,7 @@ class BodyModel:
                 setattr(bars, name, wp.from_torch(values, dtypes.get(name)))
         for kind, values in self.weights_bar.items():
             setattr(bars, f"weights_{kind}", wp.from_torch(values))
-        bars.weight_rows = self.weight_rows
+        bars.weight_rows, bars.controllers = self.weight_rows, wp.from_torch(self.controllers_bar, types.vec3)
         return bars
 
     # --- values -------------------------------------------------------------------------------------------------

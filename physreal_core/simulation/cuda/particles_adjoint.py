@@ -34,7 +34,7 @@ def backward_kernel(
 ) -> wp.Kernel:
     """Adjoint of `particles.forward_kernel`; arguments as there, the halves as the backward pass meets them.
 
-    `inputs` are those of the terms density and force in use, whose adjoints are summed up.
+    `inputs` names what else has an adjoint that is summed up: density, force, controllers.
     """
     types, lattice = scalar_types(dtype), lattice_functions(dtype)
     scalar, vec2, vec3, vec4, mat33 = types.scalar, types.vec2, types.vec3, types.vec4, types.mat33
@@ -48,9 +48,10 @@ def backward_kernel(
     flow_adjoint = flow_functions(*plastic, dtype).flow_adjoint
     flows = plastic != ("identity", None)
     bonds = bond_functions(dtype)
-    bonds_force, bonds_adjoint = bonds.bonds_force, bonds.bonds_adjoint
+    bonds_force, bonds_adjoint, points_adjoint = bonds.bonds_force, bonds.bonds_adjoint, bonds.points_adjoint
     optional, viscous = law_functions(laws, dtype), "viscosity" in laws
     has_laws, weighed, pushed = bool(laws), "density" in inputs, "force" in inputs
+    led = gripped and "controllers" in inputs
     laws_force, laws_force_adjoint = optional.force, optional.force_adjoint
     laws_stress_adjoint = optional.stress_adjoint
     average_rate_adjoint = stress_term_functions(dtype).average_rate_adjoint
@@ -122,6 +123,12 @@ def backward_kernel(
                 )  # fmt: skip
                 x_bar += pull.x
                 v_bar += pull.v
+                if led:
+                    points_adjoint(
+                        model.bonds, model.bond_begin[p], model.bond_end[p], model.grip[rollout, 0],
+                        model.grip[rollout, 1], model.timing, slot, model.controllers[rollout], x, v, dt * bar.q,
+                        bars.controllers[rollout],
+                    )  # fmt: skip
                 bars.grip[p] = bars.grip[p] + vec2(pull.stiffness, pull.damping)
             mass_bar = bar.mass + wp.dot(v, bar.q) + wp.ddot(C, bar.A) / cells_per_metre
             if has_laws:

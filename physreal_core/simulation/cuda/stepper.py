@@ -23,7 +23,7 @@ KEPT_SHARE = 0.25
 """Share of a GPU's memory for frames whose substeps are kept for the backward pass. 20 frames of 50 substeps of 20 000
 particles take 3 GB; images and networks of a fit want the rest. On the CPU nothing is kept."""
 NODE_RESERVE = 1.2  # boxes grow as a body deforms, and new arrays mean new graphs
-GRAPHS = 12  # kept at once; each number of substeps needs up to three
+GRAPHS = 12  # kept at once; each number of substeps needs up to four
 
 
 class CudaStepper:
@@ -188,11 +188,20 @@ class CudaStepper:
         """Wait for the frame, and what there is to know of it, see `report`."""
         return self._report.cpu().numpy()
 
-    def backward(self) -> None:
-        """Adjoint of the kept frame: the state's adjoints go from its end to its start; the parameters' grow."""
+    def backward(self, controllers: bool) -> None:
+        """Adjoint of the kept frame: the state's adjoints go from its end to its start; the parameters' grow.
+
+        With `controllers`, `controllers_adjoint` has that of the controller points then.
+        """
         launches = self._launches
-        launches.prepare_backward()
-        self._run("backward", lambda: launches.backward(self.substeps))
+        launches.prepare_backward(controllers)
+        if controllers:
+            self.model.controllers_bar.zero_()
+        self._run(f"backward, controllers={controllers}", lambda: launches.backward(self.substeps, controllers))
+
+    def controllers_adjoint(self) -> torch.Tensor:
+        """Adjoint of the controller points of the frame that `backward` went through last, shape [R, 2, C, 3]."""
+        return self.model.controllers_bar
 
     def _run(self, name: str, launches) -> None:
         """Launch one by one on the CPU, on a GPU as a CUDA graph captured when first needed."""

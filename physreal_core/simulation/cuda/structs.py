@@ -79,6 +79,7 @@ def particle_structs(dtype: str) -> SimpleNamespace:
         weight_rows: wp.int32
         mass: wp.array(dtype=scalar)  # with the term density
         load: wp.array(dtype=vec3)  # with the term force
+        controllers: wp.array3d(dtype=vec3)  # [R, 2, C]
         laws: LawBars
 
     return SimpleNamespace(Model=Model, States=States, Bars=Bars)

@@ -15,7 +15,7 @@ from physreal_core.simulation.scalars import kernel_module, scalar_types
 
 @functools.cache
 def bond_functions(dtype: str) -> SimpleNamespace:
-    """Warp struct `Bonds` and functions `bonds_force`, `bonds_adjoint` of one particle over one scalar type."""
+    """Warp struct `Bonds` and functions `bonds_force`, `bonds_adjoint`, `points_adjoint` of one particle over one type."""
     types = scalar_types(dtype)
     scalar, vec3 = types.scalar, types.vec3
     one = scalar(1.0)
@@ -100,7 +100,33 @@ def bond_functions(dtype: str) -> SimpleNamespace:
             out.damping -= weight * rate * along
         return out
 
-    return SimpleNamespace(Bonds=Bonds, bonds_force=bonds_force, bonds_adjoint=bonds_adjoint)
+    @wp.func
+    def points_adjoint(
+        bonds: Bonds,
+        begin: int,
+        end: int,
+        stiffness: scalar,
+        damping: scalar,
+        timing: wp.array(dtype=scalar),
+        substep: int,
+        points: wp.array2d(dtype=vec3),
+        x: vec3,
+        v: vec3,
+        force_bar: vec3,
+        points_bar: wp.array2d(dtype=vec3),
+    ):
+        """Add the adjoint of the controller points at both ends of the frame in `bonds_force`."""
+        time = scalar(substep) * timing[1]
+        for e in range(begin, end):
+            bar = bonds_adjoint(bonds, e, e + 1, stiffness, damping, timing, substep, points, x, v, force_bar)
+            # a bond knows x - a0 - time (a1 - a0) and v - rate (a1 - a0) only
+            travel_bar = -time * bar.x - timing[2] * bar.v
+            wp.atomic_add(points_bar, 0, bonds.controller[e], -bar.x - travel_bar)
+            wp.atomic_add(points_bar, 1, bonds.controller[e], travel_bar)
+
+    return SimpleNamespace(
+        Bonds=Bonds, bonds_force=bonds_force, bonds_adjoint=bonds_adjoint, points_adjoint=points_adjoint
+    )
 
 
 @functools.cache
@@ -111,6 +137,7 @@ def grip_kernels(dtype: str) -> SimpleNamespace:
     module = kernel_module("grip", dtype)
     functions = bond_functions(dtype)
     Bonds, bonds_force, bonds_adjoint = functions.Bonds, functions.bonds_force, functions.bonds_adjoint
+    points_adjoint = functions.points_adjoint
 
     @wp.kernel(module=module)
     def grip_force(
@@ -189,16 +216,10 @@ def grip_kernels(dtype: str) -> SimpleNamespace:
     ):
         q = wp.tid()
         p = gripped[q]
-        time = scalar(substep) * timing[1]
-        for e in range(first_bond[q], first_bond[q + 1]):
-            bar = bonds_adjoint(
-                bonds, e, e + 1, grip[0], grip[1], timing, substep, controllers_in,
-                x_in[slot, p], v_in[slot, p], force_bar_in[p],
-            )  # fmt: skip
-            # a bond knows x - a0 - time (a1 - a0) and v - rate (a1 - a0) only
-            travel_bar = -time * bar.x - timing[2] * bar.v
-            wp.atomic_add(controllers_bar, 0, bonds.controller[e], -bar.x - travel_bar)
-            wp.atomic_add(controllers_bar, 1, bonds.controller[e], travel_bar)
+        points_adjoint(
+            bonds, first_bond[q], first_bond[q + 1], grip[0], grip[1], timing, substep, controllers_in,
+            x_in[slot, p], v_in[slot, p], force_bar_in[p], controllers_bar,
+        )  # fmt: skip
 
     return SimpleNamespace(
         grip_force=grip_force, grip_force_adjoint=grip_force_adjoint, controllers_adjoint=controllers_adjoint

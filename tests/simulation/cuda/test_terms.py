@@ -13,12 +13,13 @@ ALL = CASES["all terms"]
 
 
 def rollout(simulator: Simulator, leaves: dict, controllers: torch.Tensor) -> tuple[dict, dict]:
-    """Last states, and gradients of a random loss, by name."""
+    """Last states, and gradients of a random loss by all leaves and the controller points, by name."""
     fresh = {name: leaf.detach().clone().requires_grad_() for name, leaf in leaves.items()}
-    states = simulator.rollout(Parameters(**fresh), controllers)
+    points = controllers.clone().requires_grad_()
+    states = simulator.rollout(Parameters(**fresh), points)
     random_loss(states).backward()
     last = {name: getattr(states, name)[-1].detach().cpu() for name in ("x", "v", "F")}
-    return last, {name: leaf.grad for name, leaf in fresh.items()}
+    return last, {name: leaf.grad for name, leaf in (*fresh.items(), ("controllers", points))}
 
 
 def worst(ours: dict[str, torch.Tensor], theirs: dict[str, torch.Tensor]) -> float:
@@ -73,15 +74,17 @@ def test_a_batch_gives_the_single_rollouts(device):  # noqa: F811
     simulator, leaves, controllers = scene(ALL, device, "float64")
     sets = differing(leaves)
     assert len({simulator.substeps(Parameters(**own)) for own in sets}) == 1
-    alone = [rollout(simulator, own, controllers) for own in sets]
+    points = [controllers, controllers + 0.001, controllers]
+    alone = [rollout(simulator, *one) for one in zip(sets, points, strict=True)]
     batch = {name: torch.stack([own[name] for own in sets]).requires_grad_() for name in leaves}
-    states = simulator.rollout_batch(Parameters(**batch), controllers)
+    led = torch.stack(points).requires_grad_()
+    states = simulator.rollout_batch(Parameters(**batch), led)
     assert isinstance(simulator._batch[1].stepper, CudaStepper)
     assert states.failures == (None, None, None)
     sum(random_loss(States(states.x[r], states.v[r], states.F[r])) for r in range(3)).backward()
     for r, (last, gradients) in enumerate(alone):
         assert worst({name: getattr(states, name)[r, -1].detach().cpu() for name in last}, last) < 1e-12
-        assert worst({name: leaf.grad[r] for name, leaf in batch.items()}, gradients) < 1e-11
+        assert worst({name: leaf.grad[r] for name, leaf in (batch | {"controllers": led}).items()}, gradients) < 1e-11
     assert worst(alone[1][0], alone[0][0]) > 1e-3
 
 
@@ -114,6 +117,6 @@ def test_an_adjoint_is_compiled_when_it_is_needed(device):  # noqa: F811
     simulator, leaves, controllers = scene(CASES["drag, density"], device, "float64")
     with torch.no_grad():
         simulator.rollout(Parameters(**leaves), controllers)
-    assert simulator._stepper._launches._backward is None
-    rollout(simulator, leaves, controllers)
-    assert simulator._stepper._launches._backward is not None
+    assert not simulator._stepper._launches._backward
+    random_loss(simulator.rollout(Parameters(**leaves), controllers)).backward()
+    assert list(simulator._stepper._launches._backward) == [False]  # and that of the controller points only where they ask for it

@@ -23,10 +23,9 @@ from physreal_core.array_types import Array, Float
 
 TARGETS = (0.0015, 0.004, 0.009)  # [m]
 SPACING = 0.02  # [m], of the elements: coarse, since only sizes are asked for
-MODULI = np.arange(
-    -0.6, 0.91, 0.06
-)  # logarithms of the shares of the true modulus at which the elastic bar is simulated
-FINE = np.arange(-1.2, 0.9, 0.01)  # and of those at which it is known, by cubic splines
+# Logarithms of the shares of the true modulus at which the elastic bar is simulated, and at which splines then know it.
+MODULI = np.arange(-1.2, 0.91, 0.06)
+FINE = np.arange(-1.2, 0.9, 0.01)
 TRIALS = 2
 # Amplitudes beyond which the effect would be another one, or the object.
 LARGEST = {
@@ -35,9 +34,11 @@ LARGEST = {
     "soft_spot": 0.95,
     "fibres": 6.0,
     "density_gradient": 15.0,
-    "payload": 1.0,
+    "payload": 1.5,
     "stick_slip": 2.5,
     "rate_friction": 6.0,
+    "strain_stiffening": 5.0,
+    "outside:turntable": 6.0,
 }
 
 

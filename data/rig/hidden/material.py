@@ -66,8 +66,8 @@ class StrainStiffening(Hidden):
     ratio: float
 
     def hardening(self) -> float:
-        """Twelve a times I1 - 3, which a deep press takes to 0.15, is the second term's modulus over the first's."""
-        return 1 + 2 * self.ratio
+        """The second term's modulus over the first's is 12 a (I1 - 3), and bends and presses take I1 - 3 to about 0.08."""
+        return 1 + self.ratio
 
     def prepare(self, world: World) -> Act:
         energy, modulus = EnergyForces(world), self.ratio * world.scene.material.youngs_modulus

@@ -2,8 +2,8 @@
 
 Measured by `python -m data.rig.hidden.calibrate`; units are those of the amplitude of each effect in `library.py`. Below what
 the sizes ask for, lest it be another effect or object: wind and gravity (6 and 4 mm at "high"), payload (2 mm; with more the
-lifted bar hangs down to the table), fibres (4 mm: more make no difference), stick-slip (0.8 mm) and rate friction (2.3 mm), which
-this bar hardly shows.
+lifted bar hangs down to the table), fibres (4 mm: more make no difference), stiffening (1.7 mm: a stiffer elastic bar comes
+near), stick-slip (0.8 mm) and rate friction (2.3 mm), which this bar hardly shows.
 """
 
 STRENGTHS = ("weak", "middle", "high")
@@ -13,10 +13,10 @@ AMPLITUDES: dict[str, tuple[float, float, float]] = {
     "quadratic_drag": (0.255, 0.839, 3.1),
     "wind": (1.7, 3.69, 8.0),
     "gravity": (0.159, 0.258, 0.42),
-    "kelvin_voigt": (0.0006, 0.0015, 0.0036),
+    "kelvin_voigt": (0.0004, 0.00108, 0.00483),
     "maxwell_creep": (0.0954, 0.26, 0.609),
     "plastic_yield": (6.86, 8.32, 10.6),
-    "strain_stiffening": (0.3, 1.0, 3.0),
+    "strain_stiffening": (1.5, 3.0, 5.0),
     "fibres": (0.511, 1.75, 6.0),
     "soft_spot": (0.58, 0.78, 0.86),
     "rest_shape": (0.156, 0.435, 0.945),

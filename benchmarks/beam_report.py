@@ -34,7 +34,7 @@ find_gap {record["seconds"]["find_gap"]:.0f} s, add_effect {record["seconds"]["a
 
 ## Whole recordings
 Mean distance to the tip's markers over the whole recording, and deflection of the tip at its end. Both models have the numbers that
-were fitted to the first second of gravity_V2_a.
+were fitted to the first {cut["train"]:g} s of gravity_V2_a.
 
 | recording | elastic | with effect | closed | final, measured | elastic | with effect |
 |---|--:|--:|--:|--:|--:|--:|

@@ -1,5 +1,6 @@
 """The silicone beam's benchmark: recordings as interactions, what is counted as dissipation, page and figure."""
 
+import dataclasses
 import sys
 
 import numpy as np
@@ -11,7 +12,7 @@ from benchmarks import beam
 from benchmarks.beam_report import figure, markdown
 from benchmarks.beam_scene import FITTED, LOADED, RECORDINGS, Cut, experiment_of, recordings_in
 from physreal_core.errors import InputError
-from physreal_core.gap import GapReport, GapSettings, Trial
+from physreal_core.gap import GapReport, Trial
 from physreal_core.gap.report import Candidate, FittedEffect, Verdict
 
 COARSE = Cut(spacing=0.0075, duration=0.6, train=0.4)
@@ -102,9 +103,7 @@ def test_recordings_become_interactions_with_the_load_s_mass(files):
 
 @pytest.mark.slow
 def test_search_names_the_missing_dissipation_of_the_real_beam(files):
-    settings = GapSettings(
-        candidates=("kelvin_voigt", "fibres", "frame_rate"), seconds=0, shortlist=3, scan=beam.MODULI
-    )
+    settings = dataclasses.replace(beam.SETTINGS, candidates=("kelvin_voigt", "fibres", "frame_rate"))
     experiment = experiment_of(files[FITTED], COARSE)
     report = beam.find_gap([experiment], settings)
     assert report.verdict.names == ("kelvin_voigt",) and beam.dissipation(report)["any"] > 0.9

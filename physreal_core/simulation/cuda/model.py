@@ -10,13 +10,13 @@ import warp as wp
 from physreal_core.simulation.body import Body, Clamp, Grip, PointLoad, load_forces
 from physreal_core.simulation.box import held_boxes
 from physreal_core.simulation.config import SimulationConfig
-from physreal_core.simulation.cuda.laws import law_structs, laws_in_use
+from physreal_core.simulation.cuda.law_arrays import LawArrays
 from physreal_core.simulation.cuda.nodes import node_kernels
 from physreal_core.simulation.cuda.structs import particle_structs
 from physreal_core.simulation.parameters import Parameters
 from physreal_core.simulation.plain.grip import bond_functions
 from physreal_core.simulation.scalars import scalar_types
-from physreal_core.simulation.terms import PARTICLES, TERMS, term_shapes
+from physreal_core.simulation.terms import term_shapes
 from physreal_core.simulation.timestep import rate_memory
 
 WEIGHT_ROWS = 64  # copies of a network's weight adjoint on a GPU, so that its threads do not queue for one address
@@ -30,11 +30,9 @@ class BodyModel:
         box: origin and count of each rollout's nodes, shape [R, 6].
         controllers: controller points [m] at both ends of the frame, shape [R, 2, C, 3].
         controllers_bar: their adjoint, of one frame.
-        laws: names of the parameters of particles' optional laws.
-        shared: those of them that a rollout has one of, and the friction law's, [R, ...].
+        laws: arrays of particles' optional laws.
         node_shapes: of what the nodes of a rollout share and has an adjoint, by name.
-        bars: adjoints of the state and of particles' parameters by name, each [P, ...], in the order of the kernels; also of
-            what particles of a rollout share.
+        bars: adjoints of the state and of particles' parameters by name, each [P, ...], in the order of the kernels.
     """
 
     def __init__(
@@ -66,7 +64,7 @@ class BodyModel:
         self._loads = self.given["load"].clone()
         self._bonds(body, grip)
         self._parameters()
-        self._laws()
+        self._terms(body.x0)
         self.sorted = {name: given.clone() for name, given in self.given.items()}
 
     def _zeros(self, *shape: int) -> torch.Tensor:
@@ -126,28 +124,19 @@ class BodyModel:
             self.weights[kind] = self._zeros(self.rollouts, width)
             self.weights_bar[kind] = self._zeros(self.rollouts * self.weight_rows, width)
 
-    def _laws(self) -> None:
-        """Parameters of the optional terms, and their adjoints."""
+    def _terms(self, start: np.ndarray) -> None:
+        """Arrays of the optional terms; `start` are the body's positions."""
         terms, p = self.config.terms, self.rollouts * self.particles
         self.shapes |= term_shapes(terms, self.particles)
-        self.laws, self.shared = [], {}
-        for term in laws_in_use(terms):
-            for name, parameter in TERMS[term].items():
-                self.laws.append(name)
-                size = tuple(axis for axis in parameter.shape if axis != PARTICLES)
-                if PARTICLES in parameter.shape:
-                    self.given[name] = self._zeros(p, *size)
-                else:
-                    self.shared[name] = self._zeros(self.rollouts, *size)
-                self.bars[name] = self._zeros(p, *size)
-        if "friction_law" in terms:
-            self.shared["friction_law"] = self._zeros(self.rollouts, 3)
-        if "adhesion" in terms:
-            self.laws.append("start")
-            self.given["start"], self.bars["start"] = self._repeat(self._body.x0), self._zeros(p, 3)
+        self.laws = LawArrays(terms, self.types, self.rollouts, self._repeat(start))
+        self.given |= self.laws.given
+        self.bars |= self.laws.bars
+        self.friction_law = self._zeros(self.rollouts, 3)
         self.node_shapes = {"friction": ()} | {name: (3,) for name in ("gravity", "friction_law") if name in terms}
-        sizes = {"viscosity": ("rate", 3, 3), "density": ("mass",), "force": ("load", 3)}
-        self.bars |= {name: self._zeros(p, *size) for term, (name, *size) in sizes.items() if term in terms}
+        if "density" in terms:
+            self.bars["mass"] = self._zeros(p)
+        if "force" in terms:
+            self.bars["load"] = self._zeros(p, 3)
 
     # --- Warp's view --------------------------------------------------------------------------------------------
 
@@ -158,21 +147,15 @@ class BodyModel:
         model.particles, model.nodes = self.particles, nodes
         model.offset, model.cells_per_metre = vec3(*self.offset), self.types.scalar(1.0 / self.cell)
         for name, values in self.sorted.items():
-            if name not in self.laws:
+            if name not in self.laws.given:
                 setattr(model, name, wp.from_torch(values, {"load": vec3, "plastic": vec2}.get(name)))
-        model.laws = law_structs(self.config.dtype).Laws()
-        for name in self.laws:
-            setattr(model.laws, name, self._law_array(self.sorted[name] if name in self.sorted else self.shared[name]))
+        model.laws = self.laws.struct(self.sorted)
         for kind, weights in self.weights.items():
             setattr(model, f"weights_{kind}", wp.from_torch(weights))
         model.bonds, model.grip = self.bonds, wp.from_torch(self.grip)
         model.controllers = wp.from_torch(self.controllers, vec3)
         model.timing, model.box = wp.from_torch(self.timing), wp.from_torch(self.box)
         return model
-
-    def _law_array(self, values: torch.Tensor) -> wp.array:
-        """Two and three numbers to a row are vectors, an obstacle's eight are not."""
-        return wp.from_torch(values, {(2,): self.types.vec2, (3,): self.types.vec3}.get(tuple(values.shape[1:])))
 
     def node_struct(self, nodes: int):
         """`nodes.Nodes` over these arrays, for boxes with room for `nodes` nodes."""
@@ -183,8 +166,7 @@ class BodyModel:
         model.clamp_lower, model.clamp_upper = self.clamps
         model.timing, model.box = wp.from_torch(self.timing), wp.from_torch(self.box)
         model.friction = wp.from_torch(self.friction)
-        if "friction_law" in self.shared:
-            model.friction_law = wp.from_torch(self.shared["friction_law"])
+        model.friction_law = wp.from_torch(self.friction_law)
         return model
 
     def bar_struct(self):
@@ -193,13 +175,9 @@ class BodyModel:
         dtypes = {"x": types.vec3, "v": types.vec3, "F": types.mat33, "C": types.mat33}
         dtypes |= {"plastic": types.vec2, "grip": types.vec2, "load": types.vec3}
         bars = particle_structs(self.config.dtype).Bars()
-        bars.laws = law_structs(self.config.dtype).LawBars()
+        bars.laws = self.laws.bar_struct()
         for name, values in self.bars.items():
-            if name in self.laws:
-                setattr(bars.laws, name, self._law_array(values))
-            elif name == "rate":
-                bars.laws.rate = wp.from_torch(values, types.mat33)
-            else:
+            if name not in self.laws.bars:
                 setattr(bars, name, wp.from_torch(values, dtypes.get(name)))
         for kind, values in self.weights_bar.items():
             setattr(bars, f"weights_{kind}", wp.from_torch(values))
@@ -236,15 +214,9 @@ class BodyModel:
             self._give("mass", parameters.density * self.given["volume"].view(self.rollouts, -1))
         if parameters.force is not None:
             self._give("load", self._loads + parameters.force.reshape(self._loads.shape))
-        for name in self.laws:
-            if name in self.shared:
-                self.shared[name].copy_(getattr(parameters, name))
-            elif name != "start":
-                self._give(name, getattr(parameters, name))
-            elif parameters.initial_position is not None:
-                self._give(name, parameters.initial_position)
         if parameters.friction_law is not None:
-            self.shared["friction_law"].copy_(parameters.friction_law)
+            self.friction_law.copy_(parameters.friction_law)
+        self.laws.load(parameters)
 
     def _give(self, name: str, values: torch.Tensor) -> None:
         self.given[name].copy_(values.reshape(self.given[name].shape))
@@ -285,8 +257,7 @@ class BodyModel:
             "grip_damping": grip[:, 1],
         }
         found |= {name: node_bars[name] for name in ("gravity", "friction_law") if name in node_bars}
-        for name in self.laws:
-            found[name] = own[name].view(self.rollouts, self.particles, -1).sum(1) if name in self.shared else own[name]
+        found |= self.laws.gradients(own)
         if "density" in self.shapes:
             found["density"] = self.given["volume"] * own["mass"]
         if "force" in self.shapes:

@@ -45,7 +45,7 @@ def node_kernels(dtype: str, slides: bool, tilts: bool) -> SimpleNamespace:
         clamp_upper: wp.array(dtype=vec3)
         timing: wp.array(dtype=scalar)
         friction: wp.array(dtype=scalar)  # [rollouts]
-        friction_law: wp.array2d(dtype=scalar)  # [rollouts, 3] with the term
+        friction_law: wp.array2d(dtype=scalar)  # [rollouts, 3]
         box: wp.array2d(dtype=wp.int32)  # [rollouts, 6]
 
     @wp.func

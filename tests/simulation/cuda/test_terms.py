@@ -119,4 +119,6 @@ def test_an_adjoint_is_compiled_when_it_is_needed(device):  # noqa: F811
         simulator.rollout(Parameters(**leaves), controllers)
     assert not simulator._stepper._launches._backward
     random_loss(simulator.rollout(Parameters(**leaves), controllers)).backward()
-    assert list(simulator._stepper._launches._backward) == [False]  # and that of the controller points only where they ask for it
+    assert list(simulator._stepper._launches._backward) == [
+        False
+    ]  # and that of the controller points only where they ask for it

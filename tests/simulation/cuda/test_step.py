@@ -7,19 +7,9 @@ import torch
 from benchmarks.agreement import CASES, random_loss, run, scene
 from physreal_core.errors import InputError, SimulationError
 from physreal_core.simulation import Body, Parameters, PointLoad, SimulationConfig, Simulator, States
-from physreal_core.simulation import simulator as simulator_module
-from physreal_core.simulation.cuda.stepper import CudaStepper
 from tests.simulation.scenes import block
 
-NO_GPU = pytest.mark.skipif(not torch.cuda.is_available(), reason="no CUDA device")
 ALL_FEATURES = CASES["residuals"]  # von Mises, both networks, grip, ground, stiffness by particle
-
-
-@pytest.fixture(params=["cpu", pytest.param("cuda:0", marks=NO_GPU)])
-def device(request, monkeypatch) -> str:
-    """A device on which every simulator takes the fused form."""
-    monkeypatch.setattr(simulator_module, "make_stepper", lambda *scene, **_: CudaStepper(*scene))
-    return request.param
 
 
 def worst(ours: dict[str, np.ndarray], theirs: dict[str, np.ndarray]) -> float:

@@ -7,7 +7,6 @@ from benchmarks.agreement import CASES, Case, random_loss, scene
 from physreal_core.simulation import Parameters, Simulator, States
 from physreal_core.simulation.cuda.stepper import CudaStepper
 from physreal_core.simulation.terms import TERM_OF, TERMS
-from tests.simulation.cuda.test_step import device  # noqa: F401
 
 ALL = CASES["all terms"]
 
@@ -27,7 +26,7 @@ def worst(ours: dict[str, torch.Tensor], theirs: dict[str, torch.Tensor]) -> flo
 
 
 @pytest.mark.parametrize("term", [*TERMS, "all"])
-def test_a_term_is_the_plain_forms(term, device, monkeypatch):  # noqa: F811
+def test_a_term_is_the_plain_forms(term, device, monkeypatch):
     """Compiled with all terms, of which the others are left out, against the plain form of this one alone.
 
     Both add in another order: 1e-16 a sum.
@@ -69,7 +68,7 @@ def differing(leaves: dict) -> list[dict]:
     return sets
 
 
-def test_a_batch_gives_the_single_rollouts(device):  # noqa: F811
+def test_a_batch_gives_the_single_rollouts(device):
     """Values and gradients of rollouts that differ in every term's parameters."""
     simulator, leaves, controllers = scene(ALL, device, "float64")
     sets = differing(leaves)
@@ -88,7 +87,7 @@ def test_a_batch_gives_the_single_rollouts(device):  # noqa: F811
     assert worst(alone[1][0], alone[0][0]) > 1e-3
 
 
-def test_play_goes_where_a_rollout_goes(device):  # noqa: F811
+def test_play_goes_where_a_rollout_goes(device):
     """From the given start, and the mean rate of deformation goes on from frame to frame."""
     simulator, leaves, controllers = scene(ALL, device, "float64")
     parameters = Parameters(**{name: leaf.detach() for name, leaf in leaves.items()})
@@ -101,7 +100,7 @@ def test_play_goes_where_a_rollout_goes(device):  # noqa: F811
         assert torch.allclose(state.F, states.F[frame], rtol=1e-11, atol=1e-13)
 
 
-def test_kept_frames_give_what_recomputed_ones_do(device):  # noqa: F811
+def test_kept_frames_give_what_recomputed_ones_do(device):
     """With room for no frame and for all; the mean rate of deformation is part of what is kept."""
     simulator, leaves, controllers = scene(ALL, device, "float64")
     stepper, found = simulator._stepper, []
@@ -113,7 +112,7 @@ def test_kept_frames_give_what_recomputed_ones_do(device):  # noqa: F811
     assert worst(found[1], found[0]) < 1e-11
 
 
-def test_an_adjoint_is_compiled_when_it_is_needed(device):  # noqa: F811
+def test_an_adjoint_is_compiled_when_it_is_needed(device):
     simulator, leaves, controllers = scene(CASES["drag, density"], device, "float64")
     with torch.no_grad():
         simulator.rollout(Parameters(**leaves), controllers)

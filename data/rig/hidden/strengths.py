@@ -1,9 +1,8 @@
 """Amplitudes at which a bar's tracks are about 1.5, 4 and 9 mm from those of any elastic bar (see `calibrate.py`).
 
 Measured by `python -m data.rig.hidden.calibrate`; units are those of the amplitude of each effect in `library.py`. Below what
-the sizes ask for, lest it be another effect or object: wind and gravity (6 and 4 mm at "high"), payload (2 mm; with more the
-lifted bar hangs down to the table), fibres (4 mm: more make no difference), stiffening (1.7 mm: a stiffer elastic bar comes
-near), stick-slip (0.8 mm) and rate friction (2.3 mm), which this bar hardly shows.
+the sizes ask for, lest it be another effect or object: at "high", wind gives 6 mm, gravity 4, payload and density 5, fibres 4,
+stiffening 1.7 (a stiffer elastic bar comes near), stick-slip 0.8 and rate friction 2.3, which this bar hardly shows.
 """
 
 STRENGTHS = ("weak", "middle", "high")
@@ -18,10 +17,10 @@ AMPLITUDES: dict[str, tuple[float, float, float]] = {
     "plastic_yield": (6.86, 8.32, 10.6),
     "strain_stiffening": (1.5, 3.0, 5.0),
     "fibres": (0.511, 1.75, 6.0),
-    "soft_spot": (0.58, 0.78, 0.86),
+    "soft_spot": (0.62, 0.82, 0.93),
     "rest_shape": (0.156, 0.435, 0.945),
-    "payload": (0.2, 0.35, 0.55),
-    "density_gradient": (3.9, 9.06, 11.3),
+    "payload": (0.47, 0.84, 1.45),
+    "density_gradient": (3.96, 7.7, 14.0),
     "ground_adhesion": (79.4, 227.0, 589.0),
     "stick_slip": (0.6, 1.2, 2.4),
     "rate_friction": (1.8, 3.28, 6.0),
@@ -30,7 +29,7 @@ AMPLITUDES: dict[str, tuple[float, float, float]] = {
     "obstacle_sphere": (0.0001, 0.000626, 0.00399),
     "obstacle_post": (0.000542, 0.00298, 0.00978),
     "grip_slip": (0.00142, 0.00379, 0.00854),
-    "grip_compliance": (3.11e-05, 8.2e-05, 0.000114),
+    "grip_compliance": (2.7e-05, 0.0001, 0.00026),
     "grip_offset": (0.00154, 0.00415, 0.00943),
     "grip_lag": (0.00474, 0.0128, 0.0292),
     "camera_drift": (0.00107, 0.00286, 0.00645),

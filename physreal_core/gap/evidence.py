@@ -70,7 +70,7 @@ class Evidence:
             return None
         fields = (motion[:end], modes[:, :end], carried[:, :end])
         sigma, error = experiment.sigma[:end], self._settings.model_error
-        return Noise(sigma, valid, experiment.points0, *fields, experiment.setting.fps, error)
+        return Noise(sigma, valid, experiment.points0, *fields, experiment.setting.fps, error, experiment.device)
 
     def held_out_energy(self, predictions: Sequence[Float[Array, "frames tracks 3"]]) -> float:
         """Half the whitened squared residual over the held-out frames of all experiments [nat]; predictions over all frames."""

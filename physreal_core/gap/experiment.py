@@ -68,6 +68,7 @@ class Interaction(Protocol):
         model: `fields` that a fit starts from, `effects` that are known already, `elastic_law`.
         config: of its simulator.
         setting: what effects may look at.
+        device: where it rolls out, and where products with many modes are taken.
         placement: how the object lies against the first interaction's; None where it lies there.
     """
 
@@ -77,6 +78,7 @@ class Interaction(Protocol):
     model: Any
     config: Any
     setting: Any
+    device: str
     placement: Any
 
     @property

@@ -12,6 +12,7 @@ from __future__ import annotations
 from dataclasses import dataclass
 
 import numpy as np
+import torch
 
 from physreal_core.array_types import Array, Bool, Float
 
@@ -56,6 +57,7 @@ class Noise:
         carried: where each track goes per metre by which it starts elsewhere along x, y, z, shape [3, T, J, 3].
         fps: frames per second.
         error: of the model.
+        device: where the products with the modes, thousands of entries by hundreds of modes, are taken.
     """
 
     def __init__(
@@ -68,16 +70,17 @@ class Noise:
         carried: Float[Array, "3 frames tracks 3"],
         fps: float,
         error: ModelError,
+        device: str = "cpu",
     ) -> None:
         self.valid, self.frames = valid, len(valid)
         self._scale = 1.0 / np.repeat(sigma[valid], 3)
         parts = [error.reruns * self.rows(modes), _smooth_field(valid, points0, motion, modes, fps, error)]
         columns = np.concatenate([*parts, _starting_points(valid, sigma, self.rows(carried))], axis=1)
-        weighted = (columns * self._scale[:, None]).astype(np.float32)
-        values, vectors = np.linalg.eigh((weighted.T @ weighted).astype(np.float64))
-        kept = values > 1e-6 * max(values[-1], 1e-30)
-        self._values = values[kept]
-        self._basis = weighted @ (vectors[:, kept] / np.sqrt(values[kept])).astype(np.float32)
+        weighted = torch.from_numpy((columns * self._scale[:, None]).astype(np.float32)).to(device)
+        values, vectors = torch.linalg.eigh((weighted.T @ weighted).double())
+        kept = values > 1e-6 * values[-1].clamp_min(1e-30)
+        self._basis = weighted @ (vectors[:, kept] / values[kept].sqrt()).float()
+        self._values = values[kept].cpu().numpy()
         self.log_determinant = float(np.log1p(self._values).sum())
 
     def rows(self, fields: Float[Array, "columns frames tracks 3"]) -> Float[Array, "entries columns"]:
@@ -87,13 +90,14 @@ class Noise:
     def whiten(self, fields: Float[Array, "columns frames tracks 3"]) -> Float[Array, "entries columns"]:
         """Fields [m] as columns in units in which the residuals of a right model are independent and of size one."""
         weighted = self.rows(fields) * self._scale[:, None]
-        shrink = 1.0 - 1.0 / np.sqrt(1.0 + self._values)
-        along = (self._basis.T @ weighted.astype(np.float32)).astype(np.float64)
-        return weighted - self._basis @ (shrink[:, None] * along)
+        shrink = torch.from_numpy(1.0 - 1.0 / np.sqrt(1.0 + self._values)).to(self._basis)
+        given = torch.from_numpy(weighted).to(self._basis)
+        imitated = self._basis @ (shrink[:, None] * (self._basis.T @ given))
+        return weighted - imitated.double().cpu().numpy()
 
     def modes(self) -> Float[Array, "modes entries 3"]:
         """Displacements [m] of the valid entries, each of standard size, that are not the sensor's independent noise."""
-        columns = self._basis * np.sqrt(self._values).astype(np.float32) / self._scale[:, None].astype(np.float32)
+        columns = self._basis.cpu().numpy() * np.sqrt(self._values) / self._scale[:, None]
         return columns.T.reshape(len(self._values), -1, 3)
 
     def global_test(self, residual: Float[Array, "frames tracks 3"], freedom: int) -> dict[str, float]:
@@ -107,7 +111,7 @@ class Noise:
 
         weighted = self.rows(residual[None])[:, 0] * self._scale
         telling = self._values > TELLING
-        along = self._basis[:, telling].T.astype(np.float64) @ weighted
+        along = self._basis.cpu().numpy()[:, telling].T.astype(np.float64) @ weighted
         statistic = float((along**2 / (1.0 + self._values[telling])).sum())
         degrees = max(int(telling.sum()) - freedom, 1)
         return {"statistic": statistic, "degrees": float(degrees), "p_value": float(chi2.sf(statistic, degrees))}

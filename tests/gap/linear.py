@@ -38,6 +38,7 @@ class LinearExperiment:
         still = torch.zeros(FRAMES, 0, 3)
         self.setting = Setting(body, None, (), 30.0, (0.0, 0.0, -9.81), None, still, self.points0[:2])
         self.placement = self.config = None
+        self.device = "cpu"
         fields = {**FIELDS, "youngs_modulus": FIELDS["youngs_modulus"] * torch.tensor([1.2, 0.9], dtype=torch.float64)}
         exact = self.predict([SimpleNamespace(fields=fields, effects=truth)])[0]
         self.measured = exact + SIGMA * random.standard_normal(exact.shape)

@@ -48,7 +48,6 @@ for module in pkgutil.walk_packages(package.__path__, sys.argv[1] + "."):
         "physreal_core.gap",
         "physreal_core.geometry",
         "physreal_core.evaluation",
-        "physreal_core.effects",
         "benchmarks",
     ],
 )

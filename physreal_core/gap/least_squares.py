@@ -10,6 +10,7 @@ from collections.abc import Callable, Generator, Sequence
 from dataclasses import dataclass
 
 import numpy as np
+from scipy.special import log_ndtr
 
 from physreal_core.array_types import Array, Float
 from physreal_core.gap.experiment import Interaction, Trial
@@ -54,10 +55,20 @@ class Fit:
 
     @property
     def log_evidence(self) -> float:
-        """Laplace's approximation, up to a constant that all fits to the same data share [nat]."""
+        """Laplace's approximation, up to a constant that all fits to the same data share [nat].
+
+        Of an amplitude of fixed sign the prior has one half, twice as dense, and the posterior what lies on that side.
+        """
         block = self.unknowns.block
         occam = np.linalg.slogdet(block.precision)[1] - np.linalg.slogdet(self.hessian)[1]
-        return -self.energy + 0.5 * float(occam) + np.log(2.0) * int(block.half.sum())
+        reach = np.abs(self.vector - block.mean)[block.half] / np.sqrt(np.diag(self.covariance)[block.half])
+        return -self.energy + 0.5 * float(occam) + half_share(reach)
+
+
+def half_share(reach: Float[Array, " amplitudes"]) -> float:
+    """Log of what restricting amplitudes to one sign makes of the evidence, given how many of their posterior's standard
+    deviations they lie beyond zero: log 2 far beyond, nothing at zero [nat]."""
+    return float((np.log(2.0) + log_ndtr(reach)).sum())
 
 
 class Data:

@@ -15,7 +15,7 @@ import numpy as np
 from physreal_core.array_types import Array, Bool, Float
 from physreal_core.effects import EFFECTS, Effect
 from physreal_core.gap.experiment import EffectValues, Interaction, Trial, starts_of
-from physreal_core.gap.least_squares import Data, Fit
+from physreal_core.gap.least_squares import Data, Fit, half_share
 from physreal_core.gap.unknowns import Priors, Unknowns
 from physreal_core.simulation import States
 
@@ -206,8 +206,8 @@ def _linear_gain(
         if not wrong.any():
             break
         free &= ~wrong
-    occam = -0.5 * np.linalg.slogdet(A * prior**2)[1] + np.log(2.0) * int((half & free).sum())
-    return z, float(0.5 * z @ pull + occam)
+    reach = np.abs(z) / np.sqrt(np.diag(np.linalg.inv(A)))
+    return z, float(0.5 * z @ pull - 0.5 * np.linalg.slogdet(A * prior**2)[1] + half_share(reach[half]))
 
 
 def started(baseline: Fit, beside: Fit, score: Score, priors: Priors) -> tuple[Unknowns, Float[Array, " unknowns"]]:

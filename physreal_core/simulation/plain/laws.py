@@ -2,6 +2,7 @@
 
 from collections.abc import Callable
 from dataclasses import dataclass
+from types import SimpleNamespace
 
 import warp as wp
 
@@ -63,35 +64,21 @@ def force_laws(
         record: see there.
     """
     kernels = particle_force_kernels(types.name)
+    law = _recorder(kernels, record, arrays.force, arrays.force_bar)
     value, bar = _named(numbers.values), _named(numbers.bars)
     laws = []
     if "drag" in terms:
         model = [value("linear_drag"), value("quadratic_drag"), arrays.v]
         bars = [arrays.v_bar, bar("linear_drag"), bar("quadratic_drag")]
-        laws.append(
-            Law(
-                record(kernels.drag, 1, *model, arrays.force),
-                record(kernels.drag_adjoint, 1, *model, arrays.force_bar, *bars),
-            )
-        )
+        laws.append(law("drag", model, bars))
     if "adhesion" in terms:
         model = [value("adhesion"), value("adhesion_range"), arrays.start, arrays.x]
         bars = [arrays.x_bar, bar("adhesion"), bar("adhesion_range"), arrays.start_bar]
-        laws.append(
-            Law(
-                record(kernels.adhesion, 1, *model, arrays.force),
-                record(kernels.adhesion_adjoint, 1, *model, arrays.force_bar, *bars),
-            )
-        )
+        laws.append(law("adhesion", model, bars))
     if "obstacle" in terms:
         model = [wp.from_torch(numbers.values["obstacle"][0]), arrays.mass, arrays.x]
         bars = [arrays.x_bar, arrays.mass_bar, bar("obstacle")]
-        laws.append(
-            Law(
-                record(kernels.obstacle, 1, *model, arrays.force),
-                record(kernels.obstacle_adjoint, 1, *model, arrays.force_bar, *bars),
-            )
-        )
+        laws.append(law("obstacle", model, bars))
     if not laws:
         return []
     return [Law(record(kernels.only_loads, 1, arrays.load, arrays.force), lambda slot: None), *laws]
@@ -109,35 +96,20 @@ def stress_laws(
         arrays: of the step.
         record: see there.
     """
-    kernels = stress_term_kernels(types.name)
+    law = _recorder(stress_term_kernels(types.name), record, arrays.tau, arrays.tau_bar)
     value, bar = _named(numbers.values), _named(numbers.bars)
     laws = []
     if "viscosity" in terms:
         model = [value("viscosity", types.vec2), arrays.F, arrays.rate]
         bars = [arrays.F_bar, arrays.rate_bar, bar("viscosity", types.vec2)]
-        laws.append(
-            Law(
-                record(kernels.viscosity, 1, *model, arrays.tau),
-                record(kernels.viscosity_adjoint, 1, *model, arrays.tau_bar, *bars),
-            )
-        )
+        laws.append(law("viscosity", model, bars))
     if "stiffening" in terms:
         model, bars = [value("stiffening"), arrays.F], [arrays.F_bar, bar("stiffening")]
-        laws.append(
-            Law(
-                record(kernels.stiffening, 1, *model, arrays.tau),
-                record(kernels.stiffening_adjoint, 1, *model, arrays.tau_bar, *bars),
-            )
-        )
+        laws.append(law("stiffening", model, bars))
     if "fibres" in terms:
         model = [value("fibre_modulus"), value("fibre_direction", types.vec3), arrays.F]
         bars = [arrays.F_bar, bar("fibre_modulus"), bar("fibre_direction", types.vec3)]
-        laws.append(
-            Law(
-                record(kernels.fibres, 1, *model, arrays.tau),
-                record(kernels.fibres_adjoint, 1, *model, arrays.tau_bar, *bars),
-            )
-        )
+        laws.append(law("fibres", model, bars))
     return laws
 
 
@@ -146,6 +118,16 @@ def rate_launches(types: ScalarTypes, arrays: LawArrays, record: Record) -> tupl
     kernels = stress_term_kernels(types.name)
     forward = record(kernels.average_rate, 2, arrays.timing, arrays.C, arrays.rate)
     return forward, record(kernels.average_rate_adjoint, 0, arrays.timing, arrays.C_bar, arrays.rate_bar)
+
+
+def _recorder(kernels: SimpleNamespace, record: Record, total: wp.array, total_bar: wp.array) -> Callable[..., Law]:
+    """Records a law's kernel and its adjoint, by the kernel's name: the one adds to `total`, the other reads its adjoint."""
+
+    def law(name: str, model: list, bars: list) -> Law:
+        forward = record(getattr(kernels, name), 1, *model, total)
+        return Law(forward, record(getattr(kernels, f"{name}_adjoint"), 1, *model, total_bar, *bars))
+
+    return law
 
 
 def _named(tensors: dict) -> Callable[..., wp.array]:

@@ -94,6 +94,7 @@ def load_report(folder: Path) -> GapReport:
             "where": tuple(record["where"]),
             "baseline": tuple(Disagreement(**entry) for entry in record["baseline"]),
             "information": tuple(record["information"]),
+            "numerical_floor": tuple(record["numerical_floor"]),
         },
         fields=groups["baseline"],
     )

@@ -102,6 +102,11 @@ class Effect:
     terms: ClassVar[tuple[str, ...]] = ()
     laws: ClassVar[dict[str, str]] = {}
 
+    @property
+    def units(self) -> dict[str, str]:
+        """Of the coefficients, by name."""
+        return {coefficient.name: coefficient.unit for coefficient in self.coefficients}
+
     def act(self, inputs: Inputs, values: Values, setting: Setting) -> Inputs:
         """The rollout's inputs with the effect in them. Several effects act one after another, so what is there is added to."""
         return inputs

@@ -22,8 +22,7 @@ def effect_record(
     record: Record = {"name": name, "values": {key: float(value) for key, value in values.items()}}
     if intervals:
         record["intervals"] = {key: [float(low), float(high)] for key, (low, high) in intervals.items()}
-    effect = registered([record])[0]
-    record["units"] = {coefficient.name: coefficient.unit for coefficient in effect.coefficients}
+    record["units"] = registered([record])[0].units
     if probability is not None:
         record["probability"] = float(probability)
     return record

@@ -15,7 +15,7 @@ from physreal_core.effects import Inputs, Setting
 from physreal_core.fitting.model import Model, particle_parameters
 from physreal_core.fitting.named_effects import registered
 from physreal_core.fitting.problem import Problem
-from physreal_core.simulation import Parameters, Simulator, States
+from physreal_core.simulation import Parameters, SimulationConfig, Simulator, States
 from physreal_core.simulation.batch import BatchStates
 from physreal_core.simulation.parameters import PARAMETER_NAMES
 from physreal_core.simulation.play import Player
@@ -54,17 +54,7 @@ class Rollouts:
         }
         self._effects = registered(model.effects)
         self._simulator = Simulator(problem.body, self.config, problem.grip, problem.clamps, problem.loads)
-        self.setting = Setting(
-            body=problem.body,
-            grip=problem.grip,
-            clamps=problem.clamps,
-            fps=problem.fps,
-            gravity=self.config.gravity,
-            ground_height=self.config.ground_height,
-            controllers=self.problem.controllers.to(self.dtype),
-            anchors=model.fields["patch_positions"].numpy(),
-            T_world_camera=None if problem.camera is None else problem.camera.T_world_camera.cpu().numpy(),
-        )
+        self.setting = setting_of(self.problem, self.config, model, self.dtype)
 
     def inputs(self, fields: Fields, values: EffectValues | None = None) -> Inputs:
         """Everything that goes into the rollout; differentiable by `fields` and `values`.
@@ -116,6 +106,21 @@ class Rollouts:
 
     def _number(self, value: Tensor | float) -> Tensor:
         return torch.as_tensor(value).to(self.device, self.dtype)
+
+
+def setting_of(problem: Problem, config: SimulationConfig, model: Model, dtype: torch.dtype) -> Setting:
+    """What effects may look at, with controller points of this type on the problem's device."""
+    return Setting(
+        body=problem.body,
+        grip=problem.grip,
+        clamps=problem.clamps,
+        fps=float(problem.fps),
+        gravity=tuple(config.gravity),
+        ground_height=config.ground_height,
+        controllers=problem.controllers.to(dtype),
+        anchors=model.fields["patch_positions"].numpy(),
+        T_world_camera=None if problem.camera is None else problem.camera.T_world_camera.cpu().numpy(),
+    )
 
 
 def motion_since_start(states: States, parameters: Parameters) -> States:

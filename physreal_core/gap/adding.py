@@ -48,8 +48,10 @@ def add_effect(
     runner_up = _shown(experiments, alone.with_effects(rival.names), number) if rival else ()
     gap = held_out_gap(before), held_out_gap(after)
     closed = 1.0 - gap[1] / gap[0] if gap[0] > 0 else 0.0
-    everything = alone if len(experiments) == 1 else Fits(experiments, settings, progress)
-    final = _from_report(report, chosen) or _candidate(everything.with_effects(chosen))
+    final = _from_report(report, chosen)
+    if final is None:
+        everything = alone if len(experiments) == 1 else Fits(experiments, settings, progress)
+        final = _candidate(everything.with_effects(chosen))
     adopted = bool(gap[1] < gap[0])
     return Added(
         adopted=adopted,
@@ -60,7 +62,7 @@ def add_effect(
         runner_up=runner_up,
         runner_up_names=rival.names if rival else (),
         fitted_on=number,
-        numerical_floor=everything.evidence.floors,
+        numerical_floor=report.numerical_floor,
         closed=float(closed),
     )
 

@@ -11,11 +11,11 @@ import numpy as np
 import torch
 
 from physreal_core.array_types import Array, Bool, Float, Tensor
-from physreal_core.effects import EFFECTS, Effect, Inputs, Setting, configured
+from physreal_core.effects import EFFECTS, Effect, Inputs, configured
 from physreal_core.errors import InputError
 from physreal_core.fitting.model import Model, particle_parameters
 from physreal_core.fitting.problem import Problem
-from physreal_core.fitting.rollouts import roll_out_together
+from physreal_core.fitting.rollouts import roll_out_together, setting_of
 from physreal_core.rendering import carry_points
 from physreal_core.simulation import Body, SimulationConfig, Simulator, States
 
@@ -144,20 +144,8 @@ class Experiment:
         self.measured = np.where(valid[..., None], tracks.points3d.numpy().astype(np.float64), 0.0)
         self.sigma = np.where(valid, tracks.sigma3d.numpy().astype(np.float64), 1.0)
         self.config = model.simulation_config(problem.fps, device)
-        self._controllers = problem.controllers.to(torch.float32)
         self._simulators: dict[tuple[SimulationConfig, Variant | None], Simulator] = {}
-        camera = problem.camera
-        self.setting = Setting(
-            body=problem.body,
-            grip=problem.grip,
-            clamps=problem.clamps,
-            fps=float(problem.fps),
-            gravity=tuple(self.config.gravity),
-            ground_height=self.config.ground_height,
-            controllers=self._controllers,
-            anchors=model.fields["patch_positions"].numpy(),
-            T_world_camera=None if camera is None else camera.T_world_camera.numpy(),
-        )
+        self.setting = setting_of(problem, self.config, model, torch.float32)
 
     @property
     def frames(self) -> int:
@@ -257,7 +245,7 @@ class Experiment:
         parameters = particle_parameters(
             trial.fields, problem.patch_neighbours, problem.patch_weights, dtype=torch.float32, device="cpu"
         )
-        inputs = Inputs(parameters, self._controllers)
+        inputs = Inputs(parameters, self.setting.controllers)
         for name, values in self._effects(trial).items():
             inputs = EFFECTS[name].act(inputs, _tensors(values), self.setting)
         return dataclasses.replace(inputs, controllers=inputs.controllers[:frames])

@@ -6,7 +6,7 @@ with tangents by secants for the effects' coefficients and Broyden's update for 
 
 from __future__ import annotations
 
-from collections.abc import Callable, Generator, Sequence
+from collections.abc import Generator, Sequence
 from dataclasses import dataclass
 
 import numpy as np
@@ -209,16 +209,13 @@ def _finite(columns: Array) -> Array:
     return np.where(np.isfinite(columns).all(0), columns, 0.0)
 
 
-def together(
-    requests: Sequence[Request], data: Data, progress: Callable[[int], None] = lambda rollouts: None
-) -> list[Fit]:
+def together(requests: Sequence[Request], data: Data) -> list[Fit]:
     """Runs fits to the same data in lockstep: each round, the trials of all that still go on are one batch per experiment."""
     fits: list[Fit | None] = [None] * len(requests)
     wanted = {number: next(request) for number, request in enumerate(requests)}
     while wanted:
         trials = [trial for request in wanted.values() for trial in request]
         predictions = data.predict(trials)
-        progress(len(trials) * len(predictions))
         following, first = {}, 0
         for number, asked in wanted.items():
             own = [p[first : first + len(asked)] for p in predictions]

@@ -8,7 +8,7 @@ from dataclasses import dataclass
 import numpy as np
 
 from physreal_core.array_types import Array, Float
-from physreal_core.effects import EFFECTS
+from physreal_core.effects import EFFECTS, Effect
 from physreal_core.gap.evidence import Evidence
 from physreal_core.gap.experiment import Interaction
 from physreal_core.gap.least_squares import Fit
@@ -57,21 +57,18 @@ def answer_of(
 
 def fitted_effects(fit: Fit) -> tuple[FittedEffect, ...]:
     """Coefficients with intervals from the curvature of the posterior."""
-    sd, effects, first = np.sqrt(np.diag(fit.covariance)), [], fit.unknowns.baseline
-    values = fit.unknowns.values(fit.vector)
-    for name in fit.unknowns.effects:
-        coefficients = EFFECTS[name].coefficients
-        reach = {c.name: NINETY * sd[first + i] * c.scale for i, c in enumerate(coefficients)}
-        intervals = {
-            c.name: (
-                max(c.lower, values[name][c.name] - reach[c.name]),
-                min(c.upper, values[name][c.name] + reach[c.name]),
-            )
-            for c in coefficients
-        }
-        effects.append(FittedEffect(name, values[name], intervals, {c.name: c.unit for c in coefficients}))
-        first += len(coefficients)
-    return tuple(effects)
+    deviations = fit.unknowns.deviations(fit.covariance)
+    return tuple(
+        _fitted(EFFECTS[name], values, deviations[name]) for name, values in fit.unknowns.values(fit.vector).items()
+    )
+
+
+def _fitted(effect: Effect, values: dict[str, float], deviations: dict[str, float]) -> FittedEffect:
+    intervals = {}
+    for c in effect.coefficients:
+        value, reach = values[c.name], NINETY * deviations[c.name]
+        intervals[c.name] = (max(c.lower, value - reach), min(c.upper, value + reach))
+    return FittedEffect(effect.name, values, intervals, effect.units)
 
 
 def probabilities(answers: Sequence[Answer], settings: GapSettings, library: int) -> Array:

@@ -81,7 +81,6 @@ class Noise:
         kept = values > 1e-6 * values[-1].clamp_min(1e-30)
         self._basis = weighted @ (vectors[:, kept] / values[kept].sqrt()).float()
         self._values = values[kept].cpu().numpy()
-        self.log_determinant = float(np.log1p(self._values).sum())
 
     def rows(self, fields: Float[Array, "columns frames tracks 3"]) -> Float[Array, "entries columns"]:
         """Valid entries of fields over at least these frames, stacked."""

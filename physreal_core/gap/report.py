@@ -107,6 +107,7 @@ class GapReport:
         baseline: disagreement of the refitted baseline.
         fields: the refitted baseline's fields, as of `Model.fields`.
         information: expected whitened change per effect beyond baseline and numerics, one row per interaction.
+        numerical_floor: root mean square change of the baseline by its own discretisation [m], per interaction.
         settings: that the search ran with.
         lead: for an unknown effect, the disagreement as a force field and a formula (`unknown.Lead`); None otherwise.
     """
@@ -118,6 +119,7 @@ class GapReport:
     baseline: tuple[Disagreement, ...]
     fields: dict[str, Tensor] = field(repr=False)
     information: tuple[dict[str, float], ...] = ()
+    numerical_floor: tuple[float, ...] = ()
     settings: dict[str, Any] = field(default_factory=dict)
     lead: dict[str, Any] | None = None
 

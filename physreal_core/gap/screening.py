@@ -16,10 +16,9 @@ from physreal_core.array_types import Array, Bool, Float
 from physreal_core.effects import EFFECTS, Effect
 from physreal_core.gap.experiment import EffectValues, Interaction, Trial, starts_of
 from physreal_core.gap.least_squares import Data, Fit, half_share
-from physreal_core.gap.unknowns import Priors, Unknowns
+from physreal_core.gap.unknowns import STEP, Priors, Unknowns
 from physreal_core.simulation import States
 
-STEP = 0.25  # of a coefficient's scale
 DRAWS = 200
 
 
@@ -76,7 +75,6 @@ class Screen:
             first += len(plan.steps)
             self.raw.append(own)
             self.starts.append(self._start(plan, own))
-        self.rollouts = len(trials) * len(data.experiments)
 
     def _start(self, plan: _Plan, columns: Array) -> Start:
         return Start(plan.effect.name, plan.values, self.beside(self.baseline, columns), plan.half, np.sign(plan.sizes))

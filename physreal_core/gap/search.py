@@ -76,7 +76,8 @@ class Search:
         self.baseline, self.evidence = fit_baseline(experiments, settings, progress)
         progress(f"screening {len(self.names)} candidates")
         self.screen = Screen(self.baseline, self.evidence.train, self.names, settings.priors)
-        self._energy = self.evidence.held_out_energy(self._predicted(self.baseline))
+        self._predictions = self._predicted(self.baseline)
+        self._energy = self.evidence.held_out_energy(self._predictions)
         self.answers = [Answer(self.baseline, None, 0.0, 0.0)]
         self._fit_candidates()
 
@@ -119,8 +120,7 @@ class Search:
         explained = self._explained(self.answers[best].fit)
         test["explained"] = explained
         verdict = verdict_of(candidates, threshold, test["p_value"] < SIGNIFICANT, explained, settings)
-        predictions = self._predicted(self.baseline)
-        lead = self._lead(predictions) if verdict.kind == "unknown" else None
+        lead = self._lead() if verdict.kind == "unknown" else None
         if lead is not None:
             verdict = replace(verdict, sentence=f"{verdict.sentence} {lead.sentence}")
         return GapReport(
@@ -128,18 +128,20 @@ class Search:
             candidates=candidates,
             test=test,
             where=tuple(self._where()),
-            baseline=disagreements(self.experiments, predictions),
+            baseline=disagreements(self.experiments, self._predictions),
             fields=self.baseline.unknowns.baseline_fields(self.baseline.vector),
             information=tuple(self.screen.information()),
+            numerical_floor=self.evidence.floors,
             settings={"candidates": list(self.names), "seed": settings.seed},
             lead=None if lead is None else lead.as_record(),
         )
 
-    def _lead(self, predictions: list[np.ndarray]) -> Lead | None:
+    def _lead(self) -> Lead | None:
         """What nothing in the library explains as a force; None where that cannot be said."""
         self._progress("unknown: looking for a formula")
         try:
-            return lead_on(self.evidence, self.baseline.unknowns.baseline_fields(self.baseline.vector), predictions)
+            fields = self.baseline.unknowns.baseline_fields(self.baseline.vector)
+            return lead_on(self.evidence, fields, self._predictions)
         except InputError as error:  # a lead is a help; the verdict stands without it
             self._progress(f"no formula: {error}")
             return None
@@ -176,5 +178,4 @@ class Search:
 
 
 def _unfitted(score: Score) -> FittedEffect:
-    units = {c.name: c.unit for c in EFFECTS[score.start.effect].coefficients}
-    return FittedEffect(score.start.effect, score.values, {}, units)
+    return FittedEffect(score.start.effect, score.values, {}, EFFECTS[score.start.effect].units)

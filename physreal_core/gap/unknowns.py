@@ -17,6 +17,8 @@ from physreal_core.effects import EFFECTS
 from physreal_core.gap.experiment import EffectValues, Trial
 
 POISSON_RANGE = (0.05, 0.48)
+STEP = 0.25
+"""Of an effect's tangent, in its coefficient's scale."""
 
 
 @dataclass(frozen=True)
@@ -69,6 +71,9 @@ class Unknowns:
         priors: their widths.
         at: values of the effects' coefficients around which the prior of shapes is centred; dormant by default.
         ground: whether friction acts.
+
+    Attributes:
+        places: where each effect's coefficients stand in the vector.
     """
 
     def __init__(
@@ -84,6 +89,8 @@ class Unknowns:
         self.at = at or {}
         blocks = [self._baseline(), *(self._effect(name) for name in self.effects)]
         self.baseline = len(blocks[0])
+        ends = np.cumsum([len(block) for block in blocks])
+        self.places = {n: slice(*ends[i : i + 2].tolist()) for i, n in enumerate(self.effects)}
         self.block = _joined(blocks)
 
     def __len__(self) -> int:
@@ -125,7 +132,7 @@ class Unknowns:
             np.eye(len(scale)) / self.priors.coefficient**2,
             lower / scale,
             upper / scale,
-            np.where(amplitude, 0.25, 0.25) * sign,
+            STEP * sign,
             one_sided,
         )
 
@@ -139,22 +146,26 @@ class Unknowns:
 
     def with_effects(self, vector: Float[Array, " unknowns"], values: EffectValues) -> Float[Array, " unknowns"]:
         """The vector with these coefficients put in."""
-        vector, first = vector.copy(), self.baseline
-        for name in self.effects:
-            for position, c in enumerate(EFFECTS[name].coefficients):
+        vector = vector.copy()
+        for name, place in self.places.items():
+            for position, c in enumerate(EFFECTS[name].coefficients, place.start):
                 if c.name in values.get(name, {}):
-                    vector[first + position] = values[name][c.name] / c.scale
-            first += len(EFFECTS[name].coefficients)
+                    vector[position] = values[name][c.name] / c.scale
         return vector
 
     def values(self, vector: Float[Array, " unknowns"]) -> EffectValues:
         """Coefficients by effect, in SI units."""
-        found, first = {}, self.baseline
-        for name in self.effects:
-            coefficients = EFFECTS[name].coefficients
-            found[name] = {c.name: float(vector[first + i] * c.scale) for i, c in enumerate(coefficients)}
-            first += len(coefficients)
-        return found
+        return self._scaled(vector)
+
+    def deviations(self, covariance: Float[Array, "unknowns unknowns"]) -> EffectValues:
+        """Standard deviations of the coefficients by effect, in SI units."""
+        return self._scaled(np.sqrt(np.diag(covariance)))
+
+    def _scaled(self, vector: Float[Array, " unknowns"]) -> EffectValues:
+        return {
+            name: {c.name: float(z * c.scale) for c, z in zip(EFFECTS[name].coefficients, vector[place], strict=True)}
+            for name, place in self.places.items()
+        }
 
     def baseline_fields(self, vector: Float[Array, " unknowns"]) -> dict[str, Tensor]:
         """The model's fields."""

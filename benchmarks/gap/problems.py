@@ -14,13 +14,26 @@ import torch
 from physreal_core.array_types import Array, Bool, Float, Int
 from physreal_core.errors import InputError
 from physreal_core.fitting import Model, Problem, TrackObservations, uniform_model
-from physreal_core.geometry import Mesh, bind_grip, farthest_points, fill_mesh, load_mesh, patch_weights, sample_surface
+from physreal_core.geometry import (
+    Mesh,
+    bind_within,
+    farthest_points,
+    fill_mesh,
+    load_mesh,
+    patch_weights,
+    sample_surface,
+)
 from physreal_core.rendering import bind
 from physreal_core.simulation import Body, Grip
 
-BINDING_NEIGHBOURS, TRACK_DISTANCE, GRIP_RADIUS = 8, 0.01, 0.02  # of `sample_particles`; the latter two in [m]
-GUESS = {"youngs_modulus": 1e5, "poissons_ratio": 0.3, "friction_coefficient": 0.4, "grip_damping": 0.01}
-GRIP_STIFFNESS = 3e4  # of all bonds together, whatever their number [N]: a hand that holds a bar as a vice does
+BINDING_NEIGHBOURS, TRACK_DISTANCE = 8, 0.01  # of `sample_particles`; the latter in [m]
+GUESS = {
+    "youngs_modulus": 1e5,
+    "poissons_ratio": 0.3,
+    "friction_coefficient": 0.4,
+    "grip_stiffness": 100.0,  # of a particle's bonds together [N]: a hand that holds a bar as a vice does
+    "grip_damping": 0.01,
+}
 
 
 @dataclass(frozen=True)
@@ -69,14 +82,13 @@ def baseline_model(problem: Problem, guess: dict[str, float] = GUESS) -> Model:
 
     Args:
         problem: its patches carry the material.
-        guess: as `uniform_model` takes it; the grip's stiffness [N] is `GRIP_STIFFNESS` shared by the bonds unless given.
+        guess: as `uniform_model` takes it.
     """
-    bonds = 1 if problem.grip is None else len(problem.grip.weights)
     return uniform_model(
         torch.from_numpy(problem.body.x0[patch_particles(problem)]),
-        {"grip_stiffness": GRIP_STIFFNESS / bonds} | guess,
+        guess,
         elastic_law="fixed_corotated",
-        simulation={"ground_height": 0.0, "courant": 0.5, "dtype": "float32"},
+        simulation={"ground_height": 0.0, "courant": 0.7, "dtype": "float32"},
     )
 
 
@@ -109,7 +121,7 @@ def _problem(capture: Path, mesh: Mesh, x0: Array, volume: Array, spacing: float
     measured = _arrays(capture / "tracks3d.npz", "points3d", "valid3d", "sigma3d")
     controllers = _arrays(capture / "controllers.npz", "points")["points"].astype(np.float32)
     neighbours, weights = patch_weights(x0, patches)
-    pairs = bind_grip(x0, controllers, radius=GRIP_RADIUS, spacing=spacing)
+    pairs = bind_within(x0, controllers[0], spacing=spacing)
     return Problem(
         body=Body(x0, volume, np.full(len(x0), facts["density"]), spacing),
         fps=facts["fps"],
@@ -117,9 +129,7 @@ def _problem(capture: Path, mesh: Mesh, x0: Array, volume: Array, spacing: float
         observed=facts["split"]["train"][1],
         patch_neighbours=torch.from_numpy(neighbours),
         patch_weights=torch.from_numpy(weights),
-        grip=Grip(pairs.particles, pairs.controllers, pairs.weights, pairs.rest_lengths)
-        if len(pairs.weights)
-        else None,
+        grip=Grip(pairs.particles, pairs.controllers, pairs.weights, pairs.rest_lengths),
         tracks=_observations(measured, mesh, x0),
     )
 

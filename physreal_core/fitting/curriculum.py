@@ -23,7 +23,7 @@ from physreal_core.simulation.constitutive.residual_config import ResidualConfig
 History = list[dict[str, Any]]
 NETWORK_FIELDS = ("latent_elastic", "latent_plastic", "network_elastic", "network_plastic")
 
-STABLE_COURANT = 0.6
+STABLE_COURANT = 0.85
 """Largest Courant number at which the explicit steps are known to be stable (see `SimulationConfig`)."""
 
 

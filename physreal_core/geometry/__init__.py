@@ -2,7 +2,7 @@
 
 from physreal_core.geometry.alignment import Alignment, AlignmentSettings, align
 from physreal_core.geometry.filling import fill_mesh
-from physreal_core.geometry.grip import GripPairs, bind_grip
+from physreal_core.geometry.grip import GripPairs, bind_grip, bind_within
 from physreal_core.geometry.mesh import Mesh, close_mesh, load_mesh, require_closed, save_mesh
 from physreal_core.geometry.observation import Observation
 from physreal_core.geometry.painting import paint, visible_points
@@ -25,6 +25,7 @@ __all__ = [
     "SurfacePoints",
     "align",
     "bind_grip",
+    "bind_within",
     "close_mesh",
     "edge_inset",
     "farthest_points",

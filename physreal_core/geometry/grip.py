@@ -82,6 +82,47 @@ def bind_grip(
     return GripPairs(*pairs, weights, length[particle, chosen])
 
 
+def bind_within(
+    x0: Float[Array, "particles 3"], points: Float[Array, "points 3"], *, spacing: float, per_particle: int = 8
+) -> GripPairs:
+    """Binds the particles within the convex hull of `points`, a hand that is known all around what it holds.
+
+    Each takes the `per_particle` nearest points, with springs of equal constant: weights in proportion to rest lengths,
+    which sum to one for every particle.
+
+    Args:
+        x0: particles [m].
+        points: of the hand, finite, not all in one plane [m]; the i-th is controller point i.
+        spacing: of the particles [m]; a quarter of it is allowed for outside the hull.
+
+    Raises:
+        InputError: the points span no volume, or no particle lies in it.
+    """
+    from scipy.spatial import ConvexHull, QhullError, cKDTree
+
+    try:
+        planes = ConvexHull(points).equations
+    except (QhullError, ValueError) as error:
+        raise InputError(
+            f"{len(points)} points span no volume", where="controllers", expected="four or more, not in one plane"
+        ) from error
+    outside = (x0 @ planes[:, :3].T + planes[:, 3]).max(axis=1)
+    held = np.flatnonzero(outside < NEAREST * spacing)
+    if len(held) == 0:
+        raise InputError(
+            f"the nearest particle is {outside.min():.4f} m away",
+            where="controllers",
+            expected="particles between the points that hold them",
+        )
+    length, nearest = cKDTree(points).query(x0[held], k=min(per_particle, len(points)))
+    bound = length > NEAREST * spacing
+    weights = np.where(bound, length, 0.0)
+    weights /= weights.sum(axis=1, keepdims=True)
+    row, slot = np.nonzero(bound)
+    pairs = held[row].astype(np.int32), nearest[row, slot].astype(np.int32)
+    return GripPairs(*pairs, weights[row, slot], length[row, slot])
+
+
 def _to_segments(offset: Array, sight: Array, thickness: float) -> Array:
     """Distance [m] of `offset` [N, C, 3] to segments of the given length from the origin along `sight` [C, 3]."""
     direction = sight / np.linalg.norm(sight, axis=1, keepdims=True)

@@ -29,7 +29,7 @@ Loop = Frames | PooledFrames | CudaFrames
 
 
 class Simulator:
-    """MLS-MPM of one body with its grip, ground, clamps and loads.
+    """MPM of one body with its grip, ground, clamps and loads.
 
     Args:
         body: the undeformed particles, where the rollout starts.

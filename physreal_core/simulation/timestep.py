@@ -12,7 +12,7 @@ from physreal_core.simulation.body import Body, Grip
 from physreal_core.simulation.config import SimulationConfig
 from physreal_core.simulation.parameters import Parameters
 
-LARGEST_COURANT = 0.6
+LARGEST_COURANT = 0.85
 """Courant number of the elastic wave at which steps go unstable: with w its fastest grid mode, w dt = 2 there."""
 FIBRE_STRETCH, STIFFENING_STRETCH = 1.2, 1.3
 """Stretches up to which the stiffness of fibres and of stiffening is counted."""

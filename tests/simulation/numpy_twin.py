@@ -1,4 +1,4 @@
-"""One substep of MLS-MPM written out in numpy, node by node, for comparison with the kernels (fixed corotated)."""
+"""One substep of the simulator written out in numpy, node by node, for comparison with the kernels (fixed corotated)."""
 
 from dataclasses import dataclass
 
@@ -25,17 +25,20 @@ class Twin:
         self.F = np.tile(np.eye(3), (len(self.x), 1, 1))
         self.C = np.zeros_like(self.F)
 
-    def weights(self, p: int) -> list[tuple[tuple[int, int, int], float, np.ndarray]]:
-        """(node, weight, node position - particle position) of the 27 nodes around particle p."""
+    def weights(self, p: int) -> list[tuple[tuple[int, int, int], float, np.ndarray, np.ndarray]]:
+        """(node, weight, its gradient, node position - particle position) of the 27 nodes around particle p."""
         dx = self.body.cell
         cells = (self.x[p] - self.offset) / dx
         base = np.floor(cells - 0.5).astype(int)
         out = []
         for step in np.ndindex(3, 3, 3):
             node = base + step
-            distance = np.abs(cells - node)
+            offset = cells - node
+            distance = np.abs(offset)
             along = np.where(distance < 0.5, 0.75 - distance**2, 0.5 * (1.5 - distance) ** 2)
-            out.append((tuple(node), along.prod(), self.offset + dx * node - self.x[p]))
+            slope = np.where(distance < 0.5, -2 * offset, -np.sign(offset) * (1.5 - distance)) / dx
+            gradient = [np.prod([slope[a] if a == b else along[b] for b in range(3)]) for a in range(3)]
+            out.append((tuple(node), along.prod(), np.array(gradient), self.offset + dx * node - self.x[p]))
         return out
 
     def stress(self, p: int) -> np.ndarray:
@@ -51,17 +54,17 @@ class Twin:
         momentum, nodal_mass = {}, {}
         for p in range(len(self.x)):
             tau = self.stress(p)
-            for node, w, d in self.weights(p):
-                internal = -4 / dx**2 * self.body.volume[p] * tau @ d
-                push = mass[p] * (self.v[p] + self.C[p] @ d) + dt * (internal + force[p])
-                momentum[node] = momentum.get(node, 0.0) + w * push
+            for node, w, dw, _ in self.weights(p):
+                push = w * (mass[p] * self.v[p] + dt * force[p])
+                push = push + (mass[p] * dx**2 / 4 * self.C[p] - dt * self.body.volume[p] * tau) @ dw
+                momentum[node] = momentum.get(node, 0.0) + push
                 nodal_mass[node] = nodal_mass.get(node, 0.0) + w * mass[p]
         velocity = {node: self.contact(node, p / nodal_mass[node] + dt * self.gravity) for node, p in momentum.items()}
         for p in range(len(self.x)):
-            near = [(w, d, velocity[node]) for node, w, d in self.weights(p)]
-            self.v[p] = sum(w * v for w, _, v in near)
-            self.C[p] = 4 / dx**2 * sum(w * np.outer(v, d) for w, d, v in near)
-            self.F[p] = (np.eye(3) + dt * self.C[p]) @ self.F[p]
+            near = [(w, dw, d, velocity[node]) for node, w, dw, d in self.weights(p)]
+            self.v[p] = sum(w * v for w, _, _, v in near)
+            self.C[p] = 4 / dx**2 * sum(w * np.outer(v, d) for w, _, d, v in near)
+            self.F[p] = (np.eye(3) + dt * sum(np.outer(v, dw) for _, dw, _, v in near)) @ self.F[p]
         self.x = self.x + dt * self.v
 
     def contact(self, node: tuple[int, int, int], v: np.ndarray) -> np.ndarray:

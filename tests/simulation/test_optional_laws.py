@@ -37,7 +37,7 @@ STEPS = {
     "viscosity": {"viscosity": 1e-6},
     "stiffening": {"stiffening": 1e-1},
     "fibres": {"fibre_modulus": 1e-1, "fibre_direction": 1e-6},
-    "friction_law": {"friction_law": 1e-6},
+    "friction_law": {"friction_law": 1e-5},
 }
 """Half widths of the differences, in the parameters' units."""
 STATE_STEPS = {"youngs_modulus": 1e-2, "friction_coefficient": 1e-6, "initial_velocity": 1e-6, "grip_stiffness": 1e-6}
@@ -95,14 +95,16 @@ def test_gradients(term):
 
 
 def test_gradients_of_all_laws_and_inputs_at_once():
-    inputs = {"density": 1e-4, "initial_position": 1e-8, "force": 1e-9}
+    inputs = {"density": 1e-4, "initial_position": 1e-9, "force": 1e-9}
     simulator, parameters, controllers = scene((*STEPS, *inputs), plastic_law="von_mises")
     body = simulator.body
     parameters = replace(
         parameters,
         plastic=tensor([20.0, 1.0]).expand(len(body.x0), 2),
         density=tensor(body.density),
-        initial_position=tensor(body.x0),
+        # off the faces of cells, where a weight's second derivative jumps
+        initial_position=tensor(body.x0)
+        + 1e-4 * torch.rand(len(body.x0), 3, generator=torch.Generator().manual_seed(1)),
         force=torch.full((len(body.x0), 3), 1e-4, dtype=torch.float64),
     )
     steps = {name: step for own in STEPS.values() for name, step in own.items()} | STATE_STEPS | inputs

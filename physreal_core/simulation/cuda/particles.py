@@ -52,8 +52,10 @@ def forward_kernel(
     structs, transfer = particle_structs(dtype), transfer_functions(dtype, lane_adder(dtype))
     Model, States = structs.Model, structs.States
     relative, inside, base_cell, fraction = lattice.relative, lattice.inside, lattice.base_cell, lattice.fraction
-    node, weights = lattice.node, lattice.weights
-    affine_momentum, scatter, gather = transfer.affine_momentum, transfer.scatter, transfer.gather
+    node, weights, weight_slopes = lattice.node, lattice.weights, lattice.weight_slopes
+    affine_momentum, scatter = transfer.affine_momentum, transfer.scatter
+    derivatives, three, gradient = transfer.derivatives, transfer.three, transfer.gradient
+    affine_velocity = transfer.affine_velocity
     stress, flow = stress_functions(*elastic, dtype).stress, flow_functions(*plastic, dtype).flow
     bonds_force = bond_functions(dtype).bonds_force
     optional, viscous = law_functions(laws, dtype), "viscosity" in laws
@@ -114,12 +116,12 @@ def forward_kernel(
                 return
             base0 = base_cell(r0)
             f0 = fraction(r0, base0)
-            g = gather(velocity_in, box, row + node(base0, box), f0, weights(f0), model.cells_per_metre)
-            v = g.v
-            C = g.C
+            field = derivatives(velocity_in, box, row + node(base0, box), weights(f0), weight_slopes(f0))
+            v = three(field.value)
+            C = affine_velocity(field, f0, model.cells_per_metre)
             x += dt * v
             F = flow(
-                F + dt * (C * F), model.E[p], model.nu[p], model.plastic[p], model.timing, p,
+                F + (dt * model.cells_per_metre) * (gradient(field) * F), model.E[p], model.nu[p], model.plastic[p], model.timing, p,
                 model.latent_plastic, model.weights_plastic[rollout],
             )  # fmt: skip
             states.x[after, p] = x
@@ -157,10 +159,9 @@ def forward_kernel(
                 return
             base = base_cell(r)
             f = fraction(r, base)
-            q = momentum - A * f
-            scatter(
-                momentum_out[first[0] + grid_slot], box, row + node(base, box), weights(f), vec4(q[0], q[1], q[2], m), A
-            )
+            q = vec4(momentum[0], momentum[1], momentum[2], m)
+            n = row + node(base, box)
+            scatter(momentum_out[first[0] + grid_slot], box, n, weights(f), weight_slopes(f), q, A)
         else:
             look(report_out, rollout, x, x + v / model.timing[2], wp.length(v))
             if not wp.isfinite(wp.dot(r, r) + wp.dot(v, v) + wp.ddot(F, F)):

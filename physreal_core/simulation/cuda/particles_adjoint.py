@@ -42,8 +42,9 @@ def backward_kernel(
     Model, States, Bars = structs.Model, structs.States, structs.Bars
     relative, inside, base_cell, fraction = lattice.relative, lattice.inside, lattice.base_cell, lattice.fraction
     node, weights, weight_slopes = lattice.node, lattice.weights, lattice.weight_slopes
-    affine_momentum = transfer.affine_momentum
-    scatter_adjoint, gather_adjoint = transfer.scatter_adjoint, transfer.gather_adjoint
+    affine_momentum, scatter_curved = transfer.affine_momentum, transfer.scatter_curved
+    derivatives, three, gradient = transfer.derivatives, transfer.three, transfer.gradient
+    slope, velocity_adjoint = transfer.slope, transfer.velocity_adjoint
     stress_adjoint = stress_functions(*elastic, dtype).stress_adjoint
     flow_adjoint = flow_functions(*plastic, dtype).flow_adjoint
     flows = plastic != ("identity", None)
@@ -55,7 +56,7 @@ def backward_kernel(
     laws_force, laws_force_adjoint = optional.force, optional.force_adjoint
     laws_stress_adjoint = optional.stress_adjoint
     average_rate_adjoint = stress_term_functions(dtype).average_rate_adjoint
-    zero, four = scalar(0.0), scalar(4.0)
+    four = scalar(4.0)
 
     @wp.kernel(module=module)
     def backward(
@@ -109,30 +110,31 @@ def backward_kernel(
                     model.grip[rollout, 1], model.timing, slot, model.controllers[rollout], x, v, force,
                 )  # fmt: skip
             A = affine_momentum(m, volume, C, states.tau[at, p], dt, cells_per_metre)
-            q3 = m * v + dt * force - A * f
-            q = vec4(q3[0], q3[1], q3[2], m)
-            bar = scatter_adjoint(node_bar[slot % 2], box, row + node(base, box), f, weights(f), weight_slopes(f), q, A)
-            x_bar += cells_per_metre * (bar.slope - wp.transpose(A) * bar.q)
-            v_bar = m * bar.q
-            C_bar = (m / cells_per_metre) * bar.A
-            tau_bar = (-four * dt * volume * cells_per_metre) * bar.A
+            push = m * v + dt * force
+            field = derivatives(node_bar[slot % 2], box, row + node(base, box), weights(f), weight_slopes(f))
+            q_bar = three(field.value)
+            A_bar = gradient(field)
+            x_bar += cells_per_metre * slope(field, vec4(push[0], push[1], push[2], m), A)
+            v_bar = m * q_bar
+            C_bar = (m / (four * cells_per_metre)) * A_bar
+            tau_bar = (-dt * volume * cells_per_metre) * A_bar
             if gripped:
                 pull = bonds_adjoint(
                     model.bonds, model.bond_begin[p], model.bond_end[p], model.grip[rollout, 0],
-                    model.grip[rollout, 1], model.timing, slot, model.controllers[rollout], x, v, dt * bar.q,
+                    model.grip[rollout, 1], model.timing, slot, model.controllers[rollout], x, v, dt * q_bar,
                 )  # fmt: skip
                 x_bar += pull.x
                 v_bar += pull.v
                 if led:
                     points_adjoint(
                         model.bonds, model.bond_begin[p], model.bond_end[p], model.grip[rollout, 0],
-                        model.grip[rollout, 1], model.timing, slot, model.controllers[rollout], x, v, dt * bar.q,
+                        model.grip[rollout, 1], model.timing, slot, model.controllers[rollout], x, v, dt * q_bar,
                         bars.controllers[rollout],
                     )  # fmt: skip
                 bars.grip[p] = bars.grip[p] + vec2(pull.stiffness, pull.damping)
-            mass_bar = bar.mass + wp.dot(v, bar.q) + wp.ddot(C, bar.A) / cells_per_metre
+            mass_bar = field.value[3] + wp.dot(v, q_bar) + wp.ddot(C, A_bar) / (four * cells_per_metre)
             if has_laws:
-                acted = laws_force_adjoint(model.laws, bars.laws, p, rollout, m, x, v, dt * bar.q)
+                acted = laws_force_adjoint(model.laws, bars.laws, p, rollout, m, x, v, dt * q_bar)
                 x_bar += acted.x
                 v_bar += acted.v
                 mass_bar += acted.mass
@@ -142,7 +144,7 @@ def backward_kernel(
             if weighed:
                 bars.mass[p] = bars.mass[p] + mass_bar
             if pushed:
-                bars.load[p] = bars.load[p] + dt * bar.q
+                bars.load[p] = bars.load[p] + dt * q_bar
             s = stress_adjoint(
                 states.F[at, p], E, nu, p, model.latent_elastic, model.weights_elastic[rollout], tau_bar,
                 bars.latent_elastic, bars.weights_elastic, weight_row,
@@ -163,23 +165,26 @@ def backward_kernel(
                 rate_bar = model.timing[3] * rate_bar
             base0 = base_cell(r0)
             f0 = fraction(r0, base0)
+            first0 = row + node(base0, box)
+            w0 = weights(f0)
+            dw0 = weight_slopes(f0)
+            moved = derivatives(velocity_in, box, first0, w0, dw0)
+            L = cells_per_metre * gradient(moved)
             if flows:
                 back = flow_adjoint(
-                    F0 + dt * (C * F0), E, nu, model.plastic[p], model.timing, p, model.latent_plastic,
+                    F0 + dt * (L * F0), E, nu, model.plastic[p], model.timing, p, model.latent_plastic,
                     model.weights_plastic[rollout], F_bar, bars.latent_plastic, bars.weights_plastic, weight_row,
                 )  # fmt: skip
                 F_bar = back.F
                 E_bar += back.E
                 nu_bar += back.nu
                 bars.plastic[p] = bars.plastic[p] + back.y
-            A0 = (four * cells_per_metre) * (C_bar + dt * F_bar * wp.transpose(F0))
-            p3 = v_bar + dt * x_bar - A0 * f0
-            slope = gather_adjoint(
-                velocity_in, node_bar[(slot + 1) % 2], box, row + node(base0, box), weights(f0), weight_slopes(f0),
-                vec4(p3[0], p3[1], p3[2], zero), A0,
+            u = velocity_adjoint(
+                moved, f0, cells_per_metre, v_bar + dt * x_bar, C_bar, dt * F_bar * wp.transpose(F0)
             )  # fmt: skip
-            x_bar += cells_per_metre * (slope - wp.transpose(A0) * v)
-            F_bar += dt * wp.transpose(C) * F_bar
+            scatter_curved(node_bar[(slot + 1) % 2], box, first0, w0, dw0, u.q, u.A, u.B)
+            x_bar += cells_per_metre * u.slope
+            F_bar += dt * wp.transpose(L) * F_bar
         else:
             bars.v[p] = v_bar
             bars.C[p] = C_bar

@@ -2,7 +2,9 @@
 // nodes as nine rows of three nodes: 4 scalars (momentum x, y, z and mass, or velocity) a node, a fourth node of weight
 // zero fills the vector.
 //
-// A particle's contribution to node (i, j, k) of its stencil is w_ijk (q + i a_x + j a_y + k a_z): affine in the node.
+// Distances are in cells; d_a w is a weight's derivative by the particle's position along axis a.
+// A particle's contribution to a node is w q + sum_a (d_a w) g_a + sum_a (d_a d_a w) c_a, its `Field`; what it takes from
+// the nodes are sums of their values with the weights and their derivatives, its `Moments`. One is the other's adjoint.
 #pragma once
 #include "lanes.h"
 #include "matrix.h"
@@ -112,12 +114,15 @@ struct Box {
     }  // scalars from node (0, 0, 0) to (i, j, 0)
 };
 
-// Weights of one particle's stencil along each axis, or their derivatives by the particle's position in cells.
+// Weights of one particle's stencil along each axis, or their derivatives by the particle's position.
 template <class S>
 struct AxisWeights {
     S x[3], y[3];
     Node<S> z;  // the fourth is zero
 };
+
+// Second derivatives of the weights, the same everywhere in a cell.
+constexpr int CURVATURE[3] = {1, -2, 1};
 
 // Where a block of LANES particles lies in the box.
 template <class S>
@@ -156,6 +161,17 @@ struct Stencil {
         write(base, __builtin_convertvector(first, Ints));
     }
 
+    // Sum_n w_n n_a g_n / (1/4), the moment of APIC with n_a the offset from the particle, is d_a g + skew_a d_a d_a g.
+    V skew(int axis) const {
+        V s = fraction[axis] - S(1);
+        return s * (S(0.5) - S(2) * s * s);
+    }
+    // Its derivative by the position.
+    V skew_slope(int axis) const {
+        V s = fraction[axis] - S(1);
+        return S(0.5) - S(6) * s * s;
+    }
+
     AxisWeights<S> weights(int lane) const { return weight_.of(lane); }
     AxisWeights<S> slopes(int lane) const { return slope_.of(lane); }
 
@@ -171,36 +187,36 @@ private:
     WeightBlock weight_, slope_;
 };
 
-// One particle's affine field on its stencil: q + k a_z along a row, and the steps to the next row in x and in y.
-template <class S>
-struct Affine {
-    Row<S> base, along_x, along_y;
+// What one particle adds to its nodes: q, and along each axis the shares of the first and second derivatives.
+template <class S, bool CURVED>
+struct Field {
+    Node<S> q, gradient[3], curvature[3];
 };
 
-// Fields of a block of particles: q = (momentum, mass) or their likes at the base node, and the columns of A.
-template <class S>
-struct AffineBlock {
+// Fields of a block of particles.
+template <class S, bool CURVED>
+struct FieldBlock {
     using V = Lanes<S>;
 
-    // momentum: at the particle; the field there is momentum, and A its gradient per cell.
-    AffineBlock(const Vec3<V>& momentum, V mass, const Mat3<V>& A, const V (&fraction)[3])
-        : q_(at_base(momentum, A, fraction, 0), at_base(momentum, A, fraction, 1), at_base(momentum, A, fraction, 2),
-             mass),
-          x_(A(0, 0), A(1, 0), A(2, 0), V{}),
-          y_(A(0, 1), A(1, 1), A(2, 1), V{}),
-          z_(A(0, 2), A(1, 2), A(2, 2), V{}) {}
+    // q: (momentum, mass) or their likes; A: its columns are the shares g_a.
+    FieldBlock(const Vec3<V>& momentum, V mass, const Mat3<V>& A)
+        : q_(momentum[0], momentum[1], momentum[2], mass), gradient_{column(A, 0), column(A, 1), column(A, 2)} {}
+    FieldBlock(const Vec3<V>& momentum, const Mat3<V>& A, const Mat3<V>& second)
+        : q_(momentum[0], momentum[1], momentum[2], V{}),
+          gradient_{column(A, 0), column(A, 1), column(A, 2)},
+          curvature_{column(second, 0), column(second, 1), column(second, 2)} {}
 
-    Affine<S> of(int l) const {
-        const Row<S> step = {0, 0, 0, 0, 1, 1, 1, 1, 2, 2, 2, 2, 0, 0, 0, 0};
-        return {repeat<S>(q_[l]) + step * repeat<S>(z_[l]), repeat<S>(x_[l]), repeat<S>(y_[l])};
+    Field<S, CURVED> of(int l) const {
+        Field<S, CURVED> f = {q_[l], {gradient_[0][l], gradient_[1][l], gradient_[2][l]}, {}};
+        if constexpr (CURVED)
+            for (int a = 0; a < 3; a++) f.curvature[a] = curvature_[a][l];
+        return f;
     }
 
 private:
-    NodeBlock<S> q_, x_, y_, z_;
+    NodeBlock<S> q_, gradient_[3], curvature_[CURVED ? 3 : 0];
 
-    static V at_base(const Vec3<V>& momentum, const Mat3<V>& A, const V (&fraction)[3], int c) {
-        return momentum[c] - (A(c, 0) * fraction[0] + A(c, 1) * fraction[1] + A(c, 2) * fraction[2]);
-    }
+    static NodeBlock<S> column(const Mat3<V>& A, int a) { return {A(0, a), A(1, a), A(2, a), V{}}; }
 };
 
 // Adds fields to a grid; neighbours in the order of the particles share a cell, and their sum is written once.
@@ -209,20 +225,28 @@ class Scatter {
 public:
     Scatter(S* grid, const Box<S>& box) : grid_(grid), box_(box) {}
 
-    void add(int base, const Affine<S>& field, const AxisWeights<S>& w) {
+    template <bool CURVED>
+    void add(int base, const Field<S, CURVED>& field, const AxisWeights<S>& w, const AxisWeights<S>& dw) {
         if (base != base_) {
             flush();
             base_ = base;
         }
-        Row<S> wz = spread<S>(w.z);
-        Row<S> p = wz * field.base, px = wz * field.along_x, py = wz * field.along_y;
+        const Row<S> ddz = {1, 1, 1, 1, -2, -2, -2, -2, 1, 1, 1, 1, 0, 0, 0, 0};
+        Row<S> wz = spread<S>(w.z), p = wz * repeat<S>(field.q) + spread<S>(dw.z) * repeat<S>(field.gradient[2]);
+        Row<S> px = wz * repeat<S>(field.gradient[0]), py = wz * repeat<S>(field.gradient[1]), pxx, pyy, across[3];
+        if constexpr (CURVED) {
+            p += ddz * repeat<S>(field.curvature[2]);
+            pxx = wz * repeat<S>(field.curvature[0]);
+            pyy = wz * repeat<S>(field.curvature[1]);
+        }
+        for (int j = 0; j < 3; j++) {
+            across[j] = dw.y[j] * py;
+            if constexpr (CURVED) across[j] += S(CURVATURE[j]) * pyy;
+        }
         for (int i = 0; i < 3; i++) {
-            Row<S> q = w.x[i] * p, qy = w.x[i] * py;
-            for (int j = 0; j < 3; j++) {
-                sum_[3 * i + j] += w.y[j] * q;
-                q += qy;
-            }
-            p += px;
+            Row<S> along = w.x[i] * p + dw.x[i] * px;
+            if constexpr (CURVED) along += S(CURVATURE[i]) * pxx;
+            for (int j = 0; j < 3; j++) sum_[3 * i + j] += w.y[j] * along + w.x[i] * across[j];
         }
     }
 
@@ -246,109 +270,125 @@ private:
     Row<S> sum_[9] = {};
 };
 
-// Sum over the stencil of weight times node, and its first moments along x, y, z in cells from the base node.
-template <class S>
-struct Moments {
-    Node<S> sum, x, y, z;
+// Sums over the stencil of a node's values times the weights and their derivatives. Derivatives of ORDER 2 by all axes,
+// or of ORDER 1 with the second ones along one axis alone; of ORDER 3 also those twice by one axis and once by another.
+template <class T>
+struct Derivatives {
+    T value, x, y, z, xx, yy, zz;      // from ORDER 1 on
+    T xy, xz, yz;                      // from ORDER 2 on
+    T xxy, xxz, yyx, yyz, zzx, zzy;  // of ORDER 3
 };
 
-template <class S>
-inline Moments<S> gather(const S* first, const Box<S>& box, const AxisWeights<S>& w) {
-    Row<S> sum[3], y = {};
+template <int ORDER, class S>
+inline Derivatives<Node<S>> gather(const S* first, const Box<S>& box, const AxisWeights<S>& w,
+                                   const AxisWeights<S>& dw) {
+    Row<S> s = {}, sx = {}, sxx = {}, sy = {}, syy = {}, sxy = {}, sxxy = {}, syyx = {};
     for (int i = 0; i < 3; i++) {
-        Row<S> r0 = read<Row<S>>(first + box.row(i, 0)), r1 = w.y[1] * read<Row<S>>(first + box.row(i, 1));
-        Row<S> r2 = w.y[2] * read<Row<S>>(first + box.row(i, 2));
-        sum[i] = w.y[0] * r0 + (r1 + r2);
-        y += w.x[i] * (r1 + (r2 + r2));
-    }
-    Row<S> x1 = w.x[1] * sum[1], x2 = w.x[2] * sum[2];
-    Row<S> total = w.x[0] * sum[0] + (x1 + x2), x = x1 + (x2 + x2);
-    auto along_z = [&](Row<S> r) {
-        return w.z[0] * first_node<S>(r) + (w.z[1] * second_node<S>(r) + w.z[2] * third_node<S>(r));
-    };
-    Node<S> z1 = w.z[1] * second_node<S>(total), z2 = w.z[2] * third_node<S>(total);
-    return {w.z[0] * first_node<S>(total) + (z1 + z2), along_z(x), along_z(y), z1 + (z2 + z2)};
-}
-
-// Derivative of sum_n w_n (g_n . field_n) by the particle's position in cells, through the weights alone; g is the
-// grid. Four parts of each component, to be summed.
-template <class S>
-struct WeightGradient {
-    Node<S> x, y, z;
-};
-
-template <class S>
-inline WeightGradient<S> weight_gradient(const S* first, const Box<S>& box, const Affine<S>& field,
-                                         const AxisWeights<S>& w, const AxisWeights<S>& dw) {
-    Row<S> gx = {}, gy = {}, gz = {}, p = field.base;
-    for (int i = 0; i < 3; i++) {
-        Row<S> q = p, along = {}, across = {};
-        for (int j = 0; j < 3; j++) {
-            Row<S> z = q * read<Row<S>>(first + box.row(i, j));
-            along += w.y[j] * z;
-            across += dw.y[j] * z;
-            q += field.along_y;
+        Row<S> r0 = read<Row<S>>(first + box.row(i, 0)), r1 = read<Row<S>>(first + box.row(i, 1));
+        Row<S> r2 = read<Row<S>>(first + box.row(i, 2));
+        Row<S> t = w.y[0] * r0 + (w.y[1] * r1 + w.y[2] * r2), ty = dw.y[0] * r0 + (dw.y[1] * r1 + dw.y[2] * r2);
+        Row<S> tyy = (r0 - r1) + (r2 - r1);
+        s += w.x[i] * t;
+        sx += dw.x[i] * t;
+        sxx += S(CURVATURE[i]) * t;
+        sy += w.x[i] * ty;
+        syy += w.x[i] * tyy;
+        if constexpr (ORDER >= 2) sxy += dw.x[i] * ty;
+        if constexpr (ORDER >= 3) {
+            sxxy += S(CURVATURE[i]) * ty;
+            syyx += dw.x[i] * tyy;
         }
-        gx += dw.x[i] * along;
-        gy += w.x[i] * across;
-        gz += w.x[i] * along;
-        p += field.along_x;
     }
-    Row<S> wz = spread<S>(w.z);
-    auto parts = [](Row<S> r) { return first_node<S>(r) + (second_node<S>(r) + third_node<S>(r)); };
-    return {parts(wz * gx), parts(wz * gy), parts(spread<S>(dw.z) * gz)};
+    auto sum = [](Row<S> r, Node<S> z) {
+        return z[0] * first_node<S>(r) + (z[1] * second_node<S>(r) + z[2] * third_node<S>(r));
+    };
+    const Node<S> ddz = {1, -2, 1, 0};
+    Derivatives<Node<S>> d;
+    d.value = sum(s, w.z);
+    d.x = sum(sx, w.z);
+    d.y = sum(sy, w.z);
+    d.z = sum(s, dw.z);
+    d.xx = sum(sxx, w.z);
+    d.yy = sum(syy, w.z);
+    d.zz = sum(s, ddz);
+    if constexpr (ORDER >= 2) {
+        d.xy = sum(sxy, w.z);
+        d.xz = sum(sx, dw.z);
+        d.yz = sum(sy, dw.z);
+    }
+    if constexpr (ORDER >= 3) {
+        d.xxy = sum(sxxy, w.z);
+        d.xxz = sum(sxx, dw.z);
+        d.yyx = sum(syyx, w.z);
+        d.yyz = sum(syy, dw.z);
+        d.zzx = sum(sx, ddz);
+        d.zzy = sum(sy, ddz);
+    }
+    return d;
 }
 
-template <class S>
-class GradientBlock {
-public:
-    void set(int l, const WeightGradient<S>& g) {
-        x_.set(l, g.x);
-        y_.set(l, g.y);
-        z_.set(l, g.z);
-    }
-    Vec3<Lanes<S>> value() const { return {{total(x_), total(y_), total(z_)}}; }
-
-private:
-    NodeBlock<S> x_, y_, z_;
-
-    static Lanes<S> total(const NodeBlock<S>& b) {
-        return (b.template lanes<0>() + b.template lanes<1>()) + (b.template lanes<2>() + b.template lanes<3>());
-    }
-};
-
-// What `gather` gave for a block of particles: the sum, and the gradient per cell about the particle.
-template <class S>
+// What `gather` gave for a block of particles.
+template <int ORDER, class S>
 class MomentBlock {
     using V = Lanes<S>;
 
 public:
-    void set(int l, const Moments<S>& m) {
-        sum_.set(l, m.sum);
-        moment_[0].set(l, m.x);
-        moment_[1].set(l, m.y);
-        moment_[2].set(l, m.z);
+    void set(int l, const Derivatives<Node<S>>& d) {
+        each(d, [&](int row, const Node<S>& value) { rows_[row].set(l, value); });
     }
 
-    Vec3<V> sum() const { return vector(sum_); }
-    V fourth_sum() const { return sum_.template lanes<3>(); }
+    Vec3<V> value() const { return vector(0); }
+    V fourth_value() const { return rows_[0].template lanes<3>(); }
 
-    // sum_n w_n g_n (n - particle)^T
-    Mat3<V> about_particle(const V (&fraction)[3]) const {
-        Mat3<V> B;
-        Vec3<V> s = sum();
-        for (int d = 0; d < 3; d++) {
-            Vec3<V> m = vector(moment_[d]);
-            for (int c = 0; c < 3; c++) B(c, d) = m[c] - fraction[d] * s[c];
+    // Columns: first derivatives along x, y, z.
+    Mat3<V> gradient() const { return columns(vector(1), vector(2), vector(3)); }
+    // Columns: second derivatives along x, y, z alone.
+    Mat3<V> curvature() const { return columns(vector(4), vector(5), vector(6)); }
+
+    // Derivative by the position of the sum of the field's adjoint products: of q, and of the shares A and B (columns) of
+    // the first and second derivatives. `mass`: the fourth number of q.
+    Vec3<V> slope(const Vec3<V>& q, V mass, const Mat3<V>& A) const {
+        static_assert(ORDER >= 2);
+        const int second[3][3] = {{4, 7, 8}, {7, 5, 9}, {8, 9, 6}};
+        Vec3<V> out;
+        for (int a = 0; a < 3; a++) {
+            out.v[a] = dot(q, vector(1 + a)) + mass * rows_[1 + a].template lanes<3>();
+            for (int b = 0; b < 3; b++) out.v[a] += dot(column(A, b), vector(second[a][b]));
         }
-        return B;
+        return out;
+    }
+    Vec3<V> slope(const Vec3<V>& q, const Mat3<V>& A, const Mat3<V>& B) const {
+        static_assert(ORDER == 3);
+        const int third[3][3] = {{-1, 12, 14}, {10, -1, 15}, {11, 13, -1}};  // [by a][twice by b]
+        Vec3<V> out = slope(q, V{}, A);
+        for (int a = 0; a < 3; a++)
+            for (int b = 0; b < 3; b++)
+                if (a != b) out.v[a] += dot(column(B, b), vector(third[a][b]));
+        return out;
     }
 
 private:
-    NodeBlock<S> sum_, moment_[3];
+    NodeBlock<S> rows_[ORDER == 1 ? 7 : ORDER == 2 ? 10 : 16];
 
-    static Vec3<V> vector(const NodeBlock<S>& b) {
-        return {{b.template lanes<0>(), b.template lanes<1>(), b.template lanes<2>()}};
+    template <class Use>
+    static void each(const Derivatives<Node<S>>& d, Use use) {
+        use(0, d.value), use(1, d.x), use(2, d.y), use(3, d.z), use(4, d.xx), use(5, d.yy), use(6, d.zz);
+        if constexpr (ORDER >= 2) use(7, d.xy), use(8, d.xz), use(9, d.yz);
+        if constexpr (ORDER >= 3)
+            use(10, d.xxy), use(11, d.xxz), use(12, d.yyx), use(13, d.yyz), use(14, d.zzx), use(15, d.zzy);
+    }
+    Vec3<V> vector(int row) const {
+        return {{rows_[row].template lanes<0>(), rows_[row].template lanes<1>(), rows_[row].template lanes<2>()}};
+    }
+    static Vec3<V> column(const Mat3<V>& A, int a) { return {{A(0, a), A(1, a), A(2, a)}}; }
+    static Mat3<V> columns(const Vec3<V>& x, const Vec3<V>& y, const Vec3<V>& z) {
+        Mat3<V> A;
+        for (int c = 0; c < 3; c++) {
+            A(c, 0) = x[c];
+            A(c, 1) = y[c];
+            A(c, 2) = z[c];
+        }
+        return A;
     }
 };
 

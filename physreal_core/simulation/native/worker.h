@@ -209,8 +209,8 @@ private:
     void clear_scratch() { __builtin_memset(scratch_, 0, 4 * (box_.nodes() + 4) * sizeof(S)); }
 
     Mat3<V> affine_momentum(Index p, const Mat3<V>& C, const Mat3<V>& tau) const {
-        V m = row(frame_.constants, MASS, p) * frame_.cell;
-        V stress = row(frame_.constants, VOLUME, p) * (-4 * frame_.dt / frame_.cell);
+        V m = row(frame_.constants, MASS, p) * (frame_.cell / 4);
+        V stress = row(frame_.constants, VOLUME, p) * (-frame_.dt / frame_.cell);
         Mat3<V> A;
         for (int i = 0; i < 9; i++) A.m[i] = m * C.m[i] + stress * tau.m[i];
         return A;
@@ -254,8 +254,9 @@ private:
             Mat3<V> A = affine_momentum(p, matrix(now, AFFINE, p), all_stress(p, stress, F, now));
             Stencil<S> stencil(x.v, box_);
             if (fails(s, p, stencil, x, momentum, A)) return;
-            AffineBlock<S> field(momentum, row(frame_.constants, MASS, p), A, stencil.fraction);
-            for (int l = 0; l < lanes_from(p); l++) scatter.add(stencil.base[l], field.of(l), stencil.weights(l));
+            FieldBlock<S, false> field(momentum, row(frame_.constants, MASS, p), A);
+            for (int l = 0; l < lanes_from(p); l++)
+                scatter.add(stencil.base[l], field.of(l), stencil.weights(l), stencil.slopes(l));
         }
         scatter.flush();
     }
@@ -268,18 +269,37 @@ private:
         }
     }
 
+    template <int ORDER>
+    MomentBlock<ORDER, S> gathered(const S* grid, const Stencil<S>& stencil, Index p) const {
+        MomentBlock<ORDER, S> moments;
+        for (int l = 0; l < lanes_from(p); l++)
+            moments.set(l, gather<ORDER>(grid + 4 * Index(stencil.base[l]), box_, stencil.weights(l), stencil.slopes(l)));
+        return moments;
+    }
+
+    // APIC's: it keeps angular momentum, which the gradient of the velocity does not.
+    template <class Moments>
+    Mat3<V> affine_velocity(const Moments& moments, const Stencil<S>& stencil) const {
+        return (1 / frame_.cell) * (moments.gradient() + skewed(moments.curvature(), stencil));
+    }
+    // Column a times the stencil's skew along axis a.
+    static Mat3<V> skewed(const Mat3<V>& A, const Stencil<S>& stencil) {
+        Mat3<V> out;
+        for (int a = 0; a < 3; a++)
+            for (int c = 0; c < 3; c++) out(c, a) = stencil.skew(a) * A(c, a);
+        return out;
+    }
+
     void gather_velocity(Index s) {
         const S* now = state(frame_.keep_states ? s : 0);
         S* next = state(frame_.keep_states ? s + 1 : 0);
         for (Index p = first_; p < last_; p += LANES) {
             Vec3<V> x = vector(now, X, p);
             Stencil<S> stencil(x.v, box_);
-            MomentBlock<S> moments;
-            for (int l = 0; l < lanes_from(p); l++)
-                moments.set(l, gather(frame_.velocity + 4 * Index(stencil.base[l]), box_, stencil.weights(l)));
-            Vec3<V> v = moments.sum();
-            Mat3<V> C = (4 / frame_.cell) * moments.about_particle(stencil.fraction), F = matrix(now, DEFORMATION, p);
-            F = F + frame_.dt * (C * F);
+            const auto moments = gathered<1>(frame_.velocity, stencil, p);
+            Vec3<V> v = moments.value();
+            Mat3<V> C = affine_velocity(moments, stencil), F = matrix(now, DEFORMATION, p);
+            F = F + (frame_.dt / frame_.cell) * (moments.gradient() * F);
             if constexpr (Material::flows) F = material_.flow(int(p), F);
             for (int d = 0; d < 3; d++) put(next, X + d, p, x.v[d] + frame_.dt * v.v[d]);
             put(next, VELOCITY, p, v);
@@ -345,42 +365,42 @@ private:
     }
 
     void scatter_velocity_bar(Index s) {
-        const S *now = state(s), *next = state(s + 1);
+        const S* now = state(s);
         S* bar = frame_.adjoint;
         clear_scratch();
         Scatter<S> scatter(scratch_, box_);
         for (Index p = first_; p < last_; p += LANES) {
-            Vec3<V> x = vector(now, X, p), v = vector(next, VELOCITY, p);
-            Mat3<V> F = matrix(now, DEFORMATION, p), C = matrix(next, AFFINE, p), F_bar = matrix(bar, DEFORMATION, p);
-            Mat3<V> C_bar = matrix(bar, AFFINE, p);
+            Vec3<V> x = vector(now, X, p);
+            Mat3<V> F = matrix(now, DEFORMATION, p), F_bar = matrix(bar, DEFORMATION, p), C_bar = matrix(bar, AFFINE, p);
             if constexpr (TERMS) C_bar = laws_.average_rate_adjoint(p, C_bar, rate(bar));
-            if constexpr (Material::flows) F_bar = material_.flow_adjoint(int(p), F + frame_.dt * (C * F), F_bar);
             Stencil<S> stencil(x.v, box_);
-            Mat3<V> A = (4 / frame_.cell) * (C_bar + frame_.dt * (F_bar * transpose(F)));
+            const auto moments = gathered<3>(frame_.velocity, stencil, p);
+            Mat3<V> step = (frame_.dt / frame_.cell) * moments.gradient();
+            if constexpr (Material::flows) F_bar = material_.flow_adjoint(int(p), F + step * F, F_bar);
+            C_bar = (1 / frame_.cell) * C_bar;
+            Mat3<V> A = C_bar + (frame_.dt / frame_.cell) * (F_bar * transpose(F)), B = skewed(C_bar, stencil);
             Vec3<V> q;
             for (int d = 0; d < 3; d++) q.v[d] = row(bar, VELOCITY + d, p) + frame_.dt * row(bar, X + d, p);
-            AffineBlock<S> field(q, V{}, A, stencil.fraction);
-            GradientBlock<S> gradient;
-            for (int l = 0; l < lanes_from(p); l++) {
-                Affine<S> at = field.of(l);
-                AxisWeights<S> w = stencil.weights(l);
-                scatter.add(stencil.base[l], at, w);
-                gradient.set(
-                    l, weight_gradient(frame_.velocity + 4 * Index(stencil.base[l]), box_, at, w, stencil.slopes(l)));
+            FieldBlock<S, true> field(q, A, B);
+            for (int l = 0; l < lanes_from(p); l++)
+                scatter.add(stencil.base[l], field.of(l), stencil.weights(l), stencil.slopes(l));
+            Vec3<V> slope = moments.slope(q, A, B);
+            Mat3<V> curvature = moments.curvature();
+            for (int a = 0; a < 3; a++) {
+                V by_skew{};
+                for (int c = 0; c < 3; c++) by_skew += C_bar(c, a) * curvature(c, a);
+                slope.v[a] += stencil.skew_slope(a) * by_skew;
             }
-            add_position_gradient(p, gradient.value(), A, v);
-            put(bar, DEFORMATION, p, F_bar + frame_.dt * (transpose(C) * F_bar));
+            add_position_bar(p, slope);
+            put(bar, DEFORMATION, p, F_bar + transpose(step) * F_bar);
         }
         scatter.flush();
     }
 
-    // x_bar += (gradient by the weights - A^T value) / cell: the field moves along with its particle.
-    void add_position_gradient(Index p, const Vec3<V>& gradient, const Mat3<V>& A, const Vec3<V>& value) {
-        for (int d = 0; d < 3; d++) {
-            V carried = A(0, d) * value.v[0] + A(1, d) * value.v[1] + A(2, d) * value.v[2];
-            V x_bar = row(frame_.adjoint, X + d, p) + (gradient[d] - carried) * (1 / frame_.cell);
-            put(frame_.adjoint, X + d, p, x_bar);
-        }
+    // slope: per cell.
+    void add_position_bar(Index p, const Vec3<V>& slope) {
+        for (int d = 0; d < 3; d++)
+            put(frame_.adjoint, X + d, p, row(frame_.adjoint, X + d, p) + slope[d] * (1 / frame_.cell));
     }
 
     void update_nodes_adjoint(Index s) {
@@ -413,25 +433,17 @@ private:
             Mat3<V> C = matrix(now, AFFINE, p), A = affine_momentum(p, C, all_stress(p, stress, F, now));
             Stencil<S> stencil(x.v, box_);
             V m = load(mass + p), volume = row(frame_.constants, VOLUME, p);
-            AffineBlock<S> field(momentum, m, A, stencil.fraction);
-            MomentBlock<S> moments;
-            GradientBlock<S> gradient;
-            for (int l = 0; l < lanes_from(p); l++) {
-                const S* base = frame_.node_bar + 4 * Index(stencil.base[l]);
-                AxisWeights<S> w = stencil.weights(l);
-                moments.set(l, gather(base, box_, w));
-                gradient.set(l, weight_gradient(base, box_, field.of(l), w, stencil.slopes(l)));
-            }
-            Vec3<V> q_bar = moments.sum();
-            Mat3<V> A_bar = moments.about_particle(stencil.fraction);
-            add_position_gradient(p, gradient.value(), A, q_bar);
+            const auto moments = gathered<2>(frame_.node_bar, stencil, p);
+            Vec3<V> q_bar = moments.value();
+            Mat3<V> A_bar = moments.gradient();
+            add_position_bar(p, moments.slope(momentum, m, A));
             for (int d = 0; d < 3; d++) put(bar, VELOCITY + d, p, m * q_bar.v[d]);
-            put(bar, AFFINE, p, (m * frame_.cell) * A_bar);
-            Mat3<V> F_bar = matrix(bar, DEFORMATION, p), tau_bar = (volume * (-4 * frame_.dt / frame_.cell)) * A_bar;
+            put(bar, AFFINE, p, (m * (frame_.cell / 4)) * A_bar);
+            Mat3<V> F_bar = matrix(bar, DEFORMATION, p), tau_bar = (volume * (-frame_.dt / frame_.cell)) * A_bar;
             material_.stress_adjoint(int(p), stress, F, tau_bar, F_bar);
             if constexpr (TERMS) laws_.stress_adjoint(p, F, rate(now), tau_bar, F_bar, rate(bar));
             put(bar, DEFORMATION, p, F_bar);
-            if constexpr (TERMS) inputs_adjoint(p, vector(now, VELOCITY, p), C, q_bar, moments.fourth_sum(), A_bar);
+            if constexpr (TERMS) inputs_adjoint(p, vector(now, VELOCITY, p), C, q_bar, moments.fourth_value(), A_bar);
         }
         S* controllers_bar = frame_.controllers_bar + 6 * thread_ * frame_.controller_points;
         grip_forces_adjoint<TERMS>(frame_, s, now, mass, first_, last_, sums(), controllers_bar);
@@ -444,7 +456,7 @@ private:
     void inputs_adjoint(Index p, const Vec3<V>& v, const Mat3<V>& C, const Vec3<V>& q_bar, V carried_bar,
                         const Mat3<V>& A_bar) {
         S* bars = input_bars();
-        put(bars, MASS_BAR, p, row(bars, MASS_BAR, p) + carried_bar + dot(v, q_bar) + frame_.cell * dot(C, A_bar));
+        put(bars, MASS_BAR, p, row(bars, MASS_BAR, p) + carried_bar + dot(v, q_bar) + (frame_.cell / 4) * dot(C, A_bar));
         for (int d = 0; d < 3; d++) {
             V force_bar = frame_.dt * q_bar[d];
             put(frame_.force_bar, d, p, force_bar);

@@ -168,7 +168,7 @@ def _expert_flow(law: str, dtype: str) -> SimpleNamespace:
         timing: wp.array(dtype=scalar),
         # Data in:
         F_in: wp.array2d(dtype=mat33),
-        C_in: wp.array2d(dtype=mat33),
+        L_in: wp.array2d(dtype=mat33),
         # Data in and out:
         F_bar: wp.array(dtype=mat33),
         E_bar: wp.array(dtype=scalar),
@@ -177,7 +177,7 @@ def _expert_flow(law: str, dtype: str) -> SimpleNamespace:
     ):
         p = wp.tid()
         F = F_in[slot, p]
-        trial = F + timing[0] * (C_in[slot_next, p] * F)
+        trial = F + timing[0] * (L_in[slot_next, p] * F)
         bar = return_map_adjoint(trial, E[p], nu[p], plastic[p], timing[0], F_bar[p])
         F_bar[p] = bar.F
         E_bar[p] = E_bar[p] + bar.E
@@ -226,7 +226,7 @@ def _hybrid_flow(law: str, residual: ResidualConfig, dtype: str) -> SimpleNamesp
         timing: wp.array(dtype=scalar),
         # Data in:
         F_in: wp.array2d(dtype=mat33),
-        C_in: wp.array2d(dtype=mat33),
+        L_in: wp.array2d(dtype=mat33),
         # Data in and out:
         F_bar: wp.array(dtype=mat33),
         E_bar: wp.array(dtype=scalar),
@@ -238,7 +238,7 @@ def _hybrid_flow(law: str, residual: ResidualConfig, dtype: str) -> SimpleNamesp
         p = wp.tid()
         F = F_in[slot, p]
         new_bar = F_bar[p]
-        trial = F + timing[0] * (C_in[slot_next, p] * F)
+        trial = F + timing[0] * (L_in[slot_next, p] * F)
         expert = return_map(trial, E[p], nu[p], plastic[p], timing[0])
         row = p % weights_bar.shape[0]
         r = neural_adjoint(trial, expert, timing[1], p, latent, weights, new_bar, latent_bar, weights_bar, row)

@@ -182,7 +182,7 @@ class PlainStepper:
         if particle_slots > self.slots:
             self.slots, n = particle_slots, self.particles
             self.x, self.v = self._tensor(particle_slots, n, 3), self._tensor(particle_slots, n, 3)
-            self.F, self.C, self.tau = (self._tensor(particle_slots, n, 3, 3) for _ in range(3))
+            self.F, self.C, self.L, self.tau = (self._tensor(particle_slots, n, 3, 3) for _ in range(4))
             self.rate = self._tensor(particle_slots if self._viscous else 1, n, 3, 3)
             moved = True
         if grid_slots > self._grid_slots or nodes > self._nodes:
@@ -207,7 +207,7 @@ class PlainStepper:
         scalar, vec3, vec4, mat33 = self.types.scalar, self.types.vec3, self.types.vec4, self.types.mat33
         wrap = wp.from_torch
         x, v = wrap(self.x, vec3), wrap(self.v, vec3)
-        F, C, tau = wrap(self.F, mat33), wrap(self.C, mat33), wrap(self.tau, mat33)
+        F, C, L, tau = (wrap(matrix, mat33) for matrix in (self.F, self.C, self.L, self.tau))
         x_bar, v_bar = wrap(self.x_bar, vec3), wrap(self.v_bar, vec3)
         F_bar, C_bar, tau_bar = wrap(self.F_bar, mat33), wrap(self.C_bar, mat33), wrap(self.tau_bar, mat33)
         momentum, velocity = wrap(self.momentum, vec4), wrap(self.velocity, vec4)
@@ -246,7 +246,7 @@ class PlainStepper:
             model = [E, nu, plastic, *inputs, timing]
             self._flow = phase(flow.flow, n, 1, *model, F)
             self._flow_adjoint = phase(
-                flow.flow_adjoint, n, 2, *model, F, C, F_bar, E_bar, nu_bar, plastic_bar, *adjoints
+                flow.flow_adjoint, n, 2, *model, F, L, F_bar, E_bar, nu_bar, plastic_bar, *adjoints
             )
         self._record_laws()
         model = [mass, volume, *place]
@@ -263,9 +263,9 @@ class PlainStepper:
         self._update = phase(grid.update_nodes, nodes, 2, *node_model, momentum, velocity, momentum)
         self._update_again = phase(grid.update_nodes, nodes, 2, *node_model, momentum, velocity, node_bar_rows)
         self._update_adjoint = phase(grid.update_nodes_adjoint, nodes, 1, *node_model, momentum, node_bar, *bars)
-        self._g2p = phase(transfer.g2p, n, 2, *place, velocity, x, v, F, C)
+        self._g2p = phase(transfer.g2p, n, 2, *place, velocity, x, v, F, C, L)
         self._g2p_adjoint = phase(
-            transfer.g2p_adjoint, n, 2, *place, velocity, x, v, F, C, v_bar, C_bar, x_bar, F_bar, node_bar
+            transfer.g2p_adjoint, n, 2, *place, velocity, x, F, L, v_bar, C_bar, x_bar, F_bar, node_bar
         )
         self._check = phase(transfer.check_state, n, 2, offset, cells_per_metre, box, x, v, F, status)
         if self.gripped:

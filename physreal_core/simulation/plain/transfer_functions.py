@@ -50,10 +50,16 @@ def single_adder(dtype: str) -> Adder:
 
 @functools.cache
 def transfer_functions(dtype: str, adder: Adder) -> SimpleNamespace:
-    """Warp functions `affine_momentum`, `scatter`, `scatter_adjoint`, `gather`, `gather_adjoint` over one type."""
+    """Warp functions of the transfers over one type.
+
+    `scatter` and `scatter_curved` add a particle's field to its nodes; `derivatives` sums the nodes' values with the weights
+    and their derivatives by the particle's position, up to the third; `slope` and `slope_curved` are the derivatives of the
+    products of both by the position; the rest turns momenta into fields and sums into velocities. Derivatives are per cell.
+    """
     types = scalar_types(dtype)
     scalar, vec3, vec4, mat33 = types.scalar, types.vec3, types.vec4, types.mat33
-    zero, one, two, four = scalar(0.0), scalar(1.0), scalar(2.0), scalar(4.0)
+    zero, half, one, two, four, six = (scalar(c) for c in (0.0, 0.5, 1.0, 2.0, 4.0, 6.0))
+    curvature = vec3(one, -two, one)  # second derivatives of the three weights, the same everywhere in a cell
     lanes_of, run_of, add = adder.lanes, adder.run, adder.add
 
     @wp.func
@@ -62,96 +68,37 @@ def transfer_functions(dtype: str, adder: Adder) -> SimpleNamespace:
 
     @wp.func
     def affine_momentum(m: scalar, volume: scalar, C: mat33, tau: mat33, dt: scalar, cells_per_metre: scalar):
-        return (m / cells_per_metre) * C - (four * dt * volume * cells_per_metre) * tau
-
-    @wp.struct
-    class Plane:
-        sum: vec4
-        moment_y: vec4
-        moment_z: vec4
-
-    @wp.func
-    def gather_plane(grid: wp.array(dtype=vec4), n: int, row: int, w: mat33):
-        """Weighted sum over the 3 x 3 nodes of one x, and its first moments along y and z in cells from the base."""
-        a0 = w[0, 2] * grid[n]
-        a1 = w[1, 2] * grid[n + 1]
-        a2 = w[2, 2] * grid[n + 2]
-        b0 = w[0, 2] * grid[n + row]
-        b1 = w[1, 2] * grid[n + row + 1]
-        b2 = w[2, 2] * grid[n + row + 2]
-        c0 = w[0, 2] * grid[n + 2 * row]
-        c1 = w[1, 2] * grid[n + 2 * row + 1]
-        c2 = w[2, 2] * grid[n + 2 * row + 2]
-        b = w[1, 1] * (b0 + b1 + b2)
-        c = w[2, 1] * (c0 + c1 + c2)
-        out = Plane()
-        out.sum = w[0, 1] * (a0 + a1 + a2) + b + c
-        out.moment_y = b + two * c
-        out.moment_z = w[0, 1] * (a1 + two * a2) + w[1, 1] * (b1 + two * b2) + w[2, 1] * (c1 + two * c2)
-        return out
+        """Share of the weights' gradient: APIC's m C dx^2 / 4 - dt V tau, per cell."""
+        return (m / (four * cells_per_metre)) * C - (dt * volume * cells_per_metre) * tau
 
     @wp.func
     def scatter(
-        momentum_out: wp.array(dtype=vec4), box: wp.array(dtype=wp.int32), first: int, w: mat33, q: vec4, A: mat33
+        momentum_out: wp.array(dtype=vec4),
+        box: wp.array(dtype=wp.int32),
+        first: int,
+        w: mat33,
+        dw: mat33,
+        q: vec4,
+        A: mat33,
     ):
-        """Add w_i (q + A o_i) to the 27 nodes."""
+        """Add w_i q + A grad w_i to the 27 nodes."""
         ax = column(A, 0)
         ay = column(A, 1)
         az = column(A, 2)
         lanes = lanes_of()
         run = run_of(first, lanes)
-        qi = q
         for i in range(3):
-            q0 = qi
+            qi = w[i, 0] * q + dw[i, 0] * ax
             for j in range(3):
-                q1 = q0 + az
-                wij = w[i, 0] * w[j, 1]
                 n = first + (i * box[4] + j) * box[5]
-                add(momentum_out, n, (wij * w[0, 2]) * q0, lanes, run)
-                add(momentum_out, n + 1, (wij * w[1, 2]) * q1, lanes, run)
-                add(momentum_out, n + 2, (wij * w[2, 2]) * (q1 + az), lanes, run)
-                q0 += ay
-            qi += ax
-
-    @wp.struct
-    class Gathered:
-        v: vec3
-        C: mat33
+                qj = w[j, 1] * qi + (w[i, 0] * dw[j, 1]) * ay
+                across = (w[i, 0] * w[j, 1]) * az
+                add(momentum_out, n, w[0, 2] * qj + dw[0, 2] * across, lanes, run)
+                add(momentum_out, n + 1, w[1, 2] * qj + dw[1, 2] * across, lanes, run)
+                add(momentum_out, n + 2, w[2, 2] * qj + dw[2, 2] * across, lanes, run)
 
     @wp.func
-    def gather(
-        velocity_in: wp.array(dtype=vec4),
-        box: wp.array(dtype=wp.int32),
-        first: int,
-        f: vec3,
-        w: mat33,
-        cells_per_metre: scalar,
-    ):
-        """The grid's velocity and affine velocity at the particle."""
-        steps = vec3(zero, one, two)
-        V = vec4()
-        BX = vec4()
-        BY = vec4()
-        BZ = vec4()
-        for i in range(3):
-            n = first + i * box[4] * box[5]
-            plane = gather_plane(velocity_in, n, box[5], w)
-            V += w[i, 0] * plane.sum
-            BX += (w[i, 0] * steps[i]) * plane.sum
-            BY += w[i, 0] * plane.moment_y
-            BZ += w[i, 0] * plane.moment_z
-        out = Gathered()
-        out.v = vec3(V[0], V[1], V[2])
-        out.C = (four * cells_per_metre) * wp.matrix_from_cols(
-            vec3(BX[0], BX[1], BX[2]) - f[0] * out.v,
-            vec3(BY[0], BY[1], BY[2]) - f[1] * out.v,
-            vec3(BZ[0], BZ[1], BZ[2]) - f[2] * out.v,
-        )
-        return out
-
-    @wp.func
-    def gather_adjoint(
-        velocity_in: wp.array(dtype=vec4),
+    def scatter_curved(
         velocity_bar_out: wp.array(dtype=vec4),
         box: wp.array(dtype=wp.int32),
         first: int,
@@ -159,117 +106,202 @@ def transfer_functions(dtype: str, adder: Adder) -> SimpleNamespace:
         dw: mat33,
         q: vec4,
         A: mat33,
+        B: mat33,
     ):
-        """Add w_i (q + A o_i) to the nodes' adjoints; returns the sum of v_i . (q + A o_i) dw_i."""
+        """`scatter` and the columns of B times the second derivatives along x, y, z."""
         ax = column(A, 0)
         ay = column(A, 1)
         az = column(A, 2)
+        bx = column(B, 0)
+        by = column(B, 1)
+        bz = column(B, 2)
         lanes = lanes_of()
         run = run_of(first, lanes)
-        slope = vec3()
-        qi = q
         for i in range(3):
-            q0 = qi
-            sum = zero
-            sum_y = zero
-            sum_z = zero
+            qi = w[i, 0] * q + dw[i, 0] * ax + curvature[i] * bx
             for j in range(3):
-                q1 = q0 + az
-                q2 = q1 + az
-                wij = w[i, 0] * w[j, 1]
                 n = first + (i * box[4] + j) * box[5]
-                z0 = wp.dot(velocity_in[n], q0)
-                z1 = wp.dot(velocity_in[n + 1], q1)
-                z2 = wp.dot(velocity_in[n + 2], q2)
-                z = w[0, 2] * z0 + w[1, 2] * z1 + w[2, 2] * z2
-                sum += w[j, 1] * z
-                sum_y += dw[j, 1] * z
-                sum_z += w[j, 1] * (dw[0, 2] * z0 + dw[1, 2] * z1 + dw[2, 2] * z2)
-                add(velocity_bar_out, n, (wij * w[0, 2]) * q0, lanes, run)
-                add(velocity_bar_out, n + 1, (wij * w[1, 2]) * q1, lanes, run)
-                add(velocity_bar_out, n + 2, (wij * w[2, 2]) * q2, lanes, run)
-                q0 += ay
-            slope += vec3(dw[i, 0] * sum, w[i, 0] * sum_y, w[i, 0] * sum_z)
-            qi += ax
-        return slope
+                qj = w[j, 1] * qi + w[i, 0] * (dw[j, 1] * ay + curvature[j] * by)
+                wij = w[i, 0] * w[j, 1]
+                across = wij * az
+                bent = wij * bz
+                add(velocity_bar_out, n, w[0, 2] * qj + dw[0, 2] * across + bent, lanes, run)
+                add(velocity_bar_out, n + 1, w[1, 2] * qj + dw[1, 2] * across - two * bent, lanes, run)
+                add(velocity_bar_out, n + 2, w[2, 2] * qj + dw[2, 2] * across + bent, lanes, run)
 
     @wp.struct
-    class ScatterAdjoint:
-        slope: vec3
-        q: vec3
-        mass: scalar
-        A: mat33
+    class Line:
+        value: vec4
+        z: vec4
+        zz: vec4
+
+    @wp.struct
+    class Plane:
+        value: vec4
+        y: vec4
+        z: vec4
+        yy: vec4
+        yz: vec4
+        zz: vec4
+        yyz: vec4
+        zzy: vec4
+
+    @wp.struct
+    class Derivatives:
+        """Sums of node values with the weights, and their derivatives by the axes in the name."""
+
+        value: vec4
+        x: vec4
+        y: vec4
+        z: vec4
+        xx: vec4
+        yy: vec4
+        zz: vec4
+        xy: vec4
+        xz: vec4
+        yz: vec4
+        xxy: vec4
+        xxz: vec4
+        yyx: vec4
+        yyz: vec4
+        zzx: vec4
+        zzy: vec4
 
     @wp.func
-    def scatter_adjoint(
-        momentum_bar_in: wp.array(dtype=vec4),
-        box: wp.array(dtype=wp.int32),
-        first: int,
-        f: vec3,
-        w: mat33,
-        dw: mat33,
-        q: vec4,
-        A: mat33,
-    ):
-        """Adjoints of q, its mass and A in `scatter`, and the sum of p_bar_i . (q + A o_i) dw_i."""
-        steps = vec3(zero, one, two)
+    def on_line(grid: wp.array(dtype=vec4), n: int, w: mat33, dw: mat33):
+        a = grid[n]
+        b = grid[n + 1]
+        c = grid[n + 2]
+        out = Line()
+        out.value = w[0, 2] * a + w[1, 2] * b + w[2, 2] * c
+        out.z = dw[0, 2] * a + dw[1, 2] * b + dw[2, 2] * c
+        out.zz = a - two * b + c
+        return out
+
+    @wp.func
+    def on_plane(grid: wp.array(dtype=vec4), n: int, row: int, w: mat33, dw: mat33):
+        a = on_line(grid, n, w, dw)
+        b = on_line(grid, n + row, w, dw)
+        c = on_line(grid, n + 2 * row, w, dw)
+        out = Plane()
+        out.value = w[0, 1] * a.value + w[1, 1] * b.value + w[2, 1] * c.value
+        out.y = dw[0, 1] * a.value + dw[1, 1] * b.value + dw[2, 1] * c.value
+        out.z = w[0, 1] * a.z + w[1, 1] * b.z + w[2, 1] * c.z
+        out.yy = a.value - two * b.value + c.value
+        out.yz = dw[0, 1] * a.z + dw[1, 1] * b.z + dw[2, 1] * c.z
+        out.zz = w[0, 1] * a.zz + w[1, 1] * b.zz + w[2, 1] * c.zz
+        out.yyz = a.z - two * b.z + c.z
+        out.zzy = dw[0, 1] * a.zz + dw[1, 1] * b.zz + dw[2, 1] * c.zz
+        return out
+
+    @wp.func
+    def derivatives(grid: wp.array(dtype=vec4), box: wp.array(dtype=wp.int32), first: int, w: mat33, dw: mat33):
+        """All of them; what a kernel does not use costs it nothing once compiled."""
+        out = Derivatives()
+        for i in range(3):
+            on = on_plane(grid, first + i * box[4] * box[5], box[5], w, dw)
+            out.value += w[i, 0] * on.value
+            out.y += w[i, 0] * on.y
+            out.z += w[i, 0] * on.z
+            out.yy += w[i, 0] * on.yy
+            out.yz += w[i, 0] * on.yz
+            out.zz += w[i, 0] * on.zz
+            out.yyz += w[i, 0] * on.yyz
+            out.zzy += w[i, 0] * on.zzy
+            out.x += dw[i, 0] * on.value
+            out.xy += dw[i, 0] * on.y
+            out.xz += dw[i, 0] * on.z
+            out.yyx += dw[i, 0] * on.yy
+            out.zzx += dw[i, 0] * on.zz
+            out.xx += curvature[i] * on.value
+            out.xxy += curvature[i] * on.y
+            out.xxz += curvature[i] * on.z
+        return out
+
+    @wp.func
+    def three(a: vec4):
+        return vec3(a[0], a[1], a[2])
+
+    @wp.func
+    def gradient(d: Derivatives):
+        """Columns: first derivatives along x, y, z."""
+        return wp.matrix_from_cols(three(d.x), three(d.y), three(d.z))
+
+    @wp.func
+    def curvatures(d: Derivatives):
+        """Columns: second derivatives along x, y, z alone."""
+        return wp.matrix_from_cols(three(d.xx), three(d.yy), three(d.zz))
+
+    @wp.func
+    def skew(f: vec3):
+        """APIC's moment 4 sum_i w_i v_i o_a, with o the offset from the particle, is d_a v + skew_a d_a d_a v."""
+        s = f - vec3(one, one, one)
+        return vec3(
+            s[0] * (half - two * s[0] * s[0]), s[1] * (half - two * s[1] * s[1]), s[2] * (half - two * s[2] * s[2])
+        )
+
+    @wp.func
+    def skew_slope(f: vec3):
+        """Derivative of `skew`."""
+        s = f - vec3(one, one, one)
+        return vec3(half - six * s[0] * s[0], half - six * s[1] * s[1], half - six * s[2] * s[2])
+
+    @wp.func
+    def affine_velocity(d: Derivatives, f: vec3, cells_per_metre: scalar):
+        """APIC's C, which keeps angular momentum as the gradient of the velocity does not."""
+        return cells_per_metre * (gradient(d) + curvatures(d) * wp.diag(skew(f)))
+
+    @wp.func
+    def slope(d: Derivatives, q: vec4, A: mat33):
+        """Derivative by the position of sum_i (w_i q + A grad w_i) . g_i, with d those of g."""
         ax = column(A, 0)
         ay = column(A, 1)
         az = column(A, 2)
-        V = vec4()
-        BX = vec4()
-        BY = vec4()
-        BZ = vec4()
-        slope = vec3()
-        qi = q
-        for i in range(3):
-            q0 = qi
-            sum = zero
-            sum_y = zero
-            sum_z = zero
-            P = vec4()
-            PY = vec4()
-            PZ = vec4()
-            for j in range(3):
-                n = first + (i * box[4] + j) * box[5]
-                g0 = momentum_bar_in[n]
-                g1 = momentum_bar_in[n + 1]
-                g2 = momentum_bar_in[n + 2]
-                q1 = q0 + az
-                z0 = wp.dot(g0, q0)
-                z1 = wp.dot(g1, q1)
-                z2 = wp.dot(g2, q1 + az)
-                sum += w[j, 1] * (w[0, 2] * z0 + w[1, 2] * z1 + w[2, 2] * z2)
-                sum_y += dw[j, 1] * (w[0, 2] * z0 + w[1, 2] * z1 + w[2, 2] * z2)
-                sum_z += w[j, 1] * (dw[0, 2] * z0 + dw[1, 2] * z1 + dw[2, 2] * z2)
-                s1 = (w[j, 1] * w[1, 2]) * g1
-                s2 = (w[j, 1] * w[2, 2]) * g2
-                s = (w[j, 1] * w[0, 2]) * g0 + s1 + s2
-                P += s
-                PY += steps[j] * s
-                PZ += s1 + two * s2
-                q0 += ay
-            slope += vec3(dw[i, 0] * sum, w[i, 0] * sum_y, w[i, 0] * sum_z)
-            V += w[i, 0] * P
-            BX += (w[i, 0] * steps[i]) * P
-            BY += w[i, 0] * PY
-            BZ += w[i, 0] * PZ
-            qi += ax
-        out = ScatterAdjoint()
-        out.slope = slope
-        out.q = vec3(V[0], V[1], V[2])
-        out.mass = V[3]
-        out.A = wp.matrix_from_cols(
-            vec3(BX[0], BX[1], BX[2]) - f[0] * out.q,
-            vec3(BY[0], BY[1], BY[2]) - f[1] * out.q,
-            vec3(BZ[0], BZ[1], BZ[2]) - f[2] * out.q,
+        return vec3(
+            wp.dot(q, d.x) + wp.dot(ax, d.xx) + wp.dot(ay, d.xy) + wp.dot(az, d.xz),
+            wp.dot(q, d.y) + wp.dot(ax, d.xy) + wp.dot(ay, d.yy) + wp.dot(az, d.yz),
+            wp.dot(q, d.z) + wp.dot(ax, d.xz) + wp.dot(ay, d.yz) + wp.dot(az, d.zz),
         )
+
+    @wp.func
+    def slope_curved(d: Derivatives, q: vec4, A: mat33, B: mat33):
+        """`slope` of the field of `scatter_curved`."""
+        bx = column(B, 0)
+        by = column(B, 1)
+        bz = column(B, 2)
+        return slope(d, q, A) + vec3(
+            wp.dot(by, d.yyx) + wp.dot(bz, d.zzx),
+            wp.dot(bx, d.xxy) + wp.dot(bz, d.zzy),
+            wp.dot(bx, d.xxz) + wp.dot(by, d.yyz),
+        )
+
+    @wp.struct
+    class VelocityAdjoint:
+        q: vec4
+        A: mat33
+        B: mat33
+        slope: vec3
+
+    @wp.func
+    def velocity_adjoint(d: Derivatives, f: vec3, cells_per_metre: scalar, v_bar: vec3, C_bar: mat33, L_bar: mat33):
+        """What adjoints of velocity, affine velocity and velocity gradient give the nodes (`scatter_curved`), and the slope."""
+        C_cell = cells_per_metre * C_bar
+        out = VelocityAdjoint()
+        out.q = vec4(v_bar[0], v_bar[1], v_bar[2], zero)
+        out.A = C_cell + cells_per_metre * L_bar
+        out.B = C_cell * wp.diag(skew(f))
+        by_skew = wp.cw_mul(skew_slope(f), wp.get_diag(wp.transpose(C_cell) * curvatures(d)))
+        out.slope = slope_curved(d, out.q, out.A, out.B) + by_skew
         return out
 
     return SimpleNamespace(
         affine_momentum=affine_momentum,
         scatter=scatter,
-        scatter_adjoint=scatter_adjoint,
-        gather=gather,
-        gather_adjoint=gather_adjoint,
+        scatter_curved=scatter_curved,
+        derivatives=derivatives,
+        three=three,
+        gradient=gradient,
+        affine_velocity=affine_velocity,
+        slope=slope,
+        velocity_adjoint=velocity_adjoint,
     )

@@ -1,7 +1,9 @@
-"""MLS-MPM transfers with APIC (Hu et al. 2018; Jiang et al. 2015): particles to grid, grid to particles, and adjoints.
+"""MPM transfers with APIC (Jiang et al. 2015): particles to grid, grid to particles, and adjoints.
 
-One particle scatters to its 27 nodes w_i (q + A o_i), with o_i the node's offset from the base node in cells,
-A = dx (m C - dt V (4 / dx^2) tau) and q = m v + dt f - A r, r the particle's own offset. States are [slot, particle].
+One particle scatters to its 27 nodes w_i (m v + dt f) + (m C dx^2 / 4 - dt V tau) grad w_i. F follows the gradient of the
+velocity field in which the particles move, L = sum_i v_i grad w_i. MLS-MPM (Hu et al. 2018) puts APIC's C = (4 / dx^2)
+sum_i w_i v_i (x_i - x_p) in its place, which differs where the field is curved: the body then deforms otherwise than F
+says, and a swinging cantilever sags ever further. States are [slot, particle].
 """
 
 import functools
@@ -26,9 +28,10 @@ def transfer_kernels(dtype: str) -> SimpleNamespace:
     relative, inside, base_cell, fraction = lattice.relative, lattice.inside, lattice.base_cell, lattice.fraction
     node, weights, weight_slopes = lattice.node, lattice.weights, lattice.weight_slopes
     functions = transfer_functions(dtype, single_adder(dtype))
-    affine_momentum, scatter, gather = functions.affine_momentum, functions.scatter, functions.gather
-    scatter_adjoint, gather_adjoint = functions.scatter_adjoint, functions.gather_adjoint
-    zero, four = scalar(0.0), scalar(4.0)
+    affine_momentum, scatter, scatter_curved = functions.affine_momentum, functions.scatter, functions.scatter_curved
+    derivatives, three, gradient = functions.derivatives, functions.three, functions.gradient
+    affine_velocity, velocity_adjoint, slope = functions.affine_velocity, functions.velocity_adjoint, functions.slope
+    four = scalar(4.0)
 
     @wp.kernel(module=module)
     def p2g(
@@ -66,8 +69,8 @@ def transfer_kernels(dtype: str) -> SimpleNamespace:
             return
         base = base_cell(r)
         f = fraction(r, base)
-        q = momentum - A * f
-        scatter(momentum_out[grid_slot], box, node(base, box), weights(f), vec4(q[0], q[1], q[2], m), A)
+        q = vec4(momentum[0], momentum[1], momentum[2], m)
+        scatter(momentum_out[grid_slot], box, node(base, box), weights(f), weight_slopes(f), q, A)
 
     @wp.kernel(module=module)
     def g2p(
@@ -85,6 +88,7 @@ def transfer_kernels(dtype: str) -> SimpleNamespace:
         v: wp.array2d(dtype=vec3),
         F: wp.array2d(dtype=mat33),
         C: wp.array2d(dtype=mat33),
+        L: wp.array2d(dtype=mat33),
     ):
         p = wp.tid()
         dt = timing[0]
@@ -94,12 +98,14 @@ def transfer_kernels(dtype: str) -> SimpleNamespace:
             return
         base = base_cell(r)
         f = fraction(r, base)
-        now = gather(velocity_in, box, node(base, box), f, weights(f), cells_per_metre)
+        field = derivatives(velocity_in, box, node(base, box), weights(f), weight_slopes(f))
+        rate = cells_per_metre * gradient(field)
         F0 = F[slot, p]
-        x[slot_next, p] = position + dt * now.v
-        v[slot_next, p] = now.v
-        C[slot_next, p] = now.C
-        F[slot_next, p] = F0 + dt * (now.C * F0)
+        x[slot_next, p] = position + dt * three(field.value)
+        v[slot_next, p] = three(field.value)
+        C[slot_next, p] = affine_velocity(field, f, cells_per_metre)
+        L[slot_next, p] = rate
+        F[slot_next, p] = F0 + dt * (rate * F0)
 
     @wp.kernel(module=module)
     def g2p_adjoint(
@@ -113,9 +119,8 @@ def transfer_kernels(dtype: str) -> SimpleNamespace:
         # Data in:
         velocity_in: wp.array(dtype=vec4),
         x_in: wp.array2d(dtype=vec3),
-        v_in: wp.array2d(dtype=vec3),
         F_in: wp.array2d(dtype=mat33),
-        C_in: wp.array2d(dtype=mat33),
+        L_in: wp.array2d(dtype=mat33),
         v_bar_in: wp.array(dtype=vec3),
         C_bar_in: wp.array(dtype=mat33),
         # Data in and out: adjoints of `slot_next` become partial ones of `slot`
@@ -134,13 +139,13 @@ def transfer_kernels(dtype: str) -> SimpleNamespace:
         w = weights(f)
         dw = weight_slopes(f)
         first = node(base, box)
+        field = derivatives(velocity_in, box, first, w, dw)
         F1_bar = F_bar[p]
-        A = (four * cells_per_metre) * (C_bar_in[p] + dt * F1_bar * wp.transpose(F_in[slot, p]))
-        q3 = v_bar_in[p] + dt * x_bar[p] - A * f
-        q = vec4(q3[0], q3[1], q3[2], zero)
-        slope = gather_adjoint(velocity_in, velocity_bar_out, box, first, w, dw, q, A)
-        x_bar[p] = x_bar[p] + cells_per_metre * (slope - wp.transpose(A) * v_in[slot_next, p])
-        F_bar[p] = F1_bar + dt * wp.transpose(C_in[slot_next, p]) * F1_bar
+        L_bar = dt * F1_bar * wp.transpose(F_in[slot, p])
+        bar = velocity_adjoint(field, f, cells_per_metre, v_bar_in[p] + dt * x_bar[p], C_bar_in[p], L_bar)
+        scatter_curved(velocity_bar_out, box, first, w, dw, bar.q, bar.A, bar.B)
+        x_bar[p] = x_bar[p] + cells_per_metre * bar.slope
+        F_bar[p] = F1_bar + dt * wp.transpose(L_in[slot_next, p]) * F1_bar
 
     @wp.kernel(module=module)
     def p2g_adjoint(
@@ -178,18 +183,19 @@ def transfer_kernels(dtype: str) -> SimpleNamespace:
         base = base_cell(r)
         f = fraction(r, base)
         A = affine_momentum(m, volume[p], C_in[slot, p], tau_in[slot, p], dt, cells_per_metre)
-        q3 = m * v_in[slot, p] + dt * force_in[p] - A * f
-        q = vec4(q3[0], q3[1], q3[2], m)
-        bar = scatter_adjoint(momentum_bar_in, box, node(base, box), f, weights(f), weight_slopes(f), q, A)
-        carried = wp.dot(v_in[slot, p], bar.q) + wp.ddot(C_in[slot, p], bar.A) / cells_per_metre
-        mass_bar[p] = mass_bar[p] + bar.mass + carried
-        force_bar = dt * bar.q
+        push = m * v_in[slot, p] + dt * force_in[p]
+        field = derivatives(momentum_bar_in, box, node(base, box), weights(f), weight_slopes(f))
+        q_bar = three(field.value)
+        A_bar = gradient(field)
+        carried = wp.dot(v_in[slot, p], q_bar) + wp.ddot(C_in[slot, p], A_bar) / (four * cells_per_metre)
+        mass_bar[p] = mass_bar[p] + field.value[3] + carried
+        force_bar = dt * q_bar
         force_bar_out[p] = force_bar
         load_bar[p] = load_bar[p] + force_bar
-        x_bar[p] = x_bar[p] + cells_per_metre * (bar.slope - wp.transpose(A) * bar.q)
-        v_bar_out[p] = m * bar.q
-        C_bar_out[p] = (m / cells_per_metre) * bar.A
-        tau_bar_out[p] = (-four * dt * volume[p] * cells_per_metre) * bar.A
+        x_bar[p] = x_bar[p] + cells_per_metre * slope(field, vec4(push[0], push[1], push[2], m), A)
+        v_bar_out[p] = m * q_bar
+        C_bar_out[p] = (m / (four * cells_per_metre)) * A_bar
+        tau_bar_out[p] = (-dt * volume[p] * cells_per_metre) * A_bar
 
     @wp.kernel(module=module)
     def check_state(

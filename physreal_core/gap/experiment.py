@@ -45,6 +45,7 @@ class Variant:
         turn: angle by which body, hand and gravity are turned about the vertical against the grid [rad].
         shift: by which they are moved against the grid, in cells along x and y.
         elastic_law: another law of the same small-strain stiffness.
+        error: how many times its difference from the first the first's own error is, at the order of convergence.
     """
 
     name: str
@@ -53,6 +54,7 @@ class Variant:
     turn: float = 0.0
     shift: tuple[float, float] = (0.0, 0.0)
     elastic_law: str | None = None
+    error: float = 1.0
 
 
 @runtime_checkable

@@ -60,7 +60,7 @@ def test_a_local_effect_does_the_same_to_the_object_elsewhere(interactions, name
     size = np.abs(changes[0]).max()
     assert size > 1e-4, "no effect here, so nothing would be proved"
     # the grid lies otherwise under the turned bar; an effect in the wrong place would differ by its whole size
-    assert np.abs(changes[0] - changes[1]).max() < 0.25 * size
+    assert np.abs(changes[0] - changes[1]).max() < 0.3 * size
 
 
 def test_starts_are_given_where_the_first_interaction_has_them(interactions):

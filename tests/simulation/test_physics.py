@@ -61,7 +61,7 @@ def test_block_on_a_slope_slides_or_stays(friction):
         assert float(travelled[-1]) == pytest.approx(GRAVITY * (sine - friction * cosine) * time**2 / 2, rel=0.03)
     else:  # it moves while its weight settles on the plane, then not any more
         assert abs(float(travelled[8])) < 4e-3
-        assert abs(float(travelled[-1] - travelled[8])) < 5e-5
+        assert abs(float(travelled[-1] - travelled[8])) < 1e-4
 
 
 def test_block_lands_near_the_plane():
@@ -180,3 +180,18 @@ def test_energy_does_not_grow():
     energy = kinetic + elastic_energy(body, states.F, E, nu)
     assert energy.max() <= 1.001 * energy[0]
     assert elastic_energy(body, states.F, E, nu).max() > 0.3 * energy[0]  # it does swing
+
+
+def test_deformation_gradients_say_how_the_particles_lie():
+    """In a cantilever that swings for two seconds. With MLS-MPM's velocity gradient the difference is half as large again:
+    the bar sags further while its F, and so its stress, stay behind."""
+    body = block((26, 5, 5), spacing=0.008, corner=(0.0, 0.0, 0.1), density=600.0)
+    config = SimulationConfig(fps=30, ground_height=None, courant=0.5)
+    simulator = Simulator(body, config, clamps=(Clamp((-1.0, -1.0, -1.0), (0.016, 1.0, 1.0)),))
+    states = rollout(simulator, 61, youngs_modulus=2e5, poissons_ratio=0.3)
+    x, F = (state[-1].double().reshape(26, 5, 5, *state.shape[2:]) for state in (states.x, states.F))
+    between_neighbours = (x[2:] - x[:-2]).norm(dim=-1)[4:-4] / 0.016 - 1
+    stated = F[1:-1, ..., 0].norm(dim=-1)[4:-4] - 1
+    size = stated.square().mean().sqrt()
+    assert size > 0.02
+    assert (between_neighbours - stated).square().mean().sqrt() < 0.25 * size

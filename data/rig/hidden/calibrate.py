@@ -6,9 +6,9 @@ frames, of the motion that shows it more, averaged over seeds.
 """
 
 import argparse
-from concurrent.futures import ProcessPoolExecutor
+from concurrent.futures import Executor, ProcessPoolExecutor
 from dataclasses import replace
-from functools import cache, partial
+from functools import partial
 
 import numpy as np
 from scipy.interpolate import CubicSpline
@@ -22,10 +22,10 @@ from data.rig.scene import Scene
 from physreal_core.array_types import Array, Float
 
 TARGETS = (0.0015, 0.004, 0.009)  # [m]
-SPACING = 0.02  # [m], of the elements: coarse, since only sizes are asked for
+SPACING = 0.0147  # [m], of the elements: coarse, since only sizes are asked for
 # Logarithms of the shares of the true modulus at which the elastic bar is simulated, and at which splines then know it.
-MODULI = np.arange(-1.2, 0.91, 0.06)
-FINE = np.arange(-1.2, 0.9, 0.01)
+MODULI = np.arange(-0.96, 0.61, 0.06)
+FINE = np.arange(-0.96, 0.6, 0.01)
 TRIALS = 2
 # Amplitudes beyond which the effect would be another one, or the object.
 LARGEST = {
@@ -53,21 +53,32 @@ def tracks(scene: Scene, hidden: Hidden, seed: int) -> Float[Array, "T J 3"]:
     return hidden.record(ideal, scene.motion).tracks
 
 
-@cache
-def elastic(seed: int, motion: str) -> Float[Array, "E T J 3"]:
-    """Tracks of the bar with nothing hidden, at each of `FINE`."""
+def elastic_tracks(bar_of: tuple[int, str, float]) -> Float[Array, "T J 3"]:
+    """Tracks of the bar of a seed in a motion with nothing hidden, e^share times as stiff [m]."""
+    seed, motion, share = bar_of
     scene = scenes(seed)[motion]
-    true = scene.material
-    softer = [replace(true, youngs_modulus=float(true.youngs_modulus * np.exp(share))) for share in MODULI]
-    known = [tracks(replace(scene, material=material), NOTHING, seed) for material in softer]
-    return CubicSpline(MODULI, np.stack(known))(FINE).astype(np.float32)
+    modulus = float(scene.material.youngs_modulus * np.exp(share))
+    return tracks(replace(scene, material=replace(scene.material, youngs_modulus=modulus)), NOTHING, seed)
+
+
+ELASTIC: dict[tuple[int, str], Float[Array, "E T J 3"]] = {}
+"""By seed and motion: the tracks of the bar with nothing hidden, at each of `FINE`."""
+
+
+def know_elastic(seeds: int, pool: Executor) -> None:
+    """Fill `ELASTIC`."""
+    bars = [(seed, motion) for seed in range(seeds) for motion in MOTIONS]
+    known = list(pool.map(elastic_tracks, [(*bar, float(share)) for bar in bars for share in MODULI]))
+    for number, bar in enumerate(bars):
+        own = np.stack(known[number * len(MODULI) : (number + 1) * len(MODULI)])
+        ELASTIC[bar] = CubicSpline(MODULI, own)(FINE).astype(np.float32)
 
 
 def size(name: str, amplitude: float, seed: int) -> float:
     """Distance [m] of the effect's tracks from the nearest elastic bar's."""
     case = scenes(seed)
     hidden = LIBRARY[name](amplitude, case, np.random.default_rng([seed, 10]))
-    gaps = [elastic(seed, motion) - tracks(scene, hidden, seed) for motion, scene in case.items()]
+    gaps = [ELASTIC[seed, motion] - tracks(scene, hidden, seed) for motion, scene in case.items()]
     squares = [3 * np.square(gap).mean(axis=(1, 2, 3)) for gap in gaps]
     nearest = np.sum(squares, axis=0).argmin()
     return float(np.sqrt(np.max([square[nearest] for square in squares])))
@@ -115,10 +126,9 @@ def main() -> None:
     parser.add_argument("--jobs", type=int, default=2)
     parser.add_argument("--seeds", type=int, default=2, help="how many objects to average over")
     arguments = parser.parse_args()
-    for seed in range(arguments.seeds):  # before the workers are forked, so that they share it
-        for motion in MOTIONS:
-            elastic(seed, motion)
     with ProcessPoolExecutor(arguments.jobs) as pool:
+        know_elastic(arguments.seeds, pool)
+    with ProcessPoolExecutor(arguments.jobs) as pool:  # forked from here, so that they share it
         list(pool.map(partial(amplitudes, seeds=arguments.seeds), arguments.effects))
 
 

@@ -69,9 +69,9 @@ def know_elastic(seeds: int, pool: Executor) -> None:
     """Fill `ELASTIC`."""
     bars = [(seed, motion) for seed in range(seeds) for motion in MOTIONS]
     known = list(pool.map(elastic_tracks, [(*bar, float(share)) for bar in bars for share in MODULI]))
-    for number, bar in enumerate(bars):
+    for number, place in enumerate(bars):
         own = np.stack(known[number * len(MODULI) : (number + 1) * len(MODULI)])
-        ELASTIC[bar] = CubicSpline(MODULI, own)(FINE).astype(np.float32)
+        ELASTIC[place] = CubicSpline(MODULI, own)(FINE).astype(np.float32)
 
 
 def size(name: str, amplitude: float, seed: int) -> float:

@@ -45,6 +45,7 @@ class Variant:
         turn: angle by which body, hand and gravity are turned about the vertical against the grid [rad].
         shift: by which they are moved against the grid, in cells along x and y.
         elastic_law: another law of the same small-strain stiffness.
+        ground: by which the plane is raised, in cells.
         error: how many times its difference from the first the first's own error is, at the order of convergence.
     """
 
@@ -54,6 +55,7 @@ class Variant:
     turn: float = 0.0
     shift: tuple[float, float] = (0.0, 0.0)
     elastic_law: str | None = None
+    ground: float = 0.0
     error: float = 1.0
 
 
@@ -279,7 +281,11 @@ class _Stage:
         self.body = Body(body.x0 if self.is_plain else x0, body.volume, body.density, spacing)
         law = {"elastic_law": variant.elastic_law} if variant.elastic_law else {}
         gravity = tuple((self._turn.double() @ torch.tensor(config.gravity, dtype=torch.float64)).tolist())
-        self.config = dataclasses.replace(config, courant=config.courant * variant.courant, gravity=gravity, **law)
+        ground = config.ground_height
+        if ground is not None:
+            ground += variant.ground * body.cell
+        courant = config.courant * variant.courant
+        self.config = dataclasses.replace(config, courant=courant, gravity=gravity, ground_height=ground, **law)
 
     def _moved(self, points: Tensor) -> Tensor:
         return (points - self._centre) @ self._turn.T + self._centre + self._shift

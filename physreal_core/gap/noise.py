@@ -30,12 +30,12 @@ class ModelError:
         length: correlation length, as a share of the body's extent.
     """
 
-    rms: float = 0.0005
-    moved: float = 0.02
-    relative: float = 0.5
+    rms: float = 0.0004
+    moved: float = 0.01
+    relative: float = 0.15
     reruns: float = 1.0
     time: float = 0.08
-    length: float = 0.35
+    length: float = 0.5
 
 
 KEPT = 0.995

@@ -15,8 +15,10 @@ VARIANTS = (
     Variant("a finer grid", cell=0.85, error=1.0 / (1.0 - 0.85**2)),
     Variant("a turned and shifted grid", turn=0.5, shift=(0.37, 0.21)),
     Variant("another law of the same stiffness", elastic_law="hencky"),
+    Variant("contact at another height", ground=0.15),
 )
-"""Each changes one thing that a converged answer would not depend on (the law: at small strain). The steps are of first
+"""Each changes one thing that a converged answer would not depend on (the law: at small strain;
+the height: contact through nodes leaves a gap of so many cells, see `simulation.box.CONTACT_DEPTH`). The steps are of first
 order in time and of second in space, so how far a rerun moves says how far the limit is (Richardson's extrapolation)."""
 
 
@@ -35,8 +37,8 @@ def rerun_differences(
     """
     stays = bool(experiment.model.effects or trial.effects or experiment.setting.clamps)
     usable = [v for v in variants if not stays or v.turn == 0.0]
-    own_law = experiment.model.elastic_law
-    usable = [v for v in usable if v.elastic_law != own_law]
+    own_law, has_ground = experiment.model.elastic_law, experiment.setting.ground_height is not None
+    usable = [v for v in usable if v.elastic_law != own_law and (has_ground or v.ground == 0.0)]
     found = [v.error * (experiment.predict([trial], variant=v)[0] - predicted) for v in usable]
     finite = [difference for difference in found if np.isfinite(difference).all()]
     return np.stack(finite) if finite else np.zeros((0, *predicted.shape))

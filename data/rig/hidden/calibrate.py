@@ -21,7 +21,7 @@ from data.rig.hidden.strengths import AMPLITUDES
 from data.rig.scene import Scene
 from physreal_core.array_types import Array, Float
 
-TARGETS = (0.0015, 0.004, 0.009)  # [m]
+TARGETS = (0.0012, 0.003, 0.007)  # [m]
 SPACING = 0.0147  # [m], of the elements: coarse, since only sizes are asked for
 # Logarithms of the shares of the true modulus at which the elastic bar is simulated, and at which splines then know it.
 MODULI = np.arange(-0.96, 0.61, 0.06)
@@ -29,6 +29,8 @@ FINE = np.arange(-0.96, 0.6, 0.01)
 TRIALS = 2
 # Amplitudes beyond which the effect would be another one, or the object.
 LARGEST = {
+    "kelvin_voigt": 0.03,
+    "obstacle_post": 0.011,
     "gravity": 0.42,
     "wind": 8.0,
     "soft_spot": 0.95,

@@ -30,7 +30,7 @@ def rerun_differences(
 ) -> Float[Array, "modes frames tracks 3"]:
     """How far the tracks are [m] from `predicted`, the trial's own, in the limits that reruns in other discretisations point to.
 
-    Failed reruns are left out.
+    Failed reruns are left out, and those that would change nothing: the model's own law, the height of no ground.
 
     Known effects with a direction of their own are not turned with the body, and what clamps a body stays where it is; with
     any of these the turned grid is left out.

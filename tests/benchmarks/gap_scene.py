@@ -7,8 +7,9 @@ import numpy as np
 import torch
 
 from benchmarks.fit_scene import rounded_block
+from benchmarks.gap.problems import GUESS
 from physreal_core.array_types import Array
-from physreal_core.geometry import bind_grip, fill_mesh, sample_surface, save_mesh
+from physreal_core.geometry import bind_within, fill_mesh, sample_surface, save_mesh
 from physreal_core.rendering import bind, carry_points
 from physreal_core.simulation import Body, Grip, Parameters, SimulationConfig, Simulator
 
@@ -56,12 +57,11 @@ def _hand(stroke: Array) -> Array:
 def _simulated(mesh, controllers: Array, pull: float) -> Array:
     spacing = (mesh.volume / 500) ** (1 / 3)
     x0, volume = fill_mesh(mesh, spacing)
-    pairs = bind_grip(x0, controllers, radius=0.02, spacing=spacing)
+    pairs = bind_within(x0, controllers[0], spacing=spacing)
     grip = Grip(pairs.particles, pairs.controllers, pairs.weights, pairs.rest_lengths)
     config = SimulationConfig(fps=FPS, gravity=(0.0, 0.0, -pull))
     simulator = Simulator(Body(x0, volume, np.full(len(x0), DENSITY), spacing), config, grip)
-    values = {"youngs_modulus": YOUNGS_MODULUS, "poissons_ratio": 0.3, "friction_coefficient": 0.4}
-    values |= {"grip_stiffness": 3e4 / len(pairs.weights), "grip_damping": 0.01}
+    values = GUESS | {"youngs_modulus": YOUNGS_MODULUS}  # a hand that holds as the search supposes
     parameters = Parameters(**{name: torch.tensor(value) for name, value in values.items()})
     points0 = sample_surface(mesh, TRACKS, oversampling=1).points
     with torch.no_grad():

@@ -50,8 +50,8 @@ def test_the_true_material_leaves_only_the_noise(folder):
 
 def test_numbers_and_choice_of_tracks_are_those_of_the_stage(folder):
     stage = SampleParticles()
-    ours = problems.BINDING_NEIGHBOURS, problems.TRACK_DISTANCE, problems.GRIP_RADIUS
-    assert ours == (stage.binding_neighbours, stage.track_distance, stage.grip.radius)
+    ours = problems.BINDING_NEIGHBOURS, problems.TRACK_DISTANCE
+    assert ours == (stage.binding_neighbours, stage.track_distance)
     capture = folder / "press_drag"
     mesh, measured = load_mesh(capture / "shape_prior.glb"), dict(np.load(capture / "tracks3d.npz"))
     measured["points3d"][0, :5] += 0.05  # five that lie on something else

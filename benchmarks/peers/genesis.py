@@ -1,6 +1,6 @@
 """Genesis' MPM solver (genesis-world, material `MPM.Elastic`, corotated by the whole svd) on our scene.
 
-Forward only. As in Taichi's example F lags by one update; the positions are the same. Boundaries are off the block.
+Forward only. As in Taichi's example F lags by one update and positions do not. Boundaries are off the block.
 """
 
 from __future__ import annotations

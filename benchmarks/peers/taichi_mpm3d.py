@@ -1,7 +1,7 @@
 """Taichi's own `mpm3d` example (taichi.examples.ggui_examples.mpm3d_ggui), its elastic material alone, on our scene.
 
-Forward only. As in the example, a substep moves F by the C of the substep before, so F ends one update behind ours; the
-positions are the same. Stress from the whole `ti.svd`, dense grid, atomic scatter.
+Forward only. As in the example, a substep moves F by the C of the substep before, so F ends one update behind;
+positions are those of the other MLS-MPM peers. Stress from the whole `ti.svd`, dense grid, atomic scatter.
 """
 
 import os

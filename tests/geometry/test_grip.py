@@ -4,7 +4,7 @@ import numpy as np
 import pytest
 
 from physreal_core.errors import InputError
-from physreal_core.geometry import bind_grip
+from physreal_core.geometry import bind_grip, bind_within
 
 
 def lattice():
@@ -58,3 +58,38 @@ def test_hand_out_of_reach_says_how_far_and_when_it_comes():
         bind_grip(lattice(), path, radius=0.02, spacing=0.01)
     with pytest.raises(InputError, match="no controller point is known"):
         bind_grip(lattice(), np.full((2, 3, 3), np.nan), radius=0.02, spacing=0.01)
+
+
+def clasp():
+    """The corners of a box around one end of the lattice, and a point within it."""
+    corners = np.stack(np.meshgrid([-0.005, 0.025], [-0.005, 0.095], [-0.005, 0.095], indexing="ij"), -1).reshape(-1, 3)
+    return np.concatenate([corners, [[0.012, 0.043, 0.041]]])
+
+
+def test_a_clasp_holds_what_lies_within_it():
+    x0 = lattice()
+    grip = bind_within(x0, clasp(), spacing=0.01, per_particle=4)
+    np.testing.assert_array_equal(np.unique(grip.particles), np.flatnonzero(x0[:, 0] < 0.025))
+    assert (np.bincount(grip.particles)[grip.particles] == 4).all()
+    np.testing.assert_allclose(grip.rest_lengths, np.linalg.norm(x0[grip.particles] - clasp()[grip.controllers], axis=1))
+
+
+def test_springs_of_a_clasp_are_equal_and_share_one_particles_weight():
+    x0 = lattice()
+    grip = bind_within(x0, clasp(), spacing=0.01)
+    sums = np.bincount(grip.particles, grip.weights)[grip.particles]
+    lengths = np.bincount(grip.particles, grip.rest_lengths)[grip.particles]
+    np.testing.assert_allclose(sums, 1.0)
+    np.testing.assert_allclose(grip.weights, grip.rest_lengths / lengths)
+    on_one = np.concatenate([clasp(), x0[[0]]])  # a point on a particle holds it no direction
+    grip = bind_within(x0, on_one, spacing=0.01)
+    assert grip.rest_lengths.min() > 0.0025 and (grip.controllers[grip.particles == 0] != len(on_one) - 1).all()
+
+
+def test_a_clasp_without_volume_or_particles_is_refused():
+    flat = clasp()[:8] * [0.0, 1.0, 1.0]
+    for points in (flat, flat[:3], flat[:0]):
+        with pytest.raises(InputError, match=f"{len(points)} points span no volume"):
+            bind_within(lattice(), points, spacing=0.01)
+    with pytest.raises(InputError, match=r"nearest particle is 0.095\d m away.*between the points"):
+        bind_within(lattice(), clasp() - [0.12, 0.0, 0.0], spacing=0.01)

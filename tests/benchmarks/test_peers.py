@@ -49,7 +49,7 @@ def test_the_block_stays_within_reach(plain):
 
 
 @pytest.mark.parametrize("rotation", ["svd", "newton"])
-def test_ours_differs_from_the_tape_by_the_velocity_gradient_alone(plain, rotation):
+def test_the_tape_and_its_gradient_are_near_ours(plain, rotation):
     tape = warp_tape.make(SCENE, "cpu", threads=1, rotation=rotation)
     tape.forward_backward()
     tape.forward_backward()  # the second run must not add to the first

@@ -5,6 +5,8 @@ from collections.abc import Callable
 from pathlib import Path
 from typing import Any
 
+import torch
+
 from benchmarks.gap.problems import baseline_model, problems_of
 from physreal_core.gap import Experiment, GapSettings, add_effect, find_gap
 
@@ -12,10 +14,11 @@ Tell = Callable[[str], None]
 
 
 def experiments_of(captures: Path) -> list[Experiment]:
-    """The interactions of a case, in the order of their names, with one guessed baseline for all."""
+    """The interactions of a case, in the order of their names, with one guessed baseline for all, on a card if there is one."""
     problems = list(problems_of(captures).values())
     model = baseline_model(problems[0])
-    return [Experiment(problem, model) for problem in problems]
+    device = "cuda:0" if torch.cuda.is_available() else "cpu"
+    return [Experiment(problem, model, device) for problem in problems]
 
 
 def answer(captures: Path, settings: GapSettings, tell: Tell = lambda message: None) -> dict[str, Any]:

@@ -13,6 +13,7 @@ def add_arguments(parser: argparse.ArgumentParser) -> None:
     )
     parser.add_argument("--seed", type=int, default=0, help="of the set of cases")
     parser.add_argument("--jobs", type=int, default=1, help="cases at once; each gets its share of the cores")
+    parser.add_argument("--cards", type=int, default=0, help="NVIDIA cards that the cases share; 0: on the CPU")
     parser.add_argument("--out", type=Path, default=Path("data/gap_benchmark"), help="folder of the cases")
     parser.add_argument("--cases", nargs="*", default=[], help="patterns of names, e.g. 'none-*' 'wind-high-*'; all")
     parser.add_argument("--minutes", type=float, help="stop then, to go on the next time")
@@ -35,7 +36,7 @@ def run(parsed: argparse.Namespace) -> int:
     folder = parsed.out / parsed.variant
     settings = () if parsed.settings is None else (str(parsed.settings.resolve()),)
     module = {"tracks_only": "benchmarks.gap.case", "rgbd": "benchmarks.gap.rgbd"}[parsed.variant]
-    how = Run(folder, parsed.jobs, module, settings, parsed.minutes)
+    how = Run(folder, parsed.jobs, module, settings, parsed.cards, parsed.minutes)
     if parsed.calibrate:
         print(calibrate(parsed.calibrate, parsed.seed, how))
         return 0

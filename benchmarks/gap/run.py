@@ -23,6 +23,7 @@ class Run:
         jobs: cases at once.
         module: that runs one case, given folder and name.
         arguments: further ones for it.
+        cards: NVIDIA cards that the cases share, each case on one; 0: on the CPU.
         minutes: wall time after which what runs is stopped, to go on the next time; None for no limit.
     """
 
@@ -30,6 +31,7 @@ class Run:
     jobs: int
     module: str = "benchmarks.gap.case"
     arguments: tuple[str, ...] = ()
+    cards: int = 0
     minutes: float | None = None
 
 
@@ -38,17 +40,17 @@ def run_cases(cases: Sequence[GapCase], run: Run) -> None:
     todo = [case for case in cases if not is_done(run.folder / case.name)]
     print(f"{len(cases) - len(todo)} of {len(cases)} cases are done; {len(todo)} to go, {run.jobs} at once", flush=True)
     deadline = None if run.minutes is None else time.monotonic() + 60 * run.minutes
-    shares: SimpleQueue[list[int]] = SimpleQueue()
-    for number in range(run.jobs):
-        shares.put(core_share(number, run.jobs))
+    places: SimpleQueue[int] = SimpleQueue()
+    for place in range(run.jobs):
+        places.put(place)
 
     def one(numbered: tuple[int, GapCase]) -> None:
         number, case = numbered
-        cores = shares.get()
+        place = places.get()
         try:
-            ended = _run(case, run, cores, deadline)
+            ended = _run(case, run, place, deadline)
         finally:
-            shares.put(cores)
+            places.put(place)
         print(f"[{number}/{len(todo)}] {case.name}: {ended}", flush=True)
 
     with ThreadPoolExecutor(run.jobs) as pool:
@@ -66,8 +68,9 @@ def core_share(number: int, jobs: int) -> list[int]:
     return cores[number % len(cores) :: max(jobs, 1)] if jobs <= len(cores) else [cores[number % len(cores)]]
 
 
-def _run(case: GapCase, run: Run, cores: list[int], deadline: float | None) -> str:
-    """Runs one case and says how it ended."""
+def _run(case: GapCase, run: Run, place: int, deadline: float | None) -> str:
+    """Runs one case, at one of the places for `jobs` of them, and says how it ended."""
+    cores, card = core_share(place, run.jobs), str(place % run.cards) if run.cards else ""
     left = None if deadline is None else deadline - time.monotonic()
     if left is not None and left <= 0:
         return "not begun, time is up"
@@ -76,7 +79,7 @@ def _run(case: GapCase, run: Run, cores: list[int], deadline: float | None) -> s
     command = [sys.executable, "-m", run.module, str(run.folder), case.name, *run.arguments]
     begun = time.monotonic()
     with (own / "log.txt").open("a") as log:
-        process = subprocess.Popen(command, stdout=log, stderr=log, env=_environment(len(cores)))
+        process = subprocess.Popen(command, stdout=log, stderr=log, env=_environment(len(cores), card))
         if hasattr(os, "sched_setaffinity"):
             os.sched_setaffinity(process.pid, cores)
         try:
@@ -97,6 +100,6 @@ def _outcome(own: Path) -> str:
     return f"{verdict['kind']} {named} ({verdict['probability']:.2f})"
 
 
-def _environment(threads: int) -> dict[str, str]:
+def _environment(threads: int, card: str) -> dict[str, str]:
     limits = dict.fromkeys(("OMP_NUM_THREADS", "OPENBLAS_NUM_THREADS", "MKL_NUM_THREADS"), str(threads))
-    return os.environ | limits | {"OMP_WAIT_POLICY": "PASSIVE", "CUDA_VISIBLE_DEVICES": ""}
+    return os.environ | limits | {"OMP_WAIT_POLICY": "PASSIVE", "CUDA_VISIBLE_DEVICES": card}

@@ -67,6 +67,7 @@ class Search:
         baseline: the refitted baseline.
         evidence: noise models around it.
         screen: tangents of all candidates.
+        threshold: gain [nat] that the best candidate reaches by chance in the allowed share of captures without a gap.
         answers: none, singles, pairs.
     """
 
@@ -76,6 +77,7 @@ class Search:
         self.baseline, self.evidence = fit_baseline(experiments, settings, progress)
         progress(f"screening {len(self.names)} candidates")
         self.screen = Screen(self.baseline, self.evidence.train, self.names, settings.priors)
+        self.threshold = float(np.quantile(self.screen.null_gains(settings.seed), 1.0 - settings.false_alarms))
         self._predictions = self._predicted(self.baseline)
         self._energy = self.evidence.held_out_energy(self._predictions)
         self.answers = [Answer(self.baseline, None, 0.0, 0.0)]
@@ -92,8 +94,9 @@ class Search:
         self._progress("fitting " + ", ".join(score.start.effect for score in shortlist))
         self._add(self.baseline, shortlist)
         best = max(self.answers, key=lambda answer: answer.gain).fit
-        if best.unknowns.effects and self._test(best)["p_value"] < SIGNIFICANT:  # something is left for a second one
-            seconds = self.screen.scores_beside(best)[: self.settings.seconds]
+        if best.unknowns.effects:
+            promising = [score for score in self.screen.scores_beside(best) if score.gain > self.threshold]
+            seconds = promising[: self.settings.seconds]
             self._progress(f"beside {best.unknowns.effects[0]}: " + ", ".join(s.start.effect for s in seconds))
             self._add(best, seconds)
 
@@ -114,12 +117,11 @@ class Search:
         chances = probabilities(self.answers, settings, len(self.names))
         candidates = candidates_of(self.answers, chances) + self._not_fitted()
         test = self._test(self.baseline)
-        threshold = float(np.quantile(self.screen.null_gains(settings.seed), 1.0 - settings.false_alarms))
-        test["threshold"] = threshold
+        test["threshold"] = self.threshold
         best = max(range(len(self.answers)), key=lambda number: chances[number])
         explained = self._explained(self.answers[best].fit)
         test["explained"] = explained
-        verdict = verdict_of(candidates, threshold, test["p_value"] < SIGNIFICANT, explained, settings)
+        verdict = verdict_of(candidates, self.threshold, test["p_value"] < SIGNIFICANT, explained, settings)
         lead = self._lead() if verdict.kind == "unknown" else None
         if lead is not None:
             verdict = replace(verdict, sentence=f"{verdict.sentence} {lead.sentence}")
@@ -147,9 +149,9 @@ class Search:
             return None
 
     def _where(self) -> list[dict]:
-        """Records of the baseline's disagreement, one per interaction."""
-        parts = zip(self.experiments, self.baseline.predicted, self.evidence.train.noises, strict=True)
-        return [locate(*part).as_record() for part in parts]
+        """Records of the baseline's disagreement over all frames, one per interaction."""
+        parts = zip(self.experiments, self._predictions, strict=True)
+        return [locate(e, predicted, self.evidence.whole(n)).as_record() for n, (e, predicted) in enumerate(parts)]
 
     def _not_fitted(self) -> tuple[Candidate, ...]:
         fitted = {answer.names for answer in self.answers}

@@ -22,17 +22,19 @@ from data.rig.scene import Scene
 from physreal_core.array_types import Array, Float
 
 TARGETS = (0.0012, 0.003, 0.007)  # [m]
-SPACING = 0.0147  # [m], of the elements: coarse, since only sizes are asked for
+SPACING = 0.022  # [m], of the elements: coarse, since only sizes are asked for
 # Logarithms of the shares of the true modulus at which the elastic bar is simulated, and at which splines then know it.
 MODULI = np.arange(-0.96, 0.61, 0.06)
 FINE = np.arange(-0.96, 0.6, 0.01)
 TRIALS = 2
 # Amplitudes beyond which the effect would be another one, or the object.
 LARGEST = {
+    "linear_drag": 12.0,
+    "quadratic_drag": 60.0,
     "kelvin_voigt": 0.03,
     "obstacle_post": 0.011,
     "gravity": 0.42,
-    "wind": 8.0,
+    "wind": 6.0,
     "soft_spot": 0.95,
     "fibres": 6.0,
     "density_gradient": 15.0,

@@ -1,42 +1,43 @@
-"""Amplitudes at which a bar's tracks are about 1.5, 4 and 9 mm from those of any elastic bar (see `calibrate.py`).
+"""Amplitudes at which a bar's tracks are about 1.2, 3 and 7 mm from those of any elastic bar (see `calibrate.py`).
 
 Measured by `python -m data.rig.hidden.calibrate`; units are those of the amplitude of each effect in `library.py`. Below what
-the sizes ask for, lest it be another effect or object: at "high", wind gives 6 mm, gravity 4, payload and density 5, fibres 4,
-stiffening 1.7 (a stiffer elastic bar comes near), stick-slip 0.8 and rate friction 2.3, which this bar hardly shows.
+the sizes ask for, lest it be another effect or object: at "high", drag gives 5 mm, wind 5, gravity 4, viscosity 4, payload and
+density 6, rate friction 5, fibres 2, stiffening 1.6 (a stiffer elastic bar comes near), stick-slip 1.2. Steps by hand where the
+coarse bar of the calibration hits a plane late or buckles at a soft spot: those two.
 """
 
 STRENGTHS = ("weak", "middle", "high")
 
 AMPLITUDES: dict[str, tuple[float, float, float]] = {
-    "linear_drag": (0.205, 0.613, 1.84),
-    "quadratic_drag": (0.255, 0.839, 3.1),
-    "wind": (1.7, 3.69, 8.0),
-    "gravity": (0.159, 0.258, 0.42),
-    "kelvin_voigt": (0.0004, 0.00108, 0.00483),
-    "maxwell_creep": (0.0954, 0.26, 0.609),
-    "plastic_yield": (6.86, 8.32, 10.6),
-    "strain_stiffening": (1.5, 3.0, 5.0),
-    "fibres": (0.511, 1.75, 6.0),
-    "soft_spot": (0.62, 0.82, 0.93),
-    "rest_shape": (0.156, 0.435, 0.945),
-    "payload": (0.47, 0.84, 1.45),
-    "density_gradient": (3.96, 7.7, 14.0),
-    "ground_adhesion": (79.4, 227.0, 589.0),
-    "stick_slip": (0.6, 1.2, 2.4),
-    "rate_friction": (1.8, 3.28, 6.0),
-    "ground_plane": (0.0109, 0.0291, 0.0655),
-    "obstacle_plane": (0.000624, 0.00242, 0.00516),
-    "obstacle_sphere": (0.0001, 0.000626, 0.00399),
-    "obstacle_post": (0.000542, 0.00298, 0.00978),
-    "grip_slip": (0.00142, 0.00379, 0.00854),
-    "grip_compliance": (2.7e-05, 0.0001, 0.00026),
-    "grip_offset": (0.00154, 0.00415, 0.00943),
-    "grip_lag": (0.00474, 0.0128, 0.0292),
-    "camera_drift": (0.00107, 0.00286, 0.00645),
-    "depth_bias": (0.00872, 0.0233, 0.0523),
-    "frame_rate": (0.00471, 0.0128, 0.029),
-    "outside:magnet": (0.328, 0.921, 2.06),
-    "outside:breathing": (0.015, 0.0399, 0.0904),
-    "outside:turntable": (3.12, 4.33, 6.0),
-    "outside:tether": (0.877, 2.63, 8.01),
+    "linear_drag": (0.873, 3.24, 12),
+    "quadratic_drag": (3.35, 14.2, 60),
+    "wind": (1.36, 2.86, 6),
+    "gravity": (0.135, 0.238, 0.42),
+    "kelvin_voigt": (0.00141, 0.00651, 0.02),
+    "maxwell_creep": (0.124, 0.314, 0.759),
+    "plastic_yield": (14.6, 18.9, 24.4),
+    "strain_stiffening": (2.98, 3.86, 5),
+    "fibres": (2.76, 4.07, 6),
+    "soft_spot": (0.65, 0.75, 0.82),
+    "rest_shape": (0.156, 0.397, 0.899),
+    "payload": (0.316, 0.848, 1.32),
+    "density_gradient": (5.56, 9.13, 15),
+    "ground_adhesion": (68.9, 202, 597),
+    "stick_slip": (1.2, 2.0, 2.5),
+    "rate_friction": (0.655, 1.98, 6),
+    "ground_plane": (0.0114, 0.0287, 0.0706),
+    "obstacle_plane": (0.0006, 0.0012, 0.0024),
+    "obstacle_sphere": (0.000848, 0.00185, 0.00405),
+    "obstacle_post": (0.000907, 0.00244, 0.011),
+    "grip_slip": (0.00114, 0.00288, 0.00673),
+    "grip_compliance": (4e-05, 0.00014, 0.00023),
+    "grip_offset": (0.00132, 0.00329, 0.00767),
+    "grip_lag": (0.00824, 0.0207, 0.0486),
+    "camera_drift": (0.000905, 0.00227, 0.0053),
+    "depth_bias": (0.0114, 0.0288, 0.0672),
+    "frame_rate": (0.00796, 0.0199, 0.0457),
+    "outside:magnet": (0.193, 0.492, 1.03),
+    "outside:breathing": (0.0137, 0.0344, 0.0796),
+    "outside:turntable": (2.85, 4.14, 6),
+    "outside:tether": (1.33, 3.48, 10.1),
 }

@@ -57,6 +57,7 @@ class World:
         self.bodies = np.array([self.model.body(f"s_{i}").id for i in range(len(self.mesh.vertices))])
         self.dofs = self.model.body_dofadr[self.bodies][:, None] + np.arange(3)
         self._origin = self.model.body_pos[self.bodies]  # slide joints along the world's axes: x = origin + q
+        self._hand = np.zeros(3)
         self.model.body_mass[self.bodies] = self.mesh.lumped_mass(scene.material.density)
 
     @property
@@ -79,8 +80,15 @@ class World:
         self.data.qfrc_applied[self.dofs] += force
 
     def hold_at(self, displacement: Float[Array, "3"]) -> None:
-        """Puts what the hand holds at `displacement` [m] from where it was at time 0."""
-        self.data.mocap_pos[0] = displacement
+        """Puts what the hand holds at `displacement` [m] from where it was at time 0.
+
+        MuJoCo damps what is held against the world, not against the hand, whose velocity it does not know: it would follow
+        by damping over stiffness late, a millisecond, so the hand is put ahead by as much.
+        """
+        stiffness, damping = firmness(self.timestep)
+        velocity = (displacement - self._hand) / self.timestep
+        self._hand = np.array(displacement)
+        self.data.mocap_pos[0] = displacement + damping / stiffness * velocity
 
     def _describe(self, integrator: str, further: str, flex: str) -> str:
         """The MuJoCo model as XML; the hand is a mocap body at the origin that carries its displacement."""
@@ -110,13 +118,19 @@ class World:
     </mujoco>"""
 
 
-def firm(timestep: float) -> str:
-    """Attributes of contact and grip: direct stiffness and damping, as MuJoCo reads a negative `solref`.
+def firmness(timestep: float) -> tuple[float, float]:
+    """Stiffness [1/s^2] and damping [1/s] of contact and grip.
 
-    With the default time constant the constraints of such light nodes are orders of magnitude too soft. Friction is only as
-    firm as the damping lets it be: it takes at most that much off a node's speed in a step.
+    With MuJoCo's default time constant the constraints of such light nodes are orders of magnitude too soft. Friction is only
+    as firm as the damping lets it be: it takes at most that much off a node's speed in a step.
     """
-    return f'solref="-2e6 -{max(2e3, 0.9 / timestep):.9g}" solimp=".9 .95 .001"'
+    return 2e6, max(2e3, 0.9 / timestep)
+
+
+def firm(timestep: float) -> str:
+    """Attributes of contact and grip: `firmness` as MuJoCo reads a negative `solref`."""
+    stiffness, damping = firmness(timestep)
+    return f'solref="-{stiffness:.9g} -{damping:.9g}" solimp=".9 .95 .001"'
 
 
 def _held(scene: Scene, vertices: Float[Array, "V 3"]) -> Int[Array, " B"]:

@@ -54,7 +54,7 @@ def test_the_tape_and_its_gradient_are_near_ours(plain, rotation):
     tape.forward_backward()
     tape.forward_backward()  # the second run must not add to the first
     travel = np.abs(plain.positions() - SCENE.x0).max()
-    assert 10 * ROUNDING < np.abs(tape.positions() - plain.positions()).max() < APART * travel
+    assert 5 * ROUNDING < np.abs(tape.positions() - plain.positions()).max() < APART * travel
     for name, gradient in plain.gradients().items():
         assert _error(tape.gradients()[name], gradient) < GRADIENTS_APART[name], name
 
@@ -106,7 +106,7 @@ def test_rollouts_at_once_differ_by_their_stiffness(plain):
     batch.forward_backward()
     softer, same = batch.positions()
     assert np.abs(same - plain.positions()).max() < ROUNDING
-    assert np.abs(softer - plain.positions()).max() > 10 * ROUNDING
+    assert np.abs(softer - plain.positions()).max() > 5 * ROUNDING
     assert batch.gradients()["youngs_modulus"].shape == (2, 1)
 
 

@@ -54,9 +54,9 @@ class Twin:
         momentum, nodal_mass = {}, {}
         for p in range(len(self.x)):
             tau = self.stress(p)
-            for node, w, dw, _ in self.weights(p):
-                push = w * (mass[p] * self.v[p] + dt * force[p])
-                push = push + (mass[p] * dx**2 / 4 * self.C[p] - dt * self.body.volume[p] * tau) @ dw
+            for node, w, dw, d in self.weights(p):
+                push = w * (mass[p] * (self.v[p] + self.C[p] @ d) + dt * force[p])
+                push = push - dt * self.body.volume[p] * tau @ dw
                 momentum[node] = momentum.get(node, 0.0) + push
                 nodal_mass[node] = nodal_mass.get(node, 0.0) + w * mass[p]
         velocity = {node: self.contact(node, p / nodal_mass[node] + dt * self.gravity) for node, p in momentum.items()}

@@ -53,9 +53,8 @@ def forward_kernel(
     Model, States = structs.Model, structs.States
     relative, inside, base_cell, fraction = lattice.relative, lattice.inside, lattice.base_cell, lattice.fraction
     node, weights, weight_slopes = lattice.node, lattice.weights, lattice.weight_slopes
-    affine_momentum, scatter = transfer.affine_momentum, transfer.scatter
-    derivatives, three, gradient = transfer.derivatives, transfer.three, transfer.gradient
-    affine_velocity = transfer.affine_velocity
+    scatter, derivatives, three, gradient = transfer.scatter, transfer.derivatives, transfer.three, transfer.gradient
+    offset_moments, momentum_field = transfer.offset_moments, transfer.momentum_field
     stress, flow = stress_functions(*elastic, dtype).stress, flow_functions(*plastic, dtype).flow
     bonds_force = bond_functions(dtype).bonds_force
     optional, viscous = law_functions(laws, dtype), "viscosity" in laws
@@ -118,7 +117,7 @@ def forward_kernel(
             f0 = fraction(r0, base0)
             field = derivatives(velocity_in, box, row + node(base0, box), weights(f0), weight_slopes(f0))
             v = three(field.value)
-            C = affine_velocity(field, f0, model.cells_per_metre)
+            C = model.cells_per_metre * offset_moments(field, f0)
             x += dt * v
             F = flow(
                 F + (dt * model.cells_per_metre) * (gradient(field) * F), model.E[p], model.nu[p], model.plastic[p], model.timing, p,
@@ -148,9 +147,8 @@ def forward_kernel(
                     model.bonds, model.bond_begin[p], model.bond_end[p], model.grip[rollout, 0],
                     model.grip[rollout, 1], model.timing, substep, model.controllers[rollout], x, v, force,
                 )  # fmt: skip
-            A = affine_momentum(m, model.volume[p], C, tau, dt, model.cells_per_metre)
             momentum = m * v + dt * force
-            size = wp.dot(momentum, momentum) + wp.ddot(A, A)
+            size = wp.dot(momentum, momentum) + wp.ddot(C, C) + wp.ddot(tau, tau)
             if not inside(r, box) or not wp.isfinite(size):
                 kind = OUTSIDE
                 if not wp.isfinite(wp.dot(r, r) + size):
@@ -159,9 +157,11 @@ def forward_kernel(
                 return
             base = base_cell(r)
             f = fraction(r, base)
-            q = vec4(momentum[0], momentum[1], momentum[2], m)
             n = row + node(base, box)
-            scatter(momentum_out[first[0] + grid_slot], box, n, weights(f), weight_slopes(f), q, A)
+            given = momentum_field(m, momentum, model.volume[p], C, tau, dt, model.cells_per_metre, f)
+            scatter(
+                momentum_out[first[0] + grid_slot], box, n, weights(f), weight_slopes(f), given.q, given.A, given.B
+            )  # fmt: skip
         else:
             look(report_out, rollout, x, x + v / model.timing[2], wp.length(v))
             if not wp.isfinite(wp.dot(r, r) + wp.dot(v, v) + wp.ddot(F, F)):

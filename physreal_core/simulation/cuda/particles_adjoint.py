@@ -42,9 +42,9 @@ def backward_kernel(
     Model, States, Bars = structs.Model, structs.States, structs.Bars
     relative, inside, base_cell, fraction = lattice.relative, lattice.inside, lattice.base_cell, lattice.fraction
     node, weights, weight_slopes = lattice.node, lattice.weights, lattice.weight_slopes
-    affine_momentum, scatter_curved = transfer.affine_momentum, transfer.scatter_curved
-    derivatives, three, gradient = transfer.derivatives, transfer.three, transfer.gradient
-    slope, velocity_adjoint = transfer.slope, transfer.velocity_adjoint
+    scatter, derivatives, three, gradient = transfer.scatter, transfer.derivatives, transfer.three, transfer.gradient
+    offset_moments, slope = transfer.offset_moments, transfer.slope
+    momentum_field, velocity_bar_field = transfer.momentum_field, transfer.velocity_bar_field
     stress_adjoint = stress_functions(*elastic, dtype).stress_adjoint
     flow_adjoint = flow_functions(*plastic, dtype).flow_adjoint
     flows = plastic != ("identity", None)
@@ -109,15 +109,15 @@ def backward_kernel(
                     model.bonds, model.bond_begin[p], model.bond_end[p], model.grip[rollout, 0],
                     model.grip[rollout, 1], model.timing, slot, model.controllers[rollout], x, v, force,
                 )  # fmt: skip
-            A = affine_momentum(m, volume, C, states.tau[at, p], dt, cells_per_metre)
             push = m * v + dt * force
             field = derivatives(node_bar[slot % 2], box, row + node(base, box), weights(f), weight_slopes(f))
             q_bar = three(field.value)
-            A_bar = gradient(field)
-            x_bar += cells_per_metre * slope(field, vec4(push[0], push[1], push[2], m), A)
+            apic_bar = offset_moments(field, f)
+            given = momentum_field(m, push, volume, C, states.tau[at, p], dt, cells_per_metre, f)
+            x_bar += cells_per_metre * slope(field, given, f)
             v_bar = m * q_bar
-            C_bar = (m / (four * cells_per_metre)) * A_bar
-            tau_bar = (-dt * volume * cells_per_metre) * A_bar
+            C_bar = (m / (four * cells_per_metre)) * apic_bar
+            tau_bar = (-dt * volume * cells_per_metre) * gradient(field)
             if gripped:
                 pull = bonds_adjoint(
                     model.bonds, model.bond_begin[p], model.bond_end[p], model.grip[rollout, 0],
@@ -132,7 +132,7 @@ def backward_kernel(
                         bars.controllers[rollout],
                     )  # fmt: skip
                 bars.grip[p] = bars.grip[p] + vec2(pull.stiffness, pull.damping)
-            mass_bar = field.value[3] + wp.dot(v, q_bar) + wp.ddot(C, A_bar) / (four * cells_per_metre)
+            mass_bar = field.value[3] + wp.dot(v, q_bar) + wp.ddot(C, apic_bar) / (four * cells_per_metre)
             if has_laws:
                 acted = laws_force_adjoint(model.laws, bars.laws, p, rollout, m, x, v, dt * q_bar)
                 x_bar += acted.x
@@ -179,11 +179,11 @@ def backward_kernel(
                 E_bar += back.E
                 nu_bar += back.nu
                 bars.plastic[p] = bars.plastic[p] + back.y
-            u = velocity_adjoint(
-                moved, f0, cells_per_metre, v_bar + dt * x_bar, C_bar, dt * F_bar * wp.transpose(F0)
+            u = velocity_bar_field(
+                v_bar + dt * x_bar, C_bar, dt * F_bar * wp.transpose(F0), cells_per_metre, f0
             )  # fmt: skip
-            scatter_curved(node_bar[(slot + 1) % 2], box, first0, w0, dw0, u.q, u.A, u.B)
-            x_bar += cells_per_metre * u.slope
+            scatter(node_bar[(slot + 1) % 2], box, first0, w0, dw0, u.q, u.A, u.B)
+            x_bar += cells_per_metre * slope(moved, u, f0)
             F_bar += dt * wp.transpose(L) * F_bar
         else:
             bars.v[p] = v_bar

@@ -161,12 +161,19 @@ struct Stencil {
         write(base, __builtin_convertvector(first, Ints));
     }
 
-    // Sum_n w_n n_a g_n / (1/4), the moment of APIC with n_a the offset from the particle, is d_a g + skew_a d_a d_a g.
+    // 4 w n_a, with n_a a node's offset from the particle, is d_a w + skew_a d_a d_a w.
     V skew(int axis) const {
         V s = fraction[axis] - S(1);
         return s * (S(0.5) - S(2) * s * s);
     }
-    // Its derivative by the position.
+    // Column a times the skew along axis a.
+    Mat3<V> skewed(const Mat3<V>& A) const {
+        Mat3<V> out;
+        for (int a = 0; a < 3; a++)
+            for (int c = 0; c < 3; c++) out(c, a) = skew(a) * A(c, a);
+        return out;
+    }
+    // The skew's derivative by the position.
     V skew_slope(int axis) const {
         V s = fraction[axis] - S(1);
         return S(0.5) - S(6) * s * s;
@@ -188,33 +195,34 @@ private:
 };
 
 // What one particle adds to its nodes: q, and along each axis the shares of the first and second derivatives.
-template <class S, bool CURVED>
+template <class S>
 struct Field {
     Node<S> q, gradient[3], curvature[3];
 };
 
 // Fields of a block of particles.
-template <class S, bool CURVED>
+template <class S>
 struct FieldBlock {
     using V = Lanes<S>;
 
-    // q: (momentum, mass) or their likes; A: its columns are the shares g_a.
-    FieldBlock(const Vec3<V>& momentum, V mass, const Mat3<V>& A)
-        : q_(momentum[0], momentum[1], momentum[2], mass), gradient_{column(A, 0), column(A, 1), column(A, 2)} {}
-    FieldBlock(const Vec3<V>& momentum, const Mat3<V>& A, const Mat3<V>& second)
-        : q_(momentum[0], momentum[1], momentum[2], V{}),
-          gradient_{column(A, 0), column(A, 1), column(A, 2)},
-          curvature_{column(second, 0), column(second, 1), column(second, 2)} {}
+    // q: (momentum, mass) or their likes; apic: its columns are scattered with four times weight and offset along the axes;
+    // gradient: with the weight's derivatives.
+    FieldBlock(const Vec3<V>& q, V mass, const Mat3<V>& apic, const Mat3<V>& gradient, const Stencil<S>& stencil)
+        : q(q), mass(mass), apic(apic), A(apic + gradient), B(stencil.skewed(apic)), q_(q[0], q[1], q[2], mass),
+          gradient_{column(A, 0), column(A, 1), column(A, 2)}, curvature_{column(B, 0), column(B, 1), column(B, 2)} {}
 
-    Field<S, CURVED> of(int l) const {
-        Field<S, CURVED> f = {q_[l], {gradient_[0][l], gradient_[1][l], gradient_[2][l]}, {}};
-        if constexpr (CURVED)
-            for (int a = 0; a < 3; a++) f.curvature[a] = curvature_[a][l];
-        return f;
+    Field<S> of(int l) const {
+        return {q_[l],
+                {gradient_[0][l], gradient_[1][l], gradient_[2][l]},
+                {curvature_[0][l], curvature_[1][l], curvature_[2][l]}};
     }
 
+    const Vec3<V> q;
+    const V mass;
+    const Mat3<V> apic, A, B;  // columns of A and B: shares of the first and second derivatives
+
 private:
-    NodeBlock<S> q_, gradient_[3], curvature_[CURVED ? 3 : 0];
+    NodeBlock<S> q_, gradient_[3], curvature_[3];
 
     static NodeBlock<S> column(const Mat3<V>& A, int a) { return {A(0, a), A(1, a), A(2, a), V{}}; }
 };
@@ -225,27 +233,19 @@ class Scatter {
 public:
     Scatter(S* grid, const Box<S>& box) : grid_(grid), box_(box) {}
 
-    template <bool CURVED>
-    void add(int base, const Field<S, CURVED>& field, const AxisWeights<S>& w, const AxisWeights<S>& dw) {
+    void add(int base, const Field<S>& field, const AxisWeights<S>& w, const AxisWeights<S>& dw) {
         if (base != base_) {
             flush();
             base_ = base;
         }
         const Row<S> ddz = {1, 1, 1, 1, -2, -2, -2, -2, 1, 1, 1, 1, 0, 0, 0, 0};
         Row<S> wz = spread<S>(w.z), p = wz * repeat<S>(field.q) + spread<S>(dw.z) * repeat<S>(field.gradient[2]);
-        Row<S> px = wz * repeat<S>(field.gradient[0]), py = wz * repeat<S>(field.gradient[1]), pxx, pyy, across[3];
-        if constexpr (CURVED) {
-            p += ddz * repeat<S>(field.curvature[2]);
-            pxx = wz * repeat<S>(field.curvature[0]);
-            pyy = wz * repeat<S>(field.curvature[1]);
-        }
-        for (int j = 0; j < 3; j++) {
-            across[j] = dw.y[j] * py;
-            if constexpr (CURVED) across[j] += S(CURVATURE[j]) * pyy;
-        }
+        p += ddz * repeat<S>(field.curvature[2]);
+        Row<S> px = wz * repeat<S>(field.gradient[0]), py = wz * repeat<S>(field.gradient[1]), across[3];
+        Row<S> pxx = wz * repeat<S>(field.curvature[0]), pyy = wz * repeat<S>(field.curvature[1]);
+        for (int j = 0; j < 3; j++) across[j] = dw.y[j] * py + S(CURVATURE[j]) * pyy;
         for (int i = 0; i < 3; i++) {
-            Row<S> along = w.x[i] * p + dw.x[i] * px;
-            if constexpr (CURVED) along += S(CURVATURE[i]) * pxx;
+            Row<S> along = w.x[i] * p + (dw.x[i] * px + S(CURVATURE[i]) * pxx);
             for (int j = 0; j < 3; j++) sum_[3 * i + j] += w.y[j] * along + w.x[i] * across[j];
         }
     }
@@ -270,16 +270,14 @@ private:
     Row<S> sum_[9] = {};
 };
 
-// Sums over the stencil of a node's values times the weights and their derivatives. Derivatives of ORDER 2 by all axes,
-// or of ORDER 1 with the second ones along one axis alone; of ORDER 3 also those twice by one axis and once by another.
+// Sums over the stencil of a node's values times the weights and their derivatives by the axes in the name.
 template <class T>
 struct Derivatives {
-    T value, x, y, z, xx, yy, zz;      // from ORDER 1 on
-    T xy, xz, yz;                      // from ORDER 2 on
-    T xxy, xxz, yyx, yyz, zzx, zzy;  // of ORDER 3
+    T value, x, y, z, xx, yy, zz;
+    T xy, xz, yz, xxy, xxz, yyx, yyz, zzx, zzy;  // for the adjoint alone
 };
 
-template <int ORDER, class S>
+template <bool ADJOINT, class S>
 inline Derivatives<Node<S>> gather(const S* first, const Box<S>& box, const AxisWeights<S>& w,
                                    const AxisWeights<S>& dw) {
     Row<S> s = {}, sx = {}, sxx = {}, sy = {}, syy = {}, sxy = {}, sxxy = {}, syyx = {};
@@ -293,8 +291,8 @@ inline Derivatives<Node<S>> gather(const S* first, const Box<S>& box, const Axis
         sxx += S(CURVATURE[i]) * t;
         sy += w.x[i] * ty;
         syy += w.x[i] * tyy;
-        if constexpr (ORDER >= 2) sxy += dw.x[i] * ty;
-        if constexpr (ORDER >= 3) {
+        if constexpr (ADJOINT) {
+            sxy += dw.x[i] * ty;
             sxxy += S(CURVATURE[i]) * ty;
             syyx += dw.x[i] * tyy;
         }
@@ -311,12 +309,10 @@ inline Derivatives<Node<S>> gather(const S* first, const Box<S>& box, const Axis
     d.xx = sum(sxx, w.z);
     d.yy = sum(syy, w.z);
     d.zz = sum(s, ddz);
-    if constexpr (ORDER >= 2) {
+    if constexpr (ADJOINT) {
         d.xy = sum(sxy, w.z);
         d.xz = sum(sx, dw.z);
         d.yz = sum(sy, dw.z);
-    }
-    if constexpr (ORDER >= 3) {
         d.xxy = sum(sxxy, w.z);
         d.xxz = sum(sxx, dw.z);
         d.yyx = sum(syyx, w.z);
@@ -328,7 +324,7 @@ inline Derivatives<Node<S>> gather(const S* first, const Box<S>& box, const Axis
 }
 
 // What `gather` gave for a block of particles.
-template <int ORDER, class S>
+template <bool ADJOINT, class S>
 class MomentBlock {
     using V = Lanes<S>;
 
@@ -345,37 +341,34 @@ public:
     // Columns: second derivatives along x, y, z alone.
     Mat3<V> curvature() const { return columns(vector(4), vector(5), vector(6)); }
 
-    // Derivative by the position of the sum of the field's adjoint products: of q, and of the shares A and B (columns) of
-    // the first and second derivatives. `mass`: the fourth number of q.
-    Vec3<V> slope(const Vec3<V>& q, V mass, const Mat3<V>& A) const {
-        static_assert(ORDER >= 2);
+    // Sums with four times weight and offset from the particle: of velocities APIC's C, per cell.
+    Mat3<V> offset_moments(const Stencil<S>& stencil) const { return gradient() + stencil.skewed(curvature()); }
+
+    // Derivative by the position of the products of a scattered field with the nodes' values.
+    Vec3<V> slope(const FieldBlock<S>& field, const Stencil<S>& stencil) const {
+        static_assert(ADJOINT);
         const int second[3][3] = {{4, 7, 8}, {7, 5, 9}, {8, 9, 6}};
+        const int third[3][3] = {{-1, 12, 14}, {10, -1, 15}, {11, 13, -1}};  // [by a][twice by b]
         Vec3<V> out;
         for (int a = 0; a < 3; a++) {
-            out.v[a] = dot(q, vector(1 + a)) + mass * rows_[1 + a].template lanes<3>();
-            for (int b = 0; b < 3; b++) out.v[a] += dot(column(A, b), vector(second[a][b]));
+            V sum = dot(field.q, vector(1 + a)) + field.mass * rows_[1 + a].template lanes<3>();
+            for (int b = 0; b < 3; b++) {
+                sum += dot(column(field.A, b), vector(second[a][b]));
+                if (a != b) sum += dot(column(field.B, b), vector(third[a][b]));
+            }
+            out.v[a] = sum + stencil.skew_slope(a) * dot(column(field.apic, a), vector(4 + a));
         }
-        return out;
-    }
-    Vec3<V> slope(const Vec3<V>& q, const Mat3<V>& A, const Mat3<V>& B) const {
-        static_assert(ORDER == 3);
-        const int third[3][3] = {{-1, 12, 14}, {10, -1, 15}, {11, 13, -1}};  // [by a][twice by b]
-        Vec3<V> out = slope(q, V{}, A);
-        for (int a = 0; a < 3; a++)
-            for (int b = 0; b < 3; b++)
-                if (a != b) out.v[a] += dot(column(B, b), vector(third[a][b]));
         return out;
     }
 
 private:
-    NodeBlock<S> rows_[ORDER == 1 ? 7 : ORDER == 2 ? 10 : 16];
+    NodeBlock<S> rows_[ADJOINT ? 16 : 7];
 
     template <class Use>
     static void each(const Derivatives<Node<S>>& d, Use use) {
         use(0, d.value), use(1, d.x), use(2, d.y), use(3, d.z), use(4, d.xx), use(5, d.yy), use(6, d.zz);
-        if constexpr (ORDER >= 2) use(7, d.xy), use(8, d.xz), use(9, d.yz);
-        if constexpr (ORDER >= 3)
-            use(10, d.xxy), use(11, d.xxz), use(12, d.yyx), use(13, d.yyz), use(14, d.zzx), use(15, d.zzy);
+        if constexpr (ADJOINT)
+            use(7, d.xy), use(8, d.xz), use(9, d.yz), use(10, d.xxy), use(11, d.xxz), use(12, d.yyx), use(13, d.yyz), use(14, d.zzx), use(15, d.zzy);
     }
     Vec3<V> vector(int row) const {
         return {{rows_[row].template lanes<0>(), rows_[row].template lanes<1>(), rows_[row].template lanes<2>()}};

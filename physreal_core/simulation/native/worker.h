@@ -208,12 +208,11 @@ private:
 
     void clear_scratch() { __builtin_memset(scratch_, 0, 4 * (box_.nodes() + 4) * sizeof(S)); }
 
-    Mat3<V> affine_momentum(Index p, const Mat3<V>& C, const Mat3<V>& tau) const {
-        V m = row(frame_.constants, MASS, p) * (frame_.cell / 4);
-        V stress = row(frame_.constants, VOLUME, p) * (-frame_.dt / frame_.cell);
-        Mat3<V> A;
-        for (int i = 0; i < 9; i++) A.m[i] = m * C.m[i] + stress * tau.m[i];
-        return A;
+    // APIC's m (v + C n) w, and - dt V tau grad w.
+    FieldBlock<S> momentum_field(Index p, const Vec3<V>& momentum, const Mat3<V>& C, const Mat3<V>& tau,
+                                 const Stencil<S>& stencil) const {
+        V m = row(frame_.constants, MASS, p), volume = row(frame_.constants, VOLUME, p);
+        return {momentum, m, (m * (frame_.cell / 4)) * C, (volume * (-frame_.dt / frame_.cell)) * tau, stencil};
     }
     Vec3<V> pushed_momentum(Index p, const S* s) const {
         V m = row(frame_.constants, MASS, p);
@@ -251,10 +250,10 @@ private:
             Vec3<V> x = vector(now, X, p), momentum = pushed_momentum(p, now);
             Mat3<V> F = matrix(now, DEFORMATION, p);
             auto stress = material_.stress(int(p), F);
-            Mat3<V> A = affine_momentum(p, matrix(now, AFFINE, p), all_stress(p, stress, F, now));
             Stencil<S> stencil(x.v, box_);
-            if (fails(s, p, stencil, x, momentum, A)) return;
-            FieldBlock<S, false> field(momentum, row(frame_.constants, MASS, p), A);
+            const auto field =
+                momentum_field(p, momentum, matrix(now, AFFINE, p), all_stress(p, stress, F, now), stencil);
+            if (fails(s, p, stencil, x, momentum, field.A)) return;
             for (int l = 0; l < lanes_from(p); l++)
                 scatter.add(stencil.base[l], field.of(l), stencil.weights(l), stencil.slopes(l));
         }
@@ -269,25 +268,12 @@ private:
         }
     }
 
-    template <int ORDER>
-    MomentBlock<ORDER, S> gathered(const S* grid, const Stencil<S>& stencil, Index p) const {
-        MomentBlock<ORDER, S> moments;
+    template <bool ADJOINT>
+    MomentBlock<ADJOINT, S> gathered(const S* grid, const Stencil<S>& stencil, Index p) const {
+        MomentBlock<ADJOINT, S> moments;
         for (int l = 0; l < lanes_from(p); l++)
-            moments.set(l, gather<ORDER>(grid + 4 * Index(stencil.base[l]), box_, stencil.weights(l), stencil.slopes(l)));
+            moments.set(l, gather<ADJOINT>(grid + 4 * Index(stencil.base[l]), box_, stencil.weights(l), stencil.slopes(l)));
         return moments;
-    }
-
-    // APIC's: it keeps angular momentum, which the gradient of the velocity does not.
-    template <class Moments>
-    Mat3<V> affine_velocity(const Moments& moments, const Stencil<S>& stencil) const {
-        return (1 / frame_.cell) * (moments.gradient() + skewed(moments.curvature(), stencil));
-    }
-    // Column a times the stencil's skew along axis a.
-    static Mat3<V> skewed(const Mat3<V>& A, const Stencil<S>& stencil) {
-        Mat3<V> out;
-        for (int a = 0; a < 3; a++)
-            for (int c = 0; c < 3; c++) out(c, a) = stencil.skew(a) * A(c, a);
-        return out;
     }
 
     void gather_velocity(Index s) {
@@ -296,9 +282,9 @@ private:
         for (Index p = first_; p < last_; p += LANES) {
             Vec3<V> x = vector(now, X, p);
             Stencil<S> stencil(x.v, box_);
-            const auto moments = gathered<1>(frame_.velocity, stencil, p);
+            const auto moments = gathered<false>(frame_.velocity, stencil, p);
             Vec3<V> v = moments.value();
-            Mat3<V> C = affine_velocity(moments, stencil), F = matrix(now, DEFORMATION, p);
+            Mat3<V> C = (1 / frame_.cell) * moments.offset_moments(stencil), F = matrix(now, DEFORMATION, p);
             F = F + (frame_.dt / frame_.cell) * (moments.gradient() * F);
             if constexpr (Material::flows) F = material_.flow(int(p), F);
             for (int d = 0; d < 3; d++) put(next, X + d, p, x.v[d] + frame_.dt * v.v[d]);
@@ -374,24 +360,16 @@ private:
             Mat3<V> F = matrix(now, DEFORMATION, p), F_bar = matrix(bar, DEFORMATION, p), C_bar = matrix(bar, AFFINE, p);
             if constexpr (TERMS) C_bar = laws_.average_rate_adjoint(p, C_bar, rate(bar));
             Stencil<S> stencil(x.v, box_);
-            const auto moments = gathered<3>(frame_.velocity, stencil, p);
+            const auto moments = gathered<true>(frame_.velocity, stencil, p);
             Mat3<V> step = (frame_.dt / frame_.cell) * moments.gradient();
             if constexpr (Material::flows) F_bar = material_.flow_adjoint(int(p), F + step * F, F_bar);
-            C_bar = (1 / frame_.cell) * C_bar;
-            Mat3<V> A = C_bar + (frame_.dt / frame_.cell) * (F_bar * transpose(F)), B = skewed(C_bar, stencil);
             Vec3<V> q;
             for (int d = 0; d < 3; d++) q.v[d] = row(bar, VELOCITY + d, p) + frame_.dt * row(bar, X + d, p);
-            FieldBlock<S, true> field(q, A, B);
+            const FieldBlock<S> field(q, V{}, (1 / frame_.cell) * C_bar,
+                                      (frame_.dt / frame_.cell) * (F_bar * transpose(F)), stencil);
             for (int l = 0; l < lanes_from(p); l++)
                 scatter.add(stencil.base[l], field.of(l), stencil.weights(l), stencil.slopes(l));
-            Vec3<V> slope = moments.slope(q, A, B);
-            Mat3<V> curvature = moments.curvature();
-            for (int a = 0; a < 3; a++) {
-                V by_skew{};
-                for (int c = 0; c < 3; c++) by_skew += C_bar(c, a) * curvature(c, a);
-                slope.v[a] += stencil.skew_slope(a) * by_skew;
-            }
-            add_position_bar(p, slope);
+            add_position_bar(p, moments.slope(field, stencil));
             put(bar, DEFORMATION, p, F_bar + transpose(step) * F_bar);
         }
         scatter.flush();
@@ -430,20 +408,22 @@ private:
             Vec3<V> x = vector(now, X, p), momentum = pushed_momentum(p, now);
             Mat3<V> F = matrix(now, DEFORMATION, p);
             auto stress = material_.stress(int(p), F);
-            Mat3<V> C = matrix(now, AFFINE, p), A = affine_momentum(p, C, all_stress(p, stress, F, now));
+            Mat3<V> C = matrix(now, AFFINE, p);
             Stencil<S> stencil(x.v, box_);
             V m = load(mass + p), volume = row(frame_.constants, VOLUME, p);
-            const auto moments = gathered<2>(frame_.node_bar, stencil, p);
+            const auto moments = gathered<true>(frame_.node_bar, stencil, p);
             Vec3<V> q_bar = moments.value();
-            Mat3<V> A_bar = moments.gradient();
-            add_position_bar(p, moments.slope(momentum, m, A));
+            Mat3<V> apic_bar = moments.offset_moments(stencil);
+            const auto field = momentum_field(p, momentum, C, all_stress(p, stress, F, now), stencil);
+            add_position_bar(p, moments.slope(field, stencil));
             for (int d = 0; d < 3; d++) put(bar, VELOCITY + d, p, m * q_bar.v[d]);
-            put(bar, AFFINE, p, (m * (frame_.cell / 4)) * A_bar);
-            Mat3<V> F_bar = matrix(bar, DEFORMATION, p), tau_bar = (volume * (-frame_.dt / frame_.cell)) * A_bar;
+            put(bar, AFFINE, p, (m * (frame_.cell / 4)) * apic_bar);
+            Mat3<V> F_bar = matrix(bar, DEFORMATION, p);
+            Mat3<V> tau_bar = (volume * (-frame_.dt / frame_.cell)) * moments.gradient();
             material_.stress_adjoint(int(p), stress, F, tau_bar, F_bar);
             if constexpr (TERMS) laws_.stress_adjoint(p, F, rate(now), tau_bar, F_bar, rate(bar));
             put(bar, DEFORMATION, p, F_bar);
-            if constexpr (TERMS) inputs_adjoint(p, vector(now, VELOCITY, p), C, q_bar, moments.fourth_value(), A_bar);
+            if constexpr (TERMS) inputs_adjoint(p, vector(now, VELOCITY, p), C, q_bar, moments.fourth_value(), apic_bar);
         }
         S* controllers_bar = frame_.controllers_bar + 6 * thread_ * frame_.controller_points;
         grip_forces_adjoint<TERMS>(frame_, s, now, mass, first_, last_, sums(), controllers_bar);
@@ -454,9 +434,9 @@ private:
 
     // Adjoints of mass and force in m v + dt f, m and the affine momentum, from those of the three.
     void inputs_adjoint(Index p, const Vec3<V>& v, const Mat3<V>& C, const Vec3<V>& q_bar, V carried_bar,
-                        const Mat3<V>& A_bar) {
+                        const Mat3<V>& apic_bar) {
         S* bars = input_bars();
-        put(bars, MASS_BAR, p, row(bars, MASS_BAR, p) + carried_bar + dot(v, q_bar) + (frame_.cell / 4) * dot(C, A_bar));
+        put(bars, MASS_BAR, p, row(bars, MASS_BAR, p) + carried_bar + dot(v, q_bar) + (frame_.cell / 4) * dot(C, apic_bar));
         for (int d = 0; d < 3; d++) {
             V force_bar = frame_.dt * q_bar[d];
             put(frame_.force_bar, d, p, force_bar);

@@ -52,9 +52,9 @@ def single_adder(dtype: str) -> Adder:
 def transfer_functions(dtype: str, adder: Adder) -> SimpleNamespace:
     """Warp functions of the transfers over one type.
 
-    `scatter` and `scatter_curved` add a particle's field to its nodes; `derivatives` sums the nodes' values with the weights
-    and their derivatives by the particle's position, up to the third; `slope` and `slope_curved` are the derivatives of the
-    products of both by the position; the rest turns momenta into fields and sums into velocities. Derivatives are per cell.
+    `scatter` adds a particle's field to its nodes, `derivatives` sums the nodes' values with the weights and their
+    derivatives by the particle's position, up to the third; `slope` is the derivative of the product of both by the
+    position. The rest turns momenta into fields and sums into velocities. Derivatives are per cell.
     """
     types = scalar_types(dtype)
     scalar, vec3, vec4, mat33 = types.scalar, types.vec3, types.vec4, types.mat33
@@ -67,39 +67,8 @@ def transfer_functions(dtype: str, adder: Adder) -> SimpleNamespace:
         return vec4(A[0, d], A[1, d], A[2, d], zero)
 
     @wp.func
-    def affine_momentum(m: scalar, volume: scalar, C: mat33, tau: mat33, dt: scalar, cells_per_metre: scalar):
-        """Share of the weights' gradient: APIC's m C dx^2 / 4 - dt V tau, per cell."""
-        return (m / (four * cells_per_metre)) * C - (dt * volume * cells_per_metre) * tau
-
-    @wp.func
     def scatter(
-        momentum_out: wp.array(dtype=vec4),
-        box: wp.array(dtype=wp.int32),
-        first: int,
-        w: mat33,
-        dw: mat33,
-        q: vec4,
-        A: mat33,
-    ):
-        """Add w_i q + A grad w_i to the 27 nodes."""
-        ax = column(A, 0)
-        ay = column(A, 1)
-        az = column(A, 2)
-        lanes = lanes_of()
-        run = run_of(first, lanes)
-        for i in range(3):
-            qi = w[i, 0] * q + dw[i, 0] * ax
-            for j in range(3):
-                n = first + (i * box[4] + j) * box[5]
-                qj = w[j, 1] * qi + (w[i, 0] * dw[j, 1]) * ay
-                across = (w[i, 0] * w[j, 1]) * az
-                add(momentum_out, n, w[0, 2] * qj + dw[0, 2] * across, lanes, run)
-                add(momentum_out, n + 1, w[1, 2] * qj + dw[1, 2] * across, lanes, run)
-                add(momentum_out, n + 2, w[2, 2] * qj + dw[2, 2] * across, lanes, run)
-
-    @wp.func
-    def scatter_curved(
-        velocity_bar_out: wp.array(dtype=vec4),
+        grid_out: wp.array(dtype=vec4),
         box: wp.array(dtype=wp.int32),
         first: int,
         w: mat33,
@@ -108,7 +77,7 @@ def transfer_functions(dtype: str, adder: Adder) -> SimpleNamespace:
         A: mat33,
         B: mat33,
     ):
-        """`scatter` and the columns of B times the second derivatives along x, y, z."""
+        """Add w_i q, and the columns of A and B times the weight's first and second derivatives along x, y, z, to the 27 nodes."""
         ax = column(A, 0)
         ay = column(A, 1)
         az = column(A, 2)
@@ -125,9 +94,9 @@ def transfer_functions(dtype: str, adder: Adder) -> SimpleNamespace:
                 wij = w[i, 0] * w[j, 1]
                 across = wij * az
                 bent = wij * bz
-                add(velocity_bar_out, n, w[0, 2] * qj + dw[0, 2] * across + bent, lanes, run)
-                add(velocity_bar_out, n + 1, w[1, 2] * qj + dw[1, 2] * across - two * bent, lanes, run)
-                add(velocity_bar_out, n + 2, w[2, 2] * qj + dw[2, 2] * across + bent, lanes, run)
+                add(grid_out, n, w[0, 2] * qj + dw[0, 2] * across + bent, lanes, run)
+                add(grid_out, n + 1, w[1, 2] * qj + dw[1, 2] * across - two * bent, lanes, run)
+                add(grid_out, n + 2, w[2, 2] * qj + dw[2, 2] * across + bent, lanes, run)
 
     @wp.struct
     class Line:
@@ -247,61 +216,69 @@ def transfer_functions(dtype: str, adder: Adder) -> SimpleNamespace:
         return vec3(half - six * s[0] * s[0], half - six * s[1] * s[1], half - six * s[2] * s[2])
 
     @wp.func
-    def affine_velocity(d: Derivatives, f: vec3, cells_per_metre: scalar):
-        """APIC's C, which keeps angular momentum as the gradient of the velocity does not."""
-        return cells_per_metre * (gradient(d) + curvatures(d) * wp.diag(skew(f)))
-
-    @wp.func
-    def slope(d: Derivatives, q: vec4, A: mat33):
-        """Derivative by the position of sum_i (w_i q + A grad w_i) . g_i, with d those of g."""
-        ax = column(A, 0)
-        ay = column(A, 1)
-        az = column(A, 2)
-        return vec3(
-            wp.dot(q, d.x) + wp.dot(ax, d.xx) + wp.dot(ay, d.xy) + wp.dot(az, d.xz),
-            wp.dot(q, d.y) + wp.dot(ax, d.xy) + wp.dot(ay, d.yy) + wp.dot(az, d.yz),
-            wp.dot(q, d.z) + wp.dot(ax, d.xz) + wp.dot(ay, d.yz) + wp.dot(az, d.zz),
-        )
-
-    @wp.func
-    def slope_curved(d: Derivatives, q: vec4, A: mat33, B: mat33):
-        """`slope` of the field of `scatter_curved`."""
-        bx = column(B, 0)
-        by = column(B, 1)
-        bz = column(B, 2)
-        return slope(d, q, A) + vec3(
-            wp.dot(by, d.yyx) + wp.dot(bz, d.zzx),
-            wp.dot(bx, d.xxy) + wp.dot(bz, d.zzy),
-            wp.dot(bx, d.xxz) + wp.dot(by, d.yyz),
-        )
+    def offset_moments(d: Derivatives, f: vec3):
+        """Four times the nodes' values times weight and offset from the particle; of velocities APIC's C, per cell."""
+        return gradient(d) + curvatures(d) * wp.diag(skew(f))
 
     @wp.struct
-    class VelocityAdjoint:
+    class Field:
+        """What `scatter` takes, per cell; `apic` is the share of A that is scattered with the nodes' offsets."""
+
         q: vec4
         A: mat33
         B: mat33
-        slope: vec3
+        apic: mat33
 
     @wp.func
-    def velocity_adjoint(d: Derivatives, f: vec3, cells_per_metre: scalar, v_bar: vec3, C_bar: mat33, L_bar: mat33):
-        """What adjoints of velocity, affine velocity and velocity gradient give the nodes (`scatter_curved`), and the slope."""
-        C_cell = cells_per_metre * C_bar
-        out = VelocityAdjoint()
-        out.q = vec4(v_bar[0], v_bar[1], v_bar[2], zero)
-        out.A = C_cell + cells_per_metre * L_bar
-        out.B = C_cell * wp.diag(skew(f))
-        by_skew = wp.cw_mul(skew_slope(f), wp.get_diag(wp.transpose(C_cell) * curvatures(d)))
-        out.slope = slope_curved(d, out.q, out.A, out.B) + by_skew
+    def field_of(q: vec4, apic: mat33, gradient_share: mat33, f: vec3):
+        """sum of w_i q, of 4 w_i (the columns of `apic` times the node's offsets), and of `gradient_share` grad w_i."""
+        out = Field()
+        out.q = q
+        out.A = apic + gradient_share
+        out.B = apic * wp.diag(skew(f))
+        out.apic = apic
         return out
 
+    @wp.func
+    def momentum_field(
+        m: scalar, push: vec3, volume: scalar, C: mat33, tau: mat33, dt: scalar, cells_per_metre: scalar, f: vec3
+    ):
+        """Of a particle with momentum `push`: APIC's m (v + C o_i) w_i, and - dt V tau grad w_i."""
+        return field_of(
+            vec4(push[0], push[1], push[2], m),
+            (m / (four * cells_per_metre)) * C,
+            (-dt * volume * cells_per_metre) * tau,
+            f,
+        )
+
+    @wp.func
+    def velocity_bar_field(v_bar: vec3, C_bar: mat33, L_bar: mat33, cells_per_metre: scalar, f: vec3):
+        """What adjoints of velocity, affine velocity and velocity gradient give the nodes."""
+        return field_of(vec4(v_bar[0], v_bar[1], v_bar[2], zero), cells_per_metre * C_bar, cells_per_metre * L_bar, f)
+
+    @wp.func
+    def slope(d: Derivatives, field: Field, f: vec3):
+        """Derivative by the position of the products of a scattered field with the nodes' values, `d` being those of these."""
+        ax = column(field.A, 0)
+        ay = column(field.A, 1)
+        az = column(field.A, 2)
+        bx = column(field.B, 0)
+        by = column(field.B, 1)
+        bz = column(field.B, 2)
+        by_skew = wp.cw_mul(skew_slope(f), wp.get_diag(wp.transpose(field.apic) * curvatures(d)))
+        return by_skew + vec3(
+            wp.dot(field.q, d.x) + wp.dot(ax, d.xx) + wp.dot(ay, d.xy) + wp.dot(az, d.xz) + wp.dot(by, d.yyx) + wp.dot(bz, d.zzx),
+            wp.dot(field.q, d.y) + wp.dot(ax, d.xy) + wp.dot(ay, d.yy) + wp.dot(az, d.yz) + wp.dot(bx, d.xxy) + wp.dot(bz, d.zzy),
+            wp.dot(field.q, d.z) + wp.dot(ax, d.xz) + wp.dot(ay, d.yz) + wp.dot(az, d.zz) + wp.dot(bx, d.xxz) + wp.dot(by, d.yyz),
+        )  # fmt: skip
+
     return SimpleNamespace(
-        affine_momentum=affine_momentum,
         scatter=scatter,
-        scatter_curved=scatter_curved,
         derivatives=derivatives,
         three=three,
         gradient=gradient,
-        affine_velocity=affine_velocity,
+        offset_moments=offset_moments,
+        momentum_field=momentum_field,
+        velocity_bar_field=velocity_bar_field,
         slope=slope,
-        velocity_adjoint=velocity_adjoint,
     )

@@ -1,6 +1,6 @@
 """MPM transfers with APIC (Jiang et al. 2015): particles to grid, grid to particles, and adjoints.
 
-One particle scatters to its 27 nodes w_i (m v + dt f) + (m C dx^2 / 4 - dt V tau) grad w_i. F follows the gradient of the
+One particle scatters to its 27 nodes w_i (m v + m C (x_i - x_p) + dt f) - dt V tau grad w_i. F follows the gradient of the
 velocity field in which the particles move, L = sum_i v_i grad w_i. MLS-MPM (Hu et al. 2018) puts APIC's C = (4 / dx^2)
 sum_i w_i v_i (x_i - x_p) in its place, which differs where the field is curved: the body then deforms otherwise than F
 says, and a swinging cantilever sags ever further. States are [slot, particle].
@@ -28,9 +28,14 @@ def transfer_kernels(dtype: str) -> SimpleNamespace:
     relative, inside, base_cell, fraction = lattice.relative, lattice.inside, lattice.base_cell, lattice.fraction
     node, weights, weight_slopes = lattice.node, lattice.weights, lattice.weight_slopes
     functions = transfer_functions(dtype, single_adder(dtype))
-    affine_momentum, scatter, scatter_curved = functions.affine_momentum, functions.scatter, functions.scatter_curved
-    derivatives, three, gradient = functions.derivatives, functions.three, functions.gradient
-    affine_velocity, velocity_adjoint, slope = functions.affine_velocity, functions.velocity_adjoint, functions.slope
+    scatter, derivatives, three, gradient = (
+        functions.scatter,
+        functions.derivatives,
+        functions.three,
+        functions.gradient,
+    )
+    offset_moments, slope = functions.offset_moments, functions.slope
+    momentum_field, velocity_bar_field = functions.momentum_field, functions.velocity_bar_field
     four = scalar(4.0)
 
     @wp.kernel(module=module)
@@ -59,18 +64,23 @@ def transfer_kernels(dtype: str) -> SimpleNamespace:
         dt = timing[0]
         m = mass[p]
         r = relative(x_in[slot, p], offset, cells_per_metre, box)
-        A = affine_momentum(m, volume[p], C_in[slot, p], tau_in[slot, p], dt, cells_per_metre)
         momentum = m * v_in[slot, p] + dt * force_in[p]
-        if not inside(r, box) or not wp.isfinite(wp.dot(momentum, momentum) + wp.ddot(A, A)):
+        size = (
+            wp.dot(momentum, momentum)
+            + wp.ddot(C_in[slot, p], C_in[slot, p])
+            + wp.ddot(tau_in[slot, p], tau_in[slot, p])
+        )
+        if not inside(r, box) or not wp.isfinite(size):
             kind = OUTSIDE
-            if not wp.isfinite(wp.dot(r, r) + wp.dot(momentum, momentum) + wp.ddot(A, A)):
+            if not wp.isfinite(wp.dot(r, r) + size):
                 kind = NOT_FINITE
             wp.atomic_min(status_out, kind, wp.int64(substep) * wp.int64(mass.shape[0]) + wp.int64(p))
             return
         base = base_cell(r)
         f = fraction(r, base)
-        q = vec4(momentum[0], momentum[1], momentum[2], m)
-        scatter(momentum_out[grid_slot], box, node(base, box), weights(f), weight_slopes(f), q, A)
+        given = momentum_field(m, momentum, volume[p], C_in[slot, p], tau_in[slot, p], dt, cells_per_metre, f)
+        first = node(base, box)
+        scatter(momentum_out[grid_slot], box, first, weights(f), weight_slopes(f), given.q, given.A, given.B)
 
     @wp.kernel(module=module)
     def g2p(
@@ -103,7 +113,7 @@ def transfer_kernels(dtype: str) -> SimpleNamespace:
         F0 = F[slot, p]
         x[slot_next, p] = position + dt * three(field.value)
         v[slot_next, p] = three(field.value)
-        C[slot_next, p] = affine_velocity(field, f, cells_per_metre)
+        C[slot_next, p] = cells_per_metre * offset_moments(field, f)
         L[slot_next, p] = rate
         F[slot_next, p] = F0 + dt * (rate * F0)
 
@@ -142,9 +152,9 @@ def transfer_kernels(dtype: str) -> SimpleNamespace:
         field = derivatives(velocity_in, box, first, w, dw)
         F1_bar = F_bar[p]
         L_bar = dt * F1_bar * wp.transpose(F_in[slot, p])
-        bar = velocity_adjoint(field, f, cells_per_metre, v_bar_in[p] + dt * x_bar[p], C_bar_in[p], L_bar)
-        scatter_curved(velocity_bar_out, box, first, w, dw, bar.q, bar.A, bar.B)
-        x_bar[p] = x_bar[p] + cells_per_metre * bar.slope
+        bar = velocity_bar_field(v_bar_in[p] + dt * x_bar[p], C_bar_in[p], L_bar, cells_per_metre, f)
+        scatter(velocity_bar_out, box, first, w, dw, bar.q, bar.A, bar.B)
+        x_bar[p] = x_bar[p] + cells_per_metre * slope(field, bar, f)
         F_bar[p] = F1_bar + dt * wp.transpose(L_in[slot_next, p]) * F1_bar
 
     @wp.kernel(module=module)
@@ -182,20 +192,20 @@ def transfer_kernels(dtype: str) -> SimpleNamespace:
             return
         base = base_cell(r)
         f = fraction(r, base)
-        A = affine_momentum(m, volume[p], C_in[slot, p], tau_in[slot, p], dt, cells_per_metre)
         push = m * v_in[slot, p] + dt * force_in[p]
         field = derivatives(momentum_bar_in, box, node(base, box), weights(f), weight_slopes(f))
         q_bar = three(field.value)
-        A_bar = gradient(field)
-        carried = wp.dot(v_in[slot, p], q_bar) + wp.ddot(C_in[slot, p], A_bar) / (four * cells_per_metre)
+        apic_bar = offset_moments(field, f)
+        carried = wp.dot(v_in[slot, p], q_bar) + wp.ddot(C_in[slot, p], apic_bar) / (four * cells_per_metre)
         mass_bar[p] = mass_bar[p] + field.value[3] + carried
         force_bar = dt * q_bar
         force_bar_out[p] = force_bar
         load_bar[p] = load_bar[p] + force_bar
-        x_bar[p] = x_bar[p] + cells_per_metre * slope(field, vec4(push[0], push[1], push[2], m), A)
+        given = momentum_field(m, push, volume[p], C_in[slot, p], tau_in[slot, p], dt, cells_per_metre, f)
+        x_bar[p] = x_bar[p] + cells_per_metre * slope(field, given, f)
         v_bar_out[p] = m * q_bar
-        C_bar_out[p] = (m / (four * cells_per_metre)) * A_bar
-        tau_bar_out[p] = (-dt * volume[p] * cells_per_metre) * A_bar
+        C_bar_out[p] = (m / (four * cells_per_metre)) * apic_bar
+        tau_bar_out[p] = (-dt * volume[p] * cells_per_metre) * gradient(field)
 
     @wp.kernel(module=module)
     def check_state(

@@ -85,8 +85,8 @@ class Fits:
         while rest:
             score = screen.scores_beside(found)[0]
             rest.remove(score.start.effect)
-            unknowns, vector = started(self.baseline, found, score, self.settings.priors)
-            request = fit(unknowns, self.evidence.train, vector, self.settings.iterations, self.baseline.jacobian)
+            unknowns, starts = started(self.baseline, found, score, self.settings.priors)
+            request = fit(unknowns, self.evidence.train, starts, self.settings.iterations, self.baseline.jacobian)
             (found,) = together([request], self.evidence.train)
         return found
 

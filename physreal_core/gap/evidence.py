@@ -109,7 +109,8 @@ def fit_baseline(
     for share, reruns in (*((share, False) for share in HORIZONS), (1.0, False), (1.0, True)):
         progress(f"baseline over {100 * share:.0f} % of the training frames")
         evidence = Evidence(experiments, unknowns.trial(vector), settings, share, reruns)
-        (found,) = together([fit(unknowns, evidence.train, vector, settings.baseline_iterations)], evidence.train)
+        request = fit(unknowns, evidence.train, vector[None], settings.baseline_iterations)
+        (found,) = together([request], evidence.train)
         vector = found.vector
     return found, evidence
 

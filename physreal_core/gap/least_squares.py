@@ -119,20 +119,25 @@ def tangents(
 def fit(
     unknowns: Unknowns,
     data: Data,
-    start: Float[Array, " unknowns"],
+    starts: Float[Array, "starts unknowns"],
     iterations: int,
     jacobian: Float[Array, "entries known"] | None = None,
 ) -> Request:
-    """Minimise the energy from `start`.
+    """Minimise the energy from the best of some starts.
 
     Args:
         unknowns: what is fitted.
         data: what to.
-        start: shape [P].
+        starts: the first of equals is taken.
         iterations: at most.
-        jacobian: whitened tangents of the baseline's unknowns near `start`, where they are known.
+        jacobian: whitened tangents of the baseline's unknowns near the starts, where they are known.
     """
     known = 0 if jacobian is None else jacobian.shape[1]
+    start = starts[0]
+    if len(starts) > 1:
+        predictions = yield [unknowns.trial(vector) for vector in starts]
+        residuals = data.residuals(predictions).T
+        start = starts[np.argmin([_energy(unknowns, *pair) for pair in zip(starts, residuals, strict=True)])]
     fresh = list(range(known, len(unknowns)))
     trials, steps = tangents(unknowns, start, fresh)
     predictions = yield [unknowns.trial(start), *trials]

@@ -87,11 +87,11 @@ def weighed(gain: float, held_out: float, settings: GapSettings) -> float:
 
 
 def chances(sizes: Sequence[int], gains: Float[Array, " answers"], settings: GapSettings, library: int) -> Array:
-    """Probabilities of answers with so many effects each and these gains [nat]."""
+    """Probabilities of answers with so many effects each and these gains [nat]; see `GapSettings.misfit`."""
     something = 1.0 - settings.prior_none
     single, pair = something * (1.0 - settings.prior_pair) / library, something * settings.prior_pair / library
     priors = np.log([(settings.prior_none, single, pair)[size] for size in sizes])
-    weights = priors + gains / settings.temperature
+    weights = priors + gains / max(settings.temperature, settings.misfit * float(gains.max()))
     weights = np.exp(weights - weights.max())
     return weights / weights.sum()
 

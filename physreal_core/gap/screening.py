@@ -208,13 +208,28 @@ def _linear_gain(
     return z, float(0.5 * z @ pull - 0.5 * np.linalg.slogdet(A * prior**2)[1] + half_share(reach[half]))
 
 
-def started(baseline: Fit, beside: Fit, score: Score, priors: Priors) -> tuple[Unknowns, Float[Array, " unknowns"]]:
-    """Unknowns and start of the fit of one more effect beside those that a fit has already."""
+def started(
+    baseline: Fit, beside: Fit, score: Score, priors: Priors
+) -> tuple[Unknowns, Float[Array, "starts unknowns"]]:
+    """Unknowns and starts of the fit of one more effect beside those that a fit has already.
+
+    The linear model's amplitudes and half of them; beside the fitted material, and beside one without contrast, because a
+    baseline that lacked the effect may have bent its patches to imitate it.
+    """
     at: EffectValues = {**beside.unknowns.values(beside.vector), score.start.effect: score.values}
     order = list(EFFECTS)
     names = sorted((*beside.unknowns.effects, score.start.effect), key=order.index)
     base = baseline.unknowns
     unknowns = Unknowns(base.fields, names, priors, at, base.ground)
-    vector = unknowns.start()
-    vector[: unknowns.baseline] = beside.vector[: unknowns.baseline]
-    return unknowns, np.clip(vector, unknowns.block.lower, unknowns.block.upper)
+    whole = unknowns.start()
+    whole[: unknowns.baseline] = beside.vector[: unknowns.baseline]
+    half = unknowns.with_effects(whole, {score.start.effect: _halved(score)})
+    level = np.array([whole, half])
+    level[:, : unknowns.patches] = whole[: unknowns.patches].mean()
+    return unknowns, np.clip(np.stack([whole, half, *level]), unknowns.block.lower, unknowns.block.upper)
+
+
+def _halved(score: Score) -> dict[str, float]:
+    """The coefficients with amplitudes half as far from dormant."""
+    coefficients = EFFECTS[score.start.effect].coefficients
+    return {c.name: 0.5 * (c.dormant + score.values[c.name]) for c in coefficients if c.kind == "amplitude"}

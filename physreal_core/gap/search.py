@@ -102,9 +102,9 @@ class Search:
 
     def _add(self, beside: Fit, scores: Sequence[Score]) -> None:
         """Fit each of these effects beside those that a fit has already."""
-        starts = [started(self.baseline, beside, score, self.settings.priors) for score in scores]
+        begun = [started(self.baseline, beside, score, self.settings.priors) for score in scores]
         known = self.baseline.jacobian
-        requests = [fit(u, self.evidence.train, v, self.settings.iterations, known) for u, v in starts]
+        requests = [fit(u, self.evidence.train, starts, self.settings.iterations, known) for u, starts in begun]
         for score, found in zip(scores, together(requests, self.evidence.train), strict=True):
             answer = answer_of(found, score.gain, self.baseline, self.evidence, self.experiments, self._energy)
             self.answers.append(answer)

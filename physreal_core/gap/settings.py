@@ -21,7 +21,9 @@ class GapSettings:
         priors: widths, in free coordinates.
         prior_none: probability that nothing is missing, before looking.
         prior_pair: probability of two effects, given that something is missing.
-        temperature: by which gains are divided before they become probabilities.
+        temperature: by which gains are divided before they become probabilities, at least.
+        misfit: share of the best answer's gain that the temperature is at least: a simulator whose answer to an effect is a
+            few per cent off gains as many per cent of it by imitating that with a wrong effect, or with a second one.
         held_out_weight: weight of what an answer loses on held-out frames, beside the training evidence.
         class_ratio: an answer belongs to the reported class if it is at least this times as probable as the best one.
         class_size: members at most.
@@ -39,8 +41,9 @@ class GapSettings:
     model_error: ModelError = field(default_factory=ModelError)
     priors: Priors = field(default_factory=Priors)
     prior_none: float = 0.5
-    prior_pair: float = 0.1
-    temperature: float = 2.0
+    prior_pair: float = 0.02
+    temperature: float = 4.0
+    misfit: float = 0.05
     held_out_weight: float = 1.0
     class_ratio: float = 0.1
     class_size: int = 3

@@ -48,15 +48,15 @@ def scene(truth: dict) -> tuple[LinearExperiment, Data]:
 
 def baseline(experiment, data):
     unknowns = Unknowns(experiment.model.fields, (), PRIORS, ground=False)
-    (found,) = together([fit(unknowns, data, unknowns.start(), 8)], data)
+    (found,) = together([fit(unknowns, data, unknowns.start()[None], 8)], data)
     return found
 
 
 def with_effect(name, base, data):
     screen = Screen(base, data, [name], PRIORS)
     (score,) = screen.scores(base.residual)
-    unknowns, start = started(base, base, score, PRIORS)
-    (found,) = together([fit(unknowns, data, start, 8, base.jacobian)], data)
+    unknowns, starts = started(base, base, score, PRIORS)
+    (found,) = together([fit(unknowns, data, starts, 8, base.jacobian)], data)
     return score, found
 
 

@@ -1,9 +1,9 @@
 """Amplitudes at which a bar's tracks are about 1.2, 3 and 7 mm from those of any elastic bar (see `calibrate.py`).
 
 Measured by `python -m data.rig.hidden.calibrate`; units are those of the amplitude of each effect in `library.py`. Below what
-the sizes ask for, lest it be another effect or object: at "high", drag gives 5 mm, wind 5, gravity 4, viscosity 4, payload and
-density 6, rate friction 5, fibres 2, stiffening 1.6 (a stiffer elastic bar comes near), stick-slip 1.2. Steps by hand where the
-coarse bar of the calibration hits a plane late or buckles at a soft spot: those two.
+the sizes ask for, lest it be another effect or object: at "high", drag gives 5 mm, wind 5, gravity 4, viscosity 4, payload 6,
+density 2.5 (further, the bar slips away), rate friction 5, fibres 2, stiffening 1.6 (a stiffer elastic bar comes near),
+stick-slip 1.2. By hand: the plane and the soft spot, which the coarse bar of the calibration meets late or buckles at.
 """
 
 STRENGTHS = ("weak", "middle", "high")
@@ -21,7 +21,7 @@ AMPLITUDES: dict[str, tuple[float, float, float]] = {
     "soft_spot": (0.65, 0.75, 0.82),
     "rest_shape": (0.156, 0.397, 0.899),
     "payload": (0.316, 0.848, 1.32),
-    "density_gradient": (5.56, 9.13, 15),
+    "density_gradient": (5.56, 8, 10.5),
     "ground_adhesion": (68.9, 202, 597),
     "stick_slip": (1.2, 2.0, 2.5),
     "rate_friction": (0.655, 1.98, 6),

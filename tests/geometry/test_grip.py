@@ -71,7 +71,9 @@ def test_a_clasp_holds_what_lies_within_it():
     grip = bind_within(x0, clasp(), spacing=0.01, per_particle=4)
     np.testing.assert_array_equal(np.unique(grip.particles), np.flatnonzero(x0[:, 0] < 0.025))
     assert (np.bincount(grip.particles)[grip.particles] == 4).all()
-    np.testing.assert_allclose(grip.rest_lengths, np.linalg.norm(x0[grip.particles] - clasp()[grip.controllers], axis=1))
+    np.testing.assert_allclose(
+        grip.rest_lengths, np.linalg.norm(x0[grip.particles] - clasp()[grip.controllers], axis=1)
+    )
 
 
 def test_springs_of_a_clasp_are_equal_and_share_one_particles_weight():

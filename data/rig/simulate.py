@@ -51,7 +51,8 @@ def simulate(
         calm: time [s] between the moments at which the object is stopped while it settles (kinetic relaxation).
         integrator: of MuJoCo.
         hidden: what the scene does not tell.
-        punctual: record positions of the frame times; False: one step earlier, as the published captures have them.
+        punctual: what is held keeps up with the hand, and positions are of the frame times; False: a millisecond late and one
+            step early, as the published captures have them.
 
     Raises:
         RuntimeError: the simulation turned non-finite.
@@ -74,7 +75,7 @@ def simulate(
     frames = [_recorded(world, punctual)]
     held = hidden.held(hand, times, scene.motion)
     for number in range(1, len(times)):
-        world.hold_at(held[number])
+        world.hold_at(held[number], ahead=punctual)
         step(times[number])
         if number % world.steps == 0:
             frames.append(_recorded(world, punctual))

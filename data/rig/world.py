@@ -79,16 +79,16 @@ class World:
         """Adds a force [N] on each node for the coming step."""
         self.data.qfrc_applied[self.dofs] += force
 
-    def hold_at(self, displacement: Float[Array, "3"]) -> None:
+    def hold_at(self, displacement: Float[Array, "3"], ahead: bool = False) -> None:
         """Puts what the hand holds at `displacement` [m] from where it was at time 0.
 
-        MuJoCo damps what is held against the world, not against the hand, whose velocity it does not know: it would follow
-        by damping over stiffness late, a millisecond, so the hand is put ahead by as much.
+        MuJoCo damps what is held against the world, not against the hand, whose velocity it does not know: it follows by
+        damping over stiffness late, a millisecond, unless the hand is put `ahead` by as much.
         """
         stiffness, damping = firmness(self.timestep)
         velocity = (displacement - self._hand) / self.timestep
         self._hand = np.array(displacement)
-        self.data.mocap_pos[0] = displacement + damping / stiffness * velocity
+        self.data.mocap_pos[0] = displacement + ahead * damping / stiffness * velocity
 
     def _describe(self, integrator: str, further: str, flex: str) -> str:
         """The MuJoCo model as XML; the hand is a mocap body at the origin that carries its displacement."""

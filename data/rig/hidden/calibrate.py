@@ -30,7 +30,7 @@ TRIALS = 2
 # Amplitudes beyond which the effect would be another one, or the object.
 LARGEST = {
     "linear_drag": 12.0,
-    "quadratic_drag": 60.0,
+    "quadratic_drag": 34.0,
     "kelvin_voigt": 0.03,
     "obstacle_post": 0.011,
     "gravity": 0.42,

@@ -1,7 +1,7 @@
 """Amplitudes at which a bar's tracks are about 1.2, 3 and 7 mm from those of any elastic bar (see `calibrate.py`).
 
 Measured by `python -m data.rig.hidden.calibrate`; units are those of the amplitude of each effect in `library.py`. Below what
-the sizes ask for, lest it be another effect or object: at "high", drag gives 5 mm, wind 5, gravity 4, viscosity 4, payload 6,
+the sizes ask for, lest it be another effect or object: at "high", drag gives 4 to 5 mm, wind 5, gravity 4, viscosity 4, payload 6,
 density 2.5 (further, the bar slips away), rate friction 5, fibres 2, stiffening 1.6 (a stiffer elastic bar comes near),
 stick-slip 1.2. By hand: the plane and the soft spot, which the coarse bar of the calibration meets late or buckles at.
 """
@@ -10,7 +10,7 @@ STRENGTHS = ("weak", "middle", "high")
 
 AMPLITUDES: dict[str, tuple[float, float, float]] = {
     "linear_drag": (0.873, 3.24, 12),
-    "quadratic_drag": (3.35, 14.2, 60),
+    "quadratic_drag": (3.35, 11.0, 34),
     "wind": (1.36, 2.86, 6),
     "gravity": (0.135, 0.238, 0.42),
     "kelvin_voigt": (0.00141, 0.00651, 0.02),

@@ -174,7 +174,7 @@ def test_obstacles_are_tried_where_the_body_goes_and_was_not_before(name):
     for start in starts:
         with torch.no_grad():
             change = (scene.rollout(**{name: {"stiffness": 1e3, **start}}).x - motion.x).abs().amax((1, 2))
-        assert change[1] == 0
+        assert change[1] < 1e-15  # rounding: another form of the step runs with an obstacle
         assert change[-1] > 1e-5
     assert EFFECTS[name].starts(scene.setting) == ()
 

@@ -6,17 +6,13 @@ from collections.abc import Callable
 from pathlib import Path
 from typing import Any
 
-import numpy as np
 import torch
 
 from physreal_core.fitting.model import Model
 from physreal_core.fitting.transfer import register, transfer_model
-from physreal_core.gap.evidence import Evidence
 from physreal_core.gap.experiment import Experiment, Trial
-from physreal_core.gap.interaction import locate
 from physreal_core.gap.report import Candidate, Disagreement, FittedEffect, GapReport, Verdict
 from physreal_core.gap.settings import GapSettings
-from physreal_core.gap.where import Where
 from pipeline.config.find_gap import FindGap
 from pipeline.stage import StageContext
 from stages._problem import load_problem
@@ -54,13 +50,6 @@ def trial_of(candidate: Candidate | None, fields: Fields) -> Trial:
     if candidate is None:
         return Trial(fields)
     return Trial(candidate.fields or fields, {effect.name: effect.values for effect in candidate.effects})
-
-
-def located(evidence: Evidence, number: int, trial: Trial) -> tuple[Where, np.ndarray]:
-    """Where a rollout of one interaction disagrees with it beyond noise and numerics, over all frames; its tracks [T,J,3] m."""
-    experiment = evidence.experiments[number]
-    predicted = experiment.predict([trial])[0]
-    return locate(experiment, predicted, evidence.whole(number)), predicted
 
 
 def save_report(folder: Path, report: GapReport) -> None:

@@ -10,12 +10,13 @@ from physreal_core.fitting.objective import Objective
 from physreal_core.gap.adding import add_effect
 from physreal_core.gap.evidence import Evidence
 from physreal_core.gap.experiment import Trial
+from physreal_core.gap.interaction import locate
 from physreal_core.gap.report import Added, GapReport
 from pipeline.config.find_gap import FindGap
 from pipeline.provenance import read_provenance
 from pipeline.stage import StageContext, main
 from stages._fit import summary, write_rollout
-from stages._gap import interactions, load_report, located, settings_of, teller
+from stages._gap import interactions, load_report, settings_of, teller
 from stages._gap_pictures import write_before_after, write_gap_timeline
 
 
@@ -62,7 +63,8 @@ def _draw(context: StageContext, evidence: Evidence, report: GapReport, added: A
     """Before and after on the sequence itself."""
     own, effects = evidence.experiments[0], {effect.name: effect.values for effect in added.effects}
     before = own.predict([Trial(report.fields)])[0]
-    where, after = located(evidence, 0, Trial(added.fields, effects))
+    after = own.predict([Trial(added.fields, effects)])[0]
+    where = locate(own, after, evidence.whole(0))
     write_gap_timeline(context.output / "timeline.svg", report.where[0], after=where.as_record(), observed=own.train)
     write_before_after(context.output / "before_after.svg", own.measured, own.valid, before, after)
 

@@ -1,7 +1,5 @@
 """Stage find_gap: where Stage 2's model and the measurement disagree, and what is missing (docs/missing_effect.md)."""
 
-import dataclasses
-
 import numpy as np
 
 from physreal_core.fitting.model import load_model
@@ -9,7 +7,7 @@ from physreal_core.gap.experiment import Experiment
 from physreal_core.gap.report import GapReport
 from physreal_core.gap.search import Search
 from pipeline.stage import StageContext, main
-from stages._gap import interactions, located, save_report, settings_of, teller, trial_of
+from stages._gap import interactions, save_report, settings_of, teller, trial_of
 from stages._gap_pictures import write_before_after, write_gap_map, write_gap_timeline, write_probabilities
 
 
@@ -20,13 +18,9 @@ def run(context: StageContext) -> None:
     with context.timed("search"):
         search = Search(experiments, settings_of(context.params, context.seed), teller(context))
         report = search.report()
-    with context.timed("where"):
-        baseline = trial_of(None, report.fields)
-        places = [located(search.evidence, number, baseline) for number in range(len(experiments))]
-    report = dataclasses.replace(report, where=tuple(where.as_record() for where, _ in places))
     save_report(context.output, report)
     with context.timed("figures"):
-        _draw(context, experiments[0], report, places[0][1])
+        _draw(context, experiments[0], report, search.predictions[0])
     print(report.where[0]["sentence"], report.verdict.sentence, sep="\n")
 
 

@@ -19,12 +19,10 @@ from physreal_core.fitting.model import PATCH_FIELDS, Model
 from physreal_core.fitting.objective import Objective
 from physreal_core.fitting.variables import Variable
 from physreal_core.simulation.constitutive.residual_config import ResidualConfig, initial_weights
+from physreal_core.simulation.timestep import LARGEST_COURANT
 
 History = list[dict[str, Any]]
 NETWORK_FIELDS = ("latent_elastic", "latent_plastic", "network_elastic", "network_plastic")
-
-STABLE_COURANT = 0.85
-"""Largest Courant number at which the explicit steps are known to be stable (see `SimulationConfig`)."""
 
 
 @dataclass(frozen=True)
@@ -116,7 +114,7 @@ def with_residual(model: Model, config: ResidualConfig, seed: int) -> Model:
     (as far as stability allows), so that Stage 3 starts from the discretisation that Stage 2 was fitted in, to the last bit.
     """
     share = (1.0 + config.beta_elastic) ** 0.5
-    courant = min(model.simulation["courant"] * share, max(model.simulation["courant"], STABLE_COURANT))
+    courant = min(model.simulation["courant"] * share, max(model.simulation["courant"], LARGEST_COURANT))
     elastic, plastic = initial_weights(config, seed)
     latents = torch.zeros(model.patch_count, config.latent_size, dtype=torch.float64)
     fields = dict(zip(NETWORK_FIELDS, (latents, latents.clone(), elastic.double(), plastic.double()), strict=True))

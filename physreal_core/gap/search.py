@@ -68,6 +68,7 @@ class Search:
         evidence: noise models around it.
         screen: tangents of all candidates.
         threshold: gain [nat] that the best candidate reaches by chance in the allowed share of captures without a gap.
+        predictions: where the baseline has the tracks over all frames [m], per experiment.
         answers: none, singles, pairs.
     """
 
@@ -78,8 +79,8 @@ class Search:
         progress(f"screening {len(self.names)} candidates")
         self.screen = Screen(self.baseline, self.evidence.train, self.names, settings.priors)
         self.threshold = float(np.quantile(self.screen.null_gains(settings.seed), 1.0 - settings.false_alarms))
-        self._predictions = self._predicted(self.baseline)
-        self._energy = self.evidence.held_out_energy(self._predictions)
+        self.predictions = self._predicted(self.baseline)
+        self._energy = self.evidence.held_out_energy(self.predictions)
         self.answers = [Answer(self.baseline, None, 0.0, 0.0)]
         self._fit_candidates()
 
@@ -130,7 +131,7 @@ class Search:
             candidates=candidates,
             test=test,
             where=tuple(self._where()),
-            baseline=disagreements(self.experiments, self._predictions),
+            baseline=disagreements(self.experiments, self.predictions),
             fields=self.baseline.unknowns.baseline_fields(self.baseline.vector),
             information=tuple(self.screen.information()),
             numerical_floor=self.evidence.floors,
@@ -143,14 +144,14 @@ class Search:
         self._progress("unknown: looking for a formula")
         try:
             fields = self.baseline.unknowns.baseline_fields(self.baseline.vector)
-            return lead_on(self.evidence, fields, self._predictions)
+            return lead_on(self.evidence, fields, self.predictions)
         except InputError as error:  # a lead is a help; the verdict stands without it
             self._progress(f"no formula: {error}")
             return None
 
     def _where(self) -> list[dict]:
         """Records of the baseline's disagreement over all frames, one per interaction."""
-        parts = zip(self.experiments, self._predictions, strict=True)
+        parts = zip(self.experiments, self.predictions, strict=True)
         return [locate(e, predicted, self.evidence.whole(n)).as_record() for n, (e, predicted) in enumerate(parts)]
 
     def _not_fitted(self) -> tuple[Candidate, ...]:

@@ -17,11 +17,13 @@ VARIANTS = (
     Variant("another law of the same stiffness", elastic_law="hencky"),
     Variant("contact at another height", ground=0.3, error=1.5),
 )
-"""Each changes one thing that a converged answer would not depend on (the law: at small strain). Space is of second
-order, so how far a rerun on another grid moves says how far the limit is (Richardson's extrapolation). Transfers damp once a
-substep, so half the step damps twice as much: the difference is the damping itself. Contact
-through nodes leaves a gap after a fall and gives under pressure (`simulation.box.CONTACT_DEPTH`): a bar that a hand presses
-down by a third of a cell goes 1 mm deeper than it should, which a ground a third to a half of a cell higher would prevent."""
+"""Each changes one thing that a converged answer would not depend on (the law: at small strain).
+
+Space is of second order, so how far a rerun on another grid moves says how far the limit is (Richardson's extrapolation).
+Transfers damp once a substep, so half the step damps twice as much: the difference is the damping itself. Contact through
+nodes leaves a gap after a fall and gives under pressure (`simulation.box.CONTACT_DEPTH`): a bar that a hand presses down by a
+third of a cell goes 1 mm deeper than it should, which a ground a third to a half of a cell higher would prevent.
+"""
 
 
 def rerun_differences(

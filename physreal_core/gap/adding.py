@@ -10,10 +10,10 @@ import numpy as np
 from physreal_core.gap.disagreement import disagreements, held_out_gap
 from physreal_core.gap.evidence import Progress, fit_baseline
 from physreal_core.gap.experiment import Interaction
-from physreal_core.gap.least_squares import Fit, fit, together
+from physreal_core.gap.least_squares import Fit
 from physreal_core.gap.naming import fitted_effects
+from physreal_core.gap.refits import Refits
 from physreal_core.gap.report import Added, Candidate, GapReport
-from physreal_core.gap.screening import Screen, started
 from physreal_core.gap.settings import GapSettings
 
 
@@ -80,14 +80,13 @@ class Fits:
 
     def with_effects(self, names: Sequence[str]) -> Fit:
         """The best fit with these effects, added in the order in which they help."""
-        found, rest = self.baseline, list(names)
-        screen = Screen(self.baseline, self.evidence.train, rest, self.settings.priors)
+        refits = Refits(self.baseline, self.evidence.train, names, self.settings)
+        ranked, found, rest = refits.ranked(), self.baseline, set(names)
         while rest:
-            score = screen.scores_beside(found)[0]
-            rest.remove(score.start.effect)
-            unknowns, starts = started(self.baseline, found, score, self.settings.priors)
-            request = fit(unknowns, self.evidence.train, starts, self.settings.iterations, self.baseline.jacobian)
-            (found,) = together([request], self.evidence.train)
+            scores = next(scores for scores in ranked if scores[0].start.effect in rest)
+            rest.remove(scores[0].start.effect)
+            (found,) = refits.settled(refits.fitted([scores]))
+            ranked = refits.ranked_beside(found) if rest else []
         return found
 
 

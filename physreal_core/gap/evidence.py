@@ -99,20 +99,29 @@ def fit_baseline(
 ) -> tuple[Fit, Evidence]:
     """Fit the baseline to all experiments at once, over a growing horizon, with the noise model around it.
 
-    The noise model needs a baseline to be built around, so over the whole horizon it is fitted twice: first with the smooth
-    model error alone, then with the differences of reruns at the first fit.
+    Patches that bend early to a disagreement lead into poor minima, so a baseline without contrast is fitted beside the free
+    one and set free at the end; the better of both is kept. The noise model needs a baseline to be built around: until then
+    the smooth model error stands for the differences of reruns.
     """
     first = experiments[0]
     fields, ground = first.model.fields, first.setting.ground_height is not None
     unknowns = Unknowns(fields, (), settings.priors, ground=ground)
-    vector = _scanned(experiments, unknowns, settings)
-    for share, reruns in (*((share, False) for share in HORIZONS), (1.0, False), (1.0, True)):
+    free = _scanned(experiments, unknowns, settings)
+    level = unknowns.level(free)
+    for share in (*HORIZONS, 1.0):
         progress(f"baseline over {100 * share:.0f} % of the training frames")
-        evidence = Evidence(experiments, unknowns.trial(vector), settings, share, reruns)
-        request = fit(unknowns, evidence.train, vector[None], settings.baseline_iterations)
-        (found,) = together([request], evidence.train)
-        vector = found.vector
-    return found, evidence
+        data = Evidence(experiments, unknowns.trial(free), settings, share, reruns=False).train
+        pair = (unknowns, free), (unknowns.levelled(), level)
+        found = together([fit(u, data, v[None], settings.baseline_iterations) for u, v in pair], data)
+        bent, straight = found
+        free, level = bent.vector, straight.vector
+    (released,) = together([fit(unknowns, data, level[None], settings.settling, [straight.jacobian])], data)
+    best = min(bent, released, key=lambda found: found.energy)
+    progress("baseline with the numerical error of reruns")
+    evidence = Evidence(experiments, unknowns.trial(best.vector), settings)
+    request = fit(unknowns, evidence.train, best.vector[None], settings.settling)
+    (settled,) = together([request], evidence.train)
+    return settled, evidence
 
 
 def _scanned(experiments: Sequence[Interaction], unknowns: Unknowns, settings: GapSettings) -> Array:

@@ -121,7 +121,7 @@ def fit(
     data: Data,
     starts: Float[Array, "starts unknowns"],
     iterations: int,
-    jacobian: Float[Array, "entries known"] | None = None,
+    jacobians: Sequence[Float[Array, "entries known"]] = (),
 ) -> Request:
     """Minimise the energy from the best of some starts.
 
@@ -130,14 +130,15 @@ def fit(
         data: what to.
         starts: the first of equals is taken.
         iterations: at most.
-        jacobian: whitened tangents of the baseline's unknowns near the starts, where they are known.
+        jacobians: whitened tangents of the first unknowns near each start, where they are known.
     """
-    known = 0 if jacobian is None else jacobian.shape[1]
-    start = starts[0]
+    best = 0
     if len(starts) > 1:
         predictions = yield [unknowns.trial(vector) for vector in starts]
         residuals = data.residuals(predictions).T
-        start = starts[np.argmin([_energy(unknowns, *pair) for pair in zip(starts, residuals, strict=True)])]
+        best = int(np.argmin([_energy(unknowns, *pair) for pair in zip(starts, residuals, strict=True)]))
+    start, jacobian = starts[best], jacobians[best] if len(jacobians) else None
+    known = 0 if jacobian is None else jacobian.shape[1]
     fresh = list(range(known, len(unknowns)))
     trials, steps = tangents(unknowns, start, fresh)
     predictions = yield [unknowns.trial(start), *trials]

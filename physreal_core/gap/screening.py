@@ -43,11 +43,12 @@ class Start:
 
 @dataclass(frozen=True)
 class Score:
-    """Gain in log evidence [nat] that the linear model promises from one start, and where its optimum lies."""
+    """Gain in log evidence [nat] that the linear model promises from one start beside a fit, and where its optimum lies."""
 
     start: Start
     gain: float
     values: dict[str, float]
+    beside: Fit
 
 
 class Screen:
@@ -89,7 +90,7 @@ class Screen:
         """The best start of every effect for a whitened residual of the baseline, best effect first."""
         best: dict[str, Score] = {}
         for start, raw in zip(self.starts, self.raw, strict=True):
-            score = self._score(start, raw.T @ start.tangents, -start.tangents.T @ residual)
+            score = self._score(start, raw.T @ start.tangents, -start.tangents.T @ residual, self.baseline)
             if start.effect not in best or score.gain > best[start.effect].gain:
                 best[start.effect] = score
         return sorted(best.values(), key=lambda score: -score.gain)
@@ -101,18 +102,18 @@ class Screen:
             if not all(go_together(start.effect, name) for name in fit.unknowns.effects):
                 continue
             own = self.beside(fit, raw)
-            score = self._score(start, raw.T @ own, -own.T @ fit.residual)
+            score = self._score(start, raw.T @ own, -own.T @ fit.residual, fit)
             if start.effect not in best or score.gain > best[start.effect].gain:
                 best[start.effect] = score
         return sorted(best.values(), key=lambda score: -score.gain)
 
-    def _score(self, start: Start, information: Array, pull: Array) -> Score:
+    def _score(self, start: Start, information: Array, pull: Array, beside: Fit) -> Score:
         at, gain = _linear_gain(information, pull, start.half, start.sign, self._priors.coefficient)
         coefficients = {c.name: c for c in EFFECTS[start.effect].coefficients}
         values, amplitudes = dict(start.values), [c for c in coefficients.values() if c.kind == "amplitude"]
         for c, z in zip(amplitudes, at, strict=True):
             values[c.name] = float(np.clip(c.dormant + z * c.scale, c.lower, c.upper))
-        return Score(start, gain, values)
+        return Score(start, gain, values, beside)
 
     def information(self) -> list[dict[str, float]]:
         """Per experiment: expected whitened change by each effect at its scale, baseline and numerics projected out."""
@@ -208,28 +209,37 @@ def _linear_gain(
     return z, float(0.5 * z @ pull - 0.5 * np.linalg.slogdet(A * prior**2)[1] + half_share(reach[half]))
 
 
-def started(
-    baseline: Fit, beside: Fit, score: Score, priors: Priors
-) -> tuple[Unknowns, Float[Array, "starts unknowns"]]:
-    """Unknowns and starts of the fit of one more effect beside those that a fit has already.
+SHARES = (1.0, 0.5, 0.1)
+"""Of the linear model's amplitudes, from which a fit may start: the least is hardly worse than the fit beside."""
 
-    The linear model's amplitudes and half of them; beside the fitted material, and beside one without contrast, because a
-    baseline that lacked the effect may have bent its patches to imitate it.
-    """
-    at: EffectValues = {**beside.unknowns.values(beside.vector), score.start.effect: score.values}
-    order = list(EFFECTS)
-    names = sorted((*beside.unknowns.effects, score.start.effect), key=order.index)
-    base = baseline.unknowns
-    unknowns = Unknowns(base.fields, names, priors, at, base.ground)
-    whole = unknowns.start()
-    whole[: unknowns.baseline] = beside.vector[: unknowns.baseline]
-    half = unknowns.with_effects(whole, {score.start.effect: _halved(score)})
-    level = np.array([whole, half])
-    level[:, : unknowns.patches] = whole[: unknowns.patches].mean()
-    return unknowns, np.clip(np.stack([whole, half, *level]), unknowns.block.lower, unknowns.block.upper)
+Place = tuple[Float[Array, " unknowns"], Float[Array, "entries known"]]
+"""A vector from which a fit may start, and the tangents of the first unknowns there."""
 
 
-def _halved(score: Score) -> dict[str, float]:
-    """The coefficients with amplitudes half as far from dormant."""
-    coefficients = EFFECTS[score.start.effect].coefficients
-    return {c.name: 0.5 * (c.dormant + score.values[c.name]) for c in coefficients if c.kind == "amplitude"}
+def started(scores: Sequence[Score], priors: Priors) -> tuple[Unknowns, list[Place]]:
+    """Unknowns and starts of the fit of one more effect, from the linear optima of its scores, the best first."""
+    best = scores[0]
+    present = best.beside.unknowns
+    at: EffectValues = {**present.values(best.beside.vector), best.start.effect: best.values}
+    names = sorted((*present.effects, best.start.effect), key=list(EFFECTS).index)
+    unknowns = Unknowns(present.fields, names, priors, at, present.ground)
+    return unknowns, [_start(unknowns, score, share) for score in scores for share in SHARES]
+
+
+def _start(unknowns: Unknowns, score: Score, share: float) -> Place:
+    """The fit beside which an effect was scored, with the effect at a share of the linear model's amplitudes."""
+    beside, vector = score.beside, unknowns.start()
+    vector[: unknowns.baseline] = beside.vector[: unknowns.baseline]
+    effects = {**beside.unknowns.values(beside.vector), score.start.effect: _shrunk(score, share)}
+    vector = unknowns.with_effects(vector, effects)
+    known = beside.jacobian[:, : unknowns.baseline]
+    return np.clip(vector, unknowns.block.lower, unknowns.block.upper), known
+
+
+def _shrunk(score: Score, share: float) -> dict[str, float]:
+    """The coefficients with the amplitudes at a share of their way from dormant."""
+    shrunk = dict(score.values)
+    for c in EFFECTS[score.start.effect].coefficients:
+        if c.kind == "amplitude":
+            shrunk[c.name] = c.dormant + share * (score.values[c.name] - c.dormant)
+    return shrunk

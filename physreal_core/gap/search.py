@@ -13,10 +13,11 @@ from physreal_core.gap.disagreement import disagreements
 from physreal_core.gap.evidence import Progress, fit_baseline
 from physreal_core.gap.experiment import Interaction
 from physreal_core.gap.interaction import lead_on, locate
-from physreal_core.gap.least_squares import Fit, fit, together
-from physreal_core.gap.naming import Answer, answer_of, candidates_of, probabilities, verdict_of
+from physreal_core.gap.least_squares import Fit
+from physreal_core.gap.naming import answer_of, candidates_of, probabilities, verdict_of
+from physreal_core.gap.refits import Refits
 from physreal_core.gap.report import Candidate, FittedEffect, GapReport
-from physreal_core.gap.screening import Score, Screen, go_together, started
+from physreal_core.gap.screening import Score, go_together
 from physreal_core.gap.settings import GapSettings
 from physreal_core.gap.unknown import Lead
 
@@ -77,38 +78,52 @@ class Search:
         self.names = candidates(experiments[0], settings)
         self.baseline, self.evidence = fit_baseline(experiments, settings, progress)
         progress(f"screening {len(self.names)} candidates")
-        self.screen = Screen(self.baseline, self.evidence.train, self.names, settings.priors)
+        self.refits = Refits(self.baseline, self.evidence.train, self.names, settings)
+        self.screen = self.refits.screens[0]
         self.threshold = float(np.quantile(self.screen.null_gains(settings.seed), 1.0 - settings.false_alarms))
+        self.ranked = self.refits.ranked()
+        shortlist = [scores for scores in self.ranked if np.isfinite(scores[0].gain)][: settings.shortlist]
+        found = self._singles(shortlist)
+        promised: list[float | None] = [None, *(scores[0].gain for scores in shortlist)]
+        best = max(found, key=lambda fit: fit.log_evidence)
+        seconds = self._promising(best)
+        pairs = self._pairs(best, seconds)
         self.predictions = self._predicted(self.baseline)
-        self._energy = self.evidence.held_out_energy(self.predictions)
-        self.answers = [Answer(self.baseline, None, 0.0, 0.0)]
-        self._fit_candidates()
+        energy = self.evidence.held_out_energy(self.predictions)
+        self.answers = [
+            answer_of(fit, score, self.baseline, self.evidence, self.experiments, energy)
+            for fit, score in zip([*found, *pairs], promised + [scores[0].gain for scores in seconds], strict=True)
+        ]
 
     def _predicted(self, found: Fit) -> list[np.ndarray]:
         trial = found.unknowns.trial(found.vector)
         return [experiment.predict([trial])[0] for experiment in self.experiments]
 
-    def _fit_candidates(self) -> None:
-        ranked = self.screen.scores(self.baseline.residual)
-        self.ranked = ranked
-        shortlist = [score for score in ranked if np.isfinite(score.gain)][: self.settings.shortlist]
-        self._progress("fitting " + ", ".join(score.start.effect for score in shortlist))
-        self._add(self.baseline, shortlist)
-        best = max(self.answers, key=lambda answer: answer.gain).fit
-        if best.unknowns.effects:
-            promising = [score for score in self.screen.scores_beside(best) if score.gain > self.threshold]
-            seconds = promising[: self.settings.seconds]
-            self._progress(f"beside {best.unknowns.effects[0]}: " + ", ".join(s.start.effect for s in seconds))
-            self._add(best, seconds)
+    def _singles(self, shortlist: Sequence[list[Score]]) -> list[Fit]:
+        """The baseline, settled too, and fits with one effect each."""
+        self._progress("fitting " + ", ".join(scores[0].start.effect for scores in shortlist))
+        fits = self.refits.fitted(shortlist)
+        order = sorted(range(len(fits)), key=lambda number: -fits[number].log_evidence)
+        finalists = order[: self.settings.finalists]
+        self._progress("settling " + ", ".join(fits[number].unknowns.effects[0] for number in finalists))
+        self.baseline, *settled = self.refits.settled([self.baseline, *(fits[number] for number in finalists)])
+        for number, found in zip(finalists, settled, strict=True):
+            fits[number] = found
+        return [self.baseline, *fits]
 
-    def _add(self, beside: Fit, scores: Sequence[Score]) -> None:
-        """Fit each of these effects beside those that a fit has already."""
-        begun = [started(self.baseline, beside, score, self.settings.priors) for score in scores]
-        known = self.baseline.jacobian
-        requests = [fit(u, self.evidence.train, starts, self.settings.iterations, known) for u, starts in begun]
-        for score, found in zip(scores, together(requests, self.evidence.train), strict=True):
-            answer = answer_of(found, score.gain, self.baseline, self.evidence, self.experiments, self._energy)
-            self.answers.append(answer)
+    def _promising(self, best: Fit) -> list[list[Score]]:
+        """Effects that promise more than chance beside the best one."""
+        if not best.unknowns.effects:
+            return []
+        ranked = self.refits.ranked_beside(best)
+        return [scores for scores in ranked if scores[0].gain > self.threshold][: self.settings.seconds]
+
+    def _pairs(self, best: Fit, seconds: Sequence[list[Score]]) -> list[Fit]:
+        if not seconds:
+            return []
+        others = ", ".join(scores[0].start.effect for scores in seconds)
+        self._progress(f"beside {best.unknowns.effects[0]}: {others}")
+        return self.refits.settled(self.refits.fitted(seconds))
 
     # --- report -------------------------------------------------------------------------------------------------
 
@@ -156,7 +171,7 @@ class Search:
 
     def _not_fitted(self) -> tuple[Candidate, ...]:
         fitted = {answer.names for answer in self.answers}
-        rest = [score for score in self.ranked if (score.start.effect,) not in fitted]
+        rest = [scores[0] for scores in self.ranked if (scores[0].start.effect,) not in fitted]
         return tuple(Candidate((_unfitted(score),), score.gain) for score in rest)
 
     def _test(self, found: Fit) -> dict[str, float]:

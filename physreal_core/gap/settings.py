@@ -14,7 +14,9 @@ class GapSettings:
         candidates: names in the registry; all by default.
         shortlist: candidates that the score test hands on to a fit.
         seconds: candidates tried beside the best one.
-        iterations: of a candidate's fit, at most.
+        iterations: of a candidate's fit, at most, before the best ones go on.
+        finalists: candidates that go on.
+        settling: iterations of these, and of the whole baseline, at most.
         baseline_iterations: of the baseline's, per horizon.
         scan: factors on the model's moduli among which the baseline's fit looks for its start; for a model that is only guessed.
         model_error: size and smoothness of the simulator's own error.
@@ -35,14 +37,16 @@ class GapSettings:
     candidates: tuple[str, ...] = ()
     shortlist: int = 7
     seconds: int = 3
-    iterations: int = 4
+    iterations: int = 5
+    finalists: int = 4
+    settling: int = 10
     baseline_iterations: int = 3
     scan: tuple[float, ...] = (1.0,)
     model_error: ModelError = field(default_factory=ModelError)
     priors: Priors = field(default_factory=Priors)
     prior_none: float = 0.5
     prior_pair: float = 0.02
-    temperature: float = 4.0
+    temperature: float = 8.0
     misfit: float = 0.05
     held_out_weight: float = 1.0
     class_ratio: float = 0.1

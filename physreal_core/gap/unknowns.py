@@ -7,7 +7,7 @@ effect's coefficients in units of their scales. The priors are what makes freedo
 from __future__ import annotations
 
 from collections.abc import Sequence
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 
 import numpy as np
 import torch
@@ -17,6 +17,9 @@ from physreal_core.effects import EFFECTS
 from physreal_core.gap.experiment import EffectValues, Trial
 
 POISSON_RANGE = (0.05, 0.48)
+LEVEL_CONTRAST = 1e-3
+"""Standard deviation of log E from patch to patch that stands for none."""
+
 STEP = 0.25
 """Of an effect's tangent, in its coefficient's scale."""
 
@@ -143,6 +146,17 @@ class Unknowns:
         vector = self.block.mean.copy()
         vector[: self.patches] = self.fields["youngs_modulus"].log().numpy()
         return self.with_effects(vector, self.at)
+
+    def levelled(self) -> Unknowns:
+        """The same without contrast from patch to patch."""
+        priors = replace(self.priors, contrast=LEVEL_CONTRAST)
+        return Unknowns(self.fields, self.effects, priors, self.at, self.ground)
+
+    def level(self, vector: Float[Array, " unknowns"]) -> Float[Array, " unknowns"]:
+        """The vector with the mean of log E in all patches."""
+        vector = vector.copy()
+        vector[: self.patches] = vector[: self.patches].mean()
+        return vector
 
     def with_effects(self, vector: Float[Array, " unknowns"], values: EffectValues) -> Float[Array, " unknowns"]:
         """The vector with these coefficients put in."""

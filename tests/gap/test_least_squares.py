@@ -55,8 +55,9 @@ def baseline(experiment, data):
 def with_effect(name, base, data):
     screen = Screen(base, data, [name], PRIORS)
     (score,) = screen.scores(base.residual)
-    unknowns, starts = started(base, base, score, PRIORS)
-    (found,) = together([fit(unknowns, data, starts, 8, base.jacobian)], data)
+    unknowns, places = started([score], PRIORS)
+    vectors, jacobians = zip(*places, strict=True)
+    (found,) = together([fit(unknowns, data, np.stack(vectors), 8, jacobians)], data)
     return score, found
 
 

@@ -14,7 +14,7 @@ class LinearDrag(Effect):
     shows = "whenever it moves, everywhere alike; a free swing dies out at the rate c / 2, whatever its size"
     told_by = "swings at two sizes: the rate at which they die out is the same (quadratic drag: it grows with the size)"
     terms = ("drag",)
-    coefficients = (Coefficient("rate", "1/s", "drag per mass c", 0.0, 0.0, 20.0, 1.0),)
+    coefficients = (Coefficient("rate", "1/s", "drag per mass c", 0.0, 0.0, 40.0, 5.0),)
 
     def act(self, inputs: Inputs, values: Values, setting: Setting) -> Inputs:
         mass = field(inputs, "density", setting) * like(inputs, setting.body.volume)

@@ -14,7 +14,7 @@ class QuadraticDrag(Effect):
     shows = "where and when it is fast, most at the far end of a swing"
     told_by = "throwing, or swings at two sizes: wide ones die out faster than small ones"
     terms = ("drag",)
-    coefficients = (Coefficient("rate", "1/m", "drag per mass c", 0.0, 0.0, 40.0, 2.0),)
+    coefficients = (Coefficient("rate", "1/m", "drag per mass c", 0.0, 0.0, 100.0, 15.0),)
 
     def act(self, inputs: Inputs, values: Values, setting: Setting) -> Inputs:
         mass = field(inputs, "density", setting) * like(inputs, setting.body.volume)

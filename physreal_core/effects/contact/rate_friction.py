@@ -20,7 +20,7 @@ class RateFriction(Effect):
     shows = "while sliding, more at speed"
     told_by = "dragging it slowly over the ground, then fast"
     terms = ("friction_law",)
-    coefficients = (Coefficient("rate", "s/m", "rise of the coefficient with speed, b", 0.0, 0.0, 20.0, 1.5),)
+    coefficients = (Coefficient("rate", "s/m", "rise of the coefficient with speed, b", 0.0, 0.0, 20.0, 3.0),)
 
     def act(self, inputs: Inputs, values: Values, setting: Setting) -> Inputs:
         rate = values["rate"].to(inputs.parameters.youngs_modulus)

@@ -18,7 +18,7 @@ class StickSlip(Effect):
     told_by = "dragging it slowly over the ground, then fast"
     terms = ("friction_law",)
     coefficients = (
-        Coefficient("excess", "1", "of the static coefficient, a", 0.0, 0.0, 3.0, 0.5),
+        Coefficient("excess", "1", "of the static coefficient, a", 0.0, 0.0, 5.0, 1.5),
         Coefficient("speed", "m/s", "over which it fades, s0", 0.02, 2e-3, 0.5, 0.02, "shape"),
     )
 

@@ -21,9 +21,9 @@ class DensityGradient(Effect):
     told_by = "lifting it by one end, then by the other"
     terms = ("density",)
     coefficients = (
-        Coefficient("x", "1/m", "relative rise of density along x (frame 0)", 0.0, -30.0, 30.0, 2.0),
-        Coefficient("y", "1/m", "relative rise of density along y", 0.0, -30.0, 30.0, 2.0),
-        Coefficient("z", "1/m", "relative rise of density along z", 0.0, -30.0, 30.0, 2.0),
+        Coefficient("x", "1/m", "relative rise of density along x (frame 0)", 0.0, -30.0, 30.0, 5.0),
+        Coefficient("y", "1/m", "relative rise of density along y", 0.0, -30.0, 30.0, 5.0),
+        Coefficient("z", "1/m", "relative rise of density along z", 0.0, -30.0, 30.0, 5.0),
     )
 
     def act(self, inputs: Inputs, values: Values, setting: Setting) -> Inputs:

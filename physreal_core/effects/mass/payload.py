@@ -20,7 +20,7 @@ class Payload(Effect):
     told_by = "lifting it at different places, then shaking: weight and inertia show alike (a soft spot: only strain)"
     terms = ("density",)
     coefficients = (
-        Coefficient("ratio", "1", "extra mass over the body's, m", 0.0, 0.0, 5.0, 0.06),
+        Coefficient("ratio", "1", "extra mass over the body's, m", 0.0, 0.0, 5.0, 0.5),
         Coefficient("x", "m", "centre at frame 0", 0.0, -ANYWHERE, ANYWHERE, 0.03, "shape"),
         Coefficient("y", "m", "centre at frame 0", 0.0, -ANYWHERE, ANYWHERE, 0.03, "shape"),
         Coefficient("z", "m", "centre at frame 0", 0.0, -ANYWHERE, ANYWHERE, 0.03, "shape"),

@@ -24,7 +24,7 @@ class Fibres(Effect):
     told_by = "pulling or lifting it by two ends that lie in different directions"
     terms = ("fibres",)
     coefficients = (
-        Coefficient("ratio", "1", "fibre modulus over Young's, r", 0.0, 0.0, 20.0, 0.5),
+        Coefficient("ratio", "1", "fibre modulus over Young's, r", 0.0, 0.0, 20.0, 3.0),
         Coefficient("azimuth", "rad", "of the direction at frame 0, from x to y", 0.0, -4.0, 4.0, 0.4, "shape"),
         Coefficient("elevation", "rad", "of the direction, above the horizontal", 0.0, -2.0, 2.0, 0.4, "shape"),
     )

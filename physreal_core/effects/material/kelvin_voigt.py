@@ -16,7 +16,7 @@ class KelvinVoigt(Effect):
     shows = "after a stop or a release, as ringing that dies out; nothing at rest"
     told_by = "press and release, or an abrupt stop: fast modes die out faster than slow ones (drag: all alike)"
     terms = ("viscosity",)
-    coefficients = (Coefficient("time", "s", "retardation time t", 0.0, 0.0, 0.1, 0.004),)
+    coefficients = (Coefficient("time", "s", "retardation time t", 0.0, 0.0, 0.1, 0.01),)
 
     def act(self, inputs: Inputs, values: Values, setting: Setting) -> Inputs:
         return added(inputs, viscosity=values["time"] * torch.stack(lame(inputs, setting), -1))

@@ -14,7 +14,7 @@ class StrainStiffening(Effect):
     shows = "only where and when strain is large: deep presses, long pulls"
     told_by = "pulls of two sizes: the larger one meets more than its share of resistance"
     terms = ("stiffening",)
-    coefficients = (Coefficient("ratio", "1", "second modulus over Young's, a", 0.0, 0.0, 100.0, 1.5),)
+    coefficients = (Coefficient("ratio", "1", "second modulus over Young's, a", 0.0, 0.0, 100.0, 3.0),)
 
     def act(self, inputs: Inputs, values: Values, setting: Setting) -> Inputs:
         return added(inputs, stiffening=values["ratio"] * youngs_modulus(inputs, setting))

@@ -23,7 +23,7 @@ class DepthBias(Effect):
     shows = "in proportion to how far a point has moved, towards the camera or across; nothing at rest"
     told_by = "moving the object towards the camera and back"
     coefficients = (
-        Coefficient("offset", "m", "b", 0.0, -0.2, 0.2, 0.02),
+        Coefficient("offset", "m", "b", 0.0, -0.2, 0.2, 0.03),
         Coefficient("scale", "1", "s", 0.0, -0.3, 0.3, 0.02),
     )
 

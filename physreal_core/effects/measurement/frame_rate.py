@@ -18,7 +18,7 @@ class FrameRate(Effect):
     formula = "x_seen(frame k) = x((1 + s) k / fps)"
     shows = "in proportion to speed and to the time since the start"
     told_by = "a long recording with a quick motion at its end (a time lag is the same at the beginning)"
-    coefficients = (Coefficient("excess", "1", "relative excess of the time between frames, s", 0.0, -0.2, 0.2, 0.01),)
+    coefficients = (Coefficient("excess", "1", "relative excess of the time between frames, s", 0.0, -0.2, 0.2, 0.02),)
 
     def act(self, inputs: Inputs, values: Values, setting: Setting) -> Inputs:
         if setting.T_world_camera is None:

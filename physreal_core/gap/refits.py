@@ -1,0 +1,93 @@
+"""Fits of candidate effects beside one baseline: where they start, how they go on until they arrive.
+
+A baseline that lacks an effect bends its patches to imitate it, often far enough that tangents there no longer point to the
+effect. So candidates are screened, and fits begin, in two places: at the fitted baseline, and at the best one without contrast
+from patch to patch, where the two differ by much.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+from dataclasses import replace
+
+import numpy as np
+
+from physreal_core.gap.least_squares import Data, Fit, fit, together
+from physreal_core.gap.screening import Score, Screen, started
+from physreal_core.gap.settings import GapSettings
+
+WORTH_A_SCREEN = 10.0
+"""Gain of the contrast [nat] from which on the level baseline is screened too."""
+
+
+class Refits:
+    """The screens and fits beside one baseline.
+
+    Args:
+        baseline: the fit.
+        data: of all experiments.
+        names: the candidates.
+        settings: of the search.
+
+    Attributes:
+        screens: at the fitted baseline and, where the contrast between its patches gains much, at the level one.
+    """
+
+    def __init__(self, baseline: Fit, data: Data, names: Sequence[str], settings: GapSettings) -> None:
+        self.baseline, self.data, self._settings = baseline, data, settings
+        level = self._levelled() if baseline.unknowns.patches > 1 else baseline
+        places = [baseline, level] if level.energy - baseline.energy > WORTH_A_SCREEN else [baseline]
+        self.screens = [Screen(place, data, names, settings.priors) for place in places]
+
+    def _levelled(self) -> Fit:
+        """The best baseline without contrast, as a place of the fitted one's unknowns."""
+        own = self.baseline.unknowns
+        start = own.level(self.baseline.vector)[None]
+        request = fit(own.levelled(), self.data, start, self._settings.iterations, [self.baseline.jacobian])
+        (found,) = together([request], self.data)
+        energy = 0.5 * float(found.residual @ found.residual) + own.prior_energy(found.vector)
+        return replace(found, unknowns=own, energy=energy)
+
+    def ranked(self) -> list[list[Score]]:
+        """Every effect's scores, one per screen; first the effect that leads one of the screens.
+
+        Gains are counted from the baseline at which they were taken, so that only their order compares between screens.
+        """
+        lists = [screen.scores(screen.baseline.residual) for screen in self.screens]
+        places: dict[str, list[tuple[int, float, int]]] = {}
+        for number, scores in enumerate(lists):
+            for place, score in enumerate(scores):
+                places.setdefault(score.start.effect, []).append((place, -score.gain, number))
+        best_first = {effect: sorted(found) for effect, found in places.items()}
+        return [
+            [lists[number][place] for place, _, number in found]
+            for _, found in sorted(best_first.items(), key=lambda entry: entry[1])
+        ]
+
+    def ranked_beside(self, best: Fit) -> list[list[Score]]:
+        """The same of those that go together with the effects of a fit, from the tangents at the baseline nearest to it."""
+        patches = slice(best.unknowns.patches)
+        apart = [np.linalg.norm(screen.baseline.vector[patches] - best.vector[patches]) for screen in self.screens]
+        return [[score] for score in self.screens[int(np.argmin(apart))].scores_beside(best)]
+
+    def fitted(self, chosen: Sequence[list[Score]]) -> list[Fit]:
+        """A few steps of the fit of each effect, from all places in which it was scored."""
+        return together([self._begun(scores) for scores in chosen], self.data)
+
+    def _begun(self, scores: list[Score]):
+        unknowns, starts = started(scores, self._settings.priors)
+        jacobians = [jacobian for _, jacobian in starts]
+        vectors = np.stack([vector for vector, _ in starts])
+        return fit(unknowns, self.data, vectors, self._settings.iterations, jacobians)
+
+    def settled(self, fits: Sequence[Fit]) -> list[Fit]:
+        """The fits, gone on until they arrive; one without effects goes on from the others' material if that is better."""
+        return together([self._continued(found, fits) for found in fits], self.data)
+
+    def _continued(self, found: Fit, fits: Sequence[Fit]):
+        places = [found]
+        if not found.unknowns.effects:
+            places += [screen.baseline for screen in self.screens] + [other for other in fits if other is not found]
+        size = len(found.unknowns)
+        starts = np.stack([place.vector[:size] for place in places])
+        return fit(found.unknowns, self.data, starts, self._settings.settling, [p.jacobian[:, :size] for p in places])

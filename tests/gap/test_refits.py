@@ -1,0 +1,65 @@
+"""Where fits of candidates begin and end, in a linear world."""
+
+import numpy as np
+import pytest
+
+from physreal_core.effects import EFFECTS, Coefficient
+from physreal_core.gap import GapSettings
+from physreal_core.gap.least_squares import Data, fit, together
+from physreal_core.gap.refits import Refits
+from physreal_core.gap.unknowns import Priors, Unknowns
+from tests.gap.linear import LinearExperiment
+from tests.gap.test_least_squares import ANSWERS, MadeUp
+
+NAMES = ("drift", "sink")
+SETTINGS = GapSettings()
+
+
+@pytest.fixture(autouse=True)
+def registry(monkeypatch):
+    one = Coefficient("amount", "m", "sinking", 0.0, 0.0, 10.0, 1.0)
+    two = tuple(Coefficient(name, "m", "drift", 0.0, -10.0, 10.0, 1.0) for name in ("east", "north"))
+    for effect in (MadeUp("sink", (one,)), MadeUp("drift", two)):
+        monkeypatch.setitem(EFFECTS, effect.name, effect)
+
+
+def refits(truth: dict, iterations: int = 8) -> Refits:
+    experiment = LinearExperiment(ANSWERS, truth)
+    data = Data([experiment], [experiment.noise()])
+    unknowns = Unknowns(experiment.model.fields, (), Priors(), ground=False)
+    (base,) = together([fit(unknowns, data, unknowns.start()[None], iterations)], data)
+    return Refits(base, data, NAMES, SETTINGS)
+
+
+def test_contrast_that_the_baseline_needs_is_screened_without_too():
+    """The two moduli of the linear world differ by a third, which its tracks show."""
+    found = refits({"sink": {"amount": 0.6}})
+    level = found.screens[1].baseline
+    patches = level.vector[: level.unknowns.patches]
+    assert len(found.screens) == 2 and np.ptp(patches) < 0.05
+    assert level.energy > found.baseline.energy
+    ranked = found.ranked()
+    assert ranked[0][0].start.effect == "sink" and len(ranked[0]) == 2
+
+
+def test_every_effect_is_fitted_to_better_than_its_start_and_two_together():
+    found = refits({"sink": {"amount": 0.6}, "drift": {"east": 0.4}})
+    ranked = found.ranked()
+    fits = found.fitted(ranked)
+    assert all(fit.energy < found.baseline.energy for fit in fits)
+    best = max(fits, key=lambda fit: fit.log_evidence)
+    ((score,),) = found.ranked_beside(best)
+    assert {score.start.effect, *best.unknowns.effects} == {*NAMES}
+    (pair,) = found.settled(found.fitted([[score]]))
+    values = pair.unknowns.values(pair.vector)
+    assert values["sink"]["amount"] == pytest.approx(0.6, abs=0.1)
+    assert values["drift"]["east"] == pytest.approx(0.4, abs=0.1)
+
+
+def test_a_baseline_that_stopped_short_goes_on_from_the_others():
+    """Otherwise an effect would gain by having started where the material is right."""
+    short = refits({}, iterations=1)
+    fits = short.fitted(short.ranked())
+    none, *_ = short.settled([short.baseline, *fits])
+    assert none.unknowns.effects == () and none.energy <= short.baseline.energy
+    assert max(fit.log_evidence for fit in fits) - none.log_evidence < 2.0

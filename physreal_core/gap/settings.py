@@ -46,7 +46,7 @@ class GapSettings:
     priors: Priors = field(default_factory=Priors)
     prior_none: float = 0.5
     prior_pair: float = 0.02
-    temperature: float = 8.0
+    temperature: float = 12.0
     misfit: float = 0.05
     held_out_weight: float = 1.0
     class_ratio: float = 0.1

@@ -23,7 +23,7 @@ from physreal_core.geometry import (
     patch_weights,
     sample_surface,
 )
-from physreal_core.rendering import bind
+from physreal_core.rendering import Camera, bind
 from physreal_core.simulation import Body, Grip
 
 BINDING_NEIGHBOURS, TRACK_DISTANCE = 8, 0.01  # of `sample_particles`; the latter in [m]
@@ -131,6 +131,8 @@ def _problem(capture: Path, mesh: Mesh, x0: Array, volume: Array, spacing: float
         patch_weights=torch.from_numpy(weights),
         grip=Grip(pairs.particles, pairs.controllers, pairs.weights, pairs.rest_lengths),
         tracks=_observations(measured, mesh, x0),
+        camera=Camera(*map(np.asarray, (facts["K"], facts["T_world_camera"])), facts["width"], facts["height"]),
+        hand_seen=False,
     )
 
 
@@ -160,13 +162,14 @@ def _found_again(places: Array, x0: Array, spacing: float, capture: Path) -> Arr
 def _facts(capture: Path) -> dict:
     """capture.json, without the pipeline's check of it (which needs its packages), but for what is used here."""
     facts = json.loads((capture / "capture.json").read_text())
-    lacking = [key for key in ("fps", "density", "split") if key not in facts]
+    needed = ("fps", "density", "split", "K", "width", "height", "T_world_camera")
+    lacking = [key for key in needed if key not in facts]
     ignored = [key for key in ("clamps", "payloads") if facts.get(key)]
     if lacking or ignored:
         raise InputError(
             f"keys missing: {lacking}, keys that are not handled here: {ignored}",
             where=str(capture / "capture.json"),
-            expected="fps, density and split of an object that is gripped and lies on the ground",
+            expected=f"{', '.join(needed)} of an object that is gripped and lies on the ground",
         )
     return facts
 

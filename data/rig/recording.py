@@ -22,17 +22,13 @@ class Recording:
         fps: frames per second, as stated.
         tracks: [T, J, 3] m.
         controllers: [T, C, 3] m, points of the hand where it holds the object.
-        middle: [3] m, of the object at frame 0.
-        view: a camera that could have seen it.
-        T_world_camera: [4, 4], if the record is said to come from a camera.
+        view: the depth camera that saw the points; the hand's record comes from elsewhere.
     """
 
     fps: float
     tracks: Float[Array, "T J 3"]
     controllers: Float[Array, "T C 3"]
-    middle: Float[Array, "3"]
     view: View
-    T_world_camera: Float[Array, "4 4"] | None = None
 
 
 def ideal(scene: Scene, trajectory: Trajectory, random: np.random.Generator) -> Recording:
@@ -44,7 +40,6 @@ def ideal(scene: Scene, trajectory: Trajectory, random: np.random.Generator) -> 
         fps=scene.fps,
         tracks=np.einsum("tpck,pc->tpk", corners, weights),
         controllers=trajectory.vertices[0, surface] + trajectory.hand[:, None],
-        middle=trajectory.vertices[0].mean(axis=0),
         view=scene.view,
     )
 
@@ -67,7 +62,7 @@ def write(folder: Path, scene: Scene, recording: Recording, surface: TetMesh, ra
 
 def describe(scene: Scene, recording: Recording) -> dict:
     """The contents of capture.json."""
-    pose = recording.T_world_camera
+    view = recording.view
     return {
         "kind": "tracks",
         "description": scene.description,
@@ -77,7 +72,11 @@ def describe(scene: Scene, recording: Recording) -> dict:
         "density": scene.material.density,
         "T_world_object": np.eye(4).tolist(),
         "split": {"train": [0, scene.observed], "test": [scene.observed, scene.frames]},
-    } | ({} if pose is None else {"T_world_camera": pose.tolist()})
+        "K": view.intrinsics().tolist(),
+        "width": view.width,
+        "height": view.height,
+        "T_world_camera": view.pose().tolist(),
+    }
 
 
 def seen(shape: tuple[int, int], random: np.random.Generator) -> Bool[Array, "T J"]:

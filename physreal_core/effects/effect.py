@@ -51,6 +51,7 @@ class Setting:
         controllers: measured controller points [m], shape [T, C, 3].
         anchors: places in the body where something local may sit (its patches), shape [K, 3] m at frame 0.
         T_world_camera: pose of the camera, shape [4, 4]; None for motion capture.
+        hand_seen: whether the controller points were seen by that camera too; a robot's own record is not.
     """
 
     body: Body
@@ -62,6 +63,7 @@ class Setting:
     controllers: Float[Tensor, "frames controllers 3"]
     anchors: Float[Array, "places 3"]
     T_world_camera: Float[Array, "4 4"] | None = None
+    hand_seen: bool = True
 
 
 @dataclass(frozen=True)

@@ -75,6 +75,7 @@ class Problem:
         observed: number of leading frames the fit may see.
         patch_neighbours, patch_weights: [N,k], the patches each particle takes its material from.
         tracks, masks, camera: the measurements; each may be missing, not all of them. `camera` is at full resolution.
+        hand_seen: whether the controller points were seen by the camera too.
     """
 
     body: Body
@@ -89,6 +90,7 @@ class Problem:
     tracks: TrackObservations | None = None
     masks: MaskObservations | None = None
     camera: Camera | None = None
+    hand_seen: bool = True
 
     def __post_init__(self) -> None:
         if self.tracks is None and self.masks is None:

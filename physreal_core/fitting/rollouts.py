@@ -120,6 +120,7 @@ def setting_of(problem: Problem, config: SimulationConfig, model: Model, dtype: 
         controllers=problem.controllers.to(dtype),
         anchors=model.fields["patch_positions"].numpy(),
         T_world_camera=None if problem.camera is None else problem.camera.T_world_camera.cpu().numpy(),
+        hand_seen=problem.hand_seen,
     )
 
 

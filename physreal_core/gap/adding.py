@@ -11,7 +11,7 @@ from physreal_core.gap.disagreement import disagreements, held_out_gap
 from physreal_core.gap.evidence import Progress, fit_baseline
 from physreal_core.gap.experiment import Interaction
 from physreal_core.gap.least_squares import Fit
-from physreal_core.gap.naming import fitted_effects
+from physreal_core.gap.naming import fitted_effects, temperature_of
 from physreal_core.gap.refits import Refits
 from physreal_core.gap.report import Added, Candidate, GapReport
 from physreal_core.gap.settings import GapSettings
@@ -51,7 +51,7 @@ def add_effect(
     final = _from_report(report, chosen)
     if final is None:
         everything = alone if len(experiments) == 1 else Fits(experiments, settings, progress)
-        final = _candidate(everything.with_effects(chosen))
+        final = everything.candidate(chosen)
     adopted = bool(gap[1] < gap[0])
     return Added(
         adopted=adopted,
@@ -89,6 +89,12 @@ class Fits:
             ranked = refits.ranked_beside(found) if rest else []
         return found
 
+    def candidate(self, names: Sequence[str]) -> Candidate:
+        """The record of that fit."""
+        found = self.with_effects(names)
+        temperature = temperature_of(found.log_evidence - self.baseline.log_evidence, self.settings)
+        return Candidate(fitted_effects(found, temperature), None, fields=found.unknowns.baseline_fields(found.vector))
+
 
 def _shown(experiments: Sequence[Interaction], found: Fit, number: int):
     trial = found.unknowns.trial(found.vector)
@@ -111,7 +117,3 @@ def _runner_up(report: GapReport, chosen: Sequence[str]) -> Candidate | None:
 def _from_report(report: GapReport, chosen: Sequence[str]) -> Candidate | None:
     fitted = [c for c in report.candidates if c.gain is not None and set(c.names) == set(chosen)]
     return fitted[0] if fitted else None
-
-
-def _candidate(found: Fit) -> Candidate:
-    return Candidate(fitted_effects(found), None, fields=found.unknowns.baseline_fields(found.vector))

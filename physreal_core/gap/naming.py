@@ -55,9 +55,11 @@ def answer_of(
     return Answer(fit, screened, gain, held_out if np.isfinite(held_out) else -np.inf)
 
 
-def fitted_effects(fit: Fit) -> tuple[FittedEffect, ...]:
-    """Coefficients with intervals from the curvature of the posterior."""
-    deviations = fit.unknowns.deviations(fit.covariance)
+def fitted_effects(fit: Fit, temperature: float) -> tuple[FittedEffect, ...]:
+    """Coefficients with intervals from the curvature of the posterior whose likelihood is tempered as the gains are."""
+    J = fit.jacobian
+    covariance = np.linalg.inv(J.T @ J / temperature + fit.unknowns.block.precision)
+    deviations = fit.unknowns.deviations(covariance)
     return tuple(
         _fitted(EFFECTS[name], values, deviations[name]) for name, values in fit.unknowns.values(fit.vector).items()
     )
@@ -87,20 +89,26 @@ def weighed(gain: float, held_out: float, settings: GapSettings) -> float:
 
 
 def chances(sizes: Sequence[int], gains: Float[Array, " answers"], settings: GapSettings, library: int) -> Array:
-    """Probabilities of answers with so many effects each and these gains [nat]; see `GapSettings.misfit`."""
+    """Probabilities of answers with so many effects each and these gains [nat]."""
     something = 1.0 - settings.prior_none
     single, pair = something * (1.0 - settings.prior_pair) / library, something * settings.prior_pair / library
     priors = np.log([(settings.prior_none, single, pair)[size] for size in sizes])
-    weights = priors + gains / max(settings.temperature, settings.misfit * float(gains.max()))
+    weights = priors + gains / temperature_of(float(gains.max()), settings)
     weights = np.exp(weights - weights.max())
     return weights / weights.sum()
 
 
-def candidates_of(answers: Sequence[Answer], chances: Array) -> tuple[Candidate, ...]:
+def temperature_of(best_gain: float, settings: GapSettings) -> float:
+    """By which gains are divided where the best answer gains this much [nat]; see `GapSettings.misfit`."""
+    return max(settings.temperature, settings.misfit * best_gain)
+
+
+def candidates_of(answers: Sequence[Answer], chances: Array, settings: GapSettings) -> tuple[Candidate, ...]:
     """Records of the answers, the most probable first."""
+    temperature = temperature_of(max(answer.gain for answer in answers), settings)
     found = [
         Candidate(
-            fitted_effects(a.fit),
+            fitted_effects(a.fit, temperature),
             a.screened,
             a.gain,
             a.held_out,

@@ -12,7 +12,7 @@ from dataclasses import replace
 
 import numpy as np
 
-from physreal_core.gap.least_squares import Data, Fit, fit, together
+from physreal_core.gap.least_squares import Data, Fit, Request, fit, together
 from physreal_core.gap.screening import Score, Screen, started
 from physreal_core.gap.settings import GapSettings
 
@@ -74,20 +74,21 @@ class Refits:
         """A few steps of the fit of each effect, from all places in which it was scored."""
         return together([self._begun(scores) for scores in chosen], self.data)
 
-    def _begun(self, scores: list[Score]):
+    def _begun(self, scores: list[Score]) -> Request:
         unknowns, starts = started(scores, self._settings.priors)
         jacobians = [jacobian for _, jacobian in starts]
         vectors = np.stack([vector for vector, _ in starts])
         return fit(unknowns, self.data, vectors, self._settings.iterations, jacobians)
 
     def settled(self, fits: Sequence[Fit]) -> list[Fit]:
-        """The fits, gone on until they arrive; one without effects goes on from the others' material if that is better."""
-        return together([self._continued(found, fits) for found in fits], self.data)
+        """The fits, gone on until they arrive; each also from the material of every other one, if that is better."""
+        materials = [*fits, *(screen.baseline for screen in self.screens)]
+        return together([self._continued(found, materials) for found in fits], self.data)
 
-    def _continued(self, found: Fit, fits: Sequence[Fit]):
-        places = [found]
-        if not found.unknowns.effects:
-            places += [screen.baseline for screen in self.screens] + [other for other in fits if other is not found]
-        size = len(found.unknowns)
-        starts = np.stack([place.vector[:size] for place in places])
-        return fit(found.unknowns, self.data, starts, self._settings.settling, [p.jacobian[:, :size] for p in places])
+    def _continued(self, found: Fit, materials: Sequence[Fit]) -> Request:
+        size, starts, jacobians = found.unknowns.baseline, [found.vector], [found.jacobian]
+        for other in materials:
+            if other is not found:
+                starts.append(np.concatenate([other.vector[:size], found.vector[size:]]))
+                jacobians.append(np.concatenate([other.jacobian[:, :size], found.jacobian[:, size:]], axis=1))
+        return fit(found.unknowns, self.data, np.stack(starts), self._settings.settling, jacobians)

@@ -131,7 +131,7 @@ class Search:
         """Verdict, candidates and the gap."""
         settings = self.settings
         chances = probabilities(self.answers, settings, len(self.names))
-        candidates = candidates_of(self.answers, chances) + self._not_fitted()
+        candidates = candidates_of(self.answers, chances, settings) + self._not_fitted()
         test = self._test(self.baseline)
         test["threshold"] = self.threshold
         best = max(range(len(self.answers)), key=lambda number: chances[number])

@@ -35,8 +35,8 @@ class GapSettings:
     """
 
     candidates: tuple[str, ...] = ()
-    shortlist: int = 7
-    seconds: int = 3
+    shortlist: int = 8
+    seconds: int = 5
     iterations: int = 5
     finalists: int = 4
     settling: int = 10

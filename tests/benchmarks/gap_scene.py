@@ -8,6 +8,7 @@ import torch
 
 from benchmarks.fit_scene import rounded_block
 from benchmarks.gap.problems import GUESS
+from data.rig.scene import View
 from physreal_core.array_types import Array
 from physreal_core.geometry import bind_within, fill_mesh, sample_surface, save_mesh
 from physreal_core.rendering import bind, carry_points
@@ -15,6 +16,7 @@ from physreal_core.simulation import Body, Grip, Parameters, SimulationConfig, S
 
 FRAMES, OBSERVED, FPS, DENSITY = 10, 7, 30.0, 500.0
 YOUNGS_MODULUS, NOISE, TRACKS = 1.5e5, 0.0005, 40  # Pa, m
+VIEW = View()
 STROKES = {"lift_swing": (0.0, 0.01, 0.06), "press_drag": (0.04, 0.0, -0.003)}  # of the hand [m]
 
 
@@ -41,6 +43,10 @@ def _write(capture: Path, stroke: Array, seed: int, pull: float) -> Array:
         "fps": FPS,
         "frame_count": FRAMES,
         "density": DENSITY,
+        "K": VIEW.intrinsics().tolist(),
+        "width": VIEW.width,
+        "height": VIEW.height,
+        "T_world_camera": VIEW.pose().tolist(),
         "split": {"train": [0, OBSERVED], "test": [OBSERVED, FRAMES]},
     }
     (capture / "capture.json").write_text(json.dumps(facts))

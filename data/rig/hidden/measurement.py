@@ -1,6 +1,6 @@
 """Hidden effects of the measurement: the object moves as it should, and is seen elsewhere.
 
-Without images the hand's record comes from elsewhere and is right, unless a camera is stated: then both go through it.
+Without images the hand's record comes from elsewhere and is right.
 """
 
 from dataclasses import dataclass, replace
@@ -16,8 +16,7 @@ from physreal_core.array_types import Array, Float
 
 @dataclass(frozen=True)
 class CameraDrift(Hidden):
-    """Everything seems to drift by (x, y, z) [m/s] and to turn by `roll` [rad/s] about the camera's axis; in a record without
-    a camera, about the vertical through the object."""
+    """Everything seems to drift by (x, y, z) [m/s] and to turn by `roll` [rad/s] about the camera's axis."""
 
     x: float
     y: float
@@ -26,17 +25,19 @@ class CameraDrift(Hidden):
 
     def camera(self, pose: Float[Array, "4 4"], time: float) -> Float[Array, "4 4"]:
         """The apparent motion, undone: what seems to move one way is seen by a camera that moves the other way."""
-        apparent, eye = np.eye(4), pose[:3, 3]
-        apparent[:3, :3] = Rotation.from_rotvec(self.roll * time * pose[:3, 2]).as_matrix()
-        apparent[:3, 3] = eye - apparent[:3, :3] @ eye + time * np.array([self.x, self.y, self.z])
-        return np.linalg.inv(apparent) @ pose
+        return np.linalg.inv(self._apparent(pose, time)) @ pose
+
+    def _apparent(self, pose: Float[Array, "4 4"], time: float) -> Float[Array, "4 4"]:
+        motion, eye = np.eye(4), pose[:3, 3]
+        motion[:3, :3] = Rotation.from_rotvec(self.roll * time * pose[:3, 2]).as_matrix()
+        motion[:3, 3] = eye - motion[:3, :3] @ eye + time * np.array([self.x, self.y, self.z])
+        return motion
 
     def record(self, recording: Recording, motion: Motion) -> Recording:
-        time = np.arange(len(recording.tracks)) / recording.fps
-        turns = Rotation.from_rotvec(time[:, None] * [0, 0, self.roll]).as_matrix()
-        centre = recording.middle
-        seen = np.einsum("tij,tpj->tpi", turns, recording.tracks - centre) + centre
-        return replace(recording, tracks=seen + time[:, None, None] * [self.x, self.y, self.z])
+        pose, frames = recording.view.pose(), range(len(recording.tracks))
+        seen = np.stack([self._apparent(pose, frame / recording.fps) for frame in frames])
+        turned = np.einsum("tij,tpj->tpi", seen[:, :3, :3], recording.tracks)
+        return replace(recording, tracks=turned + seen[:, None, :3, 3])
 
 
 @dataclass(frozen=True)
@@ -50,9 +51,7 @@ class DepthBias(Hidden):
         return np.where(depth > 0, (1 + self.scale) * depth + self.offset, 0.0)
 
     def record(self, recording: Recording, motion: Motion) -> Recording:
-        pose = recording.view.pose()
-        tracks, controllers = (self._seen(points, pose) for points in (recording.tracks, recording.controllers))
-        return replace(recording, tracks=tracks, controllers=controllers, T_world_camera=pose)
+        return replace(recording, tracks=self._seen(recording.tracks, recording.view.pose()))
 
     def _seen(self, points: Float[Array, "T P 3"], pose: Float[Array, "4 4"]) -> Float[Array, "T P 3"]:
         local = (points - pose[:3, 3]) @ pose[:3, :3]

@@ -28,7 +28,7 @@ class CameraDrift(Effect):
     )
 
     def act(self, inputs: Inputs, values: Values, setting: Setting) -> Inputs:
-        if setting.T_world_camera is None:
+        if setting.T_world_camera is None or not setting.hand_seen:
             return inputs
         turn, shift, centre = _motion(inputs.controllers, values, setting)
         true = (inputs.controllers - shift - centre) @ turn + centre

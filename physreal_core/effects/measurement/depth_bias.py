@@ -29,7 +29,7 @@ class DepthBias(Effect):
 
     def act(self, inputs: Inputs, values: Values, setting: Setting) -> Inputs:
         seen = inputs.controllers
-        if setting.T_world_camera is None or seen.shape[1] == 0:
+        if setting.T_world_camera is None or not setting.hand_seen or seen.shape[1] == 0:
             return inputs
         true = _with_depth(seen, setting, lambda z, b, s: (z - b) / (1 + s), values)
         return replace(inputs, controllers=seen[:1] + true - true[:1])

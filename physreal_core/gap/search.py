@@ -60,6 +60,9 @@ def candidates(experiment: Interaction, settings: GapSettings) -> tuple[str, ...
 SIGNIFICANT = 1e-3
 """p-value of the global test below which there is a disagreement beyond noise and numerics."""
 
+STRONG_ALONE = 2
+"""Of the second effects, how many are chosen for what they gain alone."""
+
 
 class Search:
     """One search; its parts stay at hand for tests and for who wants to look inside.
@@ -86,7 +89,7 @@ class Search:
         found = self._singles(shortlist)
         promised: list[float | None] = [None, *(scores[0].gain for scores in shortlist)]
         best = max(found, key=lambda fit: fit.log_evidence)
-        seconds = self._promising(best)
+        seconds = self._promising(found, best)
         pairs = self._pairs(best, seconds)
         self.predictions = self._predicted(self.baseline)
         energy = self.evidence.held_out_energy(self.predictions)
@@ -111,12 +114,20 @@ class Search:
             fits[number] = found
         return [self.baseline, *fits]
 
-    def _promising(self, best: Fit) -> list[list[Score]]:
-        """Effects that promise more than chance beside the best one."""
+    def _promising(self, found: Sequence[Fit], best: Fit) -> list[list[Score]]:
+        """Effects that promise more than chance beside the best one: those that promise most there, and those that gained most
+        alone, because tangents far from an effect's size say little."""
         if not best.unknowns.effects:
             return []
-        ranked = self.refits.ranked_beside(best)
-        return [scores for scores in ranked if scores[0].gain > self.threshold][: self.settings.seconds]
+        beside = [scores for scores in self.refits.ranked_beside(best) if scores[0].gain > self.threshold]
+        first = self.settings.seconds - STRONG_ALONE
+        gains = {fit.unknowns.effects: fit.log_evidence - self.baseline.log_evidence for fit in found}
+
+        def alone(scores: list[Score]) -> float:
+            return gains.get((scores[0].start.effect,), 0.0)
+
+        strong = sorted((s for s in beside[first:] if alone(s) > self.threshold), key=alone, reverse=True)
+        return beside[:first] + strong[:STRONG_ALONE]
 
     def _pairs(self, best: Fit, seconds: Sequence[list[Score]]) -> list[Fit]:
         if not seconds:

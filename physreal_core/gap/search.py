@@ -85,7 +85,8 @@ class Search:
         self.screen = self.refits.screens[0]
         self.threshold = float(np.quantile(self.screen.null_gains(settings.seed), 1.0 - settings.false_alarms))
         self.ranked = self.refits.ranked()
-        shortlist = [scores for scores in self.ranked if np.isfinite(scores[0].gain)][: settings.shortlist]
+        promising = [scores for scores in self.ranked if max(score.gain for score in scores) > self.threshold]
+        shortlist = promising[: settings.shortlist]
         found = self._singles(shortlist)
         promised: list[float | None] = [None, *(scores[0].gain for scores in shortlist)]
         best = max(found, key=lambda fit: fit.log_evidence)

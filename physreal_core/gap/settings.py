@@ -12,7 +12,7 @@ class GapSettings:
 
     Args:
         candidates: names in the registry; all by default.
-        shortlist: candidates that the score test hands on to a fit.
+        shortlist: candidates that the score test hands on to a fit, at most: those that promise more than chance.
         seconds: candidates tried beside the best one.
         iterations: of a candidate's fit, at most, before the best ones go on.
         finalists: candidates that go on.

@@ -7,6 +7,7 @@ import pytest
 
 from physreal_core.effects import EFFECTS, Coefficient, Effect
 from physreal_core.gap.least_squares import Data, fit, together
+from physreal_core.gap.naming import NINETY, fitted_effects
 from physreal_core.gap.screening import Screen, started
 from physreal_core.gap.unknowns import Priors, Unknowns
 from tests.gap.linear import FRAMES, TRACKS, LinearExperiment
@@ -79,6 +80,15 @@ def test_score_foretells_the_gain_of_the_fit():
     score, found = with_effect("drift", base, data)
     assert found.log_evidence - base.log_evidence == pytest.approx(score.gain, rel=0.02, abs=1.0)
     assert score.values["east"] == pytest.approx(0.5, abs=0.1)
+
+
+def test_intervals_widen_as_the_likelihood_is_tempered():
+    """Where the data outweigh the prior, four times the temperature is twice the interval."""
+    experiment, data = scene({"sink": {"amount": 0.8}})
+    _, found = with_effect("sink", baseline(experiment, data), data)
+    widths = [np.ptp(fitted_effects(found, t)[0].intervals["amount"]) for t in (1.0, 4.0)]
+    assert widths[1] == pytest.approx(2 * widths[0], rel=0.05)
+    assert widths[0] == pytest.approx(2 * NINETY * np.sqrt(found.covariance[-1, -1]), rel=1e-6)
 
 
 def test_effects_rank_by_what_they_explain_and_signs_are_kept():

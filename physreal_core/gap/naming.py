@@ -80,12 +80,13 @@ def probabilities(answers: Sequence[Answer], settings: GapSettings, library: int
 
 
 def weighed(gain: float, held_out: float, settings: GapSettings) -> float:
-    """An answer's gain in evidence, less what it loses on held-out frames [nat].
+    """An answer's gain in evidence, less what it loses on held-out frames or with a share of what it gains there [nat].
 
-    A loss there speaks against an effect. A gain is no more than what the evidence has promised already: counted, it would let
-    an effect with none of its own be named for the luck of one late swing.
+    A loss there speaks against an effect. A gain counts in part, and no more than what the evidence has promised already: else
+    an effect with none of its own would be named for the luck of one late swing.
     """
-    return gain + settings.held_out_weight * min(held_out, 0.0)
+    kept = settings.held_out_share * min(max(held_out, 0.0), max(gain, 0.0))
+    return gain + kept + settings.held_out_weight * min(held_out, 0.0)
 
 
 def chances(sizes: Sequence[int], gains: Float[Array, " answers"], settings: GapSettings, library: int) -> Array:

@@ -27,6 +27,7 @@ class GapSettings:
         misfit: share of the best answer's gain that the temperature is at least: a simulator whose answer to an effect is a
             few per cent off gains as many per cent of it by imitating that with a wrong effect, or with a second one.
         held_out_weight: weight of what an answer loses on held-out frames, beside the training evidence.
+        held_out_share: of what it gains there, as far as that is not more than the training evidence.
         class_ratio: an answer belongs to the reported class if it is at least this times as probable as the best one.
         class_size: members at most.
         false_alarms: share of captures without a missing effect in which one may be named.
@@ -49,6 +50,7 @@ class GapSettings:
     temperature: float = 12.0
     misfit: float = 0.05
     held_out_weight: float = 1.0
+    held_out_share: float = 0.5
     class_ratio: float = 0.1
     class_size: int = 3
     false_alarms: float = 0.05

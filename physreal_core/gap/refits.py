@@ -75,10 +75,8 @@ class Refits:
         return together([self._begun(scores) for scores in chosen], self.data)
 
     def _begun(self, scores: list[Score]) -> Request:
-        unknowns, starts = started(scores, self._settings.priors)
-        jacobians = [jacobian for _, jacobian in starts]
-        vectors = np.stack([vector for vector, _ in starts])
-        return fit(unknowns, self.data, vectors, self._settings.iterations, jacobians)
+        unknowns, starts, known = started(scores, self._settings.priors)
+        return fit(unknowns, self.data, starts, self._settings.iterations, known)
 
     def settled(self, fits: Sequence[Fit]) -> list[Fit]:
         """The fits, gone on until they arrive; each also from the material of every other one, if that is better."""

@@ -212,28 +212,29 @@ def _linear_gain(
 SHARES = (1.0, 0.5, 0.1)
 """Of the linear model's amplitudes, from which a fit may start: the least is hardly worse than the fit beside."""
 
-Place = tuple[Float[Array, " unknowns"], Float[Array, "entries known"]]
-"""A vector from which a fit may start, and the tangents of the first unknowns there."""
 
-
-def started(scores: Sequence[Score], priors: Priors) -> tuple[Unknowns, list[Place]]:
-    """Unknowns and starts of the fit of one more effect, from the linear optima of its scores, the best first."""
+def started(
+    scores: Sequence[Score], priors: Priors
+) -> tuple[Unknowns, Float[Array, "starts unknowns"], list[Float[Array, "entries known"]]]:
+    """Of the fit of one more effect: unknowns, starts from the linear optima of its scores (the best score first), and the
+    tangents of the baseline's unknowns at each."""
     best = scores[0]
     present = best.beside.unknowns
     at: EffectValues = {**present.values(best.beside.vector), best.start.effect: best.values}
     names = sorted((*present.effects, best.start.effect), key=list(EFFECTS).index)
     unknowns = Unknowns(present.fields, names, priors, at, present.ground)
-    return unknowns, [_start(unknowns, score, share) for score in scores for share in SHARES]
+    starts = [_start(unknowns, score, share) for score in scores for share in SHARES]
+    known = [score.beside.jacobian[:, : unknowns.baseline] for score in scores for _ in SHARES]
+    return unknowns, np.stack(starts), known
 
 
-def _start(unknowns: Unknowns, score: Score, share: float) -> Place:
+def _start(unknowns: Unknowns, score: Score, share: float) -> Float[Array, " unknowns"]:
     """The fit beside which an effect was scored, with the effect at a share of the linear model's amplitudes."""
     beside, vector = score.beside, unknowns.start()
     vector[: unknowns.baseline] = beside.vector[: unknowns.baseline]
     effects = {**beside.unknowns.values(beside.vector), score.start.effect: _shrunk(score, share)}
     vector = unknowns.with_effects(vector, effects)
-    known = beside.jacobian[:, : unknowns.baseline]
-    return np.clip(vector, unknowns.block.lower, unknowns.block.upper), known
+    return np.clip(vector, unknowns.block.lower, unknowns.block.upper)
 
 
 def _shrunk(score: Score, share: float) -> dict[str, float]:

@@ -1,12 +1,15 @@
 """A made-up world that is linear in its unknowns: the closed form of every fit is known."""
 
+from dataclasses import dataclass
 from types import SimpleNamespace
 
 import numpy as np
 import torch
 
-from physreal_core.effects import Setting
+from physreal_core.effects import EFFECTS, Coefficient, Effect, Setting
+from physreal_core.gap.least_squares import Data, Fit, fit, together
 from physreal_core.gap.noise import ModelError, Noise
+from physreal_core.gap.unknowns import Priors, Unknowns
 from physreal_core.simulation import Body
 
 FRAMES, TRAIN, TRACKS, SIGMA = 10, 7, 6, 1e-3
@@ -14,6 +17,40 @@ FIELDS = {
     "youngs_modulus": torch.full((2,), 1e5, dtype=torch.float64),
     "poissons_ratio": torch.full((2,), 0.3, dtype=torch.float64),
 }
+
+
+@dataclass
+class MadeUp(Effect):
+    """An effect of one or two coefficients, the first of fixed sign."""
+
+    name: str
+    coefficients: tuple[Coefficient, ...]
+
+
+def register(monkeypatch) -> None:
+    """Puts `sink`, of one coefficient of fixed sign, and `drift`, of two, into the registry for a test."""
+    one = Coefficient("amount", "m", "sinking", 0.0, 0.0, 10.0, 1.0)
+    two = tuple(Coefficient(name, "m", "drift", 0.0, -10.0, 10.0, 1.0) for name in ("east", "north"))
+    for effect in (MadeUp("sink", (one,)), MadeUp("drift", two)):
+        monkeypatch.setitem(EFFECTS, effect.name, effect)
+
+
+def ramp(direction, power: float) -> np.ndarray:
+    time = np.linspace(0, 1, FRAMES)[:, None, None] ** power
+    return np.broadcast_to(1e-2 * time * np.asarray(direction, float), (FRAMES, TRACKS, 3))
+
+
+ANSWERS = {
+    "sink": {"amount": ramp((0, 0, -1), 1.0)},
+    "drift": {"east": ramp((1, 0, 0), 2.0), "north": ramp((0, 1, 0), 2.0)},
+}
+
+
+def baseline(experiment: "LinearExperiment", data: Data, iterations: int = 8) -> Fit:
+    """The fit without effects."""
+    unknowns = Unknowns(experiment.model.fields, (), Priors(), ground=False)
+    (found,) = together([fit(unknowns, data, unknowns.start()[None], iterations)], data)
+    return found
 
 
 class LinearExperiment:

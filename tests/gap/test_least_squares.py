@@ -1,45 +1,20 @@
 """Fits, scores and evidence in a linear world, against closed forms."""
 
-from dataclasses import dataclass
-
 import numpy as np
 import pytest
 
-from physreal_core.effects import EFFECTS, Coefficient, Effect
 from physreal_core.gap.least_squares import Data, fit, together
 from physreal_core.gap.naming import NINETY, fitted_effects
 from physreal_core.gap.screening import Screen, started
-from physreal_core.gap.unknowns import Priors, Unknowns
-from tests.gap.linear import FRAMES, TRACKS, LinearExperiment
+from physreal_core.gap.unknowns import Priors
+from tests.gap.linear import ANSWERS, LinearExperiment, baseline, register
 
 PRIORS = Priors()
 
 
-@dataclass
-class MadeUp(Effect):
-    """An effect of one or two coefficients, the first of fixed sign."""
-
-    name: str
-    coefficients: tuple[Coefficient, ...]
-
-
-def ramp(direction, power: float) -> np.ndarray:
-    time = np.linspace(0, 1, FRAMES)[:, None, None] ** power
-    return np.broadcast_to(1e-2 * time * np.asarray(direction, float), (FRAMES, TRACKS, 3))
-
-
-ANSWERS = {
-    "sink": {"amount": ramp((0, 0, -1), 1.0)},
-    "drift": {"east": ramp((1, 0, 0), 2.0), "north": ramp((0, 1, 0), 2.0)},
-}
-
-
 @pytest.fixture(autouse=True)
 def registry(monkeypatch):
-    one = Coefficient("amount", "m", "sinking", 0.0, 0.0, 10.0, 1.0)
-    two = tuple(Coefficient(name, "m", "drift", 0.0, -10.0, 10.0, 1.0) for name in ("east", "north"))
-    for effect in (MadeUp("sink", (one,)), MadeUp("drift", two)):
-        monkeypatch.setitem(EFFECTS, effect.name, effect)
+    register(monkeypatch)
 
 
 def scene(truth: dict) -> tuple[LinearExperiment, Data]:
@@ -47,18 +22,11 @@ def scene(truth: dict) -> tuple[LinearExperiment, Data]:
     return experiment, Data([experiment], [experiment.noise()])
 
 
-def baseline(experiment, data):
-    unknowns = Unknowns(experiment.model.fields, (), PRIORS, ground=False)
-    (found,) = together([fit(unknowns, data, unknowns.start()[None], 8)], data)
-    return found
-
-
 def with_effect(name, base, data):
     screen = Screen(base, data, [name], PRIORS)
     (score,) = screen.scores(base.residual)
-    unknowns, places = started([score], PRIORS)
-    vectors, jacobians = zip(*places, strict=True)
-    (found,) = together([fit(unknowns, data, np.stack(vectors), 8, jacobians)], data)
+    unknowns, starts, known = started([score], PRIORS)
+    (found,) = together([fit(unknowns, data, starts, 8, known)], data)
     return score, found
 
 

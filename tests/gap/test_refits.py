@@ -3,13 +3,10 @@
 import numpy as np
 import pytest
 
-from physreal_core.effects import EFFECTS, Coefficient
 from physreal_core.gap import GapSettings
-from physreal_core.gap.least_squares import Data, fit, together
+from physreal_core.gap.least_squares import Data
 from physreal_core.gap.refits import Refits
-from physreal_core.gap.unknowns import Priors, Unknowns
-from tests.gap.linear import LinearExperiment
-from tests.gap.test_least_squares import ANSWERS, MadeUp
+from tests.gap.linear import ANSWERS, LinearExperiment, baseline, register
 
 NAMES = ("drift", "sink")
 SETTINGS = GapSettings()
@@ -17,18 +14,13 @@ SETTINGS = GapSettings()
 
 @pytest.fixture(autouse=True)
 def registry(monkeypatch):
-    one = Coefficient("amount", "m", "sinking", 0.0, 0.0, 10.0, 1.0)
-    two = tuple(Coefficient(name, "m", "drift", 0.0, -10.0, 10.0, 1.0) for name in ("east", "north"))
-    for effect in (MadeUp("sink", (one,)), MadeUp("drift", two)):
-        monkeypatch.setitem(EFFECTS, effect.name, effect)
+    register(monkeypatch)
 
 
 def refits(truth: dict, iterations: int = 8) -> Refits:
     experiment = LinearExperiment(ANSWERS, truth)
     data = Data([experiment], [experiment.noise()])
-    unknowns = Unknowns(experiment.model.fields, (), Priors(), ground=False)
-    (base,) = together([fit(unknowns, data, unknowns.start()[None], iterations)], data)
-    return Refits(base, data, NAMES, SETTINGS)
+    return Refits(baseline(experiment, data, iterations), data, NAMES, SETTINGS)
 
 
 def test_contrast_that_the_baseline_needs_is_screened_without_too():

@@ -18,6 +18,7 @@ from physreal_core.perception.hand_finder import HandFinder
 from physreal_core.perception.lifting import DepthNoise, LiftedTracks, depth_at, lift_tracks
 from physreal_core.perception.onnx_tracker import inside_masks
 from physreal_core.perception.segmenter import Segmenter
+from physreal_core.perception.support import without_support
 from physreal_core.perception.tracker import Tracker, Tracks
 
 
@@ -94,6 +95,8 @@ def parse_video(
     """
     frames, report = video.frames, {}
     choices = _frame_zero(video, networks, tick)
+    if "object" not in video.masks:
+        choices["object"] = replace(choices["object"], mask=_standing(video, choices["object"].mask, 0, settings))
     report["chosen_by"] = {name: choice.how for name, choice in choices.items()}
     tracker = networks.tracker or networks.flow
     first = {name: choice.mask for name, choice in choices.items()}
@@ -216,7 +219,16 @@ def _all_masks(
     masks = dict(masks)
     if "object" in video.masks:
         masks["object"] = video.masks["object"]
+    else:
+        masks["object"] = np.stack([_standing(video, mask, t, settings) for t, mask in enumerate(masks["object"])])
     return masks
+
+
+def _standing(video: Video, mask: Array, t: int, settings: Settings) -> Array:
+    """The object's mask in frame t without its shadow and table, where depth can tell."""
+    if video.depth is None:
+        return mask
+    return without_support(mask, video.depth[t], video.K, video.T_world_camera, settings.noise)
 
 
 def _controller(

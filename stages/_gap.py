@@ -94,7 +94,7 @@ def _candidate(record: dict[str, Any], fields: Fields) -> Candidate:
         FittedEffect(**{**effect, "intervals": {name: tuple(ends) for name, ends in effect["intervals"].items()}})
         for effect in record["effects"]
     )
-    return Candidate(**{**record, "effects": effects}, fields=fields)
+    return Candidate(**{**record, "effects": effects, "telling": tuple(record["telling"])}, fields=fields)
 
 
 def _plain_number(value: Any) -> Any:

@@ -6,6 +6,7 @@ from collections.abc import Mapping, Sequence
 from dataclasses import replace
 from pathlib import Path
 from types import MappingProxyType
+from typing import Literal
 
 import numpy as np
 
@@ -41,6 +42,7 @@ def film(
     seed: int | Sequence[int] = 0,
     hidden: Hidden = NOTHING,
     further_truth: Mapping[str, Array | str] = MappingProxyType({}),
+    hint: Literal["point", "box"] = "point",
 ) -> None:
     """Films what happened into `destination`, which is replaced as a whole.
 
@@ -51,6 +53,7 @@ def film(
         seed: seeds sensor noise and the prior's pose.
         hidden: what the capture does not say of camera and table.
         further_truth: more arrays for truth.npz.
+        hint: how the object is named in frame 0. A click on a pattern may be taken to mean a part of it; a box is not.
     """
     destination = Path(destination)
     draft = destination.with_name(destination.name + ".partial")
@@ -63,7 +66,8 @@ def film(
         pose = hidden.camera(scene.view.pose(), frame / scene.fps)
         picture = stage.picture(trajectory.vertices[frame], trajectory.hand[frame], pose=pose)
         if frame == 0:
-            hints = {"object": {"point": _click(picture, OBJECT)}, "controller": {"point": _click(picture, HAND)}}
+            named = {"point": _click, "box": _box}[hint]
+            hints = {"object": {hint: named(picture, OBJECT)}, "controller": {"point": _click(picture, HAND)}}
         _write_frame(draft, frame, replace(picture, depth=hidden.depth(picture.depth)), scene, random)
     (draft / "capture.json").write_text(json.dumps(describe(scene, hints), indent=1) + "\n")
     T_world_prior = random_similarity(random)
@@ -116,6 +120,12 @@ def _click(picture: Picture, label: int) -> list[int]:
     inside = distance_transform_edt(np.pad(picture.label == label, 1))[1:-1, 1:-1]
     v, u = np.unravel_index(inside.argmax(), inside.shape)
     return [int(u), int(v)]
+
+
+def _box(picture: Picture, label: int) -> list[int]:
+    """Where a person would draw a box around a thing: the edges (u0, v0, u1, v1) of its visible part."""
+    v, u = np.nonzero(picture.label == label)
+    return [int(u.min()), int(v.min()), int(u.max()), int(v.max())]
 
 
 def _write_prior(path: Path, trajectory: Trajectory, T_world_prior: Float[Array, "4 4"]) -> None:

@@ -81,7 +81,7 @@ def make_case(case: Case, destination: Path, *, video: bool) -> None:
         (draft / motion).mkdir(parents=True)
         if video:
             truth = _hidden_truth(case)
-            film(scene, trajectory, draft / motion, seed=seed, hidden=case.hidden, further_truth=truth)
+            film(scene, trajectory, draft / motion, seed=seed, hidden=case.hidden, further_truth=truth, hint="box")
         else:
             _write_tracks(draft / motion, scene, trajectory, case, np.random.default_rng(seed))
     shutil.rmtree(destination, ignore_errors=True)

@@ -102,7 +102,11 @@ def _shown(experiments: Sequence[Interaction], found: Fit, number: int):
 
 
 def _most_telling(report: GapReport, names: Sequence[str]) -> int:
-    """The interaction in which the effects show most."""
+    """The interaction from which the others can be predicted best, as far as the search knows: of effects that it has not
+    fitted, the one in which they show most."""
+    fitted = _from_report(report, names)
+    if fitted is not None and fitted.telling:
+        return int(np.argmax(fitted.telling))
     if not report.information:
         return 0
     return int(np.argmax([sum(sizes.get(name, 0.0) for name in names) for sizes in report.information]))

@@ -72,6 +72,23 @@ class Evidence:
         sigma, error = experiment.sigma[:end], self._settings.model_error
         return Noise(sigma, valid, experiment.points0, *fields, experiment.setting.fps, error, experiment.device)
 
+    def test(self, found: Fit) -> dict[str, float]:
+        """The global tests of all experiments joined: whether a fit leaves a disagreement beyond noise and numerics."""
+        from scipy.stats import chi2
+
+        parts = [
+            noise.global_test(predicted - experiment.measured[: experiment.train], 0)
+            for experiment, noise, predicted in zip(self.experiments, self.train.noises, found.predicted, strict=True)
+        ]
+        statistic = sum(part["statistic"] for part in parts)
+        degrees = max(sum(part["degrees"] for part in parts) - found.unknowns.baseline, 1.0)
+        return {"statistic": statistic, "degrees": degrees, "p_value": float(chi2.sf(statistic, degrees))}
+
+    def excess(self, found: Fit) -> float:
+        """What a fit leaves beyond noise and numerics [nat]; negative where their model has room to spare."""
+        test = self.test(found)
+        return 0.5 * (test["statistic"] - test["degrees"])
+
     def held_out_energy(self, predictions: Sequence[Float[Array, "frames tracks 3"]]) -> float:
         """Half the whitened squared residual over the held-out frames of all experiments [nat]; predictions over all frames."""
         total = 0.0

@@ -8,6 +8,7 @@ from __future__ import annotations
 
 from collections.abc import Generator, Sequence
 from dataclasses import dataclass
+from itertools import pairwise
 
 import numpy as np
 from scipy.special import log_ndtr
@@ -81,6 +82,11 @@ class Data:
     def __init__(self, experiments: Sequence[Interaction], noises: Sequence[Noise]) -> None:
         self.experiments, self.noises = list(experiments), list(noises)
         self.frames = [noise.frames for noise in noises]
+
+    def rows(self) -> list[slice]:
+        """Where each experiment's entries stand among the whitened residuals."""
+        ends = np.cumsum([0, *(3 * int(noise.valid.sum()) for noise in self.noises)]).tolist()
+        return [slice(first, end) for first, end in pairwise(ends)]
 
     def predict(self, trials: Sequence[Trial]) -> Predictions:
         """Where the trials have the tracks [m], over these frames."""

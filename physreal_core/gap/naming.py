@@ -14,6 +14,7 @@ from physreal_core.gap.experiment import Interaction
 from physreal_core.gap.least_squares import Fit
 from physreal_core.gap.report import Candidate, FittedEffect, Verdict
 from physreal_core.gap.settings import GapSettings
+from physreal_core.gap.telling import telling
 
 NINETY = 1.6449  # standard deviations on either side that hold 90 % of a Gaussian
 
@@ -27,12 +28,15 @@ class Answer:
         screened: gain that the score test promised [nat].
         gain: in log evidence over the baseline [nat].
         held_out: gain in half the squared residual of the held-out frames [nat].
+        excess, telling: as of `Candidate`.
     """
 
     fit: Fit
     screened: float | None
     gain: float
     held_out: float
+    excess: float
+    telling: tuple[float, ...]
 
     @property
     def names(self) -> tuple[str, ...]:
@@ -52,7 +56,8 @@ def answer_of(
     predictions = [experiment.predict([trial])[0] for experiment in experiments]
     held_out = energy - evidence.held_out_energy(predictions)
     gain = fit.log_evidence - baseline.log_evidence
-    return Answer(fit, screened, gain, held_out if np.isfinite(held_out) else -np.inf)
+    held_out = held_out if np.isfinite(held_out) else -np.inf
+    return Answer(fit, screened, gain, held_out, evidence.excess(fit), telling(fit, baseline, evidence.train))
 
 
 def fitted_effects(fit: Fit, temperature: float) -> tuple[FittedEffect, ...]:
@@ -115,6 +120,8 @@ def candidates_of(answers: Sequence[Answer], chances: Array, settings: GapSettin
             a.held_out,
             float(p),
             a.fit.unknowns.baseline_fields(a.fit.vector),
+            a.excess,
+            a.telling,
         )
         for a, p in zip(answers, chances, strict=True)
     ]

@@ -15,6 +15,7 @@ import numpy as np
 from physreal_core.gap.least_squares import Data, Fit, Request, fit, together
 from physreal_core.gap.screening import Score, Screen, started
 from physreal_core.gap.settings import GapSettings
+from physreal_core.gap.unknowns import Unknowns
 
 WORTH_A_SCREEN = 10.0
 """Gain of the contrast [nat] from which on the level baseline is screened too."""
@@ -73,6 +74,17 @@ class Refits:
     def fitted(self, chosen: Sequence[list[Score]]) -> list[Fit]:
         """A few steps of the fit of each effect, from all places in which it was scored."""
         return together([self._begun(scores) for scores in chosen], self.data)
+
+    def alone(self, two: Fit) -> list[Fit]:
+        """Each of the effects of a fit without the others, from where that fit is."""
+        own, requests = two.unknowns, []
+        values = own.values(two.vector)
+        for name in own.effects:
+            unknowns = Unknowns(own.fields, (name,), own.priors, values, own.ground)
+            kept = np.r_[: own.baseline, own.places[name]]
+            start = two.vector[kept][None]
+            requests.append(fit(unknowns, self.data, start, self._settings.iterations, [two.jacobian[:, kept]]))
+        return together(requests, self.data)
 
     def _begun(self, scores: list[Score]) -> Request:
         unknowns, starts, known = started(scores, self._settings.priors)

@@ -37,6 +37,8 @@ class Candidate:
         held_out: gain in the log likelihood of the held-out frames [nat].
         probability: among all answers.
         fields: the baseline's fields (as of `Model.fields`) refitted beside the effects.
+        excess: what it leaves of the disagreement beyond noise and numerics on the training frames [nat].
+        telling: per interaction, the share of what the effects do in the others that a fit to it alone would predict.
     """
 
     effects: tuple[FittedEffect, ...]
@@ -45,6 +47,8 @@ class Candidate:
     held_out: float | None = None
     probability: float = 0.0
     fields: dict[str, Tensor] = field(default_factory=dict, repr=False)
+    excess: float | None = None
+    telling: tuple[float, ...] = ()
 
     @property
     def names(self) -> tuple[str, ...]:

@@ -117,10 +117,8 @@ class Screen:
 
     def information(self) -> list[dict[str, float]]:
         """Per experiment: expected whitened change by each effect at its scale, baseline and numerics projected out."""
-        found, first = [], 0
-        for experiment, noise in zip(self._data.experiments, self._data.noises, strict=True):
-            rows = slice(first, first + 3 * int(noise.valid.sum()))
-            first = rows.stop
+        found = []
+        for rows in self._data.rows():
             sizes: dict[str, float] = {}
             for start in self.starts:
                 size = float(np.sqrt((start.tangents[rows] ** 2).sum(0)).max())

@@ -90,13 +90,12 @@ class Search:
         found = self._singles(shortlist)
         promised: list[float | None] = [None, *(scores[0].gain for scores in shortlist)]
         best = max(found, key=lambda fit: fit.log_evidence)
-        seconds = self._promising(found, best)
-        pairs = self._pairs(best, seconds)
+        pairs, promised_beside = self._pairs(found, best)
         self.predictions = self._predicted(self.baseline)
         energy = self.evidence.held_out_energy(self.predictions)
         self.answers = [
             answer_of(fit, score, self.baseline, self.evidence, self.experiments, energy)
-            for fit, score in zip([*found, *pairs], promised + [scores[0].gain for scores in seconds], strict=True)
+            for fit, score in zip([*found, *pairs], promised + promised_beside, strict=True)
         ]
 
     def _predicted(self, found: Fit) -> list[np.ndarray]:
@@ -105,37 +104,74 @@ class Search:
 
     def _singles(self, shortlist: Sequence[list[Score]]) -> list[Fit]:
         """The baseline, settled too, and fits with one effect each."""
-        self._progress("fitting " + ", ".join(scores[0].start.effect for scores in shortlist))
+        if shortlist:
+            self._progress("fitting " + ", ".join(scores[0].start.effect for scores in shortlist))
         fits = self.refits.fitted(shortlist)
         order = sorted(range(len(fits)), key=lambda number: -fits[number].log_evidence)
         finalists = order[: self.settings.finalists]
-        self._progress("settling " + ", ".join(fits[number].unknowns.effects[0] for number in finalists))
+        names = (fits[number].unknowns.effects[0] for number in finalists)
+        self._progress("settling " + ", ".join(("the baseline", *names)))
         self.baseline, *settled = self.refits.settled([self.baseline, *(fits[number] for number in finalists)])
         for number, found in zip(finalists, settled, strict=True):
             fits[number] = found
         return [self.baseline, *fits]
 
-    def _promising(self, found: Sequence[Fit], best: Fit) -> list[list[Score]]:
-        """Effects that promise more than chance beside the best one: those that promise most there, and those that gained most
-        alone, because tangents far from an effect's size say little."""
+    def _gain(self, found: Fit) -> float:
+        return found.log_evidence - self.baseline.log_evidence
+
+    def _pairs(self, found: Sequence[Fit], best: Fit) -> tuple[list[Fit], list[float]]:
+        """Fits with two effects, and what the linear model promised of the second one [nat].
+
+        Beside the best effect; where that leaves more than an effect's misfit, beside others that gain much alone too, for one
+        of two is often imitated by a third. Of the best two, each is then exchanged for what promises most beside the other.
+        """
         if not best.unknowns.effects:
-            return []
-        beside = [scores for scores in self.refits.ranked_beside(best) if scores[0].gain > self.threshold]
-        first = self.settings.seconds - STRONG_ALONE
-        gains = {fit.unknowns.effects: fit.log_evidence - self.baseline.log_evidence for fit in found}
+            return [], []
+        unexplained = self.evidence.excess(best) > max(self.threshold, self.settings.misfit * self._gain(best))
+        ordered = sorted((fit for fit in found if fit.unknowns.effects), key=self._gain, reverse=True)
+        firsts = [fit for fit in ordered if self._gain(fit) > self.threshold][: self.settings.firsts]
+        seconds = [s for first in (firsts if unexplained else [best]) for s in self._promising(found, first)]
+        pairs, scores = self._fitted_pairs(seconds, [])
+        if unexplained and pairs:
+            two = max(pairs, key=self._gain)
+            alone = self.refits.alone(two)
+            exchanged = [s for one in alone for s in self._beside(one)[: self.settings.exchanges]]
+            further, more = self._fitted_pairs(exchanged, pairs)
+            pairs, scores = pairs + further, scores + more
+        return pairs, [score.gain for score in scores]
+
+    def _beside(self, first: Fit) -> list[list[Score]]:
+        """Effects that promise more than chance beside another."""
+        return [scores for scores in self.refits.ranked_beside(first) if scores[0].gain > self.threshold]
+
+    def _promising(self, found: Sequence[Fit], first: Fit) -> list[list[Score]]:
+        """Of these, those that promise most, and those that gained most alone, because tangents far from an effect's size say
+        little."""
+        beside, most = self._beside(first), self.settings.seconds - STRONG_ALONE
+        gains = {fit.unknowns.effects: self._gain(fit) for fit in found}
 
         def alone(scores: list[Score]) -> float:
             return gains.get((scores[0].start.effect,), 0.0)
 
-        strong = sorted((s for s in beside[first:] if alone(s) > self.threshold), key=alone, reverse=True)
-        return beside[:first] + strong[:STRONG_ALONE]
+        strong = sorted((s for s in beside[most:] if alone(s) > self.threshold), key=alone, reverse=True)
+        return beside[:most] + strong[:STRONG_ALONE]
 
-    def _pairs(self, best: Fit, seconds: Sequence[list[Score]]) -> list[Fit]:
-        if not seconds:
-            return []
-        others = ", ".join(scores[0].start.effect for scores in seconds)
-        self._progress(f"beside {best.unknowns.effects[0]}: {others}")
-        return self.refits.settled(self.refits.fitted(seconds))
+    def _fitted_pairs(self, seconds: Sequence[list[Score]], known: Sequence[Fit]) -> tuple[list[Fit], list[Score]]:
+        """Fits of the pairs that are not known, the best of them settled, with the scores of their second effects."""
+        chosen: dict[frozenset[str], list[Score]] = {}
+        taken = {frozenset(fit.unknowns.effects) for fit in known}
+        for scores in seconds:
+            names = frozenset((*scores[0].beside.unknowns.effects, scores[0].start.effect))
+            if names not in taken:
+                chosen.setdefault(names, scores)
+        if not chosen:
+            return [], []
+        self._progress("two at once: " + ", ".join("+".join(sorted(names)) for names in chosen))
+        fits = self.refits.fitted(list(chosen.values()))
+        order = sorted(range(len(fits)), key=lambda number: -self._gain(fits[number]))[: self.settings.seconds]
+        for number, settled in zip(order, self.refits.settled([fits[number] for number in order]), strict=True):
+            fits[number] = settled
+        return fits, [scores[0] for scores in chosen.values()]
 
     # --- report -------------------------------------------------------------------------------------------------
 
@@ -144,7 +180,7 @@ class Search:
         settings = self.settings
         chances = probabilities(self.answers, settings, len(self.names))
         candidates = candidates_of(self.answers, chances, settings) + self._not_fitted()
-        test = self._test(self.baseline)
+        test = self.evidence.test(self.baseline)
         test["threshold"] = self.threshold
         best = max(range(len(self.answers)), key=lambda number: chances[number])
         explained = self._explained(self.answers[best].fit)
@@ -186,25 +222,10 @@ class Search:
         rest = [scores[0] for scores in self.ranked if (scores[0].start.effect,) not in fitted]
         return tuple(Candidate((_unfitted(score),), score.gain) for score in rest)
 
-    def _test(self, found: Fit) -> dict[str, float]:
-        """The global tests of all experiments joined."""
-        from scipy.stats import chi2
-
-        parts = [
-            noise.global_test(predicted - experiment.measured[: experiment.train], 0)
-            for experiment, noise, predicted in zip(
-                self.experiments, self.evidence.train.noises, found.predicted, strict=True
-            )
-        ]
-        statistic = sum(part["statistic"] for part in parts)
-        degrees = max(sum(part["degrees"] for part in parts) - len(self.baseline.unknowns), 1.0)
-        return {"statistic": statistic, "degrees": degrees, "p_value": float(chi2.sf(statistic, degrees))}
-
     def _explained(self, found: Fit) -> float:
         """Share of the disagreement beyond noise and numerics that a fit closes."""
-        before, after = self._test(self.baseline), self._test(found)
-        excess = before["statistic"] - before["degrees"]
-        return 1.0 if excess <= 0 else float(np.clip((before["statistic"] - after["statistic"]) / excess, 0.0, 1.0))
+        before, after = self.evidence.excess(self.baseline), self.evidence.excess(found)
+        return 1.0 if before <= 0 else float(np.clip((before - after) / before, 0.0, 1.0))
 
 
 def _unfitted(score: Score) -> FittedEffect:

@@ -13,7 +13,9 @@ class GapSettings:
     Args:
         candidates: names in the registry; all by default.
         shortlist: candidates that the score test hands on to a fit, at most: those that promise more than chance.
-        seconds: candidates tried beside the best one.
+        firsts: effects beside which a second one is looked for, where the best one leaves more than its misfit.
+        seconds: candidates tried beside each of them, and pairs that go on.
+        exchanges: candidates that each of the best two is then exchanged for.
         iterations: of a candidate's fit, at most, before the best ones go on.
         finalists: candidates that go on.
         settling: iterations of these, and of the whole baseline, at most.
@@ -37,7 +39,9 @@ class GapSettings:
 
     candidates: tuple[str, ...] = ()
     shortlist: int = 8
+    firsts: int = 3
     seconds: int = 5
+    exchanges: int = 3
     iterations: int = 5
     finalists: int = 4
     settling: int = 10

@@ -107,6 +107,8 @@ def test_video_shows_what_tracks_would(monkeypatch, tmp_path):
         assert np.load(capture / "truth.npz")["effect_names"].tolist() == ["payload"]
         body, hand = truth.masks(described.K, described.T_world_camera, 80, 60, 0)
         assert body.sum() > 100 and hand.sum() > 100
+        u0, v0, u1, v1 = described.hints["object"].box.astype(int)
+        assert body[v0 : v1 + 1, u0 : u1 + 1].sum() > 0.95 * body.sum()
         assert sorted(path.name for path in (capture / "depth").iterdir()) == ["000000.png", "000001.png"]
 
 

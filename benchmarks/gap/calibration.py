@@ -1,7 +1,7 @@
 """Numbers of the search that stand for honesty, from captures of known truth that are in no benchmark.
 
 Where nothing is hidden, the test of disagreement must not see more than noise and model error: by how much it does says by how
-much the model error is too small. And gains in evidence become probabilities by the temperature, and by the weight of held-out
+much the model error is too small. And gains in evidence become probabilities by the temperature, and by what may be lost on held-out
 frames, under which the true answers are the most probable.
 """
 
@@ -20,7 +20,7 @@ from physreal_core.gap import GapSettings
 from physreal_core.gap.naming import chances, weighed
 
 TEMPERATURES = (1.0, 1.5, 2.0, 3.0, 4.0, 6.0, 8.0, 12.0, 16.0, 24.0)
-WEIGHTS = (0.0, 0.1, 0.25, 0.5, 1.0)  # of held-out frames
+LOSSES = (0.0, 0.1, 0.25, 0.5, 1.0)  # of held-out frames
 LEAST = 1e-4  # probability that a truth is given at least in the score: one case shall not decide alone
 
 
@@ -78,24 +78,24 @@ def _chances(answers: Sequence[Gained], settings: GapSettings, library: int) -> 
 
 
 def best_temperature(searched: Sequence[Searched], library: int) -> tuple[float, float, float]:
-    """Temperature and weight of held-out frames of least surprise, and that surprise [nat]."""
+    """Temperature and allowed held-out loss of least surprise, and that surprise [nat]."""
     tried = [
-        (surprise(searched, replace(GapSettings(), temperature=t, held_out_weight=w), library), t, w)
+        (surprise(searched, replace(GapSettings(), temperature=t, held_out_loss=loss), library), t, loss)
         for t in TEMPERATURES
-        for w in WEIGHTS
+        for loss in LOSSES
     ]
-    least, temperature, weight = min(tried)
-    return temperature, weight, least
+    least, temperature, loss = min(tried)
+    return temperature, loss, least
 
 
 def _told(excess: Sequence[float], searched: Sequence[Searched]) -> str:
     own = GapSettings()
-    temperature, weight, least = best_temperature(searched, len(EFFECTS))
+    temperature, loss, least = best_temperature(searched, len(EFFECTS))
     factor = float(np.sqrt(np.median(excess)))
     missed = sum(s.true is None for s in searched)
     return f"""{len(excess)} captures without an effect, {len(searched) - len(excess)} with one
 test of disagreement over its expectation: median {np.median(excess):.2f}, 90 % below {np.quantile(excess, 0.9):.2f};
 as if the model's error were {factor:.2f} times as large: model_error.rms {own.model_error.rms:g} -> {own.model_error.rms * factor:.2g}
 truth not among the fitted answers: {missed} of {len(searched)}
-least surprise {least:.2f} nat at temperature {temperature:g}, held_out_weight {weight:g};
-now {surprise(searched, own, len(EFFECTS)):.2f} at {own.temperature:g}, {own.held_out_weight:g}"""
+least surprise {least:.2f} nat at temperature {temperature:g}, held_out_loss {loss:g};
+now {surprise(searched, own, len(EFFECTS)):.2f} at {own.temperature:g}, {own.held_out_loss:g}"""

@@ -7,6 +7,7 @@ from collections.abc import Callable, Sequence
 import numpy as np
 
 from physreal_core.array_types import Array, Float
+from physreal_core.errors import InputError
 from physreal_core.gap.experiment import Interaction, Trial
 from physreal_core.gap.least_squares import Data, Fit, fit, together
 from physreal_core.gap.noise import Noise
@@ -107,33 +108,35 @@ def _surroundings(experiment: Interaction, trial: Trial, frames: int, reruns: bo
 
 
 HORIZONS = (0.35, 0.65)
-"""Shares of the training frames over which a rough baseline is fitted first: a swing whose frequency is wrong has other minima
-once it is half a period late."""
+"""Shares of the training frames over which a fitted model is refitted first: a swing whose frequency is a little wrong has other
+minima once it is half a period late."""
+
+FRICTIONS = (0.4, 1.0, 2.5)
+"""Factors on a guessed coefficient of friction among which the fit of a guessed model looks for its start."""
+
+VALLEYS = 2
+"""Of modulus and friction, from which a guessed model is fitted."""
 
 
 def fit_baseline(
     experiments: Sequence[Interaction], settings: GapSettings, progress: Progress = lambda message: None
 ) -> tuple[Fit, Evidence]:
-    """Fit the baseline to all experiments at once, over a growing horizon, with the noise model around it.
+    """Fit the baseline to all experiments at once, with the noise model around it.
 
-    Patches that bend early to a disagreement lead into poor minima, so a baseline without contrast is fitted beside the free
-    one and set free at the end; the better of both is kept. The noise model needs a baseline to be built around: until then
-    the smooth model error stands for the differences of reruns.
+    Patches that bend early to a disagreement lead into poor minima, so a baseline without contrast is fitted first and set
+    free at the end. The noise model needs a baseline to be built around: until then the smooth model error stands for the
+    differences of reruns.
     """
     first = experiments[0]
     fields, ground = first.model.fields, first.setting.ground_height is not None
     unknowns = Unknowns(fields, (), settings.priors, ground=ground)
-    free = _scanned(experiments, unknowns, settings)
-    level = unknowns.level(free)
-    for share in (*HORIZONS, 1.0):
-        progress(f"baseline over {100 * share:.0f} % of the training frames")
-        data = Evidence(experiments, unknowns.trial(free), settings, share, reruns=False).train
-        pair = (unknowns, free), (unknowns.levelled(), level)
-        found = together([fit(u, data, v[None], settings.baseline_iterations) for u, v in pair], data)
-        bent, straight = found
-        free, level = bent.vector, straight.vector
-    (released,) = together([fit(unknowns, data, level[None], settings.settling, [straight.jacobian])], data)
-    best = min(bent, released, key=lambda found: found.energy)
+    begun = _from_a_guess if len(settings.scan) > 1 else _from_a_fit
+    found, data = begun(experiments, unknowns, settings, progress)
+    straight = min((fit for fit in found if fit.unknowns is not unknowns), key=lambda fit: fit.energy)
+    progress("baseline with contrast between its patches")
+    start = straight.vector[None]
+    found += together([fit(unknowns, data, start, settings.settling, [straight.jacobian])], data)
+    best = min((fit for fit in found if fit.unknowns is unknowns), key=lambda fit: fit.energy)
     progress("baseline with the numerical error of reruns")
     evidence = Evidence(experiments, unknowns.trial(best.vector), settings)
     request = fit(unknowns, evidence.train, best.vector[None], settings.settling)
@@ -141,15 +144,54 @@ def fit_baseline(
     return settled, evidence
 
 
-def _scanned(experiments: Sequence[Interaction], unknowns: Unknowns, settings: GapSettings) -> Array:
-    """The start, with its moduli times the factor that fits the first frames best."""
-    vector = unknowns.start()
-    vectors = [vector.copy() for _ in settings.scan]
-    for moved, factor in zip(vectors, settings.scan, strict=True):
-        moved[: unknowns.patches] += np.log(factor)
-    if len(vectors) == 1:
-        return vectors[0]
-    evidence = Evidence(experiments, unknowns.trial(vector), settings, HORIZONS[0], reruns=False)
-    trials = [unknowns.trial(v) for v in vectors]
-    residuals = evidence.train.residuals(evidence.train.predict(trials))
-    return vectors[int(np.nanargmin((residuals**2).sum(0)))]
+def _from_a_fit(
+    experiments: Sequence[Interaction], unknowns: Unknowns, settings: GapSettings, progress: Progress
+) -> tuple[list[Fit], Data]:
+    """Refits of a fitted model, the free and the level one, over a growing horizon."""
+    free, level = unknowns.start(), unknowns.level(unknowns.start())
+    levelled = unknowns.levelled()
+    for share in (*HORIZONS, 1.0):
+        progress(f"baseline over {100 * share:.0f} % of the training frames")
+        data = Evidence(experiments, unknowns.trial(free), settings, share, reruns=False).train
+        pair = (unknowns, free), (levelled, level)
+        found = together([fit(u, data, v[None], settings.baseline_iterations) for u, v in pair], data)
+        free, level = (fit.vector for fit in found)
+    return found, data
+
+
+def _from_a_guess(
+    experiments: Sequence[Interaction], unknowns: Unknowns, settings: GapSettings, progress: Progress
+) -> tuple[list[Fit], Data]:
+    """Level fits from the deepest valleys of modulus and friction over all training frames.
+
+    The frames of a grip that presses say little of friction, and those that slide of the modulus: what fits the first frames
+    best may lie beyond a ridge from what fits all.
+    """
+    moduli, frictions = np.log(settings.scan), np.log(FRICTIONS) if unknowns.ground else np.zeros(1)
+    progress(f"baseline at {len(moduli) * len(frictions)} pairs of modulus and friction")
+    start = unknowns.level(unknowns.start())
+    vectors = np.tile(start, (len(moduli), len(frictions), 1))
+    vectors[..., : unknowns.patches] += moduli[:, None, None]
+    if unknowns.ground:
+        vectors[..., unknowns.patches + 1] += frictions
+    data = Evidence(experiments, unknowns.trial(start), settings, reruns=False).train
+    residuals = data.residuals(data.predict([unknowns.trial(v) for v in vectors.reshape(-1, len(start))]))
+    energies = np.nan_to_num(0.5 * (residuals**2).sum(0), nan=np.inf).reshape(vectors.shape[:2])
+    valleys = _valleys(energies)[:VALLEYS]
+    if not valleys:
+        raise InputError(
+            "no rollout ends",
+            where="the guessed model",
+            expected=f"one of moduli times {settings.scan} that can be simulated",
+        )
+    data = Evidence(experiments, unknowns.trial(vectors[valleys[0]]), settings, reruns=False).train
+    levelled = unknowns.levelled()
+    return together([fit(levelled, data, vectors[v][None], settings.settling) for v in valleys], data), data
+
+
+def _valleys(energies: Float[Array, "moduli frictions"]) -> list[tuple[int, int]]:
+    """Places on a grid that are no higher than any of their neighbours, the deepest first."""
+    padded = np.pad(energies, 1, constant_values=np.inf)
+    around = np.lib.stride_tricks.sliding_window_view(padded, (3, 3)).min((2, 3))
+    found = [(int(i), int(j)) for i, j in np.argwhere((energies <= around) & np.isfinite(energies))]
+    return sorted(found, key=lambda place: energies[place])

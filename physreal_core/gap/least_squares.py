@@ -153,6 +153,8 @@ def fit(
     columns = data.changes([p[1:] for p in predictions], now) / steps
     J = _finite(columns if jacobian is None else np.concatenate([jacobian, columns], axis=1))
     vector, energy, damping = start, _energy(unknowns, start, residual), 0.0
+    if not np.isfinite(energy):  # the rollout failed: there is no way from here
+        return Fit(unknowns, start, np.zeros_like(residual), np.zeros_like(J), now, np.inf)
     refresh = list(range(unknowns.baseline, len(unknowns)))
     renewed = jacobian is None
     for _ in range(iterations):

@@ -90,8 +90,10 @@ def weighed(gain: float, held_out: float, settings: GapSettings) -> float:
     A loss there speaks against an effect. A gain counts in part, and no more than what the evidence has promised already: else
     an effect with none of its own would be named for the luck of one late swing.
     """
-    kept = settings.held_out_share * min(max(held_out, 0.0), max(gain, 0.0))
-    return gain + kept + settings.held_out_weight * min(held_out, 0.0)
+    promised = max(gain, 0.0)
+    if held_out < 0.0:
+        return gain + max(held_out, -settings.held_out_loss * promised)
+    return gain + settings.held_out_share * min(held_out, promised)
 
 
 def chances(sizes: Sequence[int], gains: Float[Array, " answers"], settings: GapSettings, library: int) -> Array:

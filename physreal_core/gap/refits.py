@@ -20,6 +20,9 @@ from physreal_core.gap.unknowns import Unknowns
 WORTH_A_SCREEN = 10.0
 """Gain of the contrast [nat] from which on the level baseline is screened too."""
 
+STARTS = 3
+"""Of every effect that are screened in the second place: those that promise most from the first."""
+
 
 class Refits:
     """The screens and fits beside one baseline.
@@ -37,8 +40,9 @@ class Refits:
     def __init__(self, baseline: Fit, data: Data, names: Sequence[str], settings: GapSettings) -> None:
         self.baseline, self.data, self._settings = baseline, data, settings
         level = self._levelled() if baseline.unknowns.patches > 1 else baseline
-        places = [baseline, level] if level.energy - baseline.energy > WORTH_A_SCREEN else [baseline]
-        self.screens = [Screen(place, data, names, settings.priors) for place in places]
+        bent = WORTH_A_SCREEN < level.energy - baseline.energy < np.inf
+        screen = Screen(baseline, data, names, settings.priors)
+        self.screens = [screen, screen.anew(level, STARTS)] if bent else [screen]
 
     def _levelled(self) -> Fit:
         """The best baseline without contrast, as a place of the fitted one's unknowns."""
@@ -65,11 +69,14 @@ class Refits:
             for _, found in sorted(best_first.items(), key=lambda entry: entry[1])
         ]
 
-    def ranked_beside(self, best: Fit) -> list[list[Score]]:
-        """The same of those that go together with the effects of a fit, from the tangents at the baseline nearest to it."""
+    def ranked_beside(self, best: Fit, *, anew: bool = False) -> list[list[Score]]:
+        """The same of those that go together with the effects of a fit, from the tangents at the baseline nearest to it, or from
+        those at the fit itself, taken anew: the baseline may move otherwise than it does with the effects."""
         patches = slice(best.unknowns.patches)
         apart = [np.linalg.norm(screen.baseline.vector[patches] - best.vector[patches]) for screen in self.screens]
-        return [[score] for score in self.screens[int(np.argmin(apart))].scores_beside(best)]
+        nearest = self.screens[int(np.argmin(apart))]
+        scores = nearest.anew(best, 1).scores(best.residual) if anew else nearest.scores_beside(best)
+        return [[score] for score in scores]
 
     def fitted(self, chosen: Sequence[list[Score]]) -> list[Fit]:
         """A few steps of the fit of each effect, from all places in which it was scored."""

@@ -7,6 +7,7 @@ comparison has a closed form: the gain in log evidence of the linearised model.
 
 from __future__ import annotations
 
+from collections import Counter
 from collections.abc import Sequence
 from dataclasses import dataclass
 
@@ -59,13 +60,18 @@ class Screen:
         data: of all experiments.
         names: the candidates.
         priors: of their coefficients.
+        plans: where each of them may start, if that is known; otherwise along the baseline's motion.
     """
 
-    def __init__(self, baseline: Fit, data: Data, names: Sequence[str], priors: Priors) -> None:
+    def __init__(
+        self, baseline: Fit, data: Data, names: Sequence[str], priors: Priors, plans: Sequence[Plan] | None = None
+    ) -> None:
         self.baseline, self._data, self._priors = baseline, data, priors
         trial = baseline.unknowns.trial(baseline.vector)
-        motions = [experiment.motion(trial) for experiment in data.experiments]
-        plans = [plan for name in names for plan in _plans(EFFECTS[name], data.experiments, motions)]
+        if plans is None:
+            motions = [experiment.motion(trial) for experiment in data.experiments]
+            plans = [plan for name in names for plan in _plans(EFFECTS[name], data.experiments, motions)]
+        self._plans = list(plans)
         trials = [Trial(trial.fields, {**trial.effects, plan.effect.name: v}) for plan in plans for v in plan.steps]
         answers = data.predict(trials)
         changes = data.changes(answers, baseline.predicted)
@@ -77,7 +83,20 @@ class Screen:
             self.raw.append(own)
             self.starts.append(self._start(plan, own))
 
-    def _start(self, plan: _Plan, columns: Array) -> Start:
+    def anew(self, fit: Fit, keep: int) -> Screen:
+        """The same at another fit, with the `keep` starts of every effect that promise most beside it from here."""
+        found = self._beside(fit)
+        order = sorted(found, key=lambda number: -found[number].gain)
+        kept, counts = [], Counter()
+        for number in order:
+            effect = found[number].start.effect
+            counts[effect] += 1
+            if counts[effect] <= keep:
+                kept.append(number)
+        names = list(dict.fromkeys(found[number].start.effect for number in sorted(kept)))
+        return Screen(fit, self._data, names, self._priors, [self._plans[number] for number in sorted(kept)])
+
+    def _start(self, plan: Plan, columns: Array) -> Start:
         return Start(plan.effect.name, plan.values, self.beside(self.baseline, columns), plan.half, np.sign(plan.sizes))
 
     @staticmethod
@@ -98,14 +117,19 @@ class Screen:
     def scores_beside(self, fit: Fit) -> list[Score]:
         """The same with other effects in place already, from the tangents at the baseline."""
         best: dict[str, Score] = {}
-        for start, raw in zip(self.starts, self.raw, strict=True):
-            if not all(go_together(start.effect, name) for name in fit.unknowns.effects):
-                continue
-            own = self.beside(fit, raw)
-            score = self._score(start, raw.T @ own, -own.T @ fit.residual, fit)
-            if start.effect not in best or score.gain > best[start.effect].gain:
-                best[start.effect] = score
+        for score in self._beside(fit).values():
+            if score.start.effect not in best or score.gain > best[score.start.effect].gain:
+                best[score.start.effect] = score
         return sorted(best.values(), key=lambda score: -score.gain)
+
+    def _beside(self, fit: Fit) -> dict[int, Score]:
+        """Scores beside a fit, by the start's number, of the effects that go together with those in place."""
+        found = {}
+        for number, (start, raw) in enumerate(zip(self.starts, self.raw, strict=True)):
+            if all(go_together(start.effect, name) for name in fit.unknowns.effects):
+                own = self.beside(fit, raw)
+                found[number] = self._score(start, raw.T @ own, -own.T @ fit.residual, fit)
+        return found
 
     def _score(self, start: Start, information: Array, pull: Array, beside: Fit) -> Score:
         at, gain = _linear_gain(information, pull, start.half, start.sign, self._priors.coefficient)
@@ -157,7 +181,7 @@ def go_together(first: str, second: str) -> bool:
 
 
 @dataclass(frozen=True)
-class _Plan:
+class Plan:
     """An effect's start as rollouts: values of shapes and stepped amplitudes, one dict a rollout, and the free steps."""
 
     effect: Effect
@@ -167,14 +191,14 @@ class _Plan:
     half: Bool[Array, " amplitudes"]
 
 
-def _plans(effect: Effect, experiments: Sequence[Interaction], motions: Sequence[States | None]) -> list[_Plan]:
+def _plans(effect: Effect, experiments: Sequence[Interaction], motions: Sequence[States | None]) -> list[Plan]:
     starts: list[dict[str, float]] = []
     for experiment, motion in zip(experiments, motions, strict=True):
         starts += [start for start in starts_of(experiment, effect, motion) if start not in starts]
     return [_plan(effect, start) for start in starts]
 
 
-def _plan(effect: Effect, start: dict[str, float]) -> _Plan:
+def _plan(effect: Effect, start: dict[str, float]) -> Plan:
     dormant = {c.name: c.dormant for c in effect.coefficients}
     shapes = {c.name: start.get(c.name, c.dormant) for c in effect.coefficients if c.kind == "shape"}
     steps, sizes, half = [], [], []
@@ -185,7 +209,7 @@ def _plan(effect: Effect, start: dict[str, float]) -> _Plan:
         steps.append({**dormant, **shapes, c.name: to})
         sizes.append((to - c.dormant) / c.scale)
         half.append(c.lower >= c.dormant or c.upper <= c.dormant)
-    return _Plan(effect, {**dormant, **shapes}, steps, np.array(sizes), np.array(half))
+    return Plan(effect, {**dormant, **shapes}, steps, np.array(sizes), np.array(half))
 
 
 def _linear_gain(

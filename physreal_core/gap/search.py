@@ -130,24 +130,28 @@ class Search:
         unexplained = self.evidence.excess(best) > max(self.threshold, self.settings.misfit * self._gain(best))
         ordered = sorted((fit for fit in found if fit.unknowns.effects), key=self._gain, reverse=True)
         firsts = [fit for fit in ordered if self._gain(fit) > self.threshold][: self.settings.firsts]
-        seconds = [s for first in (firsts if unexplained else [best]) for s in self._promising(found, first)]
+        if unexplained:
+            self._progress("screening beside " + ", ".join(first.unknowns.effects[0] for first in firsts))
+            seconds = [s for first in firsts for s in self._promising(found, self._beside(first, anew=True))]
+        else:
+            seconds = self._promising(found, self._beside(best))
         pairs, scores = self._fitted_pairs(seconds, [])
         if unexplained and pairs:
             two = max(pairs, key=self._gain)
             alone = self.refits.alone(two)
-            exchanged = [s for one in alone for s in self._beside(one)[: self.settings.exchanges]]
+            exchanged = [s for one in alone for s in self._beside(one, anew=True)[: self.settings.exchanges]]
             further, more = self._fitted_pairs(exchanged, pairs)
             pairs, scores = pairs + further, scores + more
         return pairs, [score.gain for score in scores]
 
-    def _beside(self, first: Fit) -> list[list[Score]]:
+    def _beside(self, first: Fit, *, anew: bool = False) -> list[list[Score]]:
         """Effects that promise more than chance beside another."""
-        return [scores for scores in self.refits.ranked_beside(first) if scores[0].gain > self.threshold]
+        return [scores for scores in self.refits.ranked_beside(first, anew=anew) if scores[0].gain > self.threshold]
 
-    def _promising(self, found: Sequence[Fit], first: Fit) -> list[list[Score]]:
-        """Of these, those that promise most, and those that gained most alone, because tangents far from an effect's size say
-        little."""
-        beside, most = self._beside(first), self.settings.seconds - STRONG_ALONE
+    def _promising(self, found: Sequence[Fit], beside: list[list[Score]]) -> list[list[Score]]:
+        """Of second effects, those that promise most, and those that gained most alone, because tangents far from an effect's
+        size say little."""
+        most = self.settings.seconds - STRONG_ALONE
         gains = {fit.unknowns.effects: self._gain(fit) for fit in found}
 
         def alone(scores: list[Score]) -> float:

@@ -20,7 +20,7 @@ class GapSettings:
         finalists: candidates that go on.
         settling: iterations of these, and of the whole baseline, at most.
         baseline_iterations: of the baseline's, per horizon.
-        scan: factors on the model's moduli among which the baseline's fit looks for its start; for a model that is only guessed.
+        scan: factors on the moduli of a model that is only guessed, among which the fit looks for its start.
         model_error: size and smoothness of the simulator's own error.
         priors: widths, in free coordinates.
         prior_none: probability that nothing is missing, before looking.
@@ -28,8 +28,10 @@ class GapSettings:
         temperature: by which gains are divided before they become probabilities, at least.
         misfit: share of the best answer's gain that the temperature is at least: a simulator whose answer to an effect is a
             few per cent off gains as many per cent of it by imitating that with a wrong effect, or with a second one.
-        held_out_weight: weight of what an answer loses on held-out frames, beside the training evidence.
-        held_out_share: of what it gains there, as far as that is not more than the training evidence.
+        held_out_share: share that counts of what an answer gains on held-out frames, as far as that is not more than its
+            training evidence.
+        held_out_loss: share of its training evidence that an answer may lose there: a right effect whose numbers are a little
+            off loses much where it acts hard, as in a contact.
         class_ratio: an answer belongs to the reported class if it is at least this times as probable as the best one.
         class_size: members at most.
         false_alarms: share of captures without a missing effect in which one may be named.
@@ -53,8 +55,8 @@ class GapSettings:
     prior_pair: float = 0.02
     temperature: float = 12.0
     misfit: float = 0.05
-    held_out_weight: float = 1.0
     held_out_share: float = 0.5
+    held_out_loss: float = 0.5
     class_ratio: float = 0.1
     class_size: int = 3
     false_alarms: float = 0.05

@@ -55,3 +55,19 @@ def test_a_baseline_that_stopped_short_goes_on_from_the_others():
     none, *_ = short.settled([short.baseline, *fits])
     assert none.unknowns.effects == () and none.energy <= short.baseline.energy
     assert max(fit.log_evidence for fit in fits) - none.log_evidence < 2.0
+
+
+def test_an_effect_is_fitted_alone_from_where_two_are():
+    found = refits({"sink": {"amount": 0.6}, "drift": {"east": 0.4}})
+    (two,) = found.settled(found.fitted(found.ranked_beside(found.fitted(found.ranked())[0])[:1]))
+    alone = found.alone(two)
+    assert [fit.unknowns.effects for fit in alone] == [(name,) for name in two.unknowns.effects]
+    assert all(two.energy < fit.energy < found.baseline.energy for fit in alone)
+
+
+def test_tangents_taken_anew_promise_the_same_in_a_linear_world():
+    found = refits({"sink": {"amount": 0.6}, "drift": {"east": 0.4}})
+    best = found.fitted(found.ranked())[0]
+    ((known,),), ((anew,),) = found.ranked_beside(best), found.ranked_beside(best, anew=True)
+    assert known.start.effect == anew.start.effect
+    assert anew.gain == pytest.approx(known.gain, rel=1e-3)

@@ -1,0 +1,31 @@
+"""Which of two interactions predicts the other."""
+
+import numpy as np
+
+from physreal_core.gap.least_squares import Data
+from physreal_core.gap.refits import Refits
+from physreal_core.gap.settings import GapSettings
+from physreal_core.gap.telling import telling
+from tests.gap.linear import ANSWERS, LinearExperiment, baseline, register
+
+
+def test_the_interaction_that_shows_the_effect_tells_of_the_one_that_hardly_does(monkeypatch):
+    register(monkeypatch)
+    faint = {name: {key: 0.05 * change for key, change in changes.items()} for name, changes in ANSWERS.items()}
+    truth = {"sink": {"amount": 2.0}}
+    plain, dim = LinearExperiment(ANSWERS, truth, 0), LinearExperiment(faint, truth, 1)
+    for experiments in ([plain, dim], [dim, plain]):
+        data = Data(experiments, [experiment.noise() for experiment in experiments])
+        refits = Refits(baseline(experiments[0], data), data, ("sink",), GapSettings())
+        (found,) = refits.fitted(refits.ranked())
+        shares = telling(found, refits.baseline, data)
+        assert int(np.argmax(shares)) == experiments.index(plain)
+        assert all(0.0 <= share <= 1.0 for share in shares)
+
+
+def test_alone_there_is_nothing_to_choose(monkeypatch):
+    register(monkeypatch)
+    experiment = LinearExperiment(ANSWERS, {})
+    data = Data([experiment], [experiment.noise()])
+    found = baseline(experiment, data)
+    assert telling(found, found, data) == (1.0,)

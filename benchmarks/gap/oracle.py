@@ -5,6 +5,7 @@ what our discretisation cannot close.
 """
 
 import dataclasses
+import math
 from collections.abc import Sequence
 from typing import Any
 
@@ -16,8 +17,8 @@ from physreal_core.gap.report import Disagreement
 
 def oracle_closed(
     experiments: Sequence[Experiment], effects: Sequence[str], added: dict[str, Any], settings: GapSettings
-) -> float:
-    """Share of the held-out gap that the true model closes.
+) -> float | None:
+    """Share of the held-out gap that the true model closes; None if it cannot be simulated to the end.
 
     Args:
         experiments: as the search had them.
@@ -32,4 +33,5 @@ def oracle_closed(
     found = Fits(seeing_all, settings, lambda message: None).with_effects(effects)
     trial = found.unknowns.trial(found.vector)
     predictions = [experiment.predict([trial])[0] for experiment in experiments]
-    return 1.0 - held_out_gap(disagreements(experiments, predictions, added["fitted_on"])) / before
+    closed = 1.0 - held_out_gap(disagreements(experiments, predictions, added["fitted_on"])) / before
+    return closed if math.isfinite(closed) else None

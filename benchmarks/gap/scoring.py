@@ -61,7 +61,7 @@ class Judgement:
     @property
     def closed_share(self) -> float | None:
         """What the answer closes relative to the true model; None where there is nothing to close."""
-        if self.closed is None or self.oracle_closed is None or self.oracle_closed < LEAST_CLOSED:
+        if self.closed is None or self.oracle_closed is None or not self.oracle_closed >= LEAST_CLOSED:
             return None
         return self.closed / self.oracle_closed
 

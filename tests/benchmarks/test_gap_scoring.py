@@ -145,3 +145,10 @@ def test_cases_are_named_seeded_and_keep_their_seeds_when_the_library_grows():
     assert sum(case.kind == "none" for case in calibration_cases(["wind", "lag"], 8)) == 4
     assert [case.effect for case in chosen(more, ["lag-*"])] == ["lag"] * 3
     assert sum(case.kind == "none" for case in more[: len(more) // 3]) >= 6  # controls come in between
+
+
+def test_a_true_model_that_cannot_be_simulated_has_closed_nothing_to_compare_with():
+    found = answer("effect", [["wind"]], 0.95, [effect("wind", {"x": 1.0, "y": 0.0})])
+    for closed in (None, float("nan")):
+        judged = judge(WIND, found, oracle({"wind": {"x": 1.0, "y": 0.0}}, closed), SIZES)
+        assert judged.first and judged.closed_share is None

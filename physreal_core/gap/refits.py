@@ -69,14 +69,13 @@ class Refits:
             for _, found in sorted(best_first.items(), key=lambda entry: entry[1])
         ]
 
-    def ranked_beside(self, best: Fit, *, anew: bool = False) -> list[list[Score]]:
-        """The same of those that go together with the effects of a fit, from the tangents at the baseline nearest to it, or from
-        those at the fit itself, taken anew: the baseline may move otherwise than it does with the effects."""
+    def ranked_beside(self, best: Fit) -> list[list[Score]]:
+        """The same of those that go together with the effects of a fit, from tangents there: around a baseline that bends to
+        imitate the effects they are others."""
         patches = slice(best.unknowns.patches)
         apart = [np.linalg.norm(screen.baseline.vector[patches] - best.vector[patches]) for screen in self.screens]
         nearest = self.screens[int(np.argmin(apart))]
-        scores = nearest.anew(best, 1).scores(best.residual) if anew else nearest.scores_beside(best)
-        return [[score] for score in scores]
+        return [[score] for score in nearest.anew(best, 1).scores(best.residual)]
 
     def fitted(self, chosen: Sequence[list[Score]]) -> list[Fit]:
         """A few steps of the fit of each effect, from all places in which it was scored."""

@@ -114,14 +114,6 @@ class Screen:
                 best[start.effect] = score
         return sorted(best.values(), key=lambda score: -score.gain)
 
-    def scores_beside(self, fit: Fit) -> list[Score]:
-        """The same with other effects in place already, from the tangents at the baseline."""
-        best: dict[str, Score] = {}
-        for score in self._beside(fit).values():
-            if score.start.effect not in best or score.gain > best[score.start.effect].gain:
-                best[score.start.effect] = score
-        return sorted(best.values(), key=lambda score: -score.gain)
-
     def _beside(self, fit: Fit) -> dict[int, Score]:
         """Scores beside a fit, by the start's number, of the effects that go together with those in place."""
         found = {}

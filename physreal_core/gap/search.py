@@ -122,31 +122,29 @@ class Search:
     def _pairs(self, found: Sequence[Fit], best: Fit) -> tuple[list[Fit], list[float]]:
         """Fits with two effects, and what the linear model promised of the second one [nat].
 
-        Beside the best effect; where that leaves more than an effect's misfit, beside others that gain much alone too, for one
-        of two is often imitated by a third. Of the best two, each is then exchanged for what promises most beside the other.
+        None where the best effect leaves no more than a right one's misfit. Otherwise beside the best and others that gain much
+        alone, for one of two is often imitated by a third. Of the best two, each is then exchanged for what promises most beside
+        the other.
         """
-        if not best.unknowns.effects:
+        left = self.evidence.excess(best)
+        if not best.unknowns.effects or left <= max(self.threshold, self.settings.misfit * self._gain(best)):
             return [], []
-        unexplained = self.evidence.excess(best) > max(self.threshold, self.settings.misfit * self._gain(best))
         ordered = sorted((fit for fit in found if fit.unknowns.effects), key=self._gain, reverse=True)
         firsts = [fit for fit in ordered if self._gain(fit) > self.threshold][: self.settings.firsts]
-        if unexplained:
-            self._progress("screening beside " + ", ".join(first.unknowns.effects[0] for first in firsts))
-            seconds = [s for first in firsts for s in self._promising(found, self._beside(first, anew=True))]
-        else:
-            seconds = self._promising(found, self._beside(best))
+        self._progress("screening beside " + ", ".join(first.unknowns.effects[0] for first in firsts))
+        seconds = [s for first in firsts for s in self._promising(found, self._beside(first))]
         pairs, scores = self._fitted_pairs(seconds, [])
-        if unexplained and pairs:
+        if pairs:
             two = max(pairs, key=self._gain)
             alone = self.refits.alone(two)
-            exchanged = [s for one in alone for s in self._beside(one, anew=True)[: self.settings.exchanges]]
+            exchanged = [s for one in alone for s in self._beside(one)[: self.settings.exchanges]]
             further, more = self._fitted_pairs(exchanged, pairs)
             pairs, scores = pairs + further, scores + more
         return pairs, [score.gain for score in scores]
 
-    def _beside(self, first: Fit, *, anew: bool = False) -> list[list[Score]]:
+    def _beside(self, first: Fit) -> list[list[Score]]:
         """Effects that promise more than chance beside another."""
-        return [scores for scores in self.refits.ranked_beside(first, anew=anew) if scores[0].gain > self.threshold]
+        return [scores for scores in self.refits.ranked_beside(first) if scores[0].gain > self.threshold]
 
     def _promising(self, found: Sequence[Fit], beside: list[list[Score]]) -> list[list[Score]]:
         """Of second effects, those that promise most, and those that gained most alone, because tangents far from an effect's

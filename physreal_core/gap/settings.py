@@ -13,7 +13,7 @@ class GapSettings:
     Args:
         candidates: names in the registry; all by default.
         shortlist: candidates that the score test hands on to a fit, at most: those that promise more than chance.
-        firsts: effects beside which a second one is looked for, where the best one leaves more than its misfit.
+        firsts: effects beside which a second one is looked for.
         seconds: candidates tried beside each of them, and pairs that go on.
         exchanges: candidates that each of the best two is then exchanged for.
         iterations: of a candidate's fit, at most, before the best ones go on.
@@ -24,10 +24,11 @@ class GapSettings:
         model_error: size and smoothness of the simulator's own error.
         priors: widths, in free coordinates.
         prior_none: probability that nothing is missing, before looking.
-        prior_pair: probability of two effects, given that something is missing.
+        prior_pair: probability of two effects, given that something is missing; they are looked for where one leaves much.
         temperature: by which gains are divided before they become probabilities, at least.
-        misfit: share of the best answer's gain that the temperature is at least: a simulator whose answer to an effect is a
-            few per cent off gains as many per cent of it by imitating that with a wrong effect, or with a second one.
+        misfit: share of its gain that a right answer may leave, for the simulator's answer to an effect is some per cent off. Only
+            where the best one leaves more is a second effect looked for; and the temperature is at least this share of the
+            best gain, since a wrong effect gains as much by imitating what is off.
         held_out_share: share that counts of what an answer gains on held-out frames, as far as that is not more than its
             training evidence.
         held_out_loss: share of its training evidence that an answer may lose there: a right effect whose numbers are a little
@@ -52,9 +53,9 @@ class GapSettings:
     model_error: ModelError = field(default_factory=ModelError)
     priors: Priors = field(default_factory=Priors)
     prior_none: float = 0.5
-    prior_pair: float = 0.02
+    prior_pair: float = 0.1
     temperature: float = 12.0
-    misfit: float = 0.05
+    misfit: float = 0.1
     held_out_share: float = 0.5
     held_out_loss: float = 0.5
     class_ratio: float = 0.1

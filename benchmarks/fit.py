@@ -78,7 +78,7 @@ RECIPES = {
         DescentConfig(iterations=12, first_horizon=0.4, checkpoint_every=3, every_term=True),
     ),
 }
-SCAN = ScanConfig(count=5, factor=2.0)
+SCAN = ScanConfig(count=5, factor=2.0, grips=(1.0, 6.0, 36.0))
 RESIDUAL = ResidualConfig(latent_size=4, hidden=16, beta_elastic=0.2, beta_plastic=0.02)
 
 

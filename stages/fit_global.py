@@ -1,4 +1,4 @@
-"""Stage 1: a homogeneous expert material (Theta_1 = E, nu, mu_f) from a scan of E and a descent with a growing horizon."""
+"""Stage 1: a homogeneous expert material (Theta_1 = E, nu, mu_f) from a scan of E and the grip and a descent with a growing horizon."""
 
 from physreal_core.fitting.curriculum import ScanConfig, start_from_scan, uniform_start
 from physreal_core.fitting.model import Model, uniform_model
@@ -20,7 +20,7 @@ def run(context: StageContext) -> None:
     config = ScanConfig(**params.scan.model_dump())
     with context.timed("scan"):
         model, found = start_from_scan(objective, model, variables, config)
-    scan = [{"youngs_modulus": modulus, "objective": finite_or_none(total)} for modulus, total in found]
+    scan = [{**entry, "objective": finite_or_none(entry["objective"])} for entry in found]
     model, result = descend(context, objective, model, variables, uniform_start(model, variables))
     write_fit(context, objective, model, result, scan=scan)
 

@@ -27,10 +27,12 @@ NETWORK_FIELDS = ("latent_elastic", "latent_plastic", "network_elastic", "networ
 
 @dataclass(frozen=True)
 class ScanConfig:
-    """Forward rollouts before Stage 1's descent, at `count` Young's moduli, each `factor` times the one before."""
+    """Forward rollouts before Stage 1's descent, at `count` Young's moduli, each `factor` times the one before, with the grip
+    `grips` times as stiff as it starts: of an object that slips from the hand the objective has no slope to a firmer one."""
 
     count: int = 5
     factor: float = 2.5
+    grips: tuple[float, ...] = (1.0,)
 
 
 def fit_material(
@@ -65,17 +67,33 @@ def fit_material(
 
 def start_from_scan(
     objective: Objective, model: Model, variables: list[Variable], config: ScanConfig
-) -> tuple[Model, list[tuple[float, float]]]:
-    """Stage 1's model with the best Young's modulus of the scan, and what `scan_youngs_modulus` found.
+) -> tuple[Model, list[dict[str, float]]]:
+    """Stage 1's model with the best Young's modulus and grip of the scan, and what was scanned: both, and the objective.
 
-    Without a scan, where `variables` hold Young's modulus or fewer than two are asked for, it is `model` as given.
+    Without a scan, where `variables` hold Young's modulus or fewer than two are asked for, it is `model` as given. A grip that
+    is held stays as it starts.
     """
-    moved = next((variable for variable in variables if variable.name == "youngs_modulus"), None)
-    if config.count < 2 or moved is None:
+    moved = {variable.name: variable for variable in variables if variable.rate > 0.0}
+    if config.count < 2 or "youngs_modulus" not in moved:
         return model, []
-    found = scan_youngs_modulus(objective, model, moved, config)
-    best = min(found, key=lambda entry: entry[1])[0]
-    return model.with_fields(youngs_modulus=torch.full((1,), best)), found
+    found = []
+    for grip in _grips(model, moved.get("grip_stiffness"), config):
+        held = model.with_fields(grip_stiffness=torch.tensor(grip, dtype=torch.float64))
+        totals = scan_youngs_modulus(objective, held, moved["youngs_modulus"], config)
+        found += [{"youngs_modulus": E, "grip_stiffness": grip, "objective": total} for E, total in totals]
+    best = min(found, key=lambda entry: entry["objective"])
+    if math.isinf(best["objective"]):
+        raise SimulationError("no Young's modulus of the scan gives a finite loss", frame=0, substep=0, particle=0)
+    stiffness = torch.tensor(best["grip_stiffness"], dtype=torch.float64)
+    return model.with_fields(youngs_modulus=torch.full((1,), best["youngs_modulus"]), grip_stiffness=stiffness), found
+
+
+def _grips(model: Model, variable: Variable | None, config: ScanConfig) -> list[float]:
+    """Stiffnesses of the grip that are scanned [N]."""
+    own = float(model.fields["grip_stiffness"])
+    if variable is None:
+        return [own]
+    return sorted({min(max(own * factor, variable.lower), variable.upper) for factor in config.grips})
 
 
 def scan_youngs_modulus(
@@ -90,8 +108,6 @@ def scan_youngs_modulus(
     steps = [config.factor ** (i - (config.count - 1) / 2) for i in range(config.count)]
     moduli = sorted({min(max(centre * step, variable.lower), variable.upper) for step in steps})
     totals = objective.totals_at(model.fields, "youngs_modulus", moduli)
-    if all(math.isinf(total) for total in totals):
-        raise SimulationError("no Young's modulus of the scan gives a finite loss", frame=0, substep=0, particle=0)
     return list(zip(moduli, totals, strict=True))
 
 

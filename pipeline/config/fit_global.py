@@ -1,6 +1,6 @@
 """Parameters of `fit_global` (Stage 1): the laws, where E, nu and mu_f start and may go, the objective and the descent."""
 
-from typing import Literal
+from typing import Annotated, Literal
 
 from pydantic import Field, model_validator
 
@@ -80,10 +80,15 @@ class Simulation(StageParameters):
 
 
 class Scan(StageParameters):
-    """Forward rollouts at several Young's moduli; the descent starts at the best of them."""
+    """Forward rollouts at several Young's moduli and grips; the descent starts at the best of them."""
 
     count: int = Field(5, ge=1, description="how many; 1: none but the start itself")
     factor: float = Field(2.0, gt=1, description="each modulus relative to the one before")
+    grips: tuple[Annotated[float, Field(gt=0)], ...] = Field(
+        (1.0, 6.0, 36.0),
+        min_length=1,
+        description="the grip's stiffness relative to its start, for what slips from a soft one",
+    )
 
 
 class FitGlobal(StageParameters):

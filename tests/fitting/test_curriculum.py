@@ -13,6 +13,7 @@ from physreal_core.fitting.curriculum import (
     fit_material,
     patch_start,
     scan_youngs_modulus,
+    start_from_scan,
     uniform_start,
     with_residual,
 )
@@ -71,6 +72,21 @@ def test_the_scan_counts_a_failed_rollout_as_infinite():
     objective.rollouts._simulator.rollout_batch = breaks_when_soft
     found = scan_youngs_modulus(objective, truth, MODULUS, ScanConfig(count=3, factor=4.0))
     assert math.isinf(found[0][1]) and found[1][1] < found[2][1] < math.inf
+
+
+def test_an_object_that_slips_from_a_soft_grip_is_started_with_a_firm_one():
+    truth = scene.model()
+    objective = Objective(scene.problem(truth), truth, LossConfig())
+    firm = float(truth.fields["grip_stiffness"])
+    slack = truth.with_fields(grip_stiffness=torch.tensor(firm / 20, dtype=torch.float64))
+    moved = [MODULUS, Variable("grip_stiffness", "log", 0.05, 1e-3, 1e3)]
+    config = ScanConfig(count=3, factor=3.0, grips=(1.0, 20.0))
+    model, found = start_from_scan(objective, slack, moved, config)
+    assert len(found) == 6
+    assert float(model.fields["grip_stiffness"]) == pytest.approx(firm)
+    assert model.fields["youngs_modulus"].item() == pytest.approx(truth.fields["youngs_modulus"][0].item(), rel=1e-3)
+    held, found = start_from_scan(objective, slack, [MODULUS], config)
+    assert len(found) == 3 and float(held.fields["grip_stiffness"]) == pytest.approx(firm / 20)
 
 
 def test_stage_2_finds_the_soft_patch():

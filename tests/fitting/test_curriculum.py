@@ -84,7 +84,9 @@ def test_an_object_that_slips_from_a_soft_grip_is_started_with_a_firm_one():
     model, found = start_from_scan(objective, slack, moved, config)
     assert len(found) == 6
     assert float(model.fields["grip_stiffness"]) == pytest.approx(firm)
-    assert model.fields["youngs_modulus"].item() == pytest.approx(truth.fields["youngs_modulus"][0].item(), rel=1e-3)
+    assert model.fields["youngs_modulus"].mean().item() == pytest.approx(
+        truth.fields["youngs_modulus"].mean().item(), rel=1e-3
+    )
     held, found = start_from_scan(objective, slack, [MODULUS], config)
     assert len(found) == 3 and float(held.fields["grip_stiffness"]) == pytest.approx(firm / 20)
 

@@ -22,6 +22,7 @@ from pipeline.project import CODE_ROOT, Project
 SEEN = ("parse_video", "segment_and_track", "build_object", "fit_pose", "sample_particles")
 FITTED = (*SEEN, "fit_global", "fit_patches", "find_gap", "add_effect")
 SEARCH = ("find_gap", "add_effect")
+ON_A_CARD = ("fit_global", "fit_patches", *SEARCH)
 
 
 def run_case(case: GapCase, folder: Path) -> None:
@@ -55,11 +56,16 @@ def project_of(own: Path) -> Project:
 
 
 def _parameters(motions: list[str]) -> dict[str, Any]:
-    """This repository's params.yaml with the case's interactions for its sequences."""
+    """This repository's params.yaml with the case's interactions for its sequences, on a card if there is one."""
+    import torch
+
     first, second = motions
+    own = read_parameters(CODE_ROOT / "params.yaml")
+    if torch.cuda.is_available():
+        own |= {stage: {**own[stage], "device": "cuda:0"} for stage in ON_A_CARD}
     sequences = {"sequences": {first: {}, second: {}}, "fits": {first: {"companion": second}}}
     emptied = {"clips": {}, "rigged": {}, "predictions": {}}
-    return read_parameters(CODE_ROOT / "params.yaml") | sequences | emptied
+    return own | sequences | emptied
 
 
 def _answer(project: Project) -> dict[str, Any]:

@@ -4,7 +4,6 @@ An amplitude is the one number of an effect that its strength sets (`strengths.p
 """
 
 from collections.abc import Callable, Mapping
-from dataclasses import replace
 
 import numpy as np
 
@@ -41,7 +40,6 @@ Scenes = Mapping[str, Scene]  # by motion, of one object
 Maker = Callable[[float, Scenes, np.random.Generator], Hidden]
 """From an amplitude, the scenes of a case and a generator for directions and places to the effect."""
 
-_COARSE = 0.02  # [m] elements for finding where the bar goes
 OUTSIDE = "outside:"  # begins the names of effects that the search does not know
 
 
@@ -148,11 +146,13 @@ def _ground_plane(amplitude: float, scenes: Scenes, random: np.random.Generator)
 
 
 def _swung(scenes: Scenes) -> tuple[Float[Array, "T F 3"], float]:
-    """Where the free part of the lifted bar goes when nothing is in its way [m], coarsely meshed; and the side, 1 or -1, to
-    which it is jerked."""
-    scene = replace(scenes["lift_swing"], mesh_spacing=_COARSE)
+    """Where the free part of the lifted bar goes when nothing is in its way [m]; and the side, 1 or -1, to which it is jerked.
+
+    With the elements of the capture: a coarser bar swings by millimetres less or more, as much as it should enter an obstacle.
+    """
+    scene = scenes["lift_swing"]
     motion = run(scene)
-    free = motion.mesh.vertices[:, 0] < scene.grasp.lower[0] - _COARSE
+    free = motion.mesh.vertices[:, 0] < scene.grasp.lower[0] - scene.mesh_spacing
     return motion.vertices[:, free], float(np.sign(scene.motion.displacement(10.0)[1]))
 
 

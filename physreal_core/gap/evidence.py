@@ -86,9 +86,11 @@ class Evidence:
         return {"statistic": statistic, "degrees": degrees, "p_value": float(chi2.sf(statistic, degrees))}
 
     def excess(self, found: Fit) -> float:
-        """What a fit leaves beyond noise and numerics [nat]; negative where their model has room to spare."""
+        """What a fit leaves beyond noise and numerics [nat]: negative where their model has room to spare, infinite where the
+        rollout failed."""
         test = self.test(found)
-        return 0.5 * (test["statistic"] - test["degrees"])
+        left = 0.5 * (test["statistic"] - test["degrees"])
+        return left if np.isfinite(left) else np.inf
 
     def held_out_energy(self, predictions: Sequence[Float[Array, "frames tracks 3"]]) -> float:
         """Half the whitened squared residual over the held-out frames of all experiments [nat]; predictions over all frames."""
@@ -141,6 +143,12 @@ def fit_baseline(
     evidence = Evidence(experiments, unknowns.trial(best.vector), settings)
     request = fit(unknowns, evidence.train, best.vector[None], settings.settling)
     (settled,) = together([request], evidence.train)
+    if not np.isfinite(settled.energy):
+        raise InputError(
+            "the baseline's rollout fails",
+            where="the fitted model",
+            expected="one that can be simulated to the last frame",
+        )
     return settled, evidence
 
 

@@ -61,7 +61,7 @@ SIGNIFICANT = 1e-3
 """p-value of the global test below which there is a disagreement beyond noise and numerics."""
 
 STRONG_ALONE = 2
-"""Of the second effects, how many are chosen for what they gain alone."""
+"""Of the second effects, how many are chosen for what they gain alone, at most half of them."""
 
 
 class Search:
@@ -126,8 +126,9 @@ class Search:
         alone, for one of two is often imitated by a third. Of the best two, each is then exchanged for what promises most beside
         the other.
         """
-        left = self.evidence.excess(best)
-        if not best.unknowns.effects or left <= max(self.threshold, self.settings.misfit * self._gain(best)):
+        if not best.unknowns.effects or self.settings.seconds == 0:
+            return [], []
+        if self.evidence.excess(best) <= max(self.threshold, self.settings.misfit * self._gain(best)):
             return [], []
         ordered = sorted((fit for fit in found if fit.unknowns.effects), key=self._gain, reverse=True)
         firsts = [fit for fit in ordered if self._gain(fit) > self.threshold][: self.settings.firsts]
@@ -149,14 +150,15 @@ class Search:
     def _promising(self, found: Sequence[Fit], beside: list[list[Score]]) -> list[list[Score]]:
         """Of second effects, those that promise most, and those that gained most alone, because tangents far from an effect's
         size say little."""
-        most = self.settings.seconds - STRONG_ALONE
+        strong_ones = min(STRONG_ALONE, self.settings.seconds // 2)
+        most = self.settings.seconds - strong_ones
         gains = {fit.unknowns.effects: self._gain(fit) for fit in found}
 
         def alone(scores: list[Score]) -> float:
             return gains.get((scores[0].start.effect,), 0.0)
 
         strong = sorted((s for s in beside[most:] if alone(s) > self.threshold), key=alone, reverse=True)
-        return beside[:most] + strong[:STRONG_ALONE]
+        return beside[:most] + strong[:strong_ones]
 
     def _fitted_pairs(self, seconds: Sequence[list[Score]], known: Sequence[Fit]) -> tuple[list[Fit], list[Score]]:
         """Fits of the pairs that are not known, the best of them settled, with the scores of their second effects."""

@@ -29,6 +29,7 @@ def make_settings(params: SegmentAndTrack) -> Settings:
         noise=DepthNoise(params.depth_noise, params.depth_noise_quadratic, params.pixel_noise),
         controller_count=params.controller_count,
         controller_reach=params.controller_reach,
+        controller_thickness=params.controller_thickness,
         smoothing=params.controller_smoothing,
     )
 

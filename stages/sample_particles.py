@@ -1,9 +1,6 @@
 """sample_particles: material particles, patches of the material field, and what is bound to them (eqs.
 particle_initialization, gs_binding, patch_to_particle, interaction_force)."""
 
-import json
-from pathlib import Path
-
 import numpy as np
 
 from physreal_core.geometry import Mesh, bind_grip, farthest_points, fill_mesh, load_mesh, patch_weights, sample_surface
@@ -24,8 +21,7 @@ def run(context: StageContext) -> None:
     patch_neighbours, weights = patch_weights(x0, patches, params.patch_neighbours)
     gaussians = bind(load_gaussians(placed / "gaussians.ply").means, x0, params.binding_neighbours)
     controllers = np.load(perceived / "controllers.npz")["points"]
-    eye = None if capture.kind == "tracks" else _eye(context.input("parse_video") / "camera.json")
-    grip = bind_grip(x0, controllers, spacing=params.spacing, eye=eye, **params.grip.model_dump())
+    grip = bind_grip(x0, controllers, spacing=params.spacing, **params.grip.model_dump())
     arrays = {
         "x0": x0,
         "volume": volume,
@@ -45,10 +41,6 @@ def run(context: StageContext) -> None:
     np.savez(context.output / "particles.npz", **{name: _on_disk(np.asarray(a)) for name, a in arrays.items()})
     held = len(np.unique(grip.particles))
     print(f"{len(x0)} particles, {len(arrays['track_ids'])} tracks, {held} particles held by {len(grip.weights)} bonds")
-
-
-def _eye(camera_file: Path) -> np.ndarray:
-    return np.array(json.loads(camera_file.read_text())["T_world_camera"])[:3, 3]
 
 
 def _tracks(tracks: dict, mesh: Mesh, x0: np.ndarray, reach: float, count: int) -> dict[str, np.ndarray]:

@@ -44,12 +44,21 @@ class Start:
 
 @dataclass(frozen=True)
 class Score:
-    """Gain in log evidence [nat] that the linear model promises from one start beside a fit, and where its optimum lies."""
+    """Gain in log evidence [nat] that the linear model promises from one start beside a fit, and where its optimum lies.
+
+    Args:
+        start: of the effect.
+        gain: in log evidence [nat].
+        values: of the effect's coefficients, in SI units.
+        beside: the fit.
+        shift: by which the fit's own unknowns go along.
+    """
 
     start: Start
     gain: float
     values: dict[str, float]
     beside: Fit
+    shift: Float[Array, " unknowns"]
 
 
 class Screen:
@@ -109,7 +118,7 @@ class Screen:
         """The best start of every effect for a whitened residual of the baseline, best effect first."""
         best: dict[str, Score] = {}
         for start, raw in zip(self.starts, self.raw, strict=True):
-            score = self._score(start, raw.T @ start.tangents, -start.tangents.T @ residual, self.baseline)
+            score = self._score(start, raw, start.tangents, residual, self.baseline)
             if start.effect not in best or score.gain > best[start.effect].gain:
                 best[start.effect] = score
         return sorted(best.values(), key=lambda score: -score.gain)
@@ -119,17 +128,19 @@ class Screen:
         found = {}
         for number, (start, raw) in enumerate(zip(self.starts, self.raw, strict=True)):
             if all(go_together(start.effect, name) for name in fit.unknowns.effects):
-                own = self.beside(fit, raw)
-                found[number] = self._score(start, raw.T @ own, -own.T @ fit.residual, fit)
+                found[number] = self._score(start, raw, self.beside(fit, raw), fit.residual, fit)
         return found
 
-    def _score(self, start: Start, information: Array, pull: Array, beside: Fit) -> Score:
-        at, gain = _linear_gain(information, pull, start.half, start.sign, self._priors.coefficient)
+    def _score(self, start: Start, raw: Array, tangents: Array, residual: Array, beside: Fit) -> Score:
+        """Of a start with these tangents, raw and with the freedom of a fit projected out, for a residual of that fit."""
+        pull, prior = -tangents.T @ residual, self._priors.coefficient
+        at, gain = _linear_gain(raw.T @ tangents, pull, start.half, start.sign, prior)
+        shift = -np.linalg.solve(beside.hessian, beside.jacobian.T @ (raw @ at))
         coefficients = {c.name: c for c in EFFECTS[start.effect].coefficients}
         values, amplitudes = dict(start.values), [c for c in coefficients.values() if c.kind == "amplitude"]
         for c, z in zip(amplitudes, at, strict=True):
             values[c.name] = float(np.clip(c.dormant + z * c.scale, c.lower, c.upper))
-        return Score(start, gain, values, beside)
+        return Score(start, gain, values, beside, shift)
 
     def information(self) -> list[dict[str, float]]:
         """Per experiment: expected whitened change by each effect at its scale, baseline and numerics projected out."""
@@ -226,6 +237,12 @@ def _linear_gain(
 SHARES = (1.0, 0.5, 0.1)
 """Of the linear model's amplitudes, from which a fit may start: the least is hardly worse than the fit beside."""
 
+LONGEST_SHIFT = 0.7
+"""Of any unknown of the material, in free coordinates: as far as the linear model is good for."""
+
+WAYS = (*((share, True) for share in SHARES), (1.0, False))
+"""Shares, and whether the material goes along as the linear model says."""
+
 
 def started(
     scores: Sequence[Score], priors: Priors
@@ -237,16 +254,17 @@ def started(
     at: EffectValues = {**present.values(best.beside.vector), best.start.effect: best.values}
     names = sorted((*present.effects, best.start.effect), key=list(EFFECTS).index)
     unknowns = Unknowns(present.fields, names, priors, at, present.ground)
-    starts = [_start(unknowns, score, share) for score in scores for share in SHARES]
-    known = [score.beside.jacobian[:, : unknowns.baseline] for score in scores for _ in SHARES]
+    starts = [_start(unknowns, score, *way) for score in scores for way in WAYS]
+    known = [score.beside.jacobian[:, : unknowns.baseline] for score in scores for _ in WAYS]
     return unknowns, np.stack(starts), known
 
 
-def _start(unknowns: Unknowns, score: Score, share: float) -> Float[Array, " unknowns"]:
+def _start(unknowns: Unknowns, score: Score, share: float, along: bool) -> Float[Array, " unknowns"]:
     """The fit beside which an effect was scored, with the effect at a share of the linear model's amplitudes."""
     beside, vector = score.beside, unknowns.start()
-    vector[: unknowns.baseline] = beside.vector[: unknowns.baseline]
-    effects = {**beside.unknowns.values(beside.vector), score.start.effect: _shrunk(score, share)}
+    moved = beside.vector + (share * np.clip(score.shift, -LONGEST_SHIFT, LONGEST_SHIFT) if along else 0.0)
+    vector[: unknowns.baseline] = moved[: unknowns.baseline]
+    effects = {**beside.unknowns.values(moved), score.start.effect: _shrunk(score, share)}
     vector = unknowns.with_effects(vector, effects)
     return np.clip(vector, unknowns.block.lower, unknowns.block.upper)
 

@@ -85,97 +85,117 @@ class Search:
         self.screen = self.refits.screens[0]
         self.threshold = float(np.quantile(self.screen.null_gains(settings.seed), 1.0 - settings.false_alarms))
         self.ranked = self.refits.ranked()
-        promising = [scores for scores in self.ranked if max(score.gain for score in scores) > self.threshold]
-        shortlist = promising[: settings.shortlist]
-        found = self._singles(shortlist)
-        promised: list[float | None] = [None, *(scores[0].gain for scores in shortlist)]
-        best = max(found, key=lambda fit: fit.log_evidence)
-        pairs, promised_beside = self._pairs(found, best)
+        self._found: dict[tuple[str, ...], Fit] = {}
+        self._promised: dict[tuple[str, ...], float] = {}
+        self._look()
         self.predictions = self._predicted(self.baseline)
         energy = self.evidence.held_out_energy(self.predictions)
         self.answers = [
-            answer_of(fit, score, self.baseline, self.evidence, self.experiments, energy)
-            for fit, score in zip([*found, *pairs], promised + promised_beside, strict=True)
+            answer_of(fit, self._promised.get(names), self.baseline, self.evidence, self.experiments, energy)
+            for names, fit in (((), self.baseline), *self._found.items())
         ]
 
     def _predicted(self, found: Fit) -> list[np.ndarray]:
         trial = found.unknowns.trial(found.vector)
         return [experiment.predict([trial])[0] for experiment in self.experiments]
 
-    def _singles(self, shortlist: Sequence[list[Score]]) -> list[Fit]:
-        """The baseline, settled too, and fits with one effect each."""
-        if shortlist:
-            self._progress("fitting " + ", ".join(scores[0].start.effect for scores in shortlist))
-        fits = self.refits.fitted(shortlist)
-        order = sorted(range(len(fits)), key=lambda number: -fits[number].log_evidence)
-        finalists = order[: self.settings.finalists]
-        names = (fits[number].unknowns.effects[0] for number in finalists)
-        self._progress("settling " + ", ".join(("the baseline", *names)))
-        self.baseline, *settled = self.refits.settled([self.baseline, *(fits[number] for number in finalists)])
-        for number, found in zip(finalists, settled, strict=True):
-            fits[number] = found
-        return [self.baseline, *fits]
+    # --- fits ---------------------------------------------------------------------------------------------------
+
+    def _look(self) -> None:
+        """Fits the effects that promise most; where the best of them leaves much, all others, for tangents far from an effect's
+        size say little; where that leaves much too, pairs."""
+        promising = [scores for scores in self.ranked if max(score.gain for score in scores) > self.threshold]
+        shortlist = promising[: self.settings.shortlist]
+        self._fit(shortlist, self.settings.finalists)
+        if self._leaves_much():
+            self._fit([scores for scores in self.ranked if scores not in shortlist], self.settings.finalists)
+        if self._leaves_much() and self.settings.seconds:
+            self._pairs()
 
     def _gain(self, found: Fit) -> float:
         return found.log_evidence - self.baseline.log_evidence
 
-    def _pairs(self, found: Sequence[Fit], best: Fit) -> tuple[list[Fit], list[float]]:
-        """Fits with two effects, and what the linear model promised of the second one [nat].
+    def _ordered(self, effects: int = 1) -> list[Fit]:
+        """Fits with so many effects, the best first."""
+        found = [fit for names, fit in self._found.items() if len(names) == effects]
+        return sorted(found, key=self._gain, reverse=True)
 
-        None where the best effect leaves no more than a right one's misfit. Otherwise beside the best and others that gain much
-        alone, for one of two is often imitated by a third. Of the best two, each is then exchanged for what promises most beside
-        the other.
+    def _leaves_much(self) -> bool:
+        """Whether the best single effect gains something and leaves more than a right one's misfit."""
+        best = next(iter(self._ordered()), None)
+        if best is None or self._gain(best) <= 0.0:
+            return False
+        return self.evidence.excess(best) > max(self.threshold, self.settings.misfit * self._gain(best))
+
+    def _keep(self, found: Sequence[Fit]) -> None:
+        """Takes over fits that are better than what is known of the same effects."""
+        for fit in found:
+            known = self._found.get(fit.unknowns.effects)
+            if known is None or fit.log_evidence > known.log_evidence:
+                self._found[fit.unknowns.effects] = fit
+
+    def _fit(self, chosen: Sequence[list[Score]], finalists: int) -> None:
+        """Fits with one more effect each, the best of them settled; the baseline too."""
+        if not chosen:
+            return
+        labels = {_names(scores[0]): scores[0] for scores in chosen}
+        self._progress("fitting " + ", ".join("+".join(names) for names in labels))
+        fits = self.refits.fitted(chosen)
+        self._promised |= {names: score.gain for names, score in labels.items()}
+        self._settle(sorted(fits, key=self._gain, reverse=True)[:finalists])
+        self._keep(fits)
+
+    def _settle(self, fits: Sequence[Fit]) -> None:
+        """Goes on with the baseline and these fits until they arrive."""
+        self._progress("settling " + ", ".join(("the baseline", *("+".join(fit.unknowns.effects) for fit in fits))))
+        self.baseline, *settled = self.refits.settled([self.baseline, *fits])
+        self._keep(settled)
+
+    # --- two at once --------------------------------------------------------------------------------------------
+
+    def _pairs(self) -> None:
+        """Second effects beside the best one and others that gain much alone, for one of two is often imitated by a third.
+
+        Of the best two, each is then fitted alone, since a fit with a spare effect may leave a minimum in which one alone was
+        caught, and exchanged for what promises most beside the other.
         """
-        if not best.unknowns.effects or self.settings.seconds == 0:
-            return [], []
-        if self.evidence.excess(best) <= max(self.threshold, self.settings.misfit * self._gain(best)):
-            return [], []
-        ordered = sorted((fit for fit in found if fit.unknowns.effects), key=self._gain, reverse=True)
-        firsts = [fit for fit in ordered if self._gain(fit) > self.threshold][: self.settings.firsts]
+        firsts = [fit for fit in self._ordered() if self._gain(fit) > self.threshold][: self.settings.firsts]
         self._progress("screening beside " + ", ".join(first.unknowns.effects[0] for first in firsts))
-        seconds = [s for first in firsts for s in self._promising(found, self._beside(first))]
-        pairs, scores = self._fitted_pairs(seconds, [])
-        if pairs:
-            two = max(pairs, key=self._gain)
-            alone = self.refits.alone(two)
-            exchanged = [s for one in alone for s in self._beside(one)[: self.settings.exchanges]]
-            further, more = self._fitted_pairs(exchanged, pairs)
-            pairs, scores = pairs + further, scores + more
-        return pairs, [score.gain for score in scores]
+        self._fit_new([s for first in firsts for s in self._promising(self._beside(first))])
+        if not (pairs := self._ordered(2)):
+            return
+        alone = self.refits.alone(pairs[0])
+        self._settle([fit for fit in alone if self._gain(fit) > self._gain_of(fit.unknowns.effects)])
+        if self._leaves_much():
+            self._fit_new([s for one in alone for s in self._beside(one)[: self.settings.exchanges]])
+
+    def _gain_of(self, names: tuple[str, ...]) -> float:
+        """Of the best fit of these effects so far; nothing where there is none."""
+        return self._gain(self._found[names]) if names in self._found else 0.0
 
     def _beside(self, first: Fit) -> list[list[Score]]:
         """Effects that promise more than chance beside another."""
         return [scores for scores in self.refits.ranked_beside(first) if scores[0].gain > self.threshold]
 
-    def _promising(self, found: Sequence[Fit], beside: list[list[Score]]) -> list[list[Score]]:
+    def _promising(self, beside: list[list[Score]]) -> list[list[Score]]:
         """Of second effects, those that promise most, and those that gained most alone, because tangents far from an effect's
         size say little."""
         strong_ones = min(STRONG_ALONE, self.settings.seconds // 2)
         most = self.settings.seconds - strong_ones
-        gains = {fit.unknowns.effects: self._gain(fit) for fit in found}
 
         def alone(scores: list[Score]) -> float:
-            return gains.get((scores[0].start.effect,), 0.0)
+            return self._gain_of((scores[0].start.effect,))
 
         strong = sorted((s for s in beside[most:] if alone(s) > self.threshold), key=alone, reverse=True)
         return beside[:most] + strong[:strong_ones]
 
-    def _fitted_pairs(self, seconds: Sequence[list[Score]], known: Sequence[Fit]) -> tuple[list[Fit], list[Score]]:
-        """Fits of the pairs that are not known, the best of them settled, with the scores of their second effects."""
-        chosen: dict[frozenset[str], list[Score]] = {}
-        taken = {frozenset(fit.unknowns.effects) for fit in known}
+    def _fit_new(self, seconds: Sequence[list[Score]]) -> None:
+        """Fits of the pairs that are not known yet."""
+        chosen: dict[tuple[str, ...], list[Score]] = {}
         for scores in seconds:
-            names = frozenset((*scores[0].beside.unknowns.effects, scores[0].start.effect))
-            if names not in taken:
-                chosen.setdefault(names, scores)
-        if not chosen:
-            return [], []
-        self._progress("two at once: " + ", ".join("+".join(sorted(names)) for names in chosen))
-        fits = self.refits.fitted(list(chosen.values()))
-        order = sorted(range(len(fits)), key=lambda number: -self._gain(fits[number]))[: self.settings.seconds]
-        for number, settled in zip(order, self.refits.settled([fits[number] for number in order]), strict=True):
-            fits[number] = settled
-        return fits, [scores[0] for scores in chosen.values()]
+            if _names(scores[0]) not in self._found:
+                chosen.setdefault(_names(scores[0]), scores)
+        self._fit(list(chosen.values()), self.settings.seconds)
 
     # --- report -------------------------------------------------------------------------------------------------
 
@@ -230,6 +250,11 @@ class Search:
         """Share of the disagreement beyond noise and numerics that a fit closes."""
         before, after = self.evidence.excess(self.baseline), self.evidence.excess(found)
         return 1.0 if before <= 0 else float(np.clip((before - after) / before, 0.0, 1.0))
+
+
+def _names(score: Score) -> tuple[str, ...]:
+    """The effects of the fit that a score stands for, in the order in which they act."""
+    return tuple(sorted((*score.beside.unknowns.effects, score.start.effect), key=list(EFFECTS).index))
 
 
 def _unfitted(score: Score) -> FittedEffect:

@@ -16,7 +16,7 @@ class GripPairs:
 
     Attributes:
         particles, controllers: indices.
-        weights: w of eq. interaction_force; those of one particle sum to at most one.
+        weights: w of eq. interaction_force; those of one particle sum to one.
         rest_lengths: initial distances l_0 [m].
     """
 
@@ -32,17 +32,9 @@ def bind_grip(
     *,
     radius: float,
     spacing: float,
-    thickness: float = 0.0,
-    eye: Float[Array, " 3"] | None = None,
-    per_particle: int = 4,
+    per_particle: int = 8,
 ) -> GripPairs:
-    """Binds particles to the controller points that hold them in frame 0.
-
-    A camera sees only the face of a hand that is turned to it. So each controller point stands for the piece of hand
-    behind it: the segment from it along the line of sight, `thickness` long. A particle within `radius` of such a segment
-    is bound to the controller point, and to no more than the `per_particle` nearest ones; several springs in different
-    directions also hold it against turning. The weight of a pair, (1 - (d / radius)^2)^2 / per_particle, falls smoothly
-    to zero at the radius; its rest length is the distance to the controller point itself.
+    """Binds the particles within `radius` of controller points, spots in and on a hand, in frame 0, each as `_springs` says.
 
     The pairs are those of frame 0, so a hand that only comes to the object later cannot be bound.
 
@@ -51,44 +43,35 @@ def bind_grip(
         controllers: controller points [m]; NaN where unknown.
         radius: [m].
         spacing: of the particles [m].
-        thickness: of the hand behind its seen face [m]; needs `eye`.
-        eye: optical centre of the camera [m]; None where the points were not seen by one (motion capture).
 
     Raises:
         InputError: there are controllers, but none is near any particle in frame 0.
     """
+    from scipy.spatial import cKDTree
+
     if controllers.shape[1] == 0:
         return GripPairs(np.empty(0, np.int32), np.empty(0, np.int32), np.empty(0), np.empty(0))
     known = np.flatnonzero(np.isfinite(controllers[0]).all(axis=1))
     if len(known) == 0:
         raise InputError("no controller point is known in frame 0", where="controllers.npz", expected="positions [m]")
     points = controllers[0][known].astype(float)
-    offset = x0[:, None] - points[None]  # [N, C, 3]
-    length = np.linalg.norm(offset, axis=2)
-    distance = length if eye is None else _to_segments(offset, points - eye, thickness)
-    nearest = np.argsort(distance, axis=1, kind="stable")[:, :per_particle]
-    bound = np.take_along_axis((distance < radius) & (length > NEAREST * spacing), nearest, axis=1)
-    if not bound.any():
+    distance, _ = cKDTree(points).query(x0)
+    if not (distance < radius).any():
         raise InputError(
             f"the controller grips nothing in frame 0: nearest distance {distance.min():.4f} m",
             where="sample_particles.grip",
             expected=f"a particle within grip.radius = {radius} m; {_first_contact(x0, controllers, radius)}",
             remedy="raise sample_particles.grip.radius, or begin the capture where the hand holds the object",
         )
-    particle, slot = np.nonzero(bound)
-    chosen = nearest[particle, slot]
-    weights = (1 - (distance[particle, chosen] / radius) ** 2) ** 2 / per_particle
-    pairs = particle.astype(np.int32), known[chosen].astype(np.int32)
-    return GripPairs(*pairs, weights, length[particle, chosen])
+    pairs = _springs(x0, np.flatnonzero(distance < radius), points, spacing, per_particle)
+    return GripPairs(pairs.particles, known[pairs.controllers].astype(np.int32), pairs.weights, pairs.rest_lengths)
 
 
 def bind_within(
     x0: Float[Array, "particles 3"], points: Float[Array, "points 3"], *, spacing: float, per_particle: int = 8
 ) -> GripPairs:
-    """Binds the particles within the convex hull of `points`, a hand that is known all around what it holds.
-
-    Each takes the `per_particle` nearest points, with springs of equal constant: weights in proportion to rest lengths,
-    which sum to one for every particle.
+    """Binds the particles within the convex hull of `points`, a hand that is known all around what it holds, each as
+    `_springs` says.
 
     Args:
         x0: particles [m].
@@ -98,7 +81,7 @@ def bind_within(
     Raises:
         InputError: the points span no volume, or no particle lies in it.
     """
-    from scipy.spatial import ConvexHull, QhullError, cKDTree
+    from scipy.spatial import ConvexHull, QhullError
 
     try:
         planes = ConvexHull(points).equations
@@ -114,20 +97,22 @@ def bind_within(
             where="controllers",
             expected="particles between the points that hold them",
         )
-    length, nearest = cKDTree(points).query(x0[held], k=min(per_particle, len(points)))
+    return _springs(x0, held, points, spacing, per_particle)
+
+
+def _springs(x0: Array, held: Array, points: Array, spacing: float, per_particle: int) -> GripPairs:
+    """Binds particles to the `per_particle` nearest points with springs of equal constant: weights in proportion to rest
+    lengths, which sum to one for every particle. Springs in all directions hold it against shifts and turns alike."""
+    from scipy.spatial import cKDTree
+
+    count = min(per_particle, len(points))
+    length, nearest = (a.reshape(len(held), count) for a in cKDTree(points).query(x0[held], k=count))
     bound = length > NEAREST * spacing
     weights = np.where(bound, length, 0.0)
-    weights /= weights.sum(axis=1, keepdims=True)
+    weights /= np.maximum(weights.sum(axis=1, keepdims=True), 1e-300)
     row, slot = np.nonzero(bound)
     pairs = held[row].astype(np.int32), nearest[row, slot].astype(np.int32)
     return GripPairs(*pairs, weights[row, slot], length[row, slot])
-
-
-def _to_segments(offset: Array, sight: Array, thickness: float) -> Array:
-    """Distance [m] of `offset` [N, C, 3] to segments of the given length from the origin along `sight` [C, 3]."""
-    direction = sight / np.linalg.norm(sight, axis=1, keepdims=True)
-    along = np.clip((offset * direction).sum(axis=2), 0, thickness)
-    return np.linalg.norm(offset - along[..., None] * direction, axis=2)
 
 
 def _first_contact(x0: Array, controllers: Array, radius: float) -> str:

@@ -15,6 +15,7 @@ from physreal_core.geometry.surface import SurfacePoints
 CELLS_ACROSS = 24  # of the object's longer side in the low-resolution image
 DEPTH_REACH = 0.12  # depth differences beyond this share of the object's size cost no more
 GROUND_WEIGHT = 0.5
+ALIKE, MOST_ALIKE = 0.25, 9  # cost by which a turned pose may be worse, on mask and depth, to be tried; how many are
 DEPTH_STEPS, INDEX_BITS, EMPTY = 1e4, 20, np.iinfo(np.int64).max  # of the packed z-buffer: 0.1 mm, a million points
 
 
@@ -110,8 +111,8 @@ def search_pose(
 ) -> list[tuple[float, Similarity]]:
     """Poses that explain the view, best first, no two alike.
 
-    Each restart is an evolution over all rotations, on mask and depth alone (texture makes the far landscape rough); the
-    results, and the best one's half turns about the object's principal axes, which leave a silhouette nearly as it is,
+    Each restart is an evolution over all rotations, on mask and depth alone (texture makes the far landscape rough). The
+    results, and those turns of the best one that leave mask and depth nearly as they are, as they do for a box or a bar,
     are each improved by a short evolution around them, now with colour.
     """
     loss = LowResolutionLoss(surface, observation, rests=rests)
@@ -123,9 +124,21 @@ def search_pose(
         on_restart()
     found = _distinct(sorted(found, key=lambda entry: entry[0]))
     best = found[0][1]
-    starts = [pose for _, pose in found] + [best.turned_about(centre, np.pi * axis) for axis in axes]
+    starts = [pose for _, pose in found] + _look_alikes(loss, best, centre, axes)
     improved = [_evolve_around(loss, pose, centre, settings.seed) for pose in starts]
     return _distinct(sorted(improved, key=lambda entry: entry[0]))
+
+
+def _look_alikes(loss: LowResolutionLoss, pose: Similarity, centre: Array, axes: Array) -> list[Similarity]:
+    """Half turns of a pose about the object's principal axes, and of its other turns those that cost hardly more."""
+    eighths = [pose.turned_about(centre, k * np.pi / 4 * axis) for axis in axes for k in range(8)]
+    turns = [turned.turned_about(centre, half) for turned in eighths for half in (0 * axes[0], np.pi * axes[1])]
+    arrays = (np.stack([t.rotation for t in turns]), np.stack([t.translation for t in turns]))
+    costs = loss(*arrays, np.array([t.scale for t in turns]), colour=False)
+    close = sorted((cost, k) for k, cost in enumerate(costs) if cost < costs.min() + ALIKE)
+    halves = [(-1.0, pose.turned_about(centre, np.pi * axis)) for axis in axes]
+    kept = _distinct([*halves, *((cost, turns[k]) for cost, k in close)])
+    return [turned for _, turned in kept[:MOST_ALIKE]]
 
 
 def _evolve_everywhere(

@@ -1,4 +1,5 @@
-"""Controller points: spots on the hand's visible surface near the object, moved by a robust rigid fit of its tracks."""
+"""Controller points: spots on the hand's visible surface near the object and behind it, moved by a robust rigid fit of its
+tracks."""
 
 from dataclasses import dataclass
 
@@ -48,6 +49,29 @@ def pick_controllers(
         chosen.append(int(gap.argmax()))
         gap = np.minimum(gap, np.linalg.norm(near - near[chosen[-1]], axis=1))
     return near[chosen].astype(np.float32)
+
+
+LAYERS = 3
+"""Of points that stand for the hand from its seen face to its back."""
+
+
+def with_depth(face: Float[Array, "C 3"], eye: Float[Array, " 3"], thickness: float) -> Float[Array, "points 3"]:
+    """The points of a hand's seen face, and those behind them along the lines of sight, down to its back.
+
+    A camera sees only the face of a hand that is turned to it; springs to that face alone would hold what lies behind it as
+    a hinge does.
+
+    Args:
+        face: [m], world.
+        eye: optical centre of the camera [m].
+        thickness: of the hand behind its seen face [m]; 0 leaves the face alone.
+    """
+    if thickness == 0.0:
+        return face
+    sight = face - eye
+    sight = sight / np.linalg.norm(sight, axis=1, keepdims=True)
+    layers = [face + share * thickness * sight for share in np.linspace(0.0, 1.0, LAYERS)]
+    return np.concatenate(layers).astype(np.float32)
 
 
 def move_controllers(

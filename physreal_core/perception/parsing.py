@@ -10,7 +10,7 @@ from physreal_core.array_types import Array, Bool, Float, UInt8
 from physreal_core.errors import InputError
 from physreal_core.perception.association import Thing, follow_masks, signed_distance
 from physreal_core.perception.chooser import TargetChooser
-from physreal_core.perception.controllers import ControllerMotion, move_controllers, pick_controllers
+from physreal_core.perception.controllers import ControllerMotion, move_controllers, pick_controllers, with_depth
 from physreal_core.perception.flow import pixel_grid, round_trip_error, sample
 from physreal_core.perception.flow_tracker import FlowTracker
 from physreal_core.perception.frame_zero import Choice, find_controllers, find_object
@@ -67,6 +67,7 @@ class Settings:
     noise: DepthNoise = field(default_factory=DepthNoise)
     controller_count: int = 30
     controller_reach: float = 0.05
+    controller_thickness: float = 0.05
     smoothing: float = 1.0
 
 
@@ -242,7 +243,8 @@ def _controller(
 ) -> ControllerMotion:
     surfaces = {n: _surface(video, masks[n][0], settings) for n in ("object", name)}
     count = max(settings.controller_count // hand_count, 3)
-    start = pick_controllers(surfaces[name], surfaces["object"], count, settings.controller_reach)
+    face = pick_controllers(surfaces[name], surfaces["object"], count, settings.controller_reach)
+    start = with_depth(face, video.T_world_camera[:3, 3], settings.controller_thickness)
     lifted = lift(video, _tracks_on(masks[name], tracker, video.frames, queries), settings)
     return move_controllers(start, lifted.points, lifted.valid, smoothing=settings.smoothing)
 

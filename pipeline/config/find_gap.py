@@ -13,7 +13,7 @@ class FindGap(StageParameters):
 
     candidates: list[str] = Field(default_factory=list, description="effects that are tried; []: the whole library")
     shortlist: int | None = Field(None, ge=1, description=f"candidates that screening hands on to a fit; {_CALIBRATED}")
-    seconds: int | None = Field(None, ge=0, description=f"candidates tried beside the best one; {_CALIBRATED}")
+    seconds: int | None = Field(None, ge=0, description=f"candidates tried beside each of the best ones; {_CALIBRATED}")
     iterations: int | None = Field(None, ge=1, description=f"steps of a candidate's fit, at most; {_CALIBRATED}")
     prior_none: float | None = Field(
         None, gt=0, lt=1, description=f"probability that nothing is missing, before looking; {_CALIBRATED}"

@@ -8,11 +8,8 @@ from pipeline.config._base import StageParameters
 class GripParameters(StageParameters):
     """Which particles the controller holds."""
 
-    radius: float = Field(
-        0.02, gt=0, description="particles this near to a controller point's piece of hand are held [m]"
-    )
-    thickness: float = Field(0.03, ge=0, description="of the hand behind its seen face, along the line of sight [m]")
-    per_particle: int = Field(4, ge=1, description="controller points a particle is bound to at most")
+    radius: float = Field(0.016, gt=0, description="particles this near to a controller point are held [m]")
+    per_particle: int = Field(8, ge=1, description="controller points a particle is bound to at most")
 
 
 class SampleParticles(StageParameters):

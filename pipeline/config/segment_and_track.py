@@ -64,9 +64,12 @@ class SegmentAndTrack(StageParameters):
     depth_noise_quadratic: float = Field(0.0015, ge=0, description="and the part that grows with depth squared [1/m]")
     pixel_noise: float = Field(0.3, gt=0, description="standard deviation of a track [px]")
 
-    controller_count: int = Field(30, ge=3, description="controller points")
+    controller_count: int = Field(30, ge=3, description="controller points on the hand's seen face")
     controller_reach: float = Field(
         0.05, gt=0, description="they lie on the hand within this distance of the object [m]"
+    )
+    controller_thickness: float = Field(
+        0.05, ge=0, description="of the hand behind its seen face, where further points stand for it [m]"
     )
     controller_smoothing: float = Field(
         1.0, ge=0, description="standard deviation of the temporal smoothing of the hand's motion [frames]"

@@ -15,18 +15,15 @@ def over_time(points, frames=3):
     return np.repeat(np.asarray(points, np.float32)[None], frames, axis=0)
 
 
-def test_pairs_lie_within_the_radius_and_weights_fall():
+def test_particles_within_the_radius_are_held_equally():
     x0, hand = lattice(), np.array([[0.045, 0.045, 0.102], [0.065, 0.045, 0.102], [0.045, 0.065, 0.102]])
     grip = bind_grip(x0, over_time(hand), radius=0.03, spacing=0.01, per_particle=2)
     lengths = np.linalg.norm(x0[grip.particles] - hand[grip.controllers], axis=1)
     np.testing.assert_allclose(grip.rest_lengths, lengths, rtol=1e-5)
-    assert lengths.max() < 0.03
-    assert np.bincount(grip.particles).max() == 2
-    order = np.argsort(lengths)
-    assert (np.diff(grip.weights[order]) <= 1e-6).all() and grip.weights.min() >= 0
-    assert np.bincount(grip.particles, grip.weights).max() <= 1
     within = np.linalg.norm(x0[:, None] - hand, axis=2).min(axis=1) < 0.03 - 1e-6
     np.testing.assert_array_equal(np.unique(grip.particles), np.flatnonzero(within))
+    assert (np.bincount(grip.particles)[grip.particles] == 2).all()
+    np.testing.assert_allclose(np.bincount(grip.particles, grip.weights)[grip.particles], 1.0, rtol=1e-6)
 
 
 def test_no_pair_is_shorter_than_a_quarter_of_the_spacing():
@@ -36,15 +33,10 @@ def test_no_pair_is_shorter_than_a_quarter_of_the_spacing():
     assert grip.rest_lengths.min() >= 0.0099
 
 
-def test_hand_reaches_behind_its_seen_face():
-    x0, hand, eye = lattice(), np.array([[0.045, -0.01, 0.045]]), np.array([0.045, -1.0, 0.045])
-    face = bind_grip(x0, over_time(hand), radius=0.02, spacing=0.01)
-    deep = bind_grip(x0, over_time(hand), radius=0.02, spacing=0.01, thickness=0.04, eye=eye)
-    assert x0[face.particles, 1].max() < 0.011
-    assert x0[deep.particles, 1].max() == pytest.approx(0.04)
-    beside = x0[deep.particles] - [0.045, 0, 0.045]
-    assert np.hypot(beside[:, 0], beside[:, 2]).max() < 0.02  # a tube along the line of sight, not a larger ball
-    np.testing.assert_allclose(deep.rest_lengths, np.linalg.norm(x0[deep.particles] - hand[0], axis=1), rtol=1e-5)
+def test_points_that_are_not_known_hold_nothing():
+    x0, hand = lattice(), over_time([[np.nan] * 3, [0.045, 0.045, 0.102], [0.065, 0.045, 0.102]])
+    grip = bind_grip(x0, hand, radius=0.03, spacing=0.01)
+    assert set(grip.controllers) == {1, 2}
 
 
 def test_no_controller_no_pairs():

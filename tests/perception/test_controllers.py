@@ -5,7 +5,7 @@ import pytest
 from scipy.spatial.transform import Rotation
 
 from physreal_core.errors import InputError
-from physreal_core.perception.controllers import move_controllers, pick_controllers, robust_rigid_fit
+from physreal_core.perception.controllers import move_controllers, pick_controllers, robust_rigid_fit, with_depth
 
 RANDOM = np.random.default_rng(4)
 
@@ -80,3 +80,13 @@ def test_controllers_are_picked_near_the_object_and_apart():
 def test_a_hand_without_depth_is_an_error_that_names_the_way_out():
     with pytest.raises(InputError, match="controllers.npz"):
         pick_controllers(np.zeros((0, 3)), np.zeros((5, 3)), 10, 0.05)
+
+
+def test_a_hand_reaches_behind_its_seen_face():
+    eye, face = np.array([0.1, -1.0, 0.3]), np.array([[0.0, 0.0, 0.0], [0.04, 0.0, 0.02]], np.float32)
+    points = with_depth(face, eye, 0.04)
+    np.testing.assert_array_equal(points[:2], face)
+    behind = points[-2:] - face
+    np.testing.assert_allclose(np.linalg.norm(behind, axis=1), 0.04, rtol=1e-5)
+    np.testing.assert_allclose(np.cross(behind, face - eye), 0.0, atol=1e-7)
+    assert with_depth(face, eye, 0.0) is face

@@ -10,6 +10,9 @@ from physreal_core.effects.fields import changed, field, vector
 from physreal_core.effects.shape import middle
 from physreal_core.simulation import States
 
+REACH = 0.01
+"""Height of the starts above and below where the ground is thought to be [m]."""
+
 
 class GroundPlane(Effect):
     """The plane z = ground + height + slope_x (x - c_x) + slope_y (y - c_y), c the body's middle at frame 0.
@@ -54,8 +57,10 @@ class GroundPlane(Effect):
         return (points - own) @ turn + world
 
     def starts(self, setting: Setting, motion: States | None = None) -> tuple[dict[str, float], ...]:
-        """Only where there is a ground, and no clamp that would not turn along."""
-        return () if setting.ground_height is None or setting.clamps else ({},)
+        """Only where there is a ground, and no clamp that would not turn along: as it is, and so much higher or lower that a body
+        which a wrong material holds above it would touch it."""
+        here = setting.ground_height is not None and not setting.clamps
+        return ({}, {"height": REACH}, {"height": -REACH}) if here else ()
 
 
 def _frames(values: Values, setting: Setting, like: Tensor) -> tuple[Tensor, Tensor, Tensor]:

@@ -1,6 +1,7 @@
 """Fibres: one direction in which the material is stiffer."""
 
 from collections.abc import Mapping
+from itertools import combinations
 
 import numpy as np
 import torch
@@ -41,8 +42,11 @@ class Fibres(Effect):
         return {**values, **_angles(rotation @ along.double().numpy())}
 
     def starts(self, setting: Setting, motion: States | None = None) -> tuple[dict[str, float], ...]:
-        """Along each of the body's principal axes."""
-        return tuple(_angles(axis) for axis in axes(setting.body))
+        """Along each of the body's principal axes and half way between any two, for what bends sideways or twists is no sum
+        of what stretches along axes."""
+        along = axes(setting.body)
+        between = [(a + sign * b) / np.sqrt(2.0) for a, b in combinations(along, 2) for sign in (1.0, -1.0)]
+        return tuple(_angles(axis) for axis in (*along, *between))
 
 
 def _angles(along: Float[Array, "3"]) -> dict[str, float]:

@@ -21,7 +21,7 @@ class FrameRate(Effect):
     coefficients = (Coefficient("excess", "1", "relative excess of the time between frames, s", 0.0, -0.2, 0.2, 0.02),)
 
     def act(self, inputs: Inputs, values: Values, setting: Setting) -> Inputs:
-        if setting.T_world_camera is None:
+        if setting.T_world_camera is None or not setting.hand_seen:
             return inputs
         return replace(inputs, controllers=_stretched(inputs.controllers, 1 / (1 + values["excess"])))
 

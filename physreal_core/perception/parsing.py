@@ -68,7 +68,7 @@ class Settings:
     controller_count: int = 30
     controller_reach: float = 0.05
     controller_thickness: float = 0.05
-    smoothing: float = 1.0
+    smoothing: float = 0.5
 
 
 @dataclass(frozen=True)

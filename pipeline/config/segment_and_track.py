@@ -72,7 +72,7 @@ class SegmentAndTrack(StageParameters):
         0.05, ge=0, description="of the hand behind its seen face, where further points stand for it [m]"
     )
     controller_smoothing: float = Field(
-        1.0, ge=0, description="standard deviation of the temporal smoothing of the hand's motion [frames]"
+        0.5, ge=0, description="standard deviation of the temporal smoothing of the hand's motion [frames]"
     )
     overlay_scale: int = Field(2, ge=1, le=4, description="enlargement of overlay.mp4")
     threads: int = Field(0, ge=0, description="threads of ONNX Runtime; 0: as many as there are cores")

@@ -34,7 +34,7 @@ class FrictionCoefficient(Variable):
 class GripStiffness(Variable):
     initial: float = Field(12.0, gt=0, description="k_f: force of a bond of weight one at unit strain, start [N]")
     lower: float = Field(0.01, gt=0, description="[N]")
-    upper: float = Field(1e3, gt=0, description="[N]")
+    upper: float = Field(150.0, gt=0, description="[N]; substeps grow with its root, from about 100 N on")
     rate: float = Field(0.05, ge=0, description=_RATE.format("logarithm"))
 
 
@@ -85,7 +85,7 @@ class Scan(StageParameters):
     count: int = Field(5, ge=1, description="how many; 1: none but the start itself")
     factor: float = Field(2.0, gt=1, description="each modulus relative to the one before")
     grips: tuple[Annotated[float, Field(gt=0)], ...] = Field(
-        (1.0, 6.0, 36.0),
+        (1.0, 8.0),
         min_length=1,
         description="the grip's stiffness relative to its start, for what slips from a soft one",
     )

@@ -7,11 +7,7 @@ import torch
 from physreal_core.array_types import Array, Float
 from physreal_core.effects.effect import Coefficient, Effect, Inputs, Setting, Values
 from physreal_core.effects.fields import changed, field, like, vector
-from physreal_core.effects.shape import carried_place, extent, middle
-from physreal_core.simulation import States
-
-STEEP = 2.5
-"""Logarithm of the ratio of the densities at the ends of a body along a start's gradient."""
+from physreal_core.effects.shape import carried_place, middle
 
 
 class DensityGradient(Effect):
@@ -35,11 +31,6 @@ class DensityGradient(Effect):
         place = like(inputs, setting.body.x0 - middle(setting.body))
         shaped = density * torch.exp(place @ vector(values, "x", "y", "z", like=place))
         return changed(inputs, density=shaped * ((density * volume).sum() / (shaped * volume).sum()))
-
-    def starts(self, setting: Setting, motion: States | None = None) -> tuple[dict[str, float], ...]:
-        """From uniform, and from gradients along which the ends of the body differ severalfold: motion is not linear in those."""
-        steep = STEEP / extent(setting.body)
-        return ({}, dict.fromkeys("xyz", steep), dict.fromkeys("xyz", -steep))
 
     def carried(
         self, values: Mapping[str, float], rotation: Float[Array, "3 3"], translation: Float[Array, "3"]

@@ -10,7 +10,7 @@ from physreal_core.effects import EFFECTS, Coefficient, Effect, Setting
 from physreal_core.gap.least_squares import Data, Fit, fit, together
 from physreal_core.gap.noise import ModelError, Noise
 from physreal_core.gap.unknowns import Priors, Unknowns
-from physreal_core.simulation import Body
+from physreal_core.simulation import Body, SimulationConfig
 
 FRAMES, TRAIN, TRACKS, SIGMA = 10, 7, 6, 1e-3
 FIELDS = {
@@ -74,7 +74,7 @@ class LinearExperiment:
         body = Body(self.points0, np.ones(TRACKS), np.ones(TRACKS), 0.01)
         still = torch.zeros(FRAMES, 0, 3)
         self.setting = Setting(body, None, (), 30.0, (0.0, 0.0, -9.81), None, still, self.points0[:2])
-        self.placement = self.config = None
+        self.placement, self.config = None, SimulationConfig(fps=30)
         self.device = "cpu"
         fields = {**FIELDS, "youngs_modulus": FIELDS["youngs_modulus"] * torch.tensor([1.2, 0.9], dtype=torch.float64)}
         exact = self.predict([SimpleNamespace(fields=fields, effects=truth)])[0]

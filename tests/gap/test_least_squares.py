@@ -50,6 +50,20 @@ def test_score_foretells_the_gain_of_the_fit():
     assert score.values["east"] == pytest.approx(0.5, abs=0.1)
 
 
+def test_a_fit_may_start_where_the_linear_model_says_material_and_all():
+    experiment, data = scene({"drift": {"east": 0.5, "north": -0.3}})
+    base = baseline(experiment, data)
+    (score,) = Screen(base, data, ["drift"], PRIORS).scores(base.residual)
+    unknowns, starts, known = started([score], PRIORS)
+    (found,) = together([fit(unknowns, data, starts, 8, known)], data)
+    predictions = data.predict([unknowns.trial(start) for start in starts])
+    residuals = data.residuals(predictions).T
+    energies = [0.5 * r @ r + unknowns.prior_energy(s) for r, s in zip(residuals, starts, strict=True)]
+    along, alone = energies[0], energies[-1]
+    assert along == pytest.approx(found.energy, abs=0.3) and alone > along + 0.1
+    np.testing.assert_allclose(score.shift, starts[0][: len(score.shift)] - base.vector)
+
+
 def test_intervals_widen_as_the_likelihood_is_tempered():
     """Where the data outweigh the prior, four times the temperature is twice the interval."""
     experiment, data = scene({"sink": {"amount": 0.8}})

@@ -65,7 +65,7 @@ RECIPES = {
             "youngs_modulus": (0.1, *_MODULUS),
             "poissons_ratio": (0.1, *_RATIO),
             "friction_coefficient": (0.1, 0.01, 2.0),
-            "grip_stiffness": (0.05, 0.01, 1000.0),
+            "grip_stiffness": (0.05, 0.01, 150.0),
         },
         DescentConfig(iterations=14, warmup=3, first_horizon=0.4, checkpoint_every=3),
     ),
@@ -78,7 +78,7 @@ RECIPES = {
         DescentConfig(iterations=12, first_horizon=0.4, checkpoint_every=3, every_term=True),
     ),
 }
-SCAN = ScanConfig(count=5, factor=2.0, grips=(1.0, 6.0, 36.0))
+SCAN = ScanConfig(count=5, factor=2.0, grips=(1.0, 8.0))
 RESIDUAL = ResidualConfig(latent_size=4, hidden=16, beta_elastic=0.2, beta_plastic=0.02)
 
 

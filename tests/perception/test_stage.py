@@ -67,7 +67,7 @@ def test_given_masks_replace_the_networks(capture):
     # Flow is smooth across the disc's rim, where table and disc part: points there are off by up to a pixel.
     assert np.median(np.linalg.norm(moved, axis=1)) < 0.1 and np.quantile(np.linalg.norm(moved, axis=1), 0.9) < 0.8
     controllers = np.load(output / "controllers.npz")["points"]
-    assert controllers.shape == (FRAMES, 30, 3) and np.isfinite(controllers).all()
+    assert controllers.shape == (FRAMES, 3 * 30, 3) and np.isfinite(controllers).all()
     travelled = np.linalg.norm(controllers[-1] - controllers[0], axis=1)
     assert np.allclose(travelled, np.linalg.norm(SCENE.motion[-1]) * 0.52 / 140, atol=0.001)
     report = json.loads((output / "segmentation.json").read_text())

@@ -6,7 +6,6 @@ import numpy as np
 import pytest
 
 from physreal_core.gap import GapSettings, Search
-from physreal_core.gap.least_squares import Fit
 from physreal_core.gap.noise import ModelError
 from tests.gap.linear import ANSWERS, LinearExperiment, register
 
@@ -44,11 +43,10 @@ def test_without_seconds_no_pair_is_fitted():
     assert {*names(found)} == {(), ("drift",), ("sink",)}
 
 
-def test_an_effect_caught_in_a_poor_minimum_is_replaced_by_its_fit_from_a_pairs(monkeypatch):
+def test_an_effect_caught_in_a_poor_minimum_is_replaced_by_the_one_from_a_pair():
     """A fit alone that ended badly: the pair's own part, fitted alone from there, is better and is kept."""
     found = search(BOTH)
     good = found._found["sink",]
-    bad = Fit(good.unknowns, good.vector, good.residual, good.jacobian, good.predicted, good.energy + 50.0)
-    found._found["sink",] = bad
+    found._found["sink",] = replace(good, energy=good.energy + 50.0)
     found._keep(found.refits.alone(found._found["sink", "drift"]))
     assert np.isclose(found._found["sink",].energy, good.energy, atol=0.5)

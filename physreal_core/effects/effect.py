@@ -49,7 +49,6 @@ class Setting:
         gravity: [m/s2].
         ground_height: z of the support plane [m], None without one.
         controllers: measured controller points [m], shape [T, C, 3].
-        anchors: places in the body where something local may sit (its patches), shape [K, 3] m at frame 0.
         T_world_camera: pose of the camera, shape [4, 4]; None for motion capture.
         hand_seen: whether the controller points were seen by that camera too; a robot's own record is not.
     """
@@ -61,7 +60,6 @@ class Setting:
     gravity: tuple[float, float, float]
     ground_height: float | None
     controllers: Float[Tensor, "frames controllers 3"]
-    anchors: Float[Array, "places 3"]
     T_world_camera: Float[Array, "4 4"] | None = None
     hand_seen: bool = True
 
@@ -137,6 +135,13 @@ class Effect:
             motion: the baseline's rollout, shapes [T, N, ...], for effects that have to look where the body goes.
         """
         return ({},)
+
+    def far(self, setting: Setting) -> tuple[dict[str, float], ...]:
+        """Amplitudes of plain sizes from which a fit begins too, its modulus chosen for each: of an effect that a modulus imitates.
+
+        The baseline that lacks it lies in another valley then, where tangents do not lead to it.
+        """
+        return ()
 
 
 def fits(effect: Effect, config: SimulationConfig) -> bool:

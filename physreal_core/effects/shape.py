@@ -4,12 +4,14 @@ from collections.abc import Mapping
 
 import numpy as np
 import torch
+from scipy.cluster.vq import kmeans2
 from scipy.spatial import cKDTree
 
 from physreal_core.array_types import Array, Float, Tensor
 from physreal_core.effects.effect import Setting
 from physreal_core.simulation import Body
 
+PLACES = 12
 REACH = 1.8
 """Radius in which neighbours are counted [spacings]: the 26 around a lattice point, whose corners lie at 1.73."""
 
@@ -51,7 +53,15 @@ def carried_place(
     return {**values, **dict(zip("xyz", map(float, place), strict=True))}
 
 
+def places(body: Body) -> Float[Array, "places 3"]:
+    """Where in the body something local may sit [m]: `PLACES` centres from which no part of it is far (k-means)."""
+    along = np.argsort(body.x0 @ axes(body)[0], kind="stable")
+    first = along[np.linspace(0, len(along) - 1, min(PLACES, len(along))).round().astype(int)]
+    centres, _ = kmeans2(body.x0, body.x0[first], minit="matrix", iter=50)
+    return centres
+
+
 def local_starts(setting: Setting, share: float) -> tuple[dict[str, float], ...]:
-    """One start per anchor: a bump with `x`, `y`, `z` there, and as `radius` a share of the extent."""
+    """One start per place: a bump with `x`, `y`, `z` there, and as `radius` a share of the extent."""
     radius = share * extent(setting.body)
-    return tuple({**dict(zip("xyz", map(float, place), strict=True)), "radius": radius} for place in setting.anchors)
+    return tuple({**dict(zip("xyz", map(float, at), strict=True)), "radius": radius} for at in places(setting.body))

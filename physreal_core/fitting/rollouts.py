@@ -54,7 +54,7 @@ class Rollouts:
         }
         self._effects = registered(model.effects)
         self._simulator = Simulator(problem.body, self.config, problem.grip, problem.clamps, problem.loads)
-        self.setting = setting_of(self.problem, self.config, model, self.dtype)
+        self.setting = setting_of(self.problem, self.config, self.dtype)
 
     def inputs(self, fields: Fields, values: EffectValues | None = None) -> Inputs:
         """Everything that goes into the rollout; differentiable by `fields` and `values`.
@@ -108,7 +108,7 @@ class Rollouts:
         return torch.as_tensor(value).to(self.device, self.dtype)
 
 
-def setting_of(problem: Problem, config: SimulationConfig, model: Model, dtype: torch.dtype) -> Setting:
+def setting_of(problem: Problem, config: SimulationConfig, dtype: torch.dtype) -> Setting:
     """What effects may look at, with controller points of this type on the problem's device."""
     return Setting(
         body=problem.body,
@@ -118,7 +118,6 @@ def setting_of(problem: Problem, config: SimulationConfig, model: Model, dtype: 
         gravity=tuple(config.gravity),
         ground_height=config.ground_height,
         controllers=problem.controllers.to(dtype),
-        anchors=model.fields["patch_positions"].numpy(),
         T_world_camera=None if problem.camera is None else problem.camera.T_world_camera.cpu().numpy(),
         hand_seen=problem.hand_seen,
     )

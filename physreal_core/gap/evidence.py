@@ -130,8 +130,7 @@ def fit_baseline(
     differences of reruns.
     """
     first = experiments[0]
-    fields, ground = first.model.fields, first.setting.ground_height is not None
-    unknowns = Unknowns(fields, (), settings.priors, ground=ground)
+    unknowns = Unknowns(first.model.fields, (), settings.priors, scalars=_scalars(first, settings))
     begun = _from_a_guess if len(settings.scan) > 1 else _from_a_fit
     found, data = begun(experiments, unknowns, settings, progress)
     straight = min((fit for fit in found if fit.unknowns is not unknowns), key=lambda fit: fit.energy)
@@ -150,6 +149,15 @@ def fit_baseline(
             expected="one that can be simulated to the last frame",
         )
     return settled, evidence
+
+
+def _scalars(experiment: Interaction, settings: GapSettings) -> tuple[str, ...]:
+    """Of the model's numbers, those that act in an interaction and are not known."""
+    acting = {
+        "friction_coefficient": experiment.setting.ground_height is not None,
+        "grip_stiffness": settings.grip_fitted and experiment.setting.grip is not None,
+    }
+    return tuple(name for name, acts in acting.items() if acts)
 
 
 def _from_a_fit(
@@ -175,13 +183,14 @@ def _from_a_guess(
     The frames of a grip that presses say little of friction, and those that slide of the modulus: what fits the first frames
     best may lie beyond a ridge from what fits all.
     """
-    moduli, frictions = np.log(settings.scan), np.log(FRICTIONS) if unknowns.ground else np.zeros(1)
+    slides = "friction_coefficient" in unknowns.scalars
+    moduli, frictions = np.log(settings.scan), np.log(FRICTIONS) if slides else np.zeros(1)
     progress(f"baseline at {len(moduli) * len(frictions)} pairs of modulus and friction")
     start = unknowns.level(unknowns.start())
     vectors = np.tile(start, (len(moduli), len(frictions), 1))
     vectors[..., : unknowns.patches] += moduli[:, None, None]
-    if unknowns.ground:
-        vectors[..., unknowns.patches + 1] += frictions
+    if slides:
+        vectors[..., unknowns.place("friction_coefficient")] += frictions
     data = Evidence(experiments, unknowns.trial(start), settings, reruns=False).train
     residuals = data.residuals(data.predict([unknowns.trial(v) for v in vectors.reshape(-1, len(start))]))
     energies = np.nan_to_num(0.5 * (residuals**2).sum(0), nan=np.inf).reshape(vectors.shape[:2])

@@ -149,7 +149,7 @@ class Experiment:
         self.sigma = np.where(valid, tracks.sigma3d.numpy().astype(np.float64), 1.0)
         self.config = model.simulation_config(problem.fps, device)
         self._simulators: dict[tuple[SimulationConfig, Variant | None], Simulator] = {}
-        self.setting = setting_of(problem, self.config, model, torch.float32)
+        self.setting = setting_of(problem, self.config, torch.float32)
 
     @property
     def frames(self) -> int:

@@ -2,7 +2,8 @@
 
 A baseline that lacks an effect bends its patches to imitate it, often far enough that tangents there no longer point to the
 effect. So candidates are screened, and fits begin, in two places: at the fitted baseline, and at the best one without contrast
-from patch to patch, where the two differ by much.
+from patch to patch, where the two differ by much. Of effects that a modulus imitates even that is another valley; they are
+fitted from plain sizes, too, at the modulus that suits each.
 """
 
 from __future__ import annotations
@@ -12,6 +13,7 @@ from dataclasses import replace
 
 import numpy as np
 
+from physreal_core.effects import EFFECTS
 from physreal_core.gap.least_squares import Data, Fit, Request, fit, together
 from physreal_core.gap.screening import Score, Screen, started
 from physreal_core.gap.settings import GapSettings
@@ -22,6 +24,10 @@ WORTH_A_SCREEN = 10.0
 
 STARTS = 3
 """Of every effect that are screened in the second place: those that promise most from the first."""
+
+
+FACTORS = tuple(2.0 ** (step / 2) for step in range(-3, 3))
+"""On the level baseline's modulus, among which a fit from a plain size of its effect begins."""
 
 
 class Refits:
@@ -39,7 +45,7 @@ class Refits:
 
     def __init__(self, baseline: Fit, data: Data, names: Sequence[str], settings: GapSettings) -> None:
         self.baseline, self.data, self._settings = baseline, data, settings
-        level = self._levelled() if baseline.unknowns.patches > 1 else baseline
+        self._level = level = self._levelled() if baseline.unknowns.patches > 1 else baseline
         bent = WORTH_A_SCREEN < level.energy - baseline.energy < np.inf
         screen = Screen(baseline, data, names, settings.priors)
         self.screens = [screen, screen.anew(level, STARTS)] if bent else [screen]
@@ -50,8 +56,7 @@ class Refits:
         start = own.level(self.baseline.vector)[None]
         request = fit(own.levelled(), self.data, start, self._settings.iterations, [self.baseline.jacobian])
         (found,) = together([request], self.data)
-        energy = 0.5 * float(found.residual @ found.residual) + own.prior_energy(found.vector)
-        return replace(found, unknowns=own, energy=energy)
+        return _as(found, own)
 
     def ranked(self) -> list[list[Score]]:
         """Every effect's scores, one per screen; first the effect that leads one of the screens.
@@ -78,15 +83,21 @@ class Refits:
         return [[score] for score in nearest.anew(best, 1).scores(best.residual)]
 
     def fitted(self, chosen: Sequence[list[Score]]) -> list[Fit]:
-        """A few steps of the fit of each effect, from all places in which it was scored."""
-        return together([self._begun(scores) for scores in chosen], self.data)
+        """A few steps of the fit of each effect, from all places in which it was scored, or from far if that leads further."""
+        far = [(number, *request) for number, scores in enumerate(chosen) for request in self._far(scores)]
+        near = [self._begun(scores) for scores in chosen]
+        found = together([*near, *(request for _, _, request in far)], self.data)
+        best = found[: len(near)]
+        for (number, unknowns, _), other in zip(far, found[len(near) :], strict=True):
+            best[number] = max(best[number], _as(other, unknowns), key=lambda fit: fit.log_evidence)
+        return best
 
     def alone(self, two: Fit) -> list[Fit]:
         """Each of the effects of a fit without the others, from where that fit is."""
         own, requests = two.unknowns, []
         values = own.values(two.vector)
         for name in own.effects:
-            unknowns = Unknowns(own.fields, (name,), own.priors, values, own.ground)
+            unknowns = Unknowns(own.fields, (name,), own.priors, values, own.scalars)
             kept = np.r_[: own.baseline, own.places[name]]
             start = two.vector[kept][None]
             requests.append(fit(unknowns, self.data, start, self._settings.iterations, [two.jacobian[:, kept]]))
@@ -95,6 +106,22 @@ class Refits:
     def _begun(self, scores: list[Score]) -> Request:
         unknowns, starts, known = started(scores, self._settings.priors)
         return fit(unknowns, self.data, starts, self._settings.iterations, known)
+
+    def _far(self, scores: list[Score]) -> list[tuple[Unknowns, Request]]:
+        """Fits of a first effect from plain sizes of it where it was scored, of a material without contrast at first."""
+        best, own = scores[0], self.baseline.unknowns
+        if best.beside.unknowns.effects:
+            return []
+        effect, requests = EFFECTS[best.start.effect], []
+        for amplitudes in effect.far(self.data.experiments[0].setting):
+            at = {effect.name: {**best.start.values, **amplitudes}}
+            unknowns = Unknowns(own.fields, (effect.name,), own.priors, at, own.scalars)
+            starts = np.tile(unknowns.start(), (len(FACTORS), 1))
+            starts[:, : own.baseline] = self._level.vector
+            starts[:, : own.patches] += np.log(FACTORS)[:, None]
+            known = [self._level.jacobian] * len(FACTORS)
+            requests.append((unknowns, fit(unknowns.levelled(), self.data, starts, self._settings.iterations, known)))
+        return requests
 
     def settled(self, fits: Sequence[Fit]) -> list[Fit]:
         """The fits, gone on until they arrive; each also from the material of every other one, if that is better."""
@@ -108,3 +135,9 @@ class Refits:
                 starts.append(np.concatenate([other.vector[:size], found.vector[size:]]))
                 jacobians.append(np.concatenate([other.jacobian[:, :size], found.jacobian[:, size:]], axis=1))
         return fit(found.unknowns, self.data, np.stack(starts), self._settings.settling, jacobians)
+
+
+def _as(found: Fit, unknowns: Unknowns) -> Fit:
+    """A fit as a place of unknowns with other priors."""
+    energy = 0.5 * float(found.residual @ found.residual) + unknowns.prior_energy(found.vector)
+    return replace(found, unknowns=unknowns, energy=energy if np.isfinite(found.energy) else np.inf)

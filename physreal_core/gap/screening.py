@@ -195,9 +195,11 @@ class Plan:
 
 
 def _plans(effect: Effect, experiments: Sequence[Interaction], motions: Sequence[States | None]) -> list[Plan]:
-    starts: list[dict[str, float]] = []
-    for experiment, motion in zip(experiments, motions, strict=True):
-        starts += [start for start in starts_of(experiment, effect, motion) if start not in starts]
+    """From the starts that the body gives in the first interaction that has any, and those that each motion gives."""
+    still = [starts_of(experiment, effect) for experiment in experiments]
+    starts = list(next((own for own in still if own), ()))
+    for experiment, motion, own in zip(experiments, motions, still, strict=True):
+        starts += [start for start in starts_of(experiment, effect, motion) if start not in (*own, *starts)]
     return [_plan(effect, start) for start in starts]
 
 
@@ -253,7 +255,7 @@ def started(
     present = best.beside.unknowns
     at: EffectValues = {**present.values(best.beside.vector), best.start.effect: best.values}
     names = sorted((*present.effects, best.start.effect), key=list(EFFECTS).index)
-    unknowns = Unknowns(present.fields, names, priors, at, present.ground)
+    unknowns = Unknowns(present.fields, names, priors, at, present.scalars)
     starts = [_start(unknowns, score, *way) for score in scores for way in WAYS]
     known = [score.beside.jacobian[:, : unknowns.baseline] for score in scores for _ in WAYS]
     return unknowns, np.stack(starts), known

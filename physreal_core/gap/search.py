@@ -39,7 +39,8 @@ def find_gap(
 
 
 def candidates(experiment: Interaction, settings: GapSettings) -> tuple[str, ...]:
-    """Names of the effects that may be missing: those asked for, without those that the model has or has no place for.
+    """Names of the effects that may be missing: those asked for, without those that the model has or has no place for, and
+    without what an unknown of the baseline is.
 
     Raises:
         InputError: for a name that is not in the registry.
@@ -47,11 +48,12 @@ def candidates(experiment: Interaction, settings: GapSettings) -> tuple[str, ...
     if unknown := sorted(set(settings.candidates) - set(EFFECTS)):
         raise InputError(f"effect {unknown[0]!r}", where="GapSettings.candidates", expected=", ".join(EFFECTS))
     known = {record["name"] for record in experiment.model.effects}
+    baseline = {"grip_compliance"} if settings.grip_fitted else set()
     return tuple(
         name
         for name, effect in EFFECTS.items()
         if name in (settings.candidates or EFFECTS)
-        and name not in known
+        and name not in known | baseline
         and all(go_together(name, other) for other in known)
         and fits(effect, experiment.config)
     )
@@ -105,10 +107,9 @@ class Search:
         """Fits the effects that promise most; where the best of them leaves much, all others, for tangents far from an effect's
         size say little; where that leaves much too, pairs."""
         promising = [scores for scores in self.ranked if max(score.gain for score in scores) > self.threshold]
-        shortlist = promising[: self.settings.shortlist]
-        self._fit(shortlist, self.settings.finalists)
+        self._fit_new(promising[: self.settings.shortlist], self.settings.finalists)
         if self._leaves_much():
-            self._fit([scores for scores in self.ranked if scores not in shortlist], self.settings.finalists)
+            self._fit_new(self.ranked, self.settings.finalists)
         if self._leaves_much() and self.settings.seconds:
             self._pairs()
 
@@ -161,13 +162,14 @@ class Search:
         """
         firsts = [fit for fit in self._ordered() if self._gain(fit) > self.threshold][: self.settings.firsts]
         self._progress("screening beside " + ", ".join(first.unknowns.effects[0] for first in firsts))
-        self._fit_new([s for first in firsts for s in self._promising(self._beside(first))])
+        self._fit_new([s for first in firsts for s in self._promising(self._beside(first))], self.settings.seconds)
         if not (pairs := self._ordered(2)):
             return
         alone = self.refits.alone(pairs[0])
         self._settle([fit for fit in alone if self._gain(fit) > self._gain_of(fit.unknowns.effects)])
         if self._leaves_much():
-            self._fit_new([s for one in alone for s in self._beside(one)[: self.settings.exchanges]])
+            exchanged = [s for one in alone for s in self._beside(one)[: self.settings.exchanges]]
+            self._fit_new(exchanged, self.settings.seconds)
 
     def _gain_of(self, names: tuple[str, ...]) -> float:
         """Of the best fit of these effects so far; nothing where there is none."""
@@ -189,13 +191,13 @@ class Search:
         strong = sorted((s for s in beside[most:] if alone(s) > self.threshold), key=alone, reverse=True)
         return beside[:most] + strong[:strong_ones]
 
-    def _fit_new(self, seconds: Sequence[list[Score]]) -> None:
-        """Fits of the pairs that are not known yet."""
+    def _fit_new(self, candidates: Sequence[list[Score]], finalists: int) -> None:
+        """Fits of what is not known yet."""
         chosen: dict[tuple[str, ...], list[Score]] = {}
-        for scores in seconds:
+        for scores in candidates:
             if _names(scores[0]) not in self._found:
                 chosen.setdefault(_names(scores[0]), scores)
-        self._fit(list(chosen.values()), self.settings.seconds)
+        self._fit(list(chosen.values()), finalists)
 
     # --- report -------------------------------------------------------------------------------------------------
 

@@ -20,6 +20,8 @@ class GapSettings:
         finalists: candidates that go on.
         settling: iterations of these, and of the whole baseline, at most.
         baseline_iterations: of the baseline's, per horizon.
+        grip_fitted: whether the grip's stiffness is a number that was fitted. Then it is an unknown of the baseline too, and a
+            hand that gives way, which is the same, is no candidate.
         scan: factors on the moduli of a model that is only guessed, among which the fit looks for its start.
         model_error: size and smoothness of the simulator's own error.
         priors: widths, in free coordinates.
@@ -49,6 +51,7 @@ class GapSettings:
     finalists: int = 4
     settling: int = 10
     baseline_iterations: int = 3
+    grip_fitted: bool = False
     scan: tuple[float, ...] = (1.0,)
     model_error: ModelError = field(default_factory=ModelError)
     priors: Priors = field(default_factory=Priors)

@@ -33,6 +33,7 @@ class Priors:
         contrast: of log E from patch to patch.
         poisson: of the logit of Poisson's ratio.
         friction: of log mu_f.
+        grip: of log k_f.
         coefficient: of an effect's coefficients, in their scales.
     """
 
@@ -40,7 +41,32 @@ class Priors:
     contrast: float = 0.2
     poisson: float = 0.7
     friction: float = 0.7
+    grip: float = 0.7
     coefficient: float = 1.0
+
+
+@dataclass(frozen=True)
+class Scalar:
+    """A positive number of the whole baseline, by its logarithm.
+
+    Args:
+        prior: name of its width in `Priors`.
+        lower, upper: bounds; None: a factor of `RANGE` from where it starts.
+        step: of the tangent.
+    """
+
+    prior: str
+    lower: float | None
+    upper: float | None
+    step: float
+
+
+RANGE = 5.0
+SCALARS = {
+    "friction_coefficient": Scalar("friction", 1e-3, 3.0, 0.15),
+    "grip_stiffness": Scalar("grip", None, None, 0.15),
+}
+"""Of the model's fields, beside the material."""
 
 
 @dataclass(frozen=True)
@@ -73,7 +99,7 @@ class Unknowns:
         effects: names, in the order in which they act.
         priors: their widths.
         at: values of the effects' coefficients around which the prior of shapes is centred; dormant by default.
-        ground: whether friction acts.
+        scalars: of `SCALARS`, those that are unknown and act.
 
     Attributes:
         places: where each effect's coefficients stand in the vector.
@@ -85,10 +111,10 @@ class Unknowns:
         effects: Sequence[str] = (),
         priors: Priors | None = None,
         at: EffectValues | None = None,
-        ground: bool = True,
+        scalars: Sequence[str] = ("friction_coefficient",),
     ) -> None:
         self.fields, self.effects, self.priors = fields, tuple(effects), priors or Priors()
-        self.patches, self.ground = len(fields["youngs_modulus"]), ground
+        self.patches, self.scalars = len(fields["youngs_modulus"]), tuple(scalars)
         self.at = at or {}
         blocks = [self._baseline(), *(self._effect(name) for name in self.effects)]
         self.baseline = len(blocks[0])
@@ -105,9 +131,7 @@ class Unknowns:
         moduli = (np.eye(K) - common) / p.contrast**2 + common / (K * p.modulus**2)
         log_E = self.fields["youngs_modulus"].log().mean().item()
         rest = [(_logit(self.fields["poissons_ratio"].mean().item()), p.poisson, -4.0, 4.0, -0.25)]
-        if self.ground:
-            log_mu = float(np.log(max(self.fields["friction_coefficient"].item(), 1e-3)))
-            rest.append((log_mu, p.friction, np.log(1e-3), np.log(3.0), 0.15))
+        rest += [self._scalar(name) for name in self.scalars]
         mean, sd, lower, upper, step = (np.array(column) for column in zip(*rest, strict=True))
         precision = np.zeros((K + len(rest),) * 2)
         precision[:K, :K] = moduli
@@ -120,6 +144,13 @@ class Unknowns:
             np.concatenate([np.full(K, 0.08), step]),
             np.zeros(K + len(rest), dtype=bool),
         )
+
+    def _scalar(self, name: str) -> tuple[float, ...]:
+        """Mean, standard deviation, bounds and step of the logarithm."""
+        scalar, value = SCALARS[name], self.fields[name].item()
+        lower, upper = scalar.lower or value / RANGE, scalar.upper or value * RANGE
+        mean = np.log(np.clip(value, lower, upper))
+        return float(mean), getattr(self.priors, scalar.prior), np.log(lower), np.log(upper), scalar.step
 
     def _effect(self, name: str) -> Block:
         coefficients = EFFECTS[name].coefficients
@@ -139,6 +170,10 @@ class Unknowns:
             one_sided,
         )
 
+    def place(self, scalar: str) -> int:
+        """Where a scalar stands in the vector."""
+        return self.patches + 1 + self.scalars.index(scalar)
+
     # --- vectors and values -------------------------------------------------------------------------------------
 
     def start(self) -> Float[Array, " unknowns"]:
@@ -150,7 +185,7 @@ class Unknowns:
     def levelled(self) -> Unknowns:
         """The same without contrast from patch to patch."""
         priors = replace(self.priors, contrast=LEVEL_CONTRAST)
-        return Unknowns(self.fields, self.effects, priors, self.at, self.ground)
+        return Unknowns(self.fields, self.effects, priors, self.at, self.scalars)
 
     def level(self, vector: Float[Array, " unknowns"]) -> Float[Array, " unknowns"]:
         """The vector with the mean of log E in all patches."""
@@ -187,8 +222,8 @@ class Unknowns:
         fields = dict(self.fields)
         fields["youngs_modulus"] = torch.from_numpy(np.exp(vector[:K]))
         fields["poissons_ratio"] = torch.full((K,), _ratio(vector[K]), dtype=torch.float64)
-        if self.ground:
-            fields["friction_coefficient"] = torch.tensor(float(np.exp(vector[K + 1])), dtype=torch.float64)
+        for name in self.scalars:
+            fields[name] = torch.tensor(float(np.exp(vector[self.place(name)])), dtype=torch.float64)
         return fields
 
     def trial(self, vector: Float[Array, " unknowns"]) -> Trial:

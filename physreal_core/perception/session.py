@@ -1,8 +1,8 @@
 """Opens ONNX networks with ONNX Runtime and says clearly what is missing or does not fit."""
 
-import os
 from pathlib import Path
 
+from physreal_core.cores import available_cores
 from physreal_core.errors import InputError
 
 FETCH_COMMAND = "physreal models"
@@ -27,7 +27,7 @@ def open_session(path: str | Path, *, threads: int = 0, inputs: int | None = Non
             "network file is missing", where=str(path), expected="a .onnx or .ort file", remedy=f"run `{FETCH_COMMAND}`"
         )
     options = onnxruntime.SessionOptions()
-    options.intra_op_num_threads = threads or _usable_cores()  # by itself it takes, and pins, all of the machine's
+    options.intra_op_num_threads = threads or available_cores()  # by itself it takes, and pins, all of the machine's
     options.log_severity_level = 3
     wanted = ("CUDAExecutionProvider", "CPUExecutionProvider")
     providers = [p for p in wanted if p in onnxruntime.get_available_providers()]
@@ -47,7 +47,3 @@ def open_session(path: str | Path, *, threads: int = 0, inputs: int | None = Non
                 f"the network has the {kind} {names}", where=str(path), expected=f"at least {least} {kind}"
             )
     return session
-
-
-def _usable_cores() -> int:
-    return len(os.sched_getaffinity(0)) if hasattr(os, "sched_getaffinity") else os.cpu_count() or 1

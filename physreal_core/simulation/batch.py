@@ -1,6 +1,5 @@
 """Many rollouts of one body on the CPU: one per thread, each thread with a form of the step of its own."""
 
-import os
 from collections.abc import Callable
 from concurrent.futures import ThreadPoolExecutor
 from dataclasses import dataclass, fields
@@ -98,11 +97,6 @@ class PooledFrames:
             return [run(rollout) for rollout in range(rollouts)]
         with ThreadPoolExecutor(self._threads) as pool:
             return list(pool.map(run, range(rollouts)))
-
-
-def cores() -> int:
-    """Processor cores that this process may use."""
-    return len(os.sched_getaffinity(0)) if hasattr(os, "sched_getaffinity") else os.cpu_count() or 1
 
 
 def _row(parameters: Parameters, rollout: int) -> Parameters:

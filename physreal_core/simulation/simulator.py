@@ -12,8 +12,9 @@ import warp as wp
 from torch.autograd.function import once_differentiable
 
 from physreal_core.array_types import Float, Tensor
+from physreal_core.cores import available_cores
 from physreal_core.errors import InputError
-from physreal_core.simulation.batch import BatchStates, PooledFrames, cores
+from physreal_core.simulation.batch import BatchStates, PooledFrames
 from physreal_core.simulation.body import Body, Clamp, Grip, PointLoad
 from physreal_core.simulation.config import SimulationConfig
 from physreal_core.simulation.cuda.frames import CudaFrames
@@ -146,7 +147,7 @@ class Simulator:
         if isinstance(self._loop, CudaFrames):
             stepper = CudaStepper(*self._scene, rollouts=rollouts)
             return CudaFrames(self.body, self.config, stepper, self._substeps_of)
-        threads = cores() if self.config.device == "cpu" else 1
+        threads = available_cores() if self.config.device == "cpu" else 1
         make = partial(self._frames, threads=1, kept_bytes=0)
         return PooledFrames(make, rollouts, threads)
 

@@ -21,6 +21,10 @@ class FindGap(StageParameters):
     false_alarms: float | None = Field(
         None, gt=0, lt=1, description=f"share of captures without a gap in which one may be named; {_CALIBRATED}"
     )
+    grip_fitted: bool = Field(
+        True,
+        description="the grip's stiffness stays an unknown, as Stage 1 fitted it; false: it is known, and grip_compliance a candidate",
+    )
     device: Device = device_field()
 
     def search(self) -> dict:

@@ -45,7 +45,7 @@ class Scene:
     def setting(self) -> Setting:
         return Setting(
             self.body, self.grip, self.clamps, self.fps, self.gravity, self.ground_height, self.controllers,
-            self.body.x0[:: max(1, len(self.body.x0) // 3)], self.T_world_camera,
+            self.T_world_camera,
         )  # fmt: skip
 
     def inputs(self, values: dict[str, dict[str, Tensor]]) -> Inputs:

@@ -48,7 +48,7 @@ ANSWERS = {
 
 def baseline(experiment: "LinearExperiment", data: Data, iterations: int = 8) -> Fit:
     """The fit without effects."""
-    unknowns = Unknowns(experiment.model.fields, (), Priors(), ground=False)
+    unknowns = Unknowns(experiment.model.fields, (), Priors(), scalars=())
     (found,) = together([fit(unknowns, data, unknowns.start()[None], iterations)], data)
     return found
 
@@ -73,7 +73,7 @@ class LinearExperiment:
         self.model = SimpleNamespace(fields=FIELDS, effects=[], elastic_law="hencky")
         body = Body(self.points0, np.ones(TRACKS), np.ones(TRACKS), 0.01)
         still = torch.zeros(FRAMES, 0, 3)
-        self.setting = Setting(body, None, (), 30.0, (0.0, 0.0, -9.81), None, still, self.points0[:2])
+        self.setting = Setting(body, None, (), 30.0, (0.0, 0.0, -9.81), None, still)
         self.placement, self.config = None, SimulationConfig(fps=30)
         self.device = "cpu"
         fields = {**FIELDS, "youngs_modulus": FIELDS["youngs_modulus"] * torch.tensor([1.2, 0.9], dtype=torch.float64)}

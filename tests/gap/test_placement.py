@@ -5,12 +5,17 @@ import dataclasses
 import numpy as np
 import pytest
 import torch
+from scipy.spatial import cKDTree
 from scipy.spatial.transform import Rotation
 
 from physreal_core.effects import EFFECTS
+from physreal_core.effects.shape import PLACES, extent
 from physreal_core.fitting.transfer import transfer_model
-from physreal_core.gap import Experiment, Trial
+from physreal_core.gap import Experiment, GapSettings, Trial
+from physreal_core.gap.evidence import _scalars
 from physreal_core.gap.experiment import starts_of
+from physreal_core.gap.screening import _plans
+from physreal_core.gap.search import candidates
 from physreal_core.simulation import Body, Grip
 from tests.fitting import scene
 
@@ -65,5 +70,26 @@ def test_a_local_effect_does_the_same_to_the_object_elsewhere(interactions, name
 
 def test_starts_are_given_where_the_first_interaction_has_them(interactions):
     ours, theirs = (starts_of(experiment, EFFECTS["soft_spot"]) for experiment in interactions)
-    for one, other in zip(ours, theirs, strict=True):
-        assert [other[axis] for axis in "xyz"] == pytest.approx([one[axis] for axis in "xyz"], abs=2e-3)
+    body = interactions[0].setting.body
+    distance, _ = cKDTree(body.x0).query([[start[axis] for axis in "xyz"] for start in theirs])
+    assert len(ours) == len(theirs) and distance.max() < body.spacing
+
+
+def test_places_in_the_body_are_tried_once_and_cover_it(interactions):
+    plans = _plans(
+        EFFECTS["payload"],
+        interactions,
+        [experiment.motion(Trial(experiment.model.fields)) for experiment in interactions],
+    )
+    places = np.array([[plan.values[axis] for axis in "xyz"] for plan in plans])
+    body = interactions[0].setting.body
+    assert len(places) == PLACES
+    assert cKDTree(places).query(body.x0)[0].max() < 0.4 * extent(body)
+
+
+@pytest.mark.parametrize("fitted", [False, True])
+def test_a_grip_that_was_fitted_is_an_unknown_and_no_effect(interactions, fitted):
+    settings = GapSettings(grip_fitted=fitted)
+    assert ("grip_stiffness" in _scalars(interactions[0], settings)) == fitted
+    assert ("grip_compliance" in candidates(interactions[0], settings)) != fitted
+    assert {"grip_lag", "grip_slip"} <= {*candidates(interactions[0], settings)}

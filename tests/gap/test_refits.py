@@ -1,14 +1,18 @@
 """Where fits of candidates begin and end, in a linear world."""
 
+from types import SimpleNamespace
+
 import numpy as np
 import pytest
 
+from physreal_core.effects import EFFECTS
 from physreal_core.gap import GapSettings
 from physreal_core.gap.least_squares import Data
 from physreal_core.gap.refits import Refits
 from tests.gap.linear import ANSWERS, LinearExperiment, baseline, register
 
 NAMES = ("drift", "sink")
+FAR = 0.9
 SETTINGS = GapSettings()
 
 
@@ -74,3 +78,23 @@ def test_a_screen_taken_anew_promises_the_same_in_a_linear_world():
     assert score.start.effect == other
     (settled,) = found.settled(found.fitted([[score]]))
     assert settled.log_evidence - best.log_evidence == pytest.approx(score.gain, rel=0.05)
+
+
+class Barrier(LinearExperiment):
+    """`sink` moves the tracks up at first and down only beyond half a metre of it."""
+
+    def _one(self, trial):
+        amount = trial.effects.get("sink", {}).get("amount", 0.0)
+        return super()._one(
+            SimpleNamespace(fields=trial.fields, effects={"sink": {"amount": 4 * amount * (amount - 0.5)}})
+        )
+
+
+@pytest.mark.parametrize(("far", "reached"), [((), 0.0), (({"amount": 1.2},), FAR)])
+def test_an_effect_that_a_modulus_hides_is_found_from_a_plain_size(monkeypatch, far, reached):
+    monkeypatch.setattr(EFFECTS["sink"], "far", lambda setting: far)
+    experiment = Barrier(ANSWERS, {"sink": {"amount": FAR}})
+    data = Data([experiment], [experiment.noise()])
+    found = Refits(baseline(experiment, data), data, ("sink",), SETTINGS)
+    (fitted,) = found.settled(found.fitted(found.ranked()))
+    assert fitted.unknowns.values(fitted.vector)["sink"]["amount"] == pytest.approx(reached, abs=0.1)

@@ -11,11 +11,11 @@ import pytest
 import yaml
 from PIL import Image
 
+from physreal_core.cores import available_cores
 from pipeline.cli import main
 from pipeline.compose import compose
 from pipeline.config import load_parameters
 from pipeline.project import CODE_ROOT, Project
-from pipeline.threads import available_cores
 from tests.pipeline.captures import K, write_capture
 
 HEAVY = "torch", "warp", "scipy", "cv2", "hydra", "dvc", "open3d", "onnxruntime", "matplotlib"

@@ -7,7 +7,10 @@ import torch
 from physreal_core.array_types import Array, Float
 from physreal_core.effects.effect import Coefficient, Effect, Inputs, Setting, Values
 from physreal_core.effects.fields import changed, field, like, vector
-from physreal_core.effects.shape import carried_place, middle
+from physreal_core.effects.shape import axes, carried_place, middle
+
+PLAIN = 7.5
+"""Relative rise of density from which a fit begins [1/m]."""
 
 
 class DensityGradient(Effect):
@@ -31,6 +34,11 @@ class DensityGradient(Effect):
         place = like(inputs, setting.body.x0 - middle(setting.body))
         shaped = density * torch.exp(place @ vector(values, "x", "y", "z", like=place))
         return changed(inputs, density=shaped * ((density * volume).sum() / (shaped * volume).sum()))
+
+    def far(self, setting: Setting) -> tuple[dict[str, float], ...]:
+        """Either end of the body the heavier one: held by one of them, it hangs as if stiffer or softer."""
+        along = PLAIN * axes(setting.body)[0]
+        return tuple(dict(zip("xyz", map(float, side * along), strict=True)) for side in (1, -1))
 
     def carried(
         self, values: Mapping[str, float], rotation: Float[Array, "3 3"], translation: Float[Array, "3"]

@@ -34,11 +34,15 @@ class Payload(Effect):
         share = spread / (spread * volume).sum().clamp_min(1e-30)
         return changed(inputs, density=density + values["ratio"] * float(setting.body.mass.sum()) * share)
 
+    def far(self, setting: Setting) -> tuple[dict[str, float], ...]:
+        """As heavy as the body: without it, the material seems softer."""
+        return ({"ratio": 1.0},)
+
     def carried(
         self, values: Mapping[str, float], rotation: Float[Array, "3 3"], translation: Float[Array, "3"]
     ) -> dict[str, float]:
         return carried_place(values, rotation, translation)
 
     def starts(self, setting: Setting, motion: States | None = None) -> tuple[dict[str, float], ...]:
-        """At each anchor, a twelfth of the body's extent wide."""
+        """At each of the places of the body, a twelfth of the body's extent wide."""
         return local_starts(setting, 1 / 12)

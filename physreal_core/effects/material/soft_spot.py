@@ -37,5 +37,5 @@ class SoftSpot(Effect):
         return carried_place(values, rotation, translation)
 
     def starts(self, setting: Setting, motion: States | None = None) -> tuple[dict[str, float], ...]:
-        """At each anchor, a tenth of the body's extent wide."""
+        """At each of the places of the body, a tenth of the body's extent wide."""
         return local_starts(setting, 0.1)

@@ -15,6 +15,7 @@ from benchmarks.gap.case import capture, truth_of
 from benchmarks.gap.cases import GapCase
 from benchmarks.gap.files import read_json, write_json
 from benchmarks.gap.oracle import oracle_closed
+from benchmarks.gap.problems import GUESS
 from pipeline.compose import render
 from pipeline.config import load_parameters, read_parameters, validate_parameters
 from pipeline.project import CODE_ROOT, Project
@@ -56,7 +57,10 @@ def project_of(own: Path) -> Project:
 
 
 def _parameters(motions: list[str]) -> dict[str, Any]:
-    """This repository's params.yaml with the case's interactions for its sequences, on a card if there is one."""
+    """This repository's params.yaml with the case's interactions for its sequences, on a card if there is one.
+
+    As from tracks alone, the hand is known to hold as a vice does, so that one which gives way can be named.
+    """
     import torch
 
     first, second = motions
@@ -64,6 +68,8 @@ def _parameters(motions: list[str]) -> dict[str, Any]:
     if torch.cuda.is_available():
         own |= {stage: {**own[stage], "device": "cuda:0"} for stage in ON_A_CARD}
     sequences = {"sequences": {first: {}, second: {}}, "fits": {first: {"companion": second}}}
+    own["fit_global"]["grip_stiffness"] |= {"initial": GUESS["grip_stiffness"], "rate": 0.0}
+    own["find_gap"]["grip_fitted"] = False
     emptied = {"clips": {}, "rigged": {}, "predictions": {}}
     return own | sequences | emptied
 

@@ -34,10 +34,6 @@ class Payload(Effect):
         share = spread / (spread * volume).sum().clamp_min(1e-30)
         return changed(inputs, density=density + values["ratio"] * float(setting.body.mass.sum()) * share)
 
-    def far(self, setting: Setting) -> tuple[dict[str, float], ...]:
-        """As heavy as the body: without it, the material seems softer."""
-        return ({"ratio": 1.0},)
-
     def carried(
         self, values: Mapping[str, float], rotation: Float[Array, "3 3"], translation: Float[Array, "3"]
     ) -> dict[str, float]:

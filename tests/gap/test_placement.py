@@ -69,8 +69,11 @@ def test_a_local_effect_does_the_same_to_the_object_elsewhere(interactions, name
 
 
 def test_starts_are_given_where_the_first_interaction_has_them(interactions):
-    ours, theirs = (starts_of(experiment, EFFECTS["soft_spot"]) for experiment in interactions)
-    body = interactions[0].setting.body
+    """Those of the other interaction are its own, carried back exactly, so that they lie in the first one's body."""
+    effect, there, body = EFFECTS["soft_spot"], interactions[1].setting, interactions[0].setting.body
+    ours, theirs = (starts_of(experiment, effect) for experiment in interactions)
+    for carried, own in zip(theirs, effect.starts(there), strict=True):
+        assert effect.carried(carried, TURN, SHIFT) == pytest.approx(own, abs=1e-9)
     distance, _ = cKDTree(body.x0).query([[start[axis] for axis in "xyz"] for start in theirs])
     assert len(ours) == len(theirs) and distance.max() < body.spacing
 

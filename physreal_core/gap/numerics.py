@@ -21,8 +21,7 @@ VARIANTS = (
 
 Space is of second order, so how far a rerun on another grid moves says how far the limit is (Richardson's extrapolation).
 Transfers damp once a substep, so half the step damps twice as much: the difference is the damping itself. Contact through
-nodes leaves a gap after a fall and gives under pressure (`simulation.box.CONTACT_DEPTH`): a bar that a hand presses down by a
-third of a cell goes 1 mm deeper than it should, which a ground a third to a half of a cell higher would prevent.
+nodes acts by whole columns and frames and leaves a gap after a fall (`simulation.touch`): some tenths of a cell stand for that.
 """
 
 

@@ -24,6 +24,12 @@ class Twin:
     def __post_init__(self) -> None:
         self.F = np.tile(np.eye(3), (len(self.x), 1, 1))
         self.C = np.zeros_like(self.F)
+        self.touched = {node[:2] for p in range(len(self.x)) if self.touches(p) for node, *_ in self.weights(p)}
+
+    def touches(self, p: int) -> bool:
+        """Whether the surface of particle p lies within a tenth of a cell above the plane, or below it, at the start."""
+        plane = self.offset[2] + self.body.cell
+        return self.x[p][2] - self.body.spacing / 2 < plane + 0.1 * self.body.cell
 
     def weights(self, p: int) -> list[tuple[tuple[int, int, int], float, np.ndarray, np.ndarray]]:
         """(node, weight, its gradient, node position - particle position) of the 27 nodes around particle p."""
@@ -68,8 +74,8 @@ class Twin:
         self.x = self.x + dt * self.v
 
     def contact(self, node: tuple[int, int, int], v: np.ndarray) -> np.ndarray:
-        """Coulomb contact of the nodes of layer 0 and below."""
-        if node[2] > 0 or v[2] >= 0:
+        """Coulomb contact of the nodes of layer 0 and below, and of layer 1, in the plane, where the body touches it."""
+        if node[2] > (node[:2] in self.touched) or v[2] >= 0:
             return v
         tangential = np.array([v[0], v[1], 0.0])
         speed = np.linalg.norm(tangential)

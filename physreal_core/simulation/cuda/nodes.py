@@ -11,7 +11,7 @@ import warp as wp
 
 from physreal_core.simulation.cuda.report import COLUMNS, FAILURES, LEAST, NOT_FAILED
 from physreal_core.simulation.plain.friction import sliding_functions
-from physreal_core.simulation.plain.grid import FREE, node_functions
+from physreal_core.simulation.plain.grid import FREE, NO_CONTACT, node_functions
 from physreal_core.simulation.scalars import kernel_module, scalar_types
 
 
@@ -41,6 +41,7 @@ def node_kernels(dtype: str, slides: bool, tilts: bool) -> SimpleNamespace:
         gravity: wp.array(dtype=vec3)  # [rollouts]
         mass_floor: scalar
         has_ground: wp.int32
+        touching: wp.array(dtype=wp.uint8)  # [rollouts x nodes] by column, see `touch`
         clamp_lower: wp.array(dtype=vec3)
         clamp_upper: wp.array(dtype=vec3)
         timing: wp.array(dtype=scalar)
@@ -57,10 +58,13 @@ def node_kernels(dtype: str, slides: bool, tilts: bool) -> SimpleNamespace:
     def kind_at(model: Nodes, n: int, rollout: int, p: vec4):
         kind = FREE
         if p[3] > model.mass_floor and (model.has_ground != 0 or model.clamp_lower.shape[0] > 0):
+            own = n - rollout * model.nodes
+            highest = NO_CONTACT
+            if model.has_ground != 0:
+                highest = int(model.touching[rollout * model.nodes + own / model.box[rollout, 5]])
             kind = kind_of(
-                n - rollout * model.nodes, model.offset, model.cell, model.box[rollout], model.has_ground,
-                model.clamp_lower, model.clamp_upper,
-            )  # fmt: skip
+                own, model.offset, model.cell, model.box[rollout], highest, model.clamp_lower, model.clamp_upper
+            )
         return kind
 
     @wp.func

@@ -9,7 +9,7 @@ namespace physreal {
 enum NodeKind : unsigned char { FREE, HELD, GROUND };
 
 template <class S>
-NodeKind kind_of_node(const Frame<S>& frame, Index i, Index j, Index k) {
+NodeKind kind_of_node(const Frame<S>& frame, Index i, Index j, Index k, Index highest_contact) {
     const Index index[3] = {i, j, k};
     for (Index c = 0; c < frame.clamps; c++) {
         bool held = true;
@@ -19,7 +19,7 @@ NodeKind kind_of_node(const Frame<S>& frame, Index i, Index j, Index k) {
         }
         if (held) return HELD;
     }
-    return frame.has_ground && k <= 0 ? GROUND : FREE;
+    return frame.has_ground && k <= highest_contact ? GROUND : FREE;
 }
 
 template <class S>
@@ -27,7 +27,8 @@ void mark_nodes(const Frame<S>& frame, Index first, Index last) {
     for (Index n = first; n < last; n++) {
         Index k = n % frame.count[2], j = n / frame.count[2] % frame.count[1],
               i = n / (frame.count[1] * frame.count[2]);
-        frame.kind[n] = kind_of_node(frame, i + frame.origin[0], j + frame.origin[1], k + frame.origin[2]);
+        frame.kind[n] = kind_of_node(frame, i + frame.origin[0], j + frame.origin[1], k + frame.origin[2],
+                                     frame.touching[n / frame.count[2]]);
     }
 }
 

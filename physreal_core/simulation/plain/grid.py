@@ -1,6 +1,7 @@
 """Node phase: momentum to velocity, gravity, clamps, Coulomb contact with the ground, and the adjoint of it.
 
-Contact acts on the nodes of the lattice layer k = 0 and below, after all forces. With v the free velocity of such a
+Contact acts, after all forces, on the nodes of the lattice layer k = 0 and below, and on those of the plane itself, k = 1, in columns
+where the body touches it when the frame begins (`simulation.touch`). With v the free velocity of such a
 node and v_z < 0, the plane takes out the normal impulse m |v_z|, the tangential velocity loses at most mu_f |v_z| and
 sticks where that is more than it has. Nodes that leave the plane (v_z >= 0) are free.
 """
@@ -13,6 +14,8 @@ import warp as wp
 from physreal_core.simulation.scalars import kernel_module, scalar_types
 
 FREE, HELD, GROUND = wp.constant(0), wp.constant(1), wp.constant(2)
+NO_CONTACT = wp.constant(-(1 << 30))
+"""Highest layer of contact where there is no ground."""
 
 
 @functools.cache
@@ -28,17 +31,17 @@ def node_functions(dtype: str) -> SimpleNamespace:
         offset: vec3,
         cell: scalar,
         box: wp.array(dtype=wp.int32),
-        has_ground: int,
+        highest_contact: int,
         clamp_lower: wp.array(dtype=vec3),
         clamp_upper: wp.array(dtype=vec3),
     ):
-        """Whether node n of the box is free, held by a clamp or on the ground."""
+        """Whether node n of the box is free, held by a clamp or, up to a layer of the lattice, on the ground."""
         k = n % box[5] + box[2]
         j = (n / box[5]) % box[4] + box[1]
         i = n / (box[4] * box[5]) + box[0]
         position = offset + cell * vec3(scalar(i), scalar(j), scalar(k))
         kind = FREE
-        if has_ground != 0 and k <= 0:
+        if k <= highest_contact:
             kind = GROUND
         for c in range(clamp_lower.shape[0]):
             low = position - clamp_lower[c]
@@ -133,6 +136,7 @@ def grid_kernels(dtype: str) -> SimpleNamespace:
         cell: scalar,
         box: wp.array(dtype=wp.int32),
         has_ground: wp.int32,
+        touching: wp.array(dtype=wp.uint8),
         clamp_lower: wp.array(dtype=vec3),
         clamp_upper: wp.array(dtype=vec3),
         # Data out:
@@ -140,7 +144,10 @@ def grid_kernels(dtype: str) -> SimpleNamespace:
         momentum_out: wp.array2d(dtype=vec4),
     ):
         n = wp.tid()
-        kind_out[n] = kind_of(n, offset, cell, box, has_ground, clamp_lower, clamp_upper)
+        highest = NO_CONTACT
+        if has_ground != 0:
+            highest = int(touching[n / box[5]])
+        kind_out[n] = kind_of(n, offset, cell, box, highest, clamp_lower, clamp_upper)
         momentum_out[0, n] = vec4()
 
     @wp.kernel(module=module)

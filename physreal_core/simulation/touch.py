@@ -1,9 +1,9 @@
-"""Where a body touches the ground when a frame begins: the columns of nodes in which contact acts in the plane itself.
+"""Where a body touches the ground when a frame begins: the columns of nodes in which contact acts next to the plane.
 
-Nodes act on what is nearer than a cell and a half, so that contact in the nodes of the plane would stop a falling body a cell
-above it, and contact one layer deeper gives under pressure like a cell of the same material. Therefore the plane's own nodes
-act where the body lies on it already, and those a cell below (`box.CONTACT_DEPTH`) stop what falls. For a whole frame, because
-the adjoint takes which nodes act as given.
+Nodes act on what is nearer than a cell and a half: those next to the plane would stop a falling body a cell above it, and those
+a layer below them give under pressure like a cell of the same material. Therefore the former act where the body lies on the
+plane already, and the latter (`box.CONTACT_DEPTH`) stop what falls. For a whole frame, because the adjoint takes which nodes
+act as given.
 """
 
 import functools
@@ -61,12 +61,9 @@ class Touch:
     """
 
     def __init__(self, body: Body, config: SimulationConfig, offset: Float[Array, "3"]) -> None:
-        self.has_ground, self._types, self._device = (
-            config.ground_height is not None,
-            scalar_types(config.dtype),
-            config.device,
-        )
-        self._highest = (config.ground_height or 0.0) + REACH * body.cell + 0.5 * body.spacing
+        self._types, self._device = scalar_types(config.dtype), config.device
+        ground = config.ground_height
+        self._highest = None if ground is None else ground + REACH * body.cell + 0.5 * body.spacing
         self._offset, self._cell = offset, body.cell
 
     def mark(
@@ -82,7 +79,7 @@ class Touch:
             box: origin and count of each rollout's nodes.
             out: column i, j of the box at i count_y + j.
         """
-        if not self.has_ground:
+        if self._highest is None:
             return
         out.zero_()
         scalar, vec3 = self._types.scalar, self._types.vec3

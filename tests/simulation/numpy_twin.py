@@ -28,7 +28,7 @@ class Twin:
 
     def touches(self, p: int) -> bool:
         """Whether the surface of particle p lies within a tenth of a cell above the plane, or below it, at the start."""
-        plane = self.offset[2] + self.body.cell
+        plane = self.offset[2] + 0.85 * self.body.cell
         return self.x[p][2] - self.body.spacing / 2 < plane + 0.1 * self.body.cell
 
     def weights(self, p: int) -> list[tuple[tuple[int, int, int], float, np.ndarray, np.ndarray]]:
@@ -74,7 +74,7 @@ class Twin:
         self.x = self.x + dt * self.v
 
     def contact(self, node: tuple[int, int, int], v: np.ndarray) -> np.ndarray:
-        """Coulomb contact of the nodes of layer 0 and below, and of layer 1, in the plane, where the body touches it."""
+        """Coulomb contact of the nodes of layer 0 and below, and of layer 1, next to the plane, where the body touches it."""
         if node[2] > (node[:2] in self.touched) or v[2] >= 0:
             return v
         tangential = np.array([v[0], v[1], 0.0])

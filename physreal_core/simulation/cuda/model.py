@@ -28,7 +28,7 @@ class BodyModel:
     Attributes:
         shapes: full shape of every parameter in use by name, without the axis of rollouts.
         box: origin and count of each rollout's nodes, shape [R, 6].
-        touching: columns of nodes in which contact acts in the plane itself, shape [R, nodes], see `touch`.
+        touching: columns of nodes in which contact acts next to the plane, shape [R, nodes], see `touch`.
         controllers: controller points [m] at both ends of the frame, shape [R, 2, C, 3].
         controllers_bar: their adjoint, of one frame.
         laws: arrays of particles' optional laws.

@@ -146,7 +146,7 @@ class CudaStepper:
         """Place the grids and choose the slots.
 
         Args:
-            x: positions at the frame's start [m], shape [R, N, 3]: where they touch the ground, contact acts in the plane itself.
+            x: positions at the frame's start [m], shape [R, N, 3]: where they touch the ground, contact acts next to the plane.
             box: origin and count of each rollout's nodes, shape [R, 6], int32; `reserve` has made room.
             controllers: controller points [m] at both ends of the frame, shape [R, 2, C, 3].
             kept: number of the frame among the kept ones; None for the working slots.

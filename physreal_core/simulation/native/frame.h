@@ -58,7 +58,7 @@ struct Frame {
     S *velocity, *node_bar;  // [nodes + 4, 4]
     S* momentum;             // [substeps, nodes, 4] if kept
     unsigned char* kind;     // [nodes]
-    unsigned char* touching; // [count 0, count 1] whether contact acts in the plane's own nodes, see touch.py
+    unsigned char* touching; // [count 0, count 1] whether contact acts next to the plane, see touch.py
     S* workspace;            // [threads, workspace_size]
     int* shared;             // [64] barrier and stop
     Index* status;  // [threads, 2] first failure as substep * particles + particle: outside the grid, not finite

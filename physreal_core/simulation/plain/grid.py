@@ -1,6 +1,6 @@
 """Node phase: momentum to velocity, gravity, clamps, Coulomb contact with the ground, and the adjoint of it.
 
-Contact acts, after all forces, on the nodes of the lattice layer k = 0 and below, and on those of the plane itself, k = 1, in columns
+Contact acts, after all forces, on the nodes of the lattice layer k = 0 and below, and on those next to the plane, k = 1, in columns
 where the body touches it when the frame begins (`simulation.touch`). With v the free velocity of such a
 node and v_z < 0, the plane takes out the normal impulse m |v_z|, the tangential velocity loses at most mu_f |v_z| and
 sticks where that is more than it has. Nodes that leave the plane (v_z >= 0) are free.

@@ -359,7 +359,7 @@ class PlainStepper:
                 phase.resize(box.nodes)
 
     def set_state(self, x: torch.Tensor, v: torch.Tensor, F: torch.Tensor, C: torch.Tensor) -> None:
-        """Put a state into slot 0; where it touches the ground, contact acts in the plane itself."""
+        """Put a state into slot 0; where it touches the ground, contact acts next to the plane."""
         for slots, value in ((self.x, x), (self.v, v), (self.F, F), (self.C, C[:, :3])):
             slots[0].copy_(value)
         if self._viscous:

@@ -133,8 +133,8 @@ def _adhesion(amplitude: float, scenes: Scenes, random: np.random.Generator) -> 
 
 
 def _stick_slip(amplitude: float, scenes: Scenes, random: np.random.Generator) -> StickSlip:
-    """Excess of the static coefficient."""
-    return StickSlip(amplitude, random.uniform(0.02, 0.06))
+    """Excess of the static coefficient; it fades at about the speed of the drag, or else too early to show."""
+    return StickSlip(amplitude, random.uniform(0.1, 0.25))
 
 
 def _ground_plane(amplitude: float, scenes: Scenes, random: np.random.Generator) -> GroundPlane:

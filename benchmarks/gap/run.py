@@ -68,9 +68,18 @@ def core_share(number: int, jobs: int) -> list[int]:
     return cores[number % len(cores) :: max(jobs, 1)] if jobs <= len(cores) else [cores[number % len(cores)]]
 
 
+def card_share(number: int, cards: int) -> str:
+    """Name of the NVIDIA card of one of several jobs, of those that `CUDA_VISIBLE_DEVICES` leaves; none without cards."""
+    if not cards:
+        return ""
+    visible = os.environ.get("CUDA_VISIBLE_DEVICES")
+    names = visible.split(",") if visible else [str(card) for card in range(cards)]
+    return names[number % min(cards, len(names))]
+
+
 def _run(case: GapCase, run: Run, place: int, deadline: float | None) -> str:
     """Runs one case, at one of the places for `jobs` of them, and says how it ended."""
-    cores, card = core_share(place, run.jobs), str(place % run.cards) if run.cards else ""
+    cores, card = core_share(place, run.jobs), card_share(place, run.cards)
     left = None if deadline is None else deadline - time.monotonic()
     if left is not None and left <= 0:
         return "not begun, time is up"

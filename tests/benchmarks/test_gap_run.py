@@ -11,7 +11,7 @@ from benchmarks.gap import case as one_case
 from benchmarks.gap import rgbd
 from benchmarks.gap.cases import GapCase
 from benchmarks.gap.results import write_results
-from benchmarks.gap.run import Run, core_share, run_cases
+from benchmarks.gap.run import Run, card_share, core_share, run_cases
 from benchmarks.gap.settings import load_settings
 from physreal_core.errors import InputError
 from pipeline.cli import main
@@ -50,6 +50,17 @@ def test_cores_are_shared_out(monkeypatch):
     monkeypatch.setattr(os, "sched_getaffinity", lambda process: {0, 1, 2, 3, 8})
     assert [core_share(number, 2) for number in range(2)] == [[0, 2, 8], [1, 3]]
     assert [core_share(number, 7) for number in range(7)] == [[0], [1], [2], [3], [8], [0], [1]]
+
+
+@pytest.mark.parametrize(
+    ("visible", "cards", "expected"),
+    [(None, 2, ["0", "1", "0"]), ("2,3", 2, ["2", "3", "2"]), ("5", 2, ["5", "5", "5"]), ("2,3", 0, ["", "", ""])],
+)
+def test_jobs_share_the_cards_that_are_visible(monkeypatch, visible, cards, expected):
+    monkeypatch.delenv("CUDA_VISIBLE_DEVICES", raising=False)
+    if visible:
+        monkeypatch.setenv("CUDA_VISIBLE_DEVICES", visible)
+    assert [card_share(number, cards) for number in range(3)] == expected
 
 
 def test_the_search_is_called_when_the_truth_is_out_of_its_sight(tmp_path, monkeypatch):

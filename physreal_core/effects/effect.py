@@ -90,6 +90,7 @@ class Effect:
         coefficients: in the order in which they are reported.
         terms: of `SimulationConfig.terms`, those that `act` fills.
         laws: fields of `SimulationConfig` that it replaces, e.g. {"plastic_law": "von_mises"}.
+        same_as: number of the model that it only changes: where that is not known, it cannot be told from the effect.
     """
 
     name: ClassVar[str]
@@ -101,6 +102,7 @@ class Effect:
     coefficients: ClassVar[tuple[Coefficient, ...]]
     terms: ClassVar[tuple[str, ...]] = ()
     laws: ClassVar[dict[str, str]] = {}
+    same_as: ClassVar[str | None] = None
 
     @property
     def units(self) -> dict[str, str]:

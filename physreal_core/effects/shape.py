@@ -12,6 +12,7 @@ from physreal_core.effects.effect import Setting
 from physreal_core.simulation import Body
 
 PLACES = 12
+"""In which something local is looked for: a body several times as long as thick is covered to about its thickness."""
 REACH = 1.8
 """Radius in which neighbours are counted [spacings]: the 26 around a lattice point, whose corners lie at 1.73."""
 

@@ -130,7 +130,7 @@ def fit_baseline(
     differences of reruns.
     """
     first = experiments[0]
-    unknowns = Unknowns(first.model.fields, (), settings.priors, scalars=_scalars(first, settings))
+    unknowns = Unknowns(first.model.fields, (), settings.priors, scalars=unknown_scalars(first, settings))
     begun = _from_a_guess if len(settings.scan) > 1 else _from_a_fit
     found, data = begun(experiments, unknowns, settings, progress)
     straight = min((fit for fit in found if fit.unknowns is not unknowns), key=lambda fit: fit.energy)
@@ -151,7 +151,7 @@ def fit_baseline(
     return settled, evidence
 
 
-def _scalars(experiment: Interaction, settings: GapSettings) -> tuple[str, ...]:
+def unknown_scalars(experiment: Interaction, settings: GapSettings) -> tuple[str, ...]:
     """Of the model's numbers, those that act in an interaction and are not known."""
     acting = {
         "friction_coefficient": experiment.setting.ground_height is not None,

@@ -10,7 +10,7 @@ import numpy as np
 from physreal_core.effects import EFFECTS, fits
 from physreal_core.errors import InputError
 from physreal_core.gap.disagreement import disagreements
-from physreal_core.gap.evidence import Progress, fit_baseline
+from physreal_core.gap.evidence import Progress, fit_baseline, unknown_scalars
 from physreal_core.gap.experiment import Interaction
 from physreal_core.gap.interaction import lead_on, locate
 from physreal_core.gap.least_squares import Fit
@@ -45,15 +45,16 @@ def candidates(experiment: Interaction, settings: GapSettings) -> tuple[str, ...
     Raises:
         InputError: for a name that is not in the registry.
     """
-    if unknown := sorted(set(settings.candidates) - set(EFFECTS)):
-        raise InputError(f"effect {unknown[0]!r}", where="GapSettings.candidates", expected=", ".join(EFFECTS))
+    if strange := sorted(set(settings.candidates) - set(EFFECTS)):
+        raise InputError(f"effect {strange[0]!r}", where="GapSettings.candidates", expected=", ".join(EFFECTS))
     known = {record["name"] for record in experiment.model.effects}
-    baseline = {"grip_compliance"} if settings.grip_fitted else set()
+    unknown_numbers = unknown_scalars(experiment, settings)
     return tuple(
         name
         for name, effect in EFFECTS.items()
         if name in (settings.candidates or EFFECTS)
-        and name not in known | baseline
+        and name not in known
+        and effect.same_as not in unknown_numbers
         and all(go_together(name, other) for other in known)
         and fits(effect, experiment.config)
     )

@@ -51,20 +51,21 @@ class Scalar:
 
     Args:
         prior: name of its width in `Priors`.
-        lower, upper: bounds; None: a factor of `RANGE` from where it starts.
         step: of the tangent.
+        lower, upper: bounds.
+        factor: by which it may change.
     """
 
     prior: str
-    lower: float | None
-    upper: float | None
     step: float
+    lower: float = 0.0
+    upper: float = np.inf
+    factor: float = np.inf
 
 
-RANGE = 5.0
 SCALARS = {
-    "friction_coefficient": Scalar("friction", 1e-3, 3.0, 0.15),
-    "grip_stiffness": Scalar("grip", None, None, 0.15),
+    "friction_coefficient": Scalar("friction", 0.15, lower=1e-3, upper=3.0),
+    "grip_stiffness": Scalar("grip", 0.15, factor=5.0),
 }
 """Of the model's fields, beside the material."""
 
@@ -148,7 +149,7 @@ class Unknowns:
     def _scalar(self, name: str) -> tuple[float, ...]:
         """Mean, standard deviation, bounds and step of the logarithm."""
         scalar, value = SCALARS[name], self.fields[name].item()
-        lower, upper = scalar.lower or value / RANGE, scalar.upper or value * RANGE
+        lower, upper = max(scalar.lower, value / scalar.factor), min(scalar.upper, value * scalar.factor)
         mean = np.log(np.clip(value, lower, upper))
         return float(mean), getattr(self.priors, scalar.prior), np.log(lower), np.log(upper), scalar.step
 

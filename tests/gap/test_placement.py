@@ -12,7 +12,7 @@ from physreal_core.effects import EFFECTS
 from physreal_core.effects.shape import PLACES, extent
 from physreal_core.fitting.transfer import transfer_model
 from physreal_core.gap import Experiment, GapSettings, Trial
-from physreal_core.gap.evidence import _scalars
+from physreal_core.gap.evidence import unknown_scalars
 from physreal_core.gap.experiment import starts_of
 from physreal_core.gap.screening import _plans
 from physreal_core.gap.search import candidates
@@ -93,6 +93,6 @@ def test_places_in_the_body_are_tried_once_and_cover_it(interactions):
 @pytest.mark.parametrize("fitted", [False, True])
 def test_a_grip_that_was_fitted_is_an_unknown_and_no_effect(interactions, fitted):
     settings = GapSettings(grip_fitted=fitted)
-    assert ("grip_stiffness" in _scalars(interactions[0], settings)) == fitted
+    assert ("grip_stiffness" in unknown_scalars(interactions[0], settings)) == fitted
     assert ("grip_compliance" in candidates(interactions[0], settings)) != fitted
     assert {"grip_lag", "grip_slip"} <= {*candidates(interactions[0], settings)}

@@ -4,7 +4,7 @@ import numpy as np
 import pytest
 import torch
 
-from physreal_core.gap.unknowns import RANGE, Unknowns
+from physreal_core.gap.unknowns import SCALARS, Unknowns
 
 FIELDS = {
     name: torch.tensor(value, dtype=torch.float64)
@@ -37,5 +37,5 @@ def test_what_is_unknown_moves_and_the_rest_stays(scalars):
 def test_a_grip_moves_within_a_range_of_where_it_starts():
     unknowns = Unknowns(FIELDS, (), scalars=("grip_stiffness",))
     place = unknowns.place("grip_stiffness")
-    assert np.exp(unknowns.block.upper[place]) == pytest.approx(12.0 * RANGE)
-    assert np.exp(unknowns.block.lower[place]) == pytest.approx(12.0 / RANGE)
+    assert np.exp(unknowns.block.upper[place]) == pytest.approx(12.0 * SCALARS["grip_stiffness"].factor)
+    assert np.exp(unknowns.block.lower[place]) == pytest.approx(12.0 / SCALARS["grip_stiffness"].factor)

@@ -15,6 +15,7 @@ class GripCompliance(Effect):
     shows = "in all that hangs on the grip, in proportion to the force on it; gone when the load is"
     told_by = "lifting (load) against sliding along without load; an abrupt stop makes it swing in the hand"
     coefficients = (Coefficient("compliance", "m/N", "displacement of the hold per force, c", 0.0, 0.0, 0.1, 0.0003),)
+    same_as = "grip_stiffness"
 
     def act(self, inputs: Inputs, values: Values, setting: Setting) -> Inputs:
         stiffness, damping = inputs.parameters.grip_stiffness, inputs.parameters.grip_damping

@@ -11,6 +11,7 @@ import torch
 from physreal_core.fitting.model import Model
 from physreal_core.fitting.transfer import register, transfer_model
 from physreal_core.gap.experiment import Experiment, Trial
+from physreal_core.gap.noise import ModelError
 from physreal_core.gap.report import Candidate, Disagreement, FittedEffect, GapReport, Verdict
 from physreal_core.gap.settings import GapSettings
 from pipeline.config.find_gap import FindGap
@@ -37,7 +38,7 @@ def interactions(context: StageContext, model: Model) -> list[Experiment]:
 
 def settings_of(params: FindGap, seed: int) -> GapSettings:
     """The search's settings: the calibrated ones but for what params.yaml gives."""
-    return GapSettings(seed=seed, **params.search())
+    return GapSettings(seed=seed, model_error=ModelError(rms=params.model_error), **params.search())
 
 
 def teller(context: StageContext) -> Callable[[str], None]:

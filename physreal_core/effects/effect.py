@@ -139,7 +139,8 @@ class Effect:
         return ({},)
 
     def far(self, setting: Setting) -> tuple[dict[str, float], ...]:
-        """Amplitudes of plain sizes from which a fit begins too, its modulus chosen for each: of an effect that a modulus imitates.
+        """Amplitudes from which a fit begins too, its modulus chosen for each: plain sizes of an effect that a modulus imitates, or
+        what the body at frame 0 tells of it.
 
         The baseline that lacks it lies in another valley then, where tangents do not lead to it.
         """

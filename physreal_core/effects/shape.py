@@ -5,12 +5,14 @@ from collections.abc import Mapping
 import numpy as np
 import torch
 from scipy.cluster.vq import kmeans2
-from scipy.spatial import cKDTree
+from scipy.spatial import ConvexHull, cKDTree
 
 from physreal_core.array_types import Array, Float, Tensor
 from physreal_core.effects.effect import Setting
 from physreal_core.simulation import Body
 
+FLAT = 0.1
+"""Least share of a facet's normal that points down, if a body may rest on it."""
 PLACES = 12
 """In which something local is looked for: a body several times as long as thick is covered to about its thickness."""
 REACH = 1.8
@@ -32,6 +34,22 @@ def axes(body: Body) -> Float[Array, "3 3"]:
 def extent(body: Body) -> float:
     """Diagonal of the box around the body [m]."""
     return float(np.linalg.norm(np.ptp(body.x0, axis=0)))
+
+
+def underside(body: Body) -> tuple[float, float, float]:
+    """The plane that the body rests on where it stands still: height [m] below its middle, slopes along x and y.
+
+    Of the convex hull's facets, the one below the centre of mass; of the particles' lower faces, half a spacing down.
+    """
+    hull, mass = ConvexHull(body.x0), body.volume * body.density
+    centre = (mass[:, None] * body.x0).sum(0) / mass.sum()
+    normals, offsets = hull.equations[:, :3], hull.equations[:, 3]
+    with np.errstate(divide="ignore"):
+        heights = np.where(normals[:, 2] < -FLAT, -(offsets + normals[:, :2] @ centre[:2]) / normals[:, 2], -np.inf)
+    facet = int(heights.argmax())
+    slope = -normals[facet, :2] / normals[facet, 2]
+    height = heights[facet] + slope @ (middle(body)[:2] - centre[:2]) - 0.5 * body.spacing
+    return float(height), float(slope[0]), float(slope[1])
 
 
 def exposure(body: Body) -> Float[Array, " particles"]:

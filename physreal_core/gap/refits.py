@@ -84,13 +84,9 @@ class Refits:
 
     def fitted(self, chosen: Sequence[list[Score]]) -> list[Fit]:
         """A few steps of the fit of each effect, from all places in which it was scored, or from far if that leads further."""
-        far = [(number, *request) for number, scores in enumerate(chosen) for request in self._far(scores)]
-        near = [self._begun(scores) for scores in chosen]
-        found = together([*near, *(request for _, _, request in far)], self.data)
-        best = found[: len(near)]
-        for (number, unknowns, _), other in zip(far, found[len(near) :], strict=True):
-            best[number] = max(best[number], _as(other, unknowns), key=lambda fit: fit.log_evidence)
-        return best
+        requests = [[self._begun(scores), *self._far(scores)] for scores in chosen]
+        found = iter(together([request for own in requests for request in own], self.data))
+        return [max((next(found) for _ in own), key=lambda fit: fit.log_evidence) for own in requests]
 
     def alone(self, two: Fit) -> list[Fit]:
         """Each of the effects of a fit without the others, from where that fit is."""
@@ -103,12 +99,16 @@ class Refits:
             requests.append(fit(unknowns, self.data, start, self._settings.iterations, [two.jacobian[:, kept]]))
         return together(requests, self.data)
 
+    def begins_afar(self, effect: str) -> bool:
+        """Whether fits of an effect begin far from the baseline, too, because tangents there do not lead to it."""
+        return bool(EFFECTS[effect].far(self.data.experiments[0].setting))
+
     def _begun(self, scores: list[Score]) -> Request:
         unknowns, starts, known = started(scores, self._settings.priors)
         return fit(unknowns, self.data, starts, self._settings.iterations, known)
 
-    def _far(self, scores: list[Score]) -> list[tuple[Unknowns, Request]]:
-        """Fits of a first effect from plain sizes of it where it was scored, of a material without contrast at first."""
+    def _far(self, scores: list[Score]) -> list[Request]:
+        """Fits of a first effect from far sizes of it where it was scored, beside the baseline's material or one without contrast."""
         best, own = scores[0], self.baseline.unknowns
         if best.beside.unknowns.effects:
             return []
@@ -116,11 +116,11 @@ class Refits:
         for amplitudes in effect.far(self.data.experiments[0].setting):
             at = {effect.name: {**best.start.values, **amplitudes}}
             unknowns = Unknowns(own.fields, (effect.name,), own.priors, at, own.scalars)
-            starts = np.tile(unknowns.start(), (len(FACTORS), 1))
-            starts[:, : own.baseline] = self._level.vector
-            starts[:, : own.patches] += np.log(FACTORS)[:, None]
-            known = [self._level.jacobian] * len(FACTORS)
-            requests.append((unknowns, fit(unknowns.levelled(), self.data, starts, self._settings.iterations, known)))
+            starts = np.tile(unknowns.start(), (1 + len(FACTORS), 1))
+            starts[0, : own.baseline], starts[1:, : own.baseline] = self.baseline.vector, self._level.vector
+            starts[1:, : own.patches] += np.log(FACTORS)[:, None]
+            known = [self.baseline.jacobian, *[self._level.jacobian] * len(FACTORS)]
+            requests.append(fit(unknowns, self.data, starts, self._settings.iterations, known))
         return requests
 
     def settled(self, fits: Sequence[Fit]) -> list[Fit]:

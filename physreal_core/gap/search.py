@@ -105,10 +105,11 @@ class Search:
     # --- fits ---------------------------------------------------------------------------------------------------
 
     def _look(self) -> None:
-        """Fits the effects that promise most; where the best of them leaves much, all others, for tangents far from an effect's
-        size say little; where that leaves much too, pairs."""
+        """Fits the effects that promise most, and those whose tangents promise nothing; where the best leaves much, all others, for
+        tangents far from an effect's size say little; where that leaves much too, pairs."""
         promising = [scores for scores in self.ranked if max(score.gain for score in scores) > self.threshold]
-        self._fit_new(promising[: self.settings.shortlist], self.settings.finalists)
+        afar = [scores for scores in self.ranked if self.refits.begins_afar(scores[0].start.effect)]
+        self._fit_new([*promising[: self.settings.shortlist], *afar], self.settings.finalists)
         if self._leaves_much():
             self._fit_new(self.ranked, self.settings.finalists)
         if self._leaves_much() and self.settings.seconds:

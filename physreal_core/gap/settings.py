@@ -57,7 +57,7 @@ class GapSettings:
     priors: Priors = field(default_factory=Priors)
     prior_none: float = 0.5
     prior_pair: float = 0.1
-    temperature: float = 12.0
+    temperature: float = 9.0
     misfit: float = 0.1
     held_out_share: float = 0.5
     held_out_loss: float = 0.5

@@ -2,16 +2,19 @@
 
 from dataclasses import replace
 
+import numpy as np
 import torch
 
 from physreal_core.array_types import Float, Tensor
 from physreal_core.effects.effect import Coefficient, Effect, Inputs, Setting, Values
 from physreal_core.effects.fields import changed, field, vector
-from physreal_core.effects.shape import middle
+from physreal_core.effects.shape import middle, underside
 from physreal_core.simulation import States
 
 REACH = 0.01
 """Height of the starts above and below where the ground is thought to be [m]."""
+LEVEL = 0.1
+"""Spacings by which the body's underside has to leave the ground, somewhere below the body, for a start from there."""
 
 
 class GroundPlane(Effect):
@@ -61,6 +64,17 @@ class GroundPlane(Effect):
         which a wrong material holds above it would touch it."""
         here = setting.ground_height is not None and not setting.clamps
         return ({}, {"height": REACH}, {"height": -REACH}) if here else ()
+
+    def far(self, setting: Setting) -> tuple[dict[str, float], ...]:
+        """The ground as the body lies on it at frame 0, where that is not as assumed."""
+        if not self.starts(setting):
+            return ()
+        level, slope_x, slope_y = underside(setting.body)
+        height = level - setting.ground_height
+        rise = abs(height) + np.abs([slope_x, slope_y]) @ np.ptp(setting.body.x0[:, :2], axis=0) / 2
+        return (
+            ({"height": height, "slope_x": slope_x, "slope_y": slope_y},) if rise > LEVEL * setting.body.spacing else ()
+        )
 
 
 def _frames(values: Values, setting: Setting, like: Tensor) -> tuple[Tensor, Tensor, Tensor]:

@@ -7,7 +7,7 @@ from benchmarks.gap.cases import GapCase, Variant
 from benchmarks.gap.figures import draw_confusion, draw_reliability
 from benchmarks.gap.files import read_json, write_json
 from benchmarks.gap.scoring import read_cases, sizes_of, summary
-from benchmarks.gap.table import page
+from benchmarks.gap.table import RGBD_AIMS, page
 from physreal_core.effects import EFFECTS
 
 TITLES = {"tracks_only": "Hidden effects, from tracks alone", "rgbd": "Hidden effects, from RGB-D"}
@@ -31,7 +31,7 @@ def write_results(variant: Variant, folder: Path, cases: Sequence[GapCase], resu
         return f"no case has been run yet in {folder}"
     numbers = summary(judged)
     numbers["counts"]["not_run"] = len(missing)
-    text = page(TITLES[variant], numbers, judged)
+    text = page(TITLES[variant], numbers, judged, RGBD_AIMS if variant == "rgbd" else None)
     path = results / "gap_benchmark.json"
     write_json(path, {**(read_json(path) or {}), variant: numbers})
     (results / f"gap_benchmark_{variant}.md").write_text(text)

@@ -5,7 +5,7 @@ from collections.abc import Mapping
 import numpy as np
 import torch
 from scipy.cluster.vq import kmeans2
-from scipy.spatial import ConvexHull, cKDTree
+from scipy.spatial import ConvexHull, QhullError, cKDTree
 
 from physreal_core.array_types import Array, Float, Tensor
 from physreal_core.effects.effect import Setting
@@ -36,12 +36,16 @@ def extent(body: Body) -> float:
     return float(np.linalg.norm(np.ptp(body.x0, axis=0)))
 
 
-def underside(body: Body) -> tuple[float, float, float]:
+def underside(body: Body) -> tuple[float, float, float] | None:
     """The plane that the body rests on where it stands still: height [m] below its middle, slopes along x and y.
 
-    Of the convex hull's facets, the one below the centre of mass; of the particles' lower faces, half a spacing down.
+    Of the convex hull's facets, the one below the centre of mass; of the particles' lower faces, half a spacing down. None for a
+    sheet or a line of particles, which span no volume.
     """
-    hull, mass = ConvexHull(body.x0), body.volume * body.density
+    try:
+        hull, mass = ConvexHull(body.x0), body.volume * body.density
+    except (QhullError, ValueError):
+        return None
     centre = (mass[:, None] * body.x0).sum(0) / mass.sum()
     normals, offsets = hull.equations[:, :3], hull.equations[:, 3]
     with np.errstate(divide="ignore"):

@@ -54,6 +54,12 @@ def test_the_ground_is_looked_for_where_the_body_lies_unless_that_is_as_assumed(
     assert start == pytest.approx({"height": 0.004, "slope_x": 0.06, "slope_y": -0.02}, abs=1e-4)
 
 
+def test_a_sheet_of_particles_says_nothing_of_the_ground():
+    sheet = block((12, 6, 1), spacing=0.01)
+    assert underside(sheet) is None
+    assert EFFECTS["ground_plane"].far(_setting(sheet, 0.0)) == ()
+
+
 def test_a_gradient_of_density_begins_with_either_end_the_heavier():
     body = _tilted(0.1, 0.0, 0.0)
     first, second = EFFECTS["density_gradient"].far(_setting(body, 0.0))

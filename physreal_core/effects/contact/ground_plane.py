@@ -67,9 +67,9 @@ class GroundPlane(Effect):
 
     def far(self, setting: Setting) -> tuple[dict[str, float], ...]:
         """The ground as the body lies on it at frame 0, where that is not as assumed."""
-        if not self.starts(setting):
+        if not self.starts(setting) or (plane := underside(setting.body)) is None:
             return ()
-        level, slope_x, slope_y = underside(setting.body)
+        level, slope_x, slope_y = plane
         height = level - setting.ground_height
         rise = abs(height) + np.abs([slope_x, slope_y]) @ np.ptp(setting.body.x0[:, :2], axis=0) / 2
         return (

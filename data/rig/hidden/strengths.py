@@ -2,8 +2,10 @@
 
 Measured by `python -m data.rig.hidden.calibrate`; units are those of the amplitude of each effect in `library.py`. Below what
 the sizes ask for, lest it be another effect or object: at "high", drag gives 4 to 5 mm, wind 5, gravity 4, viscosity 4, payload 6,
-density 2.5 (further, the bar slips away), rate friction 5, fibres 2, stiffening 1.6 (a stiffer elastic bar comes near),
-stick-slip 3. By hand: the plane and the soft spot, which the coarse bar of the calibration meets late or buckles at.
+density 2.5 (further, the bar slips away), fibres 2, stiffening 1.6 (a stiffer elastic bar comes near). Friction that rises, with
+speed or at rest, stays below a coefficient of about 2: the more of it, the further two simulators part where a soft bar is dragged,
+without any effect (`python -m benchmarks.friction`). By hand: the plane and the soft spot, which the coarse bar of the calibration
+meets late or buckles at.
 """
 
 STRENGTHS = ("weak", "middle", "high")
@@ -23,8 +25,8 @@ AMPLITUDES: dict[str, tuple[float, float, float]] = {
     "payload": (0.316, 0.848, 1.32),
     "density_gradient": (5.56, 8, 10.5),
     "ground_adhesion": (68.9, 202, 597),
-    "stick_slip": (0.503, 1.12, 2.5),
-    "rate_friction": (0.655, 1.98, 6),
+    "stick_slip": (0.503, 1.12, 1.6),
+    "rate_friction": (0.5, 1.0, 2.0),
     "ground_plane": (0.0114, 0.0287, 0.0706),
     "obstacle_plane": (0.0006, 0.0012, 0.0024),
     "obstacle_sphere": (0.000848, 0.00185, 0.00405),

@@ -146,6 +146,19 @@ class Effect:
         """
         return ()
 
+    def instead(
+        self, setting: Setting, other: "Effect", values: Mapping[str, float], motion: States | None
+    ) -> tuple[dict[str, float], ...]:
+        """Values from which a fit begins where another effect that acts through the same term explains much, and may stand for this.
+
+        Args:
+            setting: of the capture.
+            other: the effect that was found.
+            values: its coefficients, in SI units.
+            motion: with it in place, shapes [T, N, ...].
+        """
+        return ()
+
 
 def fits(effect: Effect, config: SimulationConfig) -> bool:
     """Whether the laws that an effect needs are free in this configuration: the identity, or its own already."""

@@ -3,9 +3,10 @@
 import numpy as np
 import torch
 
-from physreal_core.effects.contact.obstacle import FORMULA, MOST, STIFFNESS, with_capsule
-from physreal_core.effects.effect import Coefficient, Effect, Inputs, Setting, Values
-from physreal_core.effects.fields import like, vector
+from physreal_core.array_types import Array, Float, Tensor
+from physreal_core.effects.contact.obstacle import FORMULA, MOST, STIFFNESS, Obstacle
+from physreal_core.effects.effect import Coefficient, Setting, Values
+from physreal_core.effects.fields import vector
 from physreal_core.effects.shape import middle
 from physreal_core.effects.turns import direction
 from physreal_core.simulation import States
@@ -16,16 +17,14 @@ EXCURSION = 0.01  # [m] beyond the place of frame 0, for a direction to be worth
 SHARES = (0.5, 0.8)  # of the excursion at which a start's plane stands
 
 
-class ObstaclePlane(Effect):
+class ObstaclePlane(Obstacle):
     """Everything beyond a distance from the body's middle at frame 0, in one direction, is solid."""
 
     name = "obstacle_plane"
-    family = "contact"
     words = "A hidden wall is in the way."
     formula = FORMULA + " of a half space"
     shows = "in all of the body that should pass the wall, from that frame on"
     told_by = "moving along the wall, then towards it"
-    terms = ("obstacle",)
     coefficients = (
         STIFFNESS,
         Coefficient("azimuth", "rad", "direction towards the wall, from x to y", 0.0, -7.0, 7.0, 0.3, "shape"),
@@ -33,11 +32,19 @@ class ObstaclePlane(Effect):
         Coefficient("distance", "m", "from the body's middle at frame 0", 0.1, 0.0, 10.0, 0.02, "shape"),
     )
 
-    def act(self, inputs: Inputs, values: Values, setting: Setting) -> Inputs:
-        middle0 = like(inputs, middle(setting.body))
-        azimuth, elevation, distance = vector(values, "azimuth", "elevation", "distance", like=middle0)
-        centre = middle0 + (distance + FLAT) * direction(azimuth, elevation)
-        return with_capsule(inputs, centre, torch.zeros_like(centre), torch.full_like(distance, FLAT), values)
+    def capsule(self, values: Values, setting: Setting, like: Tensor) -> tuple[Tensor, Tensor, Tensor]:
+        azimuth, elevation, distance = vector(values, "azimuth", "elevation", "distance", like=like)
+        centre = torch.from_numpy(middle(setting.body)).to(like) + (distance + FLAT) * direction(azimuth, elevation)
+        return centre, torch.zeros_like(centre), torch.full_like(distance, FLAT)
+
+    def touching(
+        self, place: Float[Array, "3"], towards: Float[Array, "3"], setting: Setting
+    ) -> list[dict[str, float]]:
+        """The wall that faces the place."""
+        elevation = float(np.arcsin(np.clip(towards[2], -1.0, 1.0)))
+        distance = float((place - middle(setting.body)) @ towards)
+        azimuth = float(np.arctan2(towards[1], towards[0]))
+        return [{"azimuth": azimuth, "elevation": elevation, "distance": distance}] if distance > 0.0 else []
 
     def starts(self, setting: Setting, motion: States | None = None) -> tuple[dict[str, float], ...]:
         """Walls half and most of the way in the directions in which the body goes farthest beyond frame 0."""

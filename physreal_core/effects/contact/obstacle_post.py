@@ -1,26 +1,28 @@
 """A hidden post."""
 
+import numpy as np
 import torch
 
-from physreal_core.effects.contact.obstacle import FORMULA, STIFFNESS, crossed_places, with_capsule
-from physreal_core.effects.effect import ANYWHERE, Coefficient, Effect, Inputs, Setting, Values
+from physreal_core.array_types import Array, Float, Tensor
+from physreal_core.effects.contact.obstacle import FORMULA, STIFFNESS, Obstacle, crossed_places
+from physreal_core.effects.effect import ANYWHERE, Coefficient, Setting, Values
 from physreal_core.effects.fields import vector
 from physreal_core.simulation import States
 
 START_RADIUS = 0.02
+RADII = (0.015, 0.025)
+LEVEL = 0.5  # least level part of a direction in which a post may lie
 HALF_LENGTH = 0.5  # [m]; it reaches far below the ground
 
 
-class ObstaclePost(Effect):
+class ObstaclePost(Obstacle):
     """An upright capsule; its round top is at `height`."""
 
     name = "obstacle_post"
-    family = "contact"
     words = "A hidden post is in the way."
     formula = FORMULA + " of an upright capsule"
     shows = "from the frame on in which the body should pass it, at one place seen from above"
     told_by = "passing beside it, and above it"
-    terms = ("obstacle",)
     coefficients = (
         STIFFNESS,
         Coefficient("x", "m", "axis", 0.0, -ANYWHERE, ANYWHERE, 0.02, "shape"),
@@ -29,11 +31,20 @@ class ObstaclePost(Effect):
         Coefficient("radius", "m", "of the post", START_RADIUS, 0.005, 0.3, 0.02, "shape"),
     )
 
-    def act(self, inputs: Inputs, values: Values, setting: Setting) -> Inputs:
-        x, y, height, radius = vector(values, "x", "y", "height", "radius", like=inputs.parameters.youngs_modulus)
+    def capsule(self, values: Values, setting: Setting, like: Tensor) -> tuple[Tensor, Tensor, Tensor]:
+        x, y, height, radius = vector(values, "x", "y", "height", "radius", like=like)
         half = x.new_tensor([0.0, 0.0, HALF_LENGTH])
-        centre = torch.stack([x, y, height - radius - HALF_LENGTH])
-        return with_capsule(inputs, centre, half, radius, values)
+        return torch.stack([x, y, height - radius - HALF_LENGTH]), half, radius
+
+    def touching(
+        self, place: Float[Array, "3"], towards: Float[Array, "3"], setting: Setting
+    ) -> list[dict[str, float]]:
+        """A thin and a thicker post beside the place, which is below their tops; none where the direction is upright."""
+        level = np.linalg.norm(towards[:2])
+        if level < LEVEL:
+            return []
+        axes = [(place[:2] + r * towards[:2] / level, r) for r in RADII]
+        return [{"x": float(x), "y": float(y), "height": float(place[2]) + 2 * r, "radius": r} for (x, y), r in axes]
 
     def starts(self, setting: Setting, motion: States | None = None) -> tuple[dict[str, float], ...]:
         """Posts in the body's way, a little higher than it passes there; none touches it at frame 0."""

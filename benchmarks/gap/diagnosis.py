@@ -1,0 +1,87 @@
+"""Why a case was missed: what the true effects gain from their true numbers, beside what the search found.
+
+`python -m benchmarks.gap.diagnosis FOLDER NAME` of a case that has been run. Where the true numbers gain much and the search found
+little, no start of its fits reached them; where they gain little, our simulator answers to the effect otherwise than the truth
+does, or the training frames do not show it.
+"""
+
+import sys
+from collections.abc import Sequence
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+
+from benchmarks.gap.answer import experiments_of
+from benchmarks.gap.case import truth_of
+from benchmarks.gap.files import read_json
+from benchmarks.gap.settings import load_settings
+from physreal_core.effects import EFFECTS
+from physreal_core.errors import InputError
+from physreal_core.gap.adding import Fits
+from physreal_core.gap.experiment import EffectValues
+from physreal_core.gap.least_squares import Fit, fit, together
+from physreal_core.gap.unknowns import Unknowns
+
+MODULI = (0.5, 0.7, 0.85, 1.0, 1.2, 1.4)
+"""On the baseline's mean modulus, which may have bent to what it lacks: materials from which the fit begins, beside the baseline's."""
+
+
+def from_truth(fits: Fits, truth: EffectValues) -> Fit:
+    """The fit that begins at the true numbers.
+
+    Args:
+        fits: the baseline of the interactions.
+        truth: numbers by effect and name, in SI units; what the truth does not have (an obstacle's stiffness) is of plain size.
+    """
+    own, baseline = fits.baseline.unknowns, fits.baseline.vector
+    names = sorted(truth, key=list(EFFECTS).index)
+    unknowns = Unknowns(own.fields, names, own.priors, {name: _known(name, truth[name]) for name in names}, own.scalars)
+    starts = np.tile(unknowns.start(), (1 + len(MODULI), 1))
+    starts[:, : own.baseline] = [baseline, *[own.level(baseline)] * len(MODULI)]
+    starts[1:, : own.patches] += np.log(MODULI)[:, None]
+    starts = np.clip(starts, unknowns.block.lower, unknowns.block.upper)
+    data = fits.evidence.train
+    (found,) = together([fit(unknowns, data, starts, 2 * fits.settings.settling)], data)
+    return found
+
+
+def _known(name: str, values: dict[str, float]) -> dict[str, float]:
+    amplitudes = {c.name: c.dormant + c.scale for c in EFFECTS[name].coefficients if c.kind == "amplitude"}
+    return {c.name: values.get(c.name, amplitudes.get(c.name, c.dormant)) for c in EFFECTS[name].coefficients}
+
+
+def told(fits: Fits, truth: EffectValues, candidates: Sequence[dict[str, Any]]) -> str:
+    """Lines of text: gain in log evidence and what is left beyond noise [nat], of the truth and of the search's answers."""
+    found = from_truth(fits, truth)
+    gain, left = found.log_evidence - fits.baseline.log_evidence, fits.evidence.excess(found)
+    lines = [f"{'from the true numbers':34} gain {gain:8.1f}  left {left:8.1f}"]
+    for name, values in found.unknowns.values(found.vector).items():
+        lines += [f"    {name} {c}: {x:.4g} (true {truth[name].get(c, float('nan')):.4g})" for c, x in values.items()]
+    for answer in (candidate for candidate in candidates if candidate["gain"] is not None):
+        label = "+".join(effect["name"] for effect in answer["effects"]) or "none"
+        lines.append(
+            f"{label:34} gain {answer['gain']:8.1f}  left {answer['excess']:8.1f}  p {answer['probability']:.3f}"
+        )
+    return "\n".join(lines)
+
+
+def main(folder: Path, name: str) -> None:
+    """Prints it for one case.
+
+    Raises:
+        InputError: the case has not been run, or hides nothing that the library has.
+    """
+    own = folder / name
+    answer = read_json(own / "answer.json")
+    if answer is None:
+        raise InputError("no answer.json in it", where=str(own), expected="a case that has been run")
+    truth = {effect: values for effect, values in truth_of(own).items() if effect in EFFECTS}
+    if not truth:
+        raise InputError("nothing of the library is hidden in it", where=name, expected="a single effect or a pair")
+    fits = Fits(experiments_of(own / "captures"), load_settings(None), print)
+    print(told(fits, truth, answer["report"]["candidates"]))
+
+
+if __name__ == "__main__":
+    main(Path(sys.argv[1]), sys.argv[2])

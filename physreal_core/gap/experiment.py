@@ -317,11 +317,24 @@ def _run(simulator: Simulator, inputs: list[Inputs]) -> list[tuple[Tensor, Tenso
 
 def starts_of(interaction: Interaction, effect: Effect, motion: States | None = None) -> tuple[dict[str, float], ...]:
     """`effect.starts` for an interaction, places and directions as they are in the first one."""
-    found = effect.starts(interaction.setting, motion)
+    return _as_in_the_first(interaction, effect, effect.starts(interaction.setting, motion))
+
+
+def starts_instead_of(
+    interaction: Interaction, effect: Effect, other: Effect, values: dict[str, float], motion: States | None
+) -> tuple[dict[str, float], ...]:
+    """`effect.instead` for an interaction; the other's values, and what is found, as in the first one."""
+    here = values if interaction.placement is None else other.carried(values, *interaction.placement)
+    return _as_in_the_first(interaction, effect, effect.instead(interaction.setting, other, here, motion))
+
+
+def _as_in_the_first(
+    interaction: Interaction, effect: Effect, starts: tuple[dict[str, float], ...]
+) -> tuple[dict[str, float], ...]:
     if interaction.placement is None:
-        return found
+        return starts
     rotation, translation = interaction.placement
     back = rotation.T, -rotation.T @ translation
     dormant = {c.name: c.dormant for c in effect.coefficients}
-    there = [(start, effect.carried({**dormant, **start}, *back)) for start in found]
+    there = [(start, effect.carried({**dormant, **start}, *back)) for start in starts]
     return tuple({name: values[name] for name in start} for start, values in there)

@@ -10,7 +10,6 @@ import numpy as np
 from physreal_core.array_types import Array, Float
 from physreal_core.effects import EFFECTS, Effect
 from physreal_core.gap.evidence import Evidence
-from physreal_core.gap.experiment import Interaction
 from physreal_core.gap.least_squares import Fit
 from physreal_core.gap.report import Candidate, FittedEffect, Verdict
 from physreal_core.gap.settings import GapSettings
@@ -43,20 +42,10 @@ class Answer:
         return self.fit.unknowns.effects
 
 
-def answer_of(
-    fit: Fit,
-    screened: float | None,
-    baseline: Fit,
-    evidence: Evidence,
-    experiments: Sequence[Interaction],
-    energy: float,
-) -> Answer:
-    """Evaluates a fit against the baseline, whose held-out energy is `energy` [nat]."""
-    trial = fit.unknowns.trial(fit.vector)
-    predictions = [experiment.predict([trial])[0] for experiment in experiments]
-    held_out = energy - evidence.held_out_energy(predictions)
-    gain = fit.log_evidence - baseline.log_evidence
+def answer_of(fit: Fit, screened: float | None, held_out: float, baseline: Fit, evidence: Evidence) -> Answer:
+    """A fit beside the baseline, with what it gains on the held-out frames [nat]."""
     held_out = held_out if np.isfinite(held_out) else -np.inf
+    gain = fit.log_evidence - baseline.log_evidence
     return Answer(fit, screened, gain, held_out, evidence.excess(fit), telling(fit, baseline, evidence.train))
 
 
@@ -97,18 +86,40 @@ def weighed(gain: float, held_out: float, settings: GapSettings) -> float:
 
 
 def chances(sizes: Sequence[int], gains: Float[Array, " answers"], settings: GapSettings, library: int) -> Array:
-    """Probabilities of answers with so many effects each and these gains [nat]."""
-    something = 1.0 - settings.prior_none
-    single, pair = something * (1.0 - settings.prior_pair) / library, something * settings.prior_pair / library
-    priors = np.log([(settings.prior_none, single, pair)[size] for size in sizes])
-    weights = priors + gains / temperature_of(float(gains.max()), settings)
+    """Probabilities of answers with so many effects each and these gains [nat].
+
+    What two effects gain beyond one, the best two beyond the best one, is weighed by itself: the misfit of one is in both answers.
+    """
+    effects = np.asarray(sizes)
+    best = float(gains.max())
+    beyond = np.where(effects == 2, best - gains[effects < 2].max(), 0.0).clip(0.0)
+    weights = np.log(_priors(settings, library))[effects]
+    weights += (gains - beyond) / temperature_of(best, settings) + beyond / second_temperature_of(best, settings)
     weights = np.exp(weights - weights.max())
     return weights / weights.sum()
+
+
+def _priors(settings: GapSettings, library: int) -> tuple[float, float, float]:
+    """Of nothing, of each effect of a library, of each pair."""
+    something, pairs = 1.0 - settings.prior_none, max(library * (library - 1) // 2, 1)
+    single, pair = something * (1.0 - settings.prior_pair) / library, something * settings.prior_pair / pairs
+    return settings.prior_none, single, pair
+
+
+def worth_of_a_second(gain: float, settings: GapSettings, library: int) -> float:
+    """What a second effect must gain beyond a best one of this gain, for two to be as probable [nat]."""
+    _, single, pair = _priors(settings, library)
+    return second_temperature_of(gain, settings) * float(np.log(single / pair))
 
 
 def temperature_of(best_gain: float, settings: GapSettings) -> float:
     """By which gains are divided where the best answer gains this much [nat]; see `GapSettings.misfit`."""
     return max(settings.temperature, settings.misfit * best_gain)
+
+
+def second_temperature_of(best_gain: float, settings: GapSettings) -> float:
+    """The same for what a second effect gains; see `GapSettings.remainder`."""
+    return max(settings.temperature, 0.5 * settings.remainder * best_gain)
 
 
 def candidates_of(answers: Sequence[Answer], chances: Array, settings: GapSettings) -> tuple[Candidate, ...]:

@@ -14,8 +14,9 @@ from dataclasses import replace
 import numpy as np
 
 from physreal_core.effects import EFFECTS
+from physreal_core.gap.experiment import starts_instead_of
 from physreal_core.gap.least_squares import Data, Fit, Request, fit, together
-from physreal_core.gap.screening import Score, Screen, started
+from physreal_core.gap.screening import LONGEST_SHIFT, Score, Screen, akin, started
 from physreal_core.gap.settings import GapSettings
 from physreal_core.gap.unknowns import Unknowns
 
@@ -44,7 +45,7 @@ class Refits:
     """
 
     def __init__(self, baseline: Fit, data: Data, names: Sequence[str], settings: GapSettings) -> None:
-        self.baseline, self.data, self._settings = baseline, data, settings
+        self.baseline, self.data, self._names, self._settings = baseline, data, names, settings
         self._level = level = self._levelled() if baseline.unknowns.patches > 1 else baseline
         bent = WORTH_A_SCREEN < level.energy - baseline.energy < np.inf
         screen = Screen(baseline, data, names, settings.priors)
@@ -98,6 +99,56 @@ class Refits:
             start = two.vector[kept][None]
             requests.append(fit(unknowns, self.data, start, self._settings.iterations, [two.jacobian[:, kept]]))
         return together(requests, self.data)
+
+    def look_alikes(self, best: Fit) -> list[Fit]:
+        """Fits, from plain sizes beside the material of a single effect, of what that may have been taken for.
+
+        Around a baseline that lacks them both, the tangents of one may promise nothing, while the other takes all there is.
+        """
+        (name,) = best.unknowns.effects
+        kin = [values for values in (*self._plain(), *self._instead(best)) if akin(values[0], name)]
+        return together(self._least(kin, best), self.data)
+
+    def _plain(self) -> list[tuple[str, dict[str, float]]]:
+        """Every effect from every start and to either side, one amplitude at its scale."""
+        return [(plan.effect.name, values) for plan in self.screens[0].plans for values in plan.plain()]
+
+    def _instead(self, best: Fit) -> list[tuple[str, dict[str, float]]]:
+        """What acts through the terms of the effect that was found, where that says it may be."""
+        (name,), ((_, values),) = best.unknowns.effects, best.unknowns.values(best.vector).items()
+        trial, found = best.unknowns.trial(best.vector), []
+        kin = [EFFECTS[other] for other in self._names if akin(other, name)]
+        for experiment in self.data.experiments if kin else ():
+            motion = experiment.motion(trial)
+            for effect in kin:
+                dormant = {c.name: c.dormant for c in effect.coefficients}
+                starts = starts_instead_of(experiment, effect, EFFECTS[name], values, motion)
+                found += [(effect.name, {**dormant, **start}) for start in starts]
+        return found
+
+    def _least(self, chosen: Sequence[tuple[str, dict[str, float]]], beside: Fit) -> list[Request]:
+        """Of every effect the fit from those values that come closest once the material of another fit goes along, as the
+        tangents there say: as it is, a modulus hides what a place gains."""
+        if not chosen:
+            return []
+        own, begun = self.baseline.unknowns, []
+        material, known = beside.vector[: own.baseline], beside.jacobian[:, : own.baseline]
+        for name, values in chosen:
+            unknowns = Unknowns(own.fields, (name,), own.priors, {name: values}, own.scalars)
+            begun.append((unknowns, np.concatenate([material, unknowns.start()[own.baseline :]])))
+        residuals = self.data.residuals(self.data.predict([unknowns.trial(vector) for unknowns, vector in begun]))
+        pulls = known.T @ residuals + (own.block.precision @ (material - own.block.mean))[:, None]
+        shifts = -np.linalg.solve(known.T @ known + own.block.precision, pulls)
+        energies = np.nan_to_num(0.5 * (residuals**2).sum(0) + 0.5 * (pulls * shifts).sum(0), nan=np.inf)
+        least: dict[str, Request] = {}
+        for number in np.argsort(energies, kind="stable").tolist():
+            unknowns, vector = begun[number]
+            starts = np.stack([vector, vector])
+            starts[1, : own.baseline] += np.clip(shifts[:, number], -LONGEST_SHIFT, LONGEST_SHIFT)
+            starts = np.clip(starts, unknowns.block.lower, unknowns.block.upper)
+            request = fit(unknowns, self.data, starts, self._settings.iterations, [known, known])
+            least.setdefault(unknowns.effects[0], request)
+        return list(least.values())
 
     def begins_afar(self, effect: str) -> bool:
         """Whether fits of an effect begin far from the baseline, too, because tangents there do not lead to it."""

@@ -70,6 +70,9 @@ class Screen:
         names: the candidates.
         priors: of their coefficients.
         plans: where each of them may start, if that is known; otherwise along the baseline's motion.
+
+    Attributes:
+        plans: where each of them starts.
     """
 
     def __init__(
@@ -80,7 +83,7 @@ class Screen:
         if plans is None:
             motions = [experiment.motion(trial) for experiment in data.experiments]
             plans = [plan for name in names for plan in _plans(EFFECTS[name], data.experiments, motions)]
-        self._plans = list(plans)
+        self.plans = list(plans)
         trials = [Trial(trial.fields, {**trial.effects, plan.effect.name: v}) for plan in plans for v in plan.steps]
         answers = data.predict(trials)
         changes = data.changes(answers, baseline.predicted)
@@ -103,7 +106,7 @@ class Screen:
             if counts[effect] <= keep:
                 kept.append(number)
         names = list(dict.fromkeys(found[number].start.effect for number in sorted(kept)))
-        return Screen(fit, self._data, names, self._priors, [self._plans[number] for number in sorted(kept)])
+        return Screen(fit, self._data, names, self._priors, [self.plans[number] for number in sorted(kept)])
 
     def _start(self, plan: Plan, columns: Array) -> Start:
         return Start(plan.effect.name, plan.values, self.beside(self.baseline, columns), plan.half, np.sign(plan.sizes))
@@ -183,6 +186,11 @@ def go_together(first: str, second: str) -> bool:
     return first != second and not shared
 
 
+def akin(first: str, second: str) -> bool:
+    """Whether two effects act through the same term of the simulation, so that one may pass for the other."""
+    return first != second and bool({*EFFECTS[first].terms} & {*EFFECTS[second].terms})
+
+
 @dataclass(frozen=True)
 class Plan:
     """An effect's start as rollouts: values of shapes and stepped amplitudes, one dict a rollout, and the free steps."""
@@ -192,6 +200,15 @@ class Plan:
     steps: list[dict[str, float]]
     sizes: Float[Array, " amplitudes"]
     half: Bool[Array, " amplitudes"]
+
+    def plain(self) -> list[dict[str, float]]:
+        """Values with one amplitude at its scale, on either side where it has two."""
+        amplitudes = [c for c in self.effect.coefficients if c.kind == "amplitude"]
+        return [
+            {**self.values, c.name: float(np.clip(c.dormant + side * c.scale, c.lower, c.upper))}
+            for c, size, half in zip(amplitudes, self.sizes, self.half, strict=True)
+            for side in ((np.sign(size),) if half else (1.0, -1.0))
+        ]
 
 
 def _plans(effect: Effect, experiments: Sequence[Interaction], motions: Sequence[States | None]) -> list[Plan]:

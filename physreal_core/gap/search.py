@@ -14,7 +14,7 @@ from physreal_core.gap.evidence import Progress, fit_baseline, unknown_scalars
 from physreal_core.gap.experiment import Interaction
 from physreal_core.gap.interaction import lead_on, locate
 from physreal_core.gap.least_squares import Fit
-from physreal_core.gap.naming import answer_of, candidates_of, probabilities, verdict_of
+from physreal_core.gap.naming import answer_of, candidates_of, probabilities, verdict_of, worth_of_a_second
 from physreal_core.gap.refits import Refits
 from physreal_core.gap.report import Candidate, FittedEffect, GapReport
 from physreal_core.gap.screening import Score, go_together
@@ -90,17 +90,22 @@ class Search:
         self.ranked = self.refits.ranked()
         self._found: dict[tuple[str, ...], Fit] = {}
         self._promised: dict[tuple[str, ...], float] = {}
+        self._screened: dict[int, tuple[Fit, list[list[Score]]]] = {}
         self._look()
-        self.predictions = self._predicted(self.baseline)
-        energy = self.evidence.held_out_energy(self.predictions)
+        fits = [self.baseline, *self._found.values()]
+        predicted = self._predicted(fits)
+        self.predictions = predicted[0]
+        energies = [self.evidence.held_out_energy(own) for own in predicted]
         self.answers = [
-            answer_of(fit, self._promised.get(names), self.baseline, self.evidence, self.experiments, energy)
-            for names, fit in (((), self.baseline), *self._found.items())
+            answer_of(fit, self._promised.get(fit.unknowns.effects), energies[0] - energy, self.baseline, self.evidence)
+            for fit, energy in zip(fits, energies, strict=True)
         ]
 
-    def _predicted(self, found: Fit) -> list[np.ndarray]:
-        trial = found.unknowns.trial(found.vector)
-        return [experiment.predict([trial])[0] for experiment in self.experiments]
+    def _predicted(self, fits: Sequence[Fit]) -> list[list[np.ndarray]]:
+        """Of each fit, the tracks over all frames of every experiment."""
+        trials = [found.unknowns.trial(found.vector) for found in fits]
+        together = [experiment.predict(trials) for experiment in self.experiments]
+        return [[own[number] for own in together] for number in range(len(fits))]
 
     # --- fits ---------------------------------------------------------------------------------------------------
 
@@ -110,9 +115,10 @@ class Search:
         promising = [scores for scores in self.ranked if max(score.gain for score in scores) > self.threshold]
         afar = [scores for scores in self.ranked if self.refits.begins_afar(scores[0].start.effect)]
         self._fit_new([*promising[: self.settings.shortlist], *afar], self.settings.finalists)
+        self._fit_look_alikes()
         if self._leaves_much():
             self._fit_new(self.ranked, self.settings.finalists)
-        if self._leaves_much() and self.settings.seconds:
+        if self.settings.seconds and (self._leaves_much() or self._second_is_promised()):
             self._pairs()
 
     def _gain(self, found: Fit) -> float:
@@ -123,12 +129,27 @@ class Search:
         found = [fit for names, fit in self._found.items() if len(names) == effects]
         return sorted(found, key=self._gain, reverse=True)
 
+    def _best(self, least: float) -> Fit | None:
+        """The best single effect, if it gains more than `least` [nat]."""
+        return next((fit for fit in self._ordered() if self._gain(fit) > least), None)
+
+    def _remainder(self, found: Fit) -> float:
+        """What a right effect may leave of what it gains [nat]."""
+        return self.settings.remainder * self._gain(found)
+
     def _leaves_much(self) -> bool:
         """Whether the best single effect gains something and leaves more than a right one's misfit."""
-        best = next(iter(self._ordered()), None)
-        if best is None or self._gain(best) <= 0.0:
+        best = self._best(0.0)
+        return best is not None and self.evidence.excess(best) > max(self.threshold, self._remainder(best))
+
+    def _second_is_promised(self) -> bool:
+        """Whether a second effect promises to make two more probable than the best one alone, whatever that leaves."""
+        best = self._best(self.threshold)
+        if best is None:
             return False
-        return self.evidence.excess(best) > max(self.threshold, self.settings.misfit * self._gain(best))
+        self._progress(f"screening beside {best.unknowns.effects[0]}")
+        promised = max((scores[0].gain for scores in self._beside(best)), default=0.0)
+        return promised > worth_of_a_second(self._gain(best), self.settings, len(self.names))
 
     def _keep(self, found: Sequence[Fit]) -> None:
         """Takes over fits that are better than what is known of the same effects."""
@@ -147,6 +168,17 @@ class Search:
         self._promised |= {names: score.gain for names, score in labels.items()}
         self._settle(sorted(fits, key=self._gain, reverse=True)[:finalists])
         self._keep(fits)
+
+    def _fit_look_alikes(self) -> None:
+        """Fits what the best effect may have been taken for, and settles what gains something."""
+        best = self._best(self.threshold)
+        if best is None:
+            return
+        self._progress(f"fitting look-alikes of {best.unknowns.effects[0]}")
+        found = self.refits.look_alikes(best)
+        if gaining := [fit for fit in found if self._gain(fit) > 0.0]:
+            self._settle(gaining)
+        self._keep(found)
 
     def _settle(self, fits: Sequence[Fit]) -> None:
         """Goes on with the baseline and these fits until they arrive."""
@@ -178,8 +210,11 @@ class Search:
         return self._gain(self._found[names]) if names in self._found else 0.0
 
     def _beside(self, first: Fit) -> list[list[Score]]:
-        """Effects that promise more than chance beside another."""
-        return [scores for scores in self.refits.ranked_beside(first) if scores[0].gain > self.threshold]
+        """Effects that promise more than chance beside another; screened once for each fit."""
+        if id(first) not in self._screened:
+            ranked = self.refits.ranked_beside(first)
+            self._screened[id(first)] = first, [scores for scores in ranked if scores[0].gain > self.threshold]
+        return self._screened[id(first)][1]
 
     def _promising(self, beside: list[list[Score]]) -> list[list[Score]]:
         """Of second effects, those that promise most, and those that gained most alone, because tangents far from an effect's

@@ -28,9 +28,11 @@ class GapSettings:
         prior_none: probability that nothing is missing, before looking.
         prior_pair: probability of two effects, given that something is missing; they are looked for where one leaves much.
         temperature: by which gains are divided before they become probabilities, at least.
-        misfit: share of its gain that a right answer may leave, for the simulator's answer to an effect is some per cent off. Only
-            where the best one leaves more is a second effect looked for; and the temperature is at least this share of the
-            best gain, since a wrong effect gains as much by imitating what is off.
+        misfit: share of the best gain that the temperature is at least, for the simulator's answer to an effect is some per cent
+            off, and a wrong one gains as much by imitating what is off.
+        remainder: share of its gain that a right effect may leave. A second one is looked for where the best leaves more; and
+            what two gain beyond one of them is divided by half this share of the best gain, at least, so that less than a right
+            effect leaves does not outweigh the prior.
         held_out_share: share that counts of what an answer gains on held-out frames, as far as that is not more than its
             training evidence.
         held_out_loss: share of its training evidence that an answer may lose there: a right effect whose numbers are a little
@@ -59,10 +61,11 @@ class GapSettings:
     prior_pair: float = 0.1
     temperature: float = 9.0
     misfit: float = 0.1
+    remainder: float = 0.03
     held_out_share: float = 0.5
     held_out_loss: float = 0.5
     class_ratio: float = 0.1
     class_size: int = 3
     false_alarms: float = 0.05
-    unexplained: float = 0.5
+    unexplained: float = 0.8
     seed: int = 0

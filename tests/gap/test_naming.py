@@ -1,20 +1,56 @@
 """Probabilities of answers from their gains in evidence."""
 
 import numpy as np
+import pytest
 
 from physreal_core.gap import GapSettings
-from physreal_core.gap.naming import chances, weighed
+from physreal_core.gap.naming import chances, weighed, worth_of_a_second
 
 LIBRARY = 27
 
 
-def test_a_second_effect_must_gain_more_than_the_models_misfit():
-    """One per cent more evidence for two effects is what a simulator slightly off would find; a fifth more is not."""
-    sizes = [0, 1, 2]
-    little, much = ([0.0, 1000.0, gain] for gain in (1010.0, 1200.0))
-    assert np.argmax(chances(sizes, np.array(little), GapSettings(), LIBRARY)) == 1
-    assert np.argmax(chances(sizes, np.array(much), GapSettings(misfit=0.01), LIBRARY)) == 2
-    assert np.argmax(chances(sizes, np.array(little), GapSettings(misfit=0.0, temperature=1.0), LIBRARY)) == 2
+NONE, WIND, PAYLOAD, DRAG, TWO, OTHER_TWO = (
+    (),
+    ("wind",),
+    ("payload",),
+    ("drag",),
+    ("payload", "wind"),
+    ("drag", "wind"),
+)
+
+
+def best_of(gains: dict[tuple[str, ...], float], settings: GapSettings | None = None) -> tuple[str, ...]:
+    found = chances([*map(len, gains)], np.array([*gains.values()]), settings or GapSettings(), LIBRARY)
+    return list(gains)[int(np.argmax(found))]
+
+
+@pytest.mark.parametrize("size", [1000.0, 10_000.0])
+def test_a_second_effect_must_gain_more_than_a_right_one_leaves(size):
+    """Of what it explains a right effect leaves up to three per cent, which a spare one may take up."""
+    little, much = ({NONE: 0.0, WIND: size, PAYLOAD: 0.2 * size, TWO: (1 + more) * size} for more in (0.03, 0.1))
+    assert best_of(little) == WIND
+    assert best_of(much) == TWO
+    assert best_of(much, GapSettings(remainder=0.2)) == WIND
+
+
+def test_of_two_pairs_that_gains_more_is_the_better_however_little_its_members_gain_alone():
+    gains = {NONE: 0.0, WIND: 900.0, PAYLOAD: 10.0, DRAG: 20.0, TWO: 1200.0, ("drag", "payload"): 1150.0}
+    assert best_of(gains) == TWO
+    assert best_of({**gains, OTHER_TWO: 1300.0}) == OTHER_TWO
+
+
+def test_a_second_is_worth_looking_for_from_where_it_makes_two_as_probable():
+    for size in (100.0, 1000.0, 10_000.0):
+        more = worth_of_a_second(size, GapSettings(), LIBRARY)
+        found = chances([0, 1, 2], np.array([0.0, size, size + more]), GapSettings(), LIBRARY)
+        assert found[2] == pytest.approx(found[1], rel=0.5)  # the temperature is that of the larger gain
+
+
+def test_a_single_is_divided_as_if_there_were_no_pairs():
+    singles = {NONE: 0.0, WIND: 1000.0, PAYLOAD: 900.0}
+    alone = chances([*map(len, singles)], np.array([*singles.values()]), GapSettings(), LIBRARY)
+    among = chances([*map(len, singles), 2], np.array([*singles.values(), 500.0]), GapSettings(), LIBRARY)
+    assert among[:3] == pytest.approx(alone, rel=1e-3) and among[3] < 1e-3
 
 
 def test_nothing_gained_is_none():

@@ -9,7 +9,7 @@ from physreal_core.effects import EFFECTS
 from physreal_core.gap import GapSettings
 from physreal_core.gap.least_squares import Data
 from physreal_core.gap.refits import Refits
-from tests.gap.linear import ANSWERS, LinearExperiment, baseline, register
+from tests.gap.linear import ANSWERS, LinearExperiment, MadeUp, baseline, register
 
 NAMES = ("drift", "sink")
 FAR = 0.9
@@ -78,6 +78,34 @@ def test_a_screen_taken_anew_promises_the_same_in_a_linear_world():
     assert score.start.effect == other
     (settled,) = found.settled(found.fitted([[score]]))
     assert settled.log_evidence - best.log_evidence == pytest.approx(score.gain, rel=0.05)
+
+
+class Late(LinearExperiment):
+    """`sink` moves the tracks only when it is large, down and sideways; `slump` moves them down at once."""
+
+    def _one(self, trial):
+        sink, slump = (trial.effects.get(name, {}).get("amount", 0.0) for name in ("sink", "slump"))
+        late = max(0.0, sink - 0.3)
+        effects = {"sink": {"amount": late}, "drift": {"east": late}, "slump": {"amount": slump}}
+        return super()._one(SimpleNamespace(fields=trial.fields, effects=effects))
+
+
+def test_what_another_of_the_same_term_may_stand_for_is_found_from_a_plain_size_beside_it(monkeypatch):
+    """Its tangents promise nothing, and so nothing comes of a fit from them."""
+    for name in ("sink", "slump"):
+        effect = MadeUp(name, EFFECTS["sink"].coefficients)
+        effect.terms = ("weight",)
+        monkeypatch.setitem(EFFECTS, name, effect)
+    experiment = Late({**ANSWERS, "slump": ANSWERS["sink"]}, {"sink": {"amount": FAR}})
+    data = Data([experiment], [experiment.noise()])
+    found = Refits(baseline(experiment, data), data, ("sink", "slump", "drift"), SETTINGS)
+    fits = {fit.unknowns.effects[0]: fit for fit in found.settled(found.fitted(found.ranked()))}
+    kin = found.settled(found.look_alikes(fits["slump"]))
+    assert [fit.unknowns.effects for fit in kin] == [("sink",)]
+    assert kin[0].unknowns.values(kin[0].vector)["sink"]["amount"] == pytest.approx(FAR, abs=0.05)
+    assert kin[0].log_evidence > fits["slump"].log_evidence + 10.0
+    assert fits["slump"].log_evidence > fits["sink"].log_evidence + 10.0
+    assert found.look_alikes(fits["drift"]) == []
 
 
 class Barrier(LinearExperiment):

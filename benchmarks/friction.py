@@ -1,7 +1,7 @@
 """How far two simulators part where a soft bar is dragged over the ground, by its coefficient of friction, without any effect.
 
-`python -m benchmarks.friction` prints the table of `benchmarks/results/friction.md`: for each true coefficient what the nearest of
-our bars leaves of the finite elements' tracks. It says how strong a hidden effect in friction may be made and still be tested.
+`python -m benchmarks.friction` prints a table: for each true coefficient what the nearest of our bars leaves of the finite elements'
+tracks. It says how strong a hidden effect in friction may be made and still be tested.
 """
 
 import tempfile
@@ -67,9 +67,8 @@ def table() -> str:
     lines = ["| true coefficient | nearest of ours, mm | its coefficient |", "|--:|---|---|"]
     for friction in COEFFICIENTS:
         found = [nearest(seed, friction) for seed in SEEDS]
-        errors, ours = (
-            ", ".join(f"{x:.2f}" for x in column) for column in zip(*((1e3 * e, mu) for e, mu in found), strict=True)
-        )
+        errors = ", ".join(f"{1e3 * error:.2f}" for error, _ in found)
+        ours = ", ".join(f"{coefficient:.2f}" for _, coefficient in found)
         lines.append(f"| {friction} | {errors} | {ours} |")
     return "\n".join(lines)
 

@@ -20,7 +20,7 @@ def mesh_from_view(observation: Observation, *, voxel: float = 0.004, underside:
     max(0, H - z_top), where H is the greatest seen height within the distance z_top. A body that lies on the plane with
     a section as round as it is high is met exactly, and so is a box. What the body hides behind itself is filled by
     balls: under every ridge (z_top = H) the ball of diameter H, if all of it lies behind the seen surface and inside the
-    silhouette, and if the surface is seen as far past the ridge as that of a round body would be. What the hand hides
+    silhouette, and if the surface past the ridge is seen as far, and falls off, as that of a round body. What the hand hides
     between seen parts (in their convex hull) is as high as the nearest ridge. With underside = "flat" columns go down to
     the plane and there are no balls.
 
@@ -162,24 +162,42 @@ def _columns(top: Array, ridge: Array | None, low: Array, voxel: float, shape: A
 def _balls(top: Array, ridge: Array, free: Array, low: Array, voxel: float, down: float) -> Bool[Array, "X Y Z"]:
     """Balls between plane and ridge that hold no empty voxel; `down` is the sine of the camera's tilt.
 
-    A ball of radius r is seen until r sin(tilt) past its top; a top much nearer to unseen columns is the edge of a flat one.
+    A ball of radius r is seen until r sin(tilt) past its top, and falls off as far as it is seen. A top much nearer to
+    unseen columns, or one beside which the surface stays as high, is that of a flat body with an edge.
     """
     from scipy import ndimage
 
-    room = ndimage.distance_transform_edt(~free) * voxel
     x, y = np.nonzero((top > 2 * voxel) & (top > 0.95 * ridge))
     radius = top[x, y] / 2
-    z = ((radius - low[2]) / voxel).astype(int)
-    seen_past = ndimage.distance_transform_edt(top > 0)[x, y] * voxel
-    fits = (room[x, y, z] > radius - 0.75 * voxel) & (seen_past > 0.5 * down * radius)
-    x, y, z, radius = x[fits], y[fits], z[fits], radius[fits]
-    solid = np.zeros_like(free)
-    rounded = np.rint(radius / voxel * 2) / 2
-    for r in np.unique(rounded):
-        centres = np.ones_like(free)
-        chosen = rounded == r
-        centres[x[chosen], y[chosen], z[chosen]] = False
-        solid |= ndimage.distance_transform_edt(centres) < r
+    centres = np.stack([x, y, (radius - low[2]) / voxel - 0.5])
+    room = ndimage.map_coordinates(ndimage.distance_transform_edt(~free), centres, order=1) * voxel
+    past, border = ndimage.distance_transform_edt(top > 0, return_indices=True)
+    seen_past = past[x, y] * voxel
+    last = (border[:, x, y] - np.stack([x, y])) * (1 - 1.5 / past[x, y]).clip(
+        0
+    )  # the columns at the edge may be half seen
+    fall = top[x, y] - top[tuple(np.rint(np.stack([x, y]) + last).astype(int))]
+    of_a_ball = radius - np.sqrt(radius**2 - np.clip(seen_past - 1.5 * voxel, 0, radius) ** 2)
+    fits = (room > radius - voxel) & (seen_past > 0.4 * down * radius) & (fall > 0.5 * of_a_ball)
+    return _union(voxel * centres.T[fits], radius[fits], ~free, voxel)
+
+
+def _union(
+    centres: Float[Array, "N 3"], radius: Float[Array, " N"], where: Bool[Array, "X Y Z"], voxel: float
+) -> Array:
+    """The voxels within any of the balls, centres [m] from the centre of the first voxel.
+
+    |x - c|^2 < r^2 is |(x, 0) - (c, sqrt(R^2 - r^2))|^2 < R^2: the nearest of points in four dimensions decides.
+    """
+    from scipy.spatial import cKDTree
+
+    solid = np.zeros_like(where)
+    if len(centres):
+        widest = radius.max()
+        tree = cKDTree(np.column_stack([centres, np.sqrt(widest**2 - radius**2)]))
+        voxels = np.argwhere(where)
+        nearest, _ = tree.query(np.pad(voxel * voxels, ((0, 0), (0, 1))), distance_upper_bound=widest)
+        solid[tuple(voxels[nearest < widest].T)] = True
     return solid
 
 

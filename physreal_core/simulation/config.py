@@ -19,7 +19,7 @@ class SimulationConfig:
         plastic_law: expert plasticity, one of `PLASTIC_LAWS`.
         gravity: acceleration [m/s2].
         ground_height: z of the support plane [m]; None for no ground.
-        courant: Courant number of the elastic wave and of the grip's oscillation; above about 0.85 steps go unstable.
+        courant: Courant number of the elastic wave; above about 0.85 steps go unstable.
         residual: neural residuals beside the expert laws; None for none. A bound beta of zero leaves that one out.
         terms: optional terms in use, of `terms.TERMS`; each switches parameters of `Parameters` on.
         dtype: "float32", or "float64" for gradient proofs.

@@ -24,7 +24,7 @@ from physreal_core.simulation.parameters import PARAMETER_NAMES, Parameters, Sta
 from physreal_core.simulation.play import Player
 from physreal_core.simulation.stepper import make_stepper
 from physreal_core.simulation.terms import dormant_values
-from physreal_core.simulation.timestep import grip_rates, substeps_per_frame
+from physreal_core.simulation.timestep import substeps_per_frame
 
 Loop = Frames | PooledFrames | CudaFrames
 
@@ -55,7 +55,7 @@ class Simulator:
         self._dormant = dormant_values(config.terms, body, config.gravity)
         self._threads = torch.get_num_threads()
         self._side_streams: tuple[torch.cuda.Stream, wp.Stream] | None = None
-        self._substeps_of = partial(substeps_per_frame, body, config, rates=grip_rates(body, grip))
+        self._substeps_of = partial(substeps_per_frame, body, config)
         self._batch: tuple[int, Loop] | None = None
         with self._stream():
             self._loop = self._frames()

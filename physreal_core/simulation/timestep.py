@@ -1,14 +1,11 @@
 """Substeps per frame from elastic waves, viscosity, and the stiffness of forces, with the configured Courant number."""
 
 import math
-from dataclasses import dataclass
 
-import numpy as np
 import torch
-from scipy import sparse
 
 from physreal_core.array_types import Tensor
-from physreal_core.simulation.body import Body, Grip
+from physreal_core.simulation.body import Body
 from physreal_core.simulation.config import SimulationConfig
 from physreal_core.simulation.parameters import Parameters
 
@@ -120,74 +117,8 @@ def force_step(body: Body, config: SimulationConfig, parameters: Parameters) -> 
     return config.courant * 2.0 / rate if rate > 0 else math.inf
 
 
-@dataclass(frozen=True)
-class GripRates:
-    """Largest squared frequency per unit of grip stiffness [1/(kg m)] and decay rate per unit of damping [1/kg]."""
-
-    stiffness: float = 0.0
-    damping: float = 0.0
-
-
-def grip_rates(body: Body, grip: Grip | None) -> GripRates:
-    """Rates of the grip at unit coefficients, from how the transfers spread a bond's force over the grid's mass.
-
-    A bond pulls its particle with K; on the grid that is W^T K W against the nodal mass, W the B-spline weights. The
-    largest eigenvalue of W m^-1 W^T K is bounded from above by max_i (A x)_i / x_i for any x > 0 (Collatz-Wielandt).
-    """
-    if grip is None or len(grip.particles) == 0:
-        return GripRates()
-    weights = _spline_weights(body.x0 / body.cell)
-    node_mass = weights.T @ body.mass
-    inverse_mass = sparse.diags(1.0 / np.maximum(node_mass, 1e-12 * body.mass.min()))
-    gripped, bond_particle = np.unique(grip.particles, return_inverse=True)
-    held = weights[gripped]
-    mobility = held @ inverse_mass @ held.T
-
-    def largest(per_bond: np.ndarray) -> float:
-        strength = np.bincount(bond_particle, per_bond, len(gripped))
-        x = np.ones(len(gripped))
-        for _ in range(30):
-            x = mobility @ (strength * x)
-            if not x.max() > 0:
-                return 0.0
-            x = np.maximum(x / x.max(), 1e-30)
-        return float(((mobility @ (strength * x)) / x).max())
-
-    return GripRates(largest(grip.weights / grip.rest_lengths), largest(grip.weights))
-
-
-def _spline_weights(cells: np.ndarray) -> sparse.csr_matrix:
-    """Quadratic B-spline weights of positions [N, 3] in cells, shape [N, nodes touched]."""
-    base = np.floor(cells - 0.5).astype(int)
-    f = cells - base
-    along = np.stack([0.5 * (1.5 - f) ** 2, 0.75 - (f - 1.0) ** 2, 0.5 * (f - 0.5) ** 2])  # [3 nodes, N, 3 axes]
-    steps = np.stack(np.meshgrid(*[np.arange(3)] * 3, indexing="ij"), -1).reshape(-1, 3)
-    values = np.stack([along[i, :, 0] * along[j, :, 1] * along[k, :, 2] for i, j, k in steps], axis=1)
-    nodes, column = np.unique((base[:, None] + steps).reshape(-1, 3), axis=0, return_inverse=True)
-    rows = np.repeat(np.arange(len(cells)), len(steps))
-    return sparse.csr_matrix((values.ravel(), (rows, column.ravel())), shape=(len(cells), len(nodes)))
-
-
-def grip_step(body: Body, config: SimulationConfig, parameters: Parameters, rates: GripRates) -> float:
-    """Courant number times 2 / (omega + gamma) of the fastest mode of the grip [s].
-
-    The rates are those of the body's own masses; where others are given, a body lighter everywhere by as much as it is
-    anywhere bounds them from above.
-    """
-    if parameters.grip_stiffness is None:
-        return math.inf
-    stiffness, damping = (t.detach().double() for t in (parameters.grip_stiffness, parameters.grip_damping))
-    own = torch.as_tensor(body.density, device=stiffness.device)
-    lighter = (own / _density(body, parameters)).amax(-1)
-    rate = float(((stiffness * rates.stiffness * lighter).sqrt() + damping * rates.damping * lighter).max())
-    return config.courant * 2.0 / rate if rate > 0 else math.inf
-
-
-def substeps_per_frame(body: Body, config: SimulationConfig, parameters: Parameters, rates: GripRates) -> int:
-    """Number of equal substeps of a frame, of many rollouts the largest; not differentiated."""
-    step = min(
-        viscous_step(body, config, parameters),
-        force_step(body, config, parameters),
-        grip_step(body, config, parameters, rates),
-    )
+def substeps_per_frame(body: Body, config: SimulationConfig, parameters: Parameters) -> int:
+    """Number of equal substeps of a frame, of many rollouts the largest; not differentiated. A grip asks for none
+    (`grip_inertia`)."""
+    step = min(viscous_step(body, config, parameters), force_step(body, config, parameters))
     return max(1, math.ceil(1.0 / (config.fps * step)))

@@ -20,6 +20,7 @@ class Twin:
     gravity: np.ndarray
     x: np.ndarray
     v: np.ndarray
+    added_mass: np.ndarray | float = 0.0
 
     def __post_init__(self) -> None:
         self.F = np.tile(np.eye(3), (len(self.x), 1, 1))
@@ -56,7 +57,10 @@ class Twin:
 
     def step(self, dt: float, force: np.ndarray) -> None:
         """One substep under forces on the particles [N, 3]."""
-        dx, mass = self.body.cell, self.body.mass
+        dx, mass = self.body.cell, self.body.mass + self.added_mass
+        force = force - np.multiply.outer(
+            np.broadcast_to(self.added_mass, len(mass)), self.gravity
+        )  # it weighs nothing
         momentum, nodal_mass = {}, {}
         for p in range(len(self.x)):
             tau = self.stress(p)

@@ -57,7 +57,7 @@ class FrameLaunches:
             setattr(node_bars, name, wp.from_torch(values, types.vec3 if values.ndim > 1 else None))
         elastic = (config.elastic_law, config.elastic_residual)
         plastic = (config.plastic_law, config.plastic_residual)
-        laws, inputs = laws_in_use(config.terms), tuple(t for t in ("density", "force") if t in config.terms)
+        laws, inputs = laws_in_use(config.terms), model.inputs
         tag = f"{zlib.crc32(repr((elastic, plastic)).encode()):08x}"
         family = "_".join(("cuda", elastic[0], plastic[0], tag, *(("grip",) if model.gripped else ()), *laws))
         module = kernel_module(family, config.dtype)

@@ -13,6 +13,7 @@ from physreal_core.simulation.config import SimulationConfig
 from physreal_core.simulation.cuda.law_arrays import LawArrays
 from physreal_core.simulation.cuda.nodes import node_kernels
 from physreal_core.simulation.cuda.structs import particle_structs
+from physreal_core.simulation.grip_inertia import GripInertia, lift, lift_adjoint
 from physreal_core.simulation.parameters import Parameters
 from physreal_core.simulation.plain.grip import bond_functions
 from physreal_core.simulation.scalars import scalar_types
@@ -33,6 +34,7 @@ class BodyModel:
         controllers_bar: their adjoint, of one frame.
         laws: arrays of particles' optional laws.
         node_shapes: of what the nodes of a rollout share and has an adjoint, by name.
+        inputs: of density and force, those whose adjoint is needed.
         bars: adjoints of the state and of particles' parameters by name, each [P, ...], in the order of the kernels.
     """
 
@@ -62,7 +64,7 @@ class BodyModel:
             "load": self._repeat(load_forces(body, loads)),
             "place": self._repeat(np.arange(self.particles, dtype=np.int32)),
         }
-        self._loads = self.given["load"].clone()
+        self._loads, self._mass = self.given["load"].clone(), self.given["mass"].clone()
         self._bonds(body, grip)
         self._parameters()
         self._terms(body.x0)
@@ -79,6 +81,7 @@ class BodyModel:
 
     def _bonds(self, body: Body, grip: Grip | None) -> None:
         self.gripped = grip is not None and len(grip.particles) > 0
+        self._inertia = GripInertia(body, grip, self.device) if self.gripped else None
         self.bonds = bond_functions(self.config.dtype).Bonds()
         self.bonds.softening = self.types.scalar((1e-4 * body.spacing) ** 2)
         begin = end = np.zeros(self.particles, dtype=np.int32)
@@ -134,9 +137,11 @@ class BodyModel:
         self.bars |= self.laws.bars
         self.friction_law = self._zeros(self.rollouts, 3)
         self.node_shapes = {"friction": ()} | {name: (3,) for name in ("gravity", "friction_law") if name in terms}
-        if "density" in terms:
+        lifted = self.gripped and "gravity" in terms  # a force that depends on gravity
+        self.inputs = tuple(name for name in ("density", "force") if name in terms or (name == "force" and lifted))
+        if "density" in self.inputs:
             self.bars["mass"] = self._zeros(p)
-        if "force" in terms:
+        if "force" in self.inputs:
             self.bars["load"] = self._zeros(p, 3)
 
     # --- Warp's view --------------------------------------------------------------------------------------------
@@ -211,14 +216,25 @@ class BodyModel:
         if self.gripped:
             self.grip[:, 0], self.grip[:, 1] = parameters.grip_stiffness, parameters.grip_damping
         self._load_terms(parameters)
+        self._load_forces(parameters, timing[0])
+
+    def _load_forces(self, parameters: Parameters, dt: float) -> None:
+        """Masses and constant forces, after gravity."""
+        mass, load = (given.view(self.rollouts, self.particles, -1) for given in (self._mass, self._loads))
+        mass = mass[..., 0]
+        if parameters.density is not None:
+            mass = parameters.density * self.given["volume"].view(mass.shape)
+        if parameters.force is not None:
+            load = load + parameters.force
+        if self._inertia is not None:
+            self._added = self._inertia.mass(parameters, dt).to(mass.dtype)
+            mass, load = mass + self._added, load + lift(self._added, self.gravity)
+        self._give("mass", mass)
+        self._give("load", load)
 
     def _load_terms(self, parameters: Parameters) -> None:
         if parameters.gravity is not None:
             self.gravity.copy_(parameters.gravity)
-        if parameters.density is not None:
-            self._give("mass", parameters.density * self.given["volume"].view(self.rollouts, -1))
-        if parameters.force is not None:
-            self._give("load", self._loads + parameters.force.reshape(self._loads.shape))
         if parameters.friction_law is not None:
             self.friction_law.copy_(parameters.friction_law)
         self.laws.load(parameters)
@@ -262,6 +278,9 @@ class BodyModel:
             "grip_damping": grip[:, 1],
         }
         found |= {name: node_bars[name] for name in ("gravity", "friction_law") if name in node_bars}
+        if "gravity" in found and self.gripped:
+            pulled = own["load"].view(self.rollouts, self.particles, 3)
+            found["gravity"] = found["gravity"] + lift_adjoint(self._added, pulled)
         found |= self.laws.gradients(own)
         if "density" in self.shapes:
             found["density"] = self.given["volume"] * own["mass"]

@@ -10,6 +10,7 @@ from physreal_core.native import launch_on_threads
 from physreal_core.simulation.body import Body, Clamp, Grip, PointLoad, load_forces
 from physreal_core.simulation.box import GridBox, held_boxes, lattice_offset
 from physreal_core.simulation.config import SimulationConfig
+from physreal_core.simulation.grip_inertia import GripInertia, lift, lift_adjoint
 from physreal_core.simulation.native.frame import frame_kernels, frame_type
 from physreal_core.simulation.native.terms import INPUT_BARS, SUMS, TERM_ROWS, fill, law_bits, start_height_adjoint
 from physreal_core.simulation.native.terms import gradients as law_gradients
@@ -110,9 +111,11 @@ class NativeStepper:
             ("clamp_upper", upper),
         ):
             self._hold(name, self._numbers(array))
+        self._mass = self._held["mass"]
 
     def _set_grip(self, body: Body, grip: Grip | None) -> None:
         self.gripped = 0 if grip is None else len(np.unique(grip.particles))
+        self._inertia = GripInertia(body, grip) if self.gripped else None
         self._frame.gripped = self.gripped
         self._hold("controllers_bar", self._zeros(self.threads, 2, 0, 3))
         if not self.gripped:
@@ -241,10 +244,14 @@ class NativeStepper:
         """Take over the parameters of optional terms."""
         if parameters.gravity is not None:
             self._frame.gravity[:] = parameters.gravity.tolist()
-        if parameters.density is not None:
-            self._hold("mass", parameters.density.detach() * self._held["volume"])
-        if parameters.force is not None:
-            self._hold("load", self._loads + parameters.force.detach())
+        mass = self._mass if parameters.density is None else parameters.density.detach() * self._held["volume"]
+        load = self._loads if parameters.force is None else self._loads + parameters.force.detach()
+        if self._inertia is not None:
+            self._added = self._inertia.mass(parameters, self._frame.dt).to(self.types.torch_dtype)
+            mass = mass + self._added
+            load = load + lift(self._added, self._numbers(np.array(self._frame.gravity)))
+        self._hold("mass", mass)
+        self._hold("load", load)
         memory = rate_memory(self._body, self.config, parameters)
         self._frame.remembered = memory / (memory + 1.0)
         if self._frame.terms:
@@ -351,6 +358,8 @@ class NativeStepper:
             if f"network_{kind}" in self.shapes:
                 bars[f"latent_{kind}"] = held[f"latent_{kind}_bar"].clone()
                 bars[f"network_{kind}"] = held[f"network_{kind}_bar"].sum(0)
+        if self._inertia is not None:
+            bars["gravity"] += lift_adjoint(self._added, held["load_bar"])
         bars |= law_gradients(self.shapes, held["term_bar"], sums[6:])
         if "initial_position" in self.shapes:
             bars["initial_position"][:, 2] += start_height_adjoint(held["term_bar"])

@@ -15,6 +15,7 @@ from physreal_core.simulation.body import Body, Clamp, Grip, PointLoad, load_for
 from physreal_core.simulation.box import GridBox, held_boxes, lattice_offset
 from physreal_core.simulation.config import SimulationConfig
 from physreal_core.simulation.constitutive import ResidualConfig
+from physreal_core.simulation.grip_inertia import GripInertia, lift, lift_adjoint
 from physreal_core.simulation.parameters import Parameters
 from physreal_core.simulation.plain.friction import friction_kernels
 from physreal_core.simulation.plain.grid import grid_kernels
@@ -112,7 +113,8 @@ class PlainStepper:
         self, body: Body, grip: Grip | None, clamps: tuple[Clamp, ...], loads: tuple[PointLoad, ...]
     ) -> None:
         scalar, vec3 = self.types.scalar, self.types.vec3
-        self.mass, self.volume = self._numbers(body.mass), self._numbers(body.volume)
+        self._mass, self.volume = self._numbers(body.mass), self._numbers(body.volume)
+        self.mass = self._mass.clone()
         rounding = torch.finfo(self.types.torch_dtype).eps
         self.mass_floor = scalar(rounding**2 * body.mass.min())
         self.gravity = self._numbers(self.config.gravity)[None].contiguous()
@@ -125,8 +127,9 @@ class PlainStepper:
         self.timing = self._tensor(4)  # dt, 1 / substeps, 1 / frame time, share of the mean rate that a substep keeps
         self.box = self._tensor(6, dtype=torch.int32)
         self.status = self._tensor(2, dtype=torch.int64)
-        self.gripped, self.controllers_bar = 0, self._tensor(2, 0, 3)
+        self.gripped, self.controllers_bar, self._inertia = 0, self._tensor(2, 0, 3), None
         if grip is not None and len(grip.particles):
+            self._inertia = GripInertia(body, grip, self.device)
             gripped, first, order = grip.by_particle()
             self.gripped = len(gripped)
             points = int(grip.controllers.max()) + 1
@@ -334,13 +337,20 @@ class PlainStepper:
             self.grip[0], self.grip[1] = parameters.grip_stiffness, parameters.grip_damping
         if parameters.gravity is not None:
             self.gravity[0] = parameters.gravity
-        if parameters.density is not None:
-            self.mass.copy_(parameters.density * self.volume)
-        if parameters.force is not None:
-            self.load.copy_(self._loads + parameters.force)
-            self.force.copy_(self.load)
+        self._load_forces(parameters, timing[0])
         self.start.copy_(self._x0 if parameters.initial_position is None else parameters.initial_position)
         self.terms.load(parameters)
+
+    def _load_forces(self, parameters: Parameters, dt: float) -> None:
+        """Masses and constant forces."""
+        mass = self._mass if parameters.density is None else parameters.density * self.volume
+        load = self._loads if parameters.force is None else self._loads + parameters.force
+        if self._inertia is not None:
+            self._added = self._inertia.mass(parameters, dt).to(self.types.torch_dtype)
+            mass, load = mass + self._added, load + lift(self._added, self.gravity[0])
+        self.mass.copy_(mass)
+        self.load.copy_(load)
+        self.force.copy_(load)
 
     def keep_frames(self, holder: object, frames: int, nodes: int) -> int:
         """None: every frame is computed again for its adjoint."""
@@ -488,6 +498,8 @@ class PlainStepper:
         }
         for kind, arrays in self.networks.items():
             bars[f"latent_{kind}"], bars[f"network_{kind}"] = arrays.latent_bar.clone(), arrays.weights_bar.sum(0)
+        if self._inertia is not None:
+            bars["gravity"] = bars["gravity"] + lift_adjoint(self._added, self.load_bar)
         bars |= self.terms.gradients() | {"friction_law": self.friction_law_bar.sum(0)}
         return {name: bars[name] for name in self.shapes}
 

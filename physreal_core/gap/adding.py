@@ -14,6 +14,8 @@ from physreal_core.gap.least_squares import Fit
 from physreal_core.gap.naming import fitted_effects, temperature_of
 from physreal_core.gap.refits import Refits
 from physreal_core.gap.report import Added, Candidate, GapReport
+from physreal_core.gap.screening import Score, akin
+from physreal_core.gap.search import candidates
 from physreal_core.gap.settings import GapSettings
 
 
@@ -80,14 +82,28 @@ class Fits:
 
     def with_effects(self, names: Sequence[str]) -> Fit:
         """The best fit with these effects, added in the order in which they help."""
-        refits = Refits(self.baseline, self.evidence.train, names, self.settings)
+        kin = [other for other in candidates(self.experiments[0], self.settings) if any(akin(other, n) for n in names)]
+        refits = Refits(
+            self.baseline, self.evidence.train, (*names, *(k for k in kin if k not in names)), self.settings
+        )
         ranked, found, rest = refits.ranked(), self.baseline, set(names)
         while rest:
             scores = next(scores for scores in ranked if scores[0].start.effect in rest)
             rest.remove(scores[0].start.effect)
-            (found,) = refits.settled(refits.fitted([scores]))
+            begun = refits.fitted([scores]) if found.unknowns.effects else self._first(refits, scores, ranked)
+            found = max(refits.settled(begun), key=lambda fit: fit.log_evidence)
             ranked = refits.ranked_beside(found) if rest else []
         return found
+
+    @staticmethod
+    def _first(refits: Refits, scores: list[Score], ranked: Sequence[list[Score]]) -> list[Fit]:
+        """Fits of one effect as the search finds it: from where it was scored, and where something takes its place from there,
+        beside the material of that."""
+        name = scores[0].start.effect
+        kin = [other for other in ranked if akin(other[0].start.effect, name)]
+        own, *others = refits.fitted([scores, *kin])
+        taken = max(others, key=lambda fit: fit.log_evidence, default=own)
+        return [own, *refits.look_alikes(taken, [name])] if taken.log_evidence > own.log_evidence else [own]
 
     def candidate(self, names: Sequence[str]) -> Candidate:
         """The record of that fit."""

@@ -13,7 +13,7 @@ from dataclasses import replace
 
 import numpy as np
 
-from physreal_core.effects import EFFECTS
+from physreal_core.effects import EFFECTS, Effect
 from physreal_core.gap.experiment import starts_instead_of
 from physreal_core.gap.least_squares import Data, Fit, Request, fit, together
 from physreal_core.gap.screening import LONGEST_SHIFT, Score, Screen, akin, started
@@ -100,37 +100,44 @@ class Refits:
             requests.append(fit(unknowns, self.data, start, self._settings.iterations, [two.jacobian[:, kept]]))
         return together(requests, self.data)
 
-    def look_alikes(self, best: Fit) -> list[Fit]:
+    def look_alikes(self, best: Fit, names: Sequence[str] | None = None) -> list[Fit]:
         """Fits, from plain sizes beside the material of a single effect, of what that may have been taken for.
 
         Around a baseline that lacks them both, the tangents of one may promise nothing, while the other takes all there is.
+
+        Args:
+            best: the fit of that effect.
+            names: of the candidates, those that are fitted; all by default.
         """
-        (name,) = best.unknowns.effects
-        kin = [values for values in (*self._plain(), *self._instead(best)) if akin(values[0], name)]
-        return together(self._least(kin, best), self.data)
+        (found,) = best.unknowns.effects
+        kin = [name for name in (self._names if names is None else names) if akin(name, found)]
+        if not kin:
+            return []
+        return together(self._least([*self._plain(kin), *self._instead(kin, best)], best), self.data)
 
-    def _plain(self) -> list[tuple[str, dict[str, float]]]:
-        """Every effect from every start and to either side, one amplitude at its scale."""
-        return [(plan.effect.name, values) for plan in self.screens[0].plans for values in plan.plain()]
+    def _plain(self, names: Sequence[str]) -> list[tuple[str, dict[str, float]]]:
+        """These effects from every start and to either side, one amplitude at its scale."""
+        plans = [plan for plan in self.screens[0].plans if plan.effect.name in names]
+        return [(plan.effect.name, values) for plan in plans for values in plan.plain()]
 
-    def _instead(self, best: Fit) -> list[tuple[str, dict[str, float]]]:
-        """What acts through the terms of the effect that was found, where that says it may be."""
-        (name,), ((_, values),) = best.unknowns.effects, best.unknowns.values(best.vector).items()
+    def _instead(self, names: Sequence[str], best: Fit) -> list[tuple[str, dict[str, float]]]:
+        """These effects from where the one that was found acts, if they say that they may be what acts there."""
+        asked = [EFFECTS[name] for name in names if type(EFFECTS[name]).instead is not Effect.instead]
+        if not asked:
+            return []
+        ((other, values),) = best.unknowns.values(best.vector).items()
         trial, found = best.unknowns.trial(best.vector), []
-        kin = [EFFECTS[other] for other in self._names if akin(other, name)]
-        for experiment in self.data.experiments if kin else ():
+        for experiment in self.data.experiments:
             motion = experiment.motion(trial)
-            for effect in kin:
+            for effect in asked:
                 dormant = {c.name: c.dormant for c in effect.coefficients}
-                starts = starts_instead_of(experiment, effect, EFFECTS[name], values, motion)
+                starts = starts_instead_of(experiment, effect, EFFECTS[other], values, motion)
                 found += [(effect.name, {**dormant, **start}) for start in starts]
         return found
 
     def _least(self, chosen: Sequence[tuple[str, dict[str, float]]], beside: Fit) -> list[Request]:
         """Of every effect the fit from those values that come closest once the material of another fit goes along, as the
         tangents there say: as it is, a modulus hides what a place gains."""
-        if not chosen:
-            return []
         own, begun = self.baseline.unknowns, []
         material, known = beside.vector[: own.baseline], beside.jacobian[:, : own.baseline]
         for name, values in chosen:
@@ -140,15 +147,17 @@ class Refits:
         pulls = known.T @ residuals + (own.block.precision @ (material - own.block.mean))[:, None]
         shifts = -np.linalg.solve(known.T @ known + own.block.precision, pulls)
         energies = np.nan_to_num(0.5 * (residuals**2).sum(0) + 0.5 * (pulls * shifts).sum(0), nan=np.inf)
-        least: dict[str, Request] = {}
+        least: dict[str, int] = {}
         for number in np.argsort(energies, kind="stable").tolist():
+            least.setdefault(chosen[number][0], number)
+        requests = []
+        for number in least.values():
             unknowns, vector = begun[number]
             starts = np.stack([vector, vector])
             starts[1, : own.baseline] += np.clip(shifts[:, number], -LONGEST_SHIFT, LONGEST_SHIFT)
             starts = np.clip(starts, unknowns.block.lower, unknowns.block.upper)
-            request = fit(unknowns, self.data, starts, self._settings.iterations, [known, known])
-            least.setdefault(unknowns.effects[0], request)
-        return list(least.values())
+            requests.append(fit(unknowns, self.data, starts, self._settings.iterations, [known, known]))
+        return requests
 
     def begins_afar(self, effect: str) -> bool:
         """Whether fits of an effect begin far from the baseline, too, because tangents there do not lead to it."""

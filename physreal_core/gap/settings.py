@@ -26,7 +26,7 @@ class GapSettings:
         model_error: size and smoothness of the simulator's own error.
         priors: widths, in free coordinates.
         prior_none: probability that nothing is missing, before looking.
-        prior_pair: probability of two effects, given that something is missing; they are looked for where one leaves much.
+        prior_pair: probability of two effects, given that something is missing.
         temperature: by which gains are divided before they become probabilities, at least.
         misfit: share of the best gain that the temperature is at least, for the simulator's answer to an effect is some per cent
             off, and a wrong one gains as much by imitating what is off.

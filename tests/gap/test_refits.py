@@ -1,5 +1,6 @@
 """Where fits of candidates begin and end, in a linear world."""
 
+from dataclasses import replace
 from types import SimpleNamespace
 
 import numpy as np
@@ -7,7 +8,9 @@ import pytest
 
 from physreal_core.effects import EFFECTS
 from physreal_core.gap import GapSettings
+from physreal_core.gap.adding import Fits
 from physreal_core.gap.least_squares import Data
+from physreal_core.gap.noise import ModelError
 from physreal_core.gap.refits import Refits
 from tests.gap.linear import ANSWERS, LinearExperiment, MadeUp, baseline, register
 
@@ -90,22 +93,36 @@ class Late(LinearExperiment):
         return super()._one(SimpleNamespace(fields=trial.fields, effects=effects))
 
 
-def test_what_another_of_the_same_term_may_stand_for_is_found_from_a_plain_size_beside_it(monkeypatch):
-    """Its tangents promise nothing, and so nothing comes of a fit from them."""
+@pytest.fixture
+def late(monkeypatch) -> Late:
+    """`sink` is missing, far from where its tangents are taken, and `slump`, of the same term, is not."""
     for name in ("sink", "slump"):
         effect = MadeUp(name, EFFECTS["sink"].coefficients)
         effect.terms = ("weight",)
         monkeypatch.setitem(EFFECTS, name, effect)
-    experiment = Late({**ANSWERS, "slump": ANSWERS["sink"]}, {"sink": {"amount": FAR}})
-    data = Data([experiment], [experiment.noise()])
-    found = Refits(baseline(experiment, data), data, ("sink", "slump", "drift"), SETTINGS)
+    return Late({**ANSWERS, "slump": ANSWERS["sink"]}, {"sink": {"amount": FAR}})
+
+
+def test_what_another_of_the_same_term_may_stand_for_is_found_from_a_plain_size_beside_it(late):
+    """Its tangents promise nothing, and so nothing comes of a fit from them."""
+    data = Data([late], [late.noise()])
+    found = Refits(baseline(late, data), data, ("sink", "slump", "drift"), SETTINGS)
     fits = {fit.unknowns.effects[0]: fit for fit in found.settled(found.fitted(found.ranked()))}
     kin = found.settled(found.look_alikes(fits["slump"]))
     assert [fit.unknowns.effects for fit in kin] == [("sink",)]
     assert kin[0].unknowns.values(kin[0].vector)["sink"]["amount"] == pytest.approx(FAR, abs=0.05)
     assert kin[0].log_evidence > fits["slump"].log_evidence + 10.0
     assert fits["slump"].log_evidence > fits["sink"].log_evidence + 10.0
-    assert found.look_alikes(fits["drift"]) == []
+    assert found.look_alikes(fits["drift"]) == [] == found.look_alikes(fits["slump"], ["drift"])
+
+
+def test_what_is_added_is_fitted_from_where_the_search_finds_it(late):
+    """Though only the effect that is added is named, and not what takes its place at first."""
+    settings = replace(SETTINGS, candidates=("sink", "slump", "drift"), model_error=ModelError(rms=3e-4, moved=1e-4))
+    fits = Fits([late], settings, lambda message: None)
+    added = fits.with_effects(["sink"])
+    assert added.unknowns.effects == ("sink",)
+    assert added.unknowns.values(added.vector)["sink"]["amount"] == pytest.approx(FAR, abs=0.05)
 
 
 class Barrier(LinearExperiment):

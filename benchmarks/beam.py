@@ -1,6 +1,6 @@
 """A real gap: what does an elastic model of the silicone beam lack? `python -m benchmarks.beam [--data FOLDER] [--out FOLDER]`
 
-The search sees the first 0.6 s of gravity_V2_a after the release and compares on the next second. The named effect, with the numbers
+The search sees the first 2 s of gravity_V2_a after the release and compares on the next second. The named effect, with the numbers
 fitted there, then predicts all four recordings as a whole, three of which no fit has seen and two of which carry a load.
 Writes beam.json, beam.md and beam.svg; says so and does nothing where the recordings are not at hand.
 """

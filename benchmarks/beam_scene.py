@@ -33,14 +33,14 @@ class Cut:
         patches: places of the material field along the beam.
         every: frames kept, of 100 a second: every second one leaves six in a swing of the unloaded beam.
         duration: from the release on [s]; None for the whole recording.
-        train: part of it that fits see [s]: four and a half swings of the unloaded beam.
+        train: part of it that fits see [s]: until the unloaded beam hangs still.
     """
 
     spacing: float = 0.005
     patches: int = 3
     every: int = 2
-    duration: float | None = 1.6
-    train: float = 0.6
+    duration: float | None = 3.0
+    train: float = 2.0
 
 
 def recordings_in(folder: Path) -> dict[str, Path]:

@@ -29,5 +29,5 @@ class FitPatches(StageParameters):
     poissons_ratio: PatchPoissonsRatio = Field(PatchPoissonsRatio(), description="nu^k")
     losses: Losses = Field(Losses(), description="")
     masks: Masks = Field(Masks(), description="")
-    descent: Descent = Field(Descent(iterations=14, every_term=True), description="")
+    descent: Descent = Field(Descent(iterations=14, every_term=True, slack=0.02), description="")
     device: Device = device_field()

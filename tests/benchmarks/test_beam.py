@@ -105,5 +105,5 @@ def test_recordings_become_interactions_with_the_load_s_mass(files):
 def test_search_names_the_missing_dissipation_of_the_real_beam(files):
     settings = dataclasses.replace(beam.SETTINGS, candidates=("kelvin_voigt", "fibres", "frame_rate"))
     # not COARSE: its cells damp the swing as much as the silicone does
-    report = beam.find_gap([experiment_of(files[FITTED], Cut(duration=1.2))], settings)
+    report = beam.find_gap([experiment_of(files[FITTED], Cut(duration=1.2, train=0.6))], settings)
     assert report.verdict.names == ("kelvin_voigt",) and beam.dissipation(report)["any"] > 0.9

@@ -58,9 +58,8 @@ class Twin:
     def step(self, dt: float, force: np.ndarray) -> None:
         """One substep under forces on the particles [N, 3]."""
         dx, mass = self.body.cell, self.body.mass + self.added_mass
-        force = force - np.multiply.outer(
-            np.broadcast_to(self.added_mass, len(mass)), self.gravity
-        )  # it weighs nothing
+        # the added mass has no weight
+        force = force - np.multiply.outer(np.broadcast_to(self.added_mass, len(mass)), self.gravity)
         momentum, nodal_mass = {}, {}
         for p in range(len(self.x)):
             tau = self.stress(p)

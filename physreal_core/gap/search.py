@@ -143,7 +143,7 @@ class Search:
         return best is not None and self.evidence.excess(best) > max(self.threshold, self._remainder(best))
 
     def _second_is_promised(self) -> bool:
-        """Whether a second effect promises to make two more probable than the best one alone, whatever that leaves."""
+        """Whether a second effect promises to bring two into the class of the best one alone, whatever that leaves."""
         best = self._best(self.threshold)
         if best is None:
             return False

@@ -61,7 +61,7 @@ class GapSettings:
     prior_pair: float = 0.1
     temperature: float = 9.0
     misfit: float = 0.1
-    remainder: float = 0.03
+    remainder: float = 0.01
     held_out_share: float = 0.5
     held_out_loss: float = 0.5
     class_ratio: float = 0.1

@@ -22,7 +22,7 @@ from physreal_core.simulation.parameters import Parameters
 
 
 class GripInertia:
-    """The added mass of one body in one grip.
+    """The added mass of one body in one grip, for one rollout or for many.
 
     Args:
         body, grip: as for `Simulator`.
@@ -34,24 +34,36 @@ class GripInertia:
         stiffness = np.bincount(grip.particles, grip.weights / grip.rest_lengths, count)
         damping = np.bincount(grip.particles, grip.weights, count)
         self._per_unit = torch.as_tensor(np.stack([stiffness, damping]), device=device)
+        self._added = torch.zeros(count)
+
+    def add(
+        self,
+        mass: Float[Tensor, "*rollouts particles"],
+        force: Float[Tensor, "*rollouts particles 3"],
+        gravity: Float[Tensor, "*rollouts 3"],
+        parameters: Parameters,
+        dt: float,
+    ) -> tuple[Tensor, Tensor]:
+        """Mass [kg] and constant force [N] of every particle with the added mass and what takes its weight off.
+
+        Args:
+            mass, force: without it.
+            gravity: [m/s2]; acts on the grid, on all its mass.
+            parameters: with the grip's stiffness and damping.
+            dt: substep [s].
+        """
+        self._added = added = self.mass(parameters, dt).to(mass.dtype)
+        return mass + added, force - added[..., None] * gravity[..., None, :]
+
+    def gravity_adjoint(self, force_bar: Float[Tensor, "*rollouts particles 3"]) -> Float[Tensor, "*rollouts 3"]:
+        """What the last `add` gives to the adjoint of gravity, for the adjoint of its force."""
+        return -(self._added[..., None] * force_bar).sum(-2)
 
     def mass(self, parameters: Parameters, dt: float) -> Float[Tensor, "*rollouts particles"]:
-        """Added mass a [kg] of every particle for substeps of dt [s], of one rollout or of many."""
+        """Added mass a [kg] of every particle for substeps of dt [s]."""
         stiffness, damping = (_power_above(p)[..., None] for p in (parameters.grip_stiffness, parameters.grip_damping))
         per_stiffness, per_damping = self._per_unit
         return 0.5 * dt**2 * stiffness * per_stiffness + dt * damping * per_damping
-
-
-def lift(
-    mass: Float[Tensor, "*shape particles"], gravity: Float[Tensor, "*shape 3"]
-) -> Float[Tensor, "*shape particles 3"]:
-    """Force [N] that takes the weight off an added mass, on which gravity [m/s2] acts as on any mass of the grid."""
-    return -mass[..., None] * gravity[..., None, :]
-
-
-def lift_adjoint(mass: Float[Tensor, "*shape particles"], force_bar: Float[Tensor, "*shape particles 3"]) -> Tensor:
-    """Adjoint of gravity in `lift`, shape [*shape, 3]."""
-    return -(mass[..., None] * force_bar).sum(-2)
 
 
 def _power_above(value: Tensor) -> Tensor:

@@ -13,7 +13,7 @@ from physreal_core.simulation.config import SimulationConfig
 from physreal_core.simulation.cuda.law_arrays import LawArrays
 from physreal_core.simulation.cuda.nodes import node_kernels
 from physreal_core.simulation.cuda.structs import particle_structs
-from physreal_core.simulation.grip_inertia import GripInertia, lift, lift_adjoint
+from physreal_core.simulation.grip_inertia import GripInertia
 from physreal_core.simulation.parameters import Parameters
 from physreal_core.simulation.plain.grip import bond_functions
 from physreal_core.simulation.scalars import scalar_types
@@ -227,8 +227,7 @@ class BodyModel:
         if parameters.force is not None:
             load = load + parameters.force
         if self._inertia is not None:
-            self._added = self._inertia.mass(parameters, dt).to(mass.dtype)
-            mass, load = mass + self._added, load + lift(self._added, self.gravity)
+            mass, load = self._inertia.add(mass, load, self.gravity, parameters, dt)
         self._give("mass", mass)
         self._give("load", load)
 
@@ -278,9 +277,9 @@ class BodyModel:
             "grip_damping": grip[:, 1],
         }
         found |= {name: node_bars[name] for name in ("gravity", "friction_law") if name in node_bars}
-        if "gravity" in found and self.gripped:
+        if "gravity" in found and self._inertia is not None:
             pulled = own["load"].view(self.rollouts, self.particles, 3)
-            found["gravity"] = found["gravity"] + lift_adjoint(self._added, pulled)
+            found["gravity"] = found["gravity"] + self._inertia.gravity_adjoint(pulled)
         found |= self.laws.gradients(own)
         if "density" in self.shapes:
             found["density"] = self.given["volume"] * own["mass"]

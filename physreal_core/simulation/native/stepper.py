@@ -10,7 +10,7 @@ from physreal_core.native import launch_on_threads
 from physreal_core.simulation.body import Body, Clamp, Grip, PointLoad, load_forces
 from physreal_core.simulation.box import GridBox, held_boxes, lattice_offset
 from physreal_core.simulation.config import SimulationConfig
-from physreal_core.simulation.grip_inertia import GripInertia, lift, lift_adjoint
+from physreal_core.simulation.grip_inertia import GripInertia
 from physreal_core.simulation.native.frame import frame_kernels, frame_type
 from physreal_core.simulation.native.terms import INPUT_BARS, SUMS, TERM_ROWS, fill, law_bits, start_height_adjoint
 from physreal_core.simulation.native.terms import gradients as law_gradients
@@ -241,15 +241,14 @@ class NativeStepper:
         self._load_inputs(parameters)
 
     def _load_inputs(self, parameters: Parameters) -> None:
-        """Take over the parameters of optional terms."""
+        """Take over masses, constant forces and what the optional terms need."""
         if parameters.gravity is not None:
             self._frame.gravity[:] = parameters.gravity.tolist()
         mass = self._mass if parameters.density is None else parameters.density.detach() * self._held["volume"]
         load = self._loads if parameters.force is None else self._loads + parameters.force.detach()
         if self._inertia is not None:
-            self._added = self._inertia.mass(parameters, self._frame.dt).to(self.types.torch_dtype)
-            mass = mass + self._added
-            load = load + lift(self._added, self._numbers(np.array(self._frame.gravity)))
+            gravity = self._numbers(np.array(self._frame.gravity))
+            mass, load = self._inertia.add(mass, load, gravity, parameters, self._frame.dt)
         self._hold("mass", mass)
         self._hold("load", load)
         memory = rate_memory(self._body, self.config, parameters)
@@ -359,7 +358,7 @@ class NativeStepper:
                 bars[f"latent_{kind}"] = held[f"latent_{kind}_bar"].clone()
                 bars[f"network_{kind}"] = held[f"network_{kind}_bar"].sum(0)
         if self._inertia is not None:
-            bars["gravity"] += lift_adjoint(self._added, held["load_bar"])
+            bars["gravity"] += self._inertia.gravity_adjoint(held["load_bar"])
         bars |= law_gradients(self.shapes, held["term_bar"], sums[6:])
         if "initial_position" in self.shapes:
             bars["initial_position"][:, 2] += start_height_adjoint(held["term_bar"])

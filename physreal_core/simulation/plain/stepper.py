@@ -15,7 +15,7 @@ from physreal_core.simulation.body import Body, Clamp, Grip, PointLoad, load_for
 from physreal_core.simulation.box import GridBox, held_boxes, lattice_offset
 from physreal_core.simulation.config import SimulationConfig
 from physreal_core.simulation.constitutive import ResidualConfig
-from physreal_core.simulation.grip_inertia import GripInertia, lift, lift_adjoint
+from physreal_core.simulation.grip_inertia import GripInertia
 from physreal_core.simulation.parameters import Parameters
 from physreal_core.simulation.plain.friction import friction_kernels
 from physreal_core.simulation.plain.grid import grid_kernels
@@ -346,8 +346,7 @@ class PlainStepper:
         mass = self._mass if parameters.density is None else parameters.density * self.volume
         load = self._loads if parameters.force is None else self._loads + parameters.force
         if self._inertia is not None:
-            self._added = self._inertia.mass(parameters, dt).to(self.types.torch_dtype)
-            mass, load = mass + self._added, load + lift(self._added, self.gravity[0])
+            mass, load = self._inertia.add(mass, load, self.gravity[0], parameters, dt)
         self.mass.copy_(mass)
         self.load.copy_(load)
         self.force.copy_(load)
@@ -499,7 +498,7 @@ class PlainStepper:
         for kind, arrays in self.networks.items():
             bars[f"latent_{kind}"], bars[f"network_{kind}"] = arrays.latent_bar.clone(), arrays.weights_bar.sum(0)
         if self._inertia is not None:
-            bars["gravity"] = bars["gravity"] + lift_adjoint(self._added, self.load_bar)
+            bars["gravity"] = bars["gravity"] + self._inertia.gravity_adjoint(self.load_bar)
         bars |= self.terms.gradients() | {"friction_law": self.friction_law_bar.sum(0)}
         return {name: bars[name] for name in self.shapes}
 

@@ -109,7 +109,7 @@ def _priors(settings: GapSettings, library: int) -> tuple[float, float, float]:
 def worth_of_a_second(gain: float, settings: GapSettings, library: int) -> float:
     """What a second effect must gain beyond a best one of this gain, for two to belong to the class [nat]."""
     _, single, pair = _priors(settings, library)
-    return second_temperature_of(gain, settings) * float(np.log(settings.class_ratio * single / pair))
+    return second_temperature_of(gain, settings) * max(0.0, float(np.log(settings.class_ratio * single / pair)))
 
 
 def temperature_of(best_gain: float, settings: GapSettings) -> float:

@@ -48,6 +48,10 @@ def test_a_second_is_worth_looking_for_from_where_two_belong_to_the_class(class_
         assert found[2] == pytest.approx(class_ratio * found[1], rel=0.5)  # the temperature is that of the larger gain
 
 
+def test_among_two_candidates_any_second_may_be_in_the_class():
+    assert worth_of_a_second(100.0, GapSettings(class_ratio=0.1), 2) == 0.0
+
+
 def test_a_single_is_divided_as_if_there_were_no_pairs():
     singles = {NONE: 0.0, WIND: 1000.0, PAYLOAD: 900.0}
     alone = chances([*map(len, singles)], np.array([*singles.values()]), GapSettings(), LIBRARY)

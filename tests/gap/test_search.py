@@ -38,10 +38,13 @@ def test_where_the_best_leaves_much_all_are_fitted_and_then_two():
     assert gains["sink", "drift"] > max(gains["sink",], gains["drift",]) + 20.0
 
 
-@pytest.mark.parametrize(("class_ratio", "two"), [(0.1, True), (1.0, False)])
-def test_two_are_fitted_where_they_may_be_in_the_class_though_the_best_leaves_nothing_beyond_noise(class_ratio, two):
+@pytest.mark.parametrize(("temperature", "class_ratio", "two"), [(1.0, 1.0, True), (9.0, 1.0, False), (9.0, 0.1, True)])
+def test_two_are_fitted_where_they_may_be_in_the_class_though_the_best_leaves_nothing_beyond_noise(
+    temperature, class_ratio, two
+):
     """A model error that has room for what the best leaves."""
-    wide = replace(SETTINGS, model_error=ModelError(rms=1e-3, moved=1e-4), class_ratio=class_ratio)
+    error = ModelError(rms=1e-3, moved=1e-4)
+    wide = replace(SETTINGS, model_error=error, temperature=temperature, class_ratio=class_ratio)
     found = search(BOTH, wide)
     (best, *_) = found._ordered()
     assert best.unknowns.effects == ("sink",) and found.evidence.excess(best) < found.threshold

@@ -12,6 +12,7 @@ from queue import SimpleQueue
 
 from benchmarks.gap.cases import GapCase
 from benchmarks.gap.files import read_json
+from physreal_core.simulation.cuda.stepper import CARD_SHARE
 
 
 @dataclass(frozen=True)
@@ -80,6 +81,7 @@ def card_share(number: int, cards: int) -> str:
 def _run(case: GapCase, run: Run, place: int, deadline: float | None) -> str:
     """Runs one case, at one of the places for `jobs` of them, and says how it ended."""
     cores, card = core_share(place, run.jobs), card_share(place, run.cards)
+    limits = environment(len(cores), card, min(1.0, run.cards / run.jobs))
     left = None if deadline is None else deadline - time.monotonic()
     if left is not None and left <= 0:
         return "not begun, time is up"
@@ -88,7 +90,7 @@ def _run(case: GapCase, run: Run, place: int, deadline: float | None) -> str:
     command = [sys.executable, "-m", run.module, str(run.folder), case.name, *run.arguments]
     begun = time.monotonic()
     with (own / "log.txt").open("a") as log:
-        process = subprocess.Popen(command, stdout=log, stderr=log, env=_environment(len(cores), card))
+        process = subprocess.Popen(command, stdout=log, stderr=log, env=os.environ | limits)
         if hasattr(os, "sched_setaffinity"):
             os.sched_setaffinity(process.pid, cores)
         try:
@@ -109,6 +111,8 @@ def _outcome(own: Path) -> str:
     return f"{verdict['kind']} {named} ({verdict['probability']:.2f})"
 
 
-def _environment(threads: int, card: str) -> dict[str, str]:
+def environment(threads: int, card: str, share: float) -> dict[str, str]:
+    """Environment variables of a job: its threads, its card and, unless that is set, its share of the card's memory."""
     limits = dict.fromkeys(("OMP_NUM_THREADS", "OPENBLAS_NUM_THREADS", "MKL_NUM_THREADS"), str(threads))
-    return os.environ | limits | {"OMP_WAIT_POLICY": "PASSIVE", "CUDA_VISIBLE_DEVICES": card}
+    limits |= {"OMP_WAIT_POLICY": "PASSIVE", "CUDA_VISIBLE_DEVICES": card}
+    return limits | ({CARD_SHARE: os.environ.get(CARD_SHARE, f"{share:.3g}")} if card else {})

@@ -21,6 +21,7 @@ CLAMP_DEPTH = 0.25
 Found from the stretch of a hanging bar, whose upper end seems to be held this far behind the last held node.
 """
 LARGEST_EDGE = 400  # nodes; a body that needs more than this has run away
+SMALLEST_LIMIT = 1 << 20  # nodes
 
 
 @dataclass(frozen=True)
@@ -55,6 +56,11 @@ def lattice_offset(body: Body, ground_height: float | None, clamps: tuple[Clamp,
     return offset
 
 
+def largest_box(particles: int) -> int:
+    """Nodes of a box beyond which the body in it has run away: 512 times those that it fills, eight particles to a cell."""
+    return max(SMALLEST_LIMIT, 64 * particles)
+
+
 def held_boxes(clamps: tuple[Clamp, ...], cell: float) -> tuple[Float[Array, "clamps 3"], Float[Array, "clamps 3"]]:
     """Corners of the boxes whose nodes are held [m], each [number of clamps, 3]: to the nearest layer of nodes."""
     reach = (CLAMP_DEPTH + 0.5) * cell
@@ -78,7 +84,12 @@ def box_corners(
 
 
 def grid_box(
-    lower: Float[Array, "3"], upper: Float[Array, "3"], margin: float, cell: float, offset: Float[Array, "3"]
+    lower: Float[Array, "3"],
+    upper: Float[Array, "3"],
+    margin: float,
+    cell: float,
+    offset: Float[Array, "3"],
+    largest: int,
 ) -> GridBox | None:
     """Box that holds all 27 nodes of every position within `margin` [m] of lower .. upper; None if it is too large.
 
@@ -87,8 +98,9 @@ def grid_box(
         margin: distance by which they may miss it [m].
         cell: dx [m].
         offset: position of lattice node (0, 0, 0) [m].
+        largest: nodes that it may have, see `largest_box`.
     """
     first, count = box_corners(lower, upper, margin, cell, offset)
-    if not np.isfinite(count).all() or count.max() > LARGEST_EDGE:
+    if not np.isfinite(count).all() or count.max() > LARGEST_EDGE or count.prod() > largest:
         return None
     return GridBox(tuple(int(i) for i in first), tuple(int(c) for c in count))

@@ -14,7 +14,7 @@ import torch
 from physreal_core.array_types import Array, Float, Tensor
 from physreal_core.errors import SimulationError
 from physreal_core.simulation.body import Body
-from physreal_core.simulation.box import GridBox, grid_box
+from physreal_core.simulation.box import GridBox, grid_box, largest_box
 from physreal_core.simulation.config import SimulationConfig
 from physreal_core.simulation.parameters import Parameters
 from physreal_core.simulation.stepper import State, Stepper
@@ -141,7 +141,7 @@ class Frames:
         stepper = self.stepper
         lower, upper, margin = self._motion_bound(state[0], state[1], points)
         for _ in range(ATTEMPTS):
-            box = grid_box(lower, upper, margin, stepper.cell, stepper.offset)
+            box = grid_box(lower, upper, margin, stepper.cell, stepper.offset, largest_box(stepper.particles))
             if box is None:
                 particle = int(state[1].norm(dim=1).argmax())
                 raise SimulationError("the body runs away", frame=frame, substep=0, particle=particle)

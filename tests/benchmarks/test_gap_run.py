@@ -11,9 +11,10 @@ from benchmarks.gap import case as one_case
 from benchmarks.gap import rgbd
 from benchmarks.gap.cases import GapCase
 from benchmarks.gap.results import write_results
-from benchmarks.gap.run import Run, card_share, core_share, run_cases
+from benchmarks.gap.run import Run, card_share, core_share, environment, run_cases
 from benchmarks.gap.settings import load_settings
 from physreal_core.errors import InputError
+from physreal_core.simulation.cuda.stepper import CARD_SHARE
 from pipeline.cli import main
 from pipeline.project import Project
 
@@ -61,6 +62,15 @@ def test_jobs_share_the_cards_that_are_visible(monkeypatch, visible, cards, expe
     if visible:
         monkeypatch.setenv("CUDA_VISIBLE_DEVICES", visible)
     assert [card_share(number, cards) for number in range(3)] == expected
+
+
+def test_jobs_share_the_memory_of_their_card(monkeypatch):
+    monkeypatch.delenv(CARD_SHARE, raising=False)
+    assert environment(3, "1", 2 / 44)[CARD_SHARE] == "0.0455"
+    assert environment(3, "1", 2 / 44)["CUDA_VISIBLE_DEVICES"] == "1"
+    assert CARD_SHARE not in environment(3, "", 0.0)
+    monkeypatch.setenv(CARD_SHARE, "0.02")
+    assert environment(3, "1", 2 / 44)[CARD_SHARE] == "0.02"
 
 
 def test_the_search_is_called_when_the_truth_is_out_of_its_sight(tmp_path, monkeypatch):

@@ -96,6 +96,15 @@ def test_a_runaway_body_is_an_error():
         )
 
 
+def test_a_body_whose_box_is_huge_has_run_away():
+    """Each edge would do, but not all three: the nodes would fill the memory."""
+    config, metres = SimulationConfig(fps=10, gravity=(0.0, 0.0, 0.0), ground_height=None), torch.ones(1, 3)
+    simulator = Simulator(block((3, 3, 3)), config)
+    simulator.rollout(parameters(initial_velocity=5.0 * metres), torch.zeros(2, 0, 3))
+    with pytest.raises(SimulationError, match="runs away"):
+        simulator.rollout(parameters(initial_velocity=8.5 * metres), torch.zeros(2, 0, 3))
+
+
 def test_same_numbers_twice_and_with_or_without_gradient():
     body = block((4, 4, 3))
     simulator = Simulator(body, SimulationConfig(fps=60))

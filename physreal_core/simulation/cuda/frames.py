@@ -13,7 +13,7 @@ import torch
 from physreal_core.array_types import Array, Float, Int, Tensor
 from physreal_core.errors import SimulationError
 from physreal_core.simulation.body import Body
-from physreal_core.simulation.box import LARGEST_EDGE, box_corners
+from physreal_core.simulation.box import LARGEST_EDGE, box_corners, largest_box
 from physreal_core.simulation.config import SimulationConfig
 from physreal_core.simulation.cuda.report import bounds
 from physreal_core.simulation.cuda.stepper import CudaStepper
@@ -79,6 +79,7 @@ class CudaFrames:
         self.config, self.stepper, self._substeps = config, stepper, substeps
         self._x0 = torch.tensor(body.x0, dtype=stepper.types.torch_dtype, device=config.device)
         self._gravity: PerRollout = float(np.linalg.norm(config.gravity))  # of the rollouts under way
+        self._largest = min(largest_box(stepper.particles), stepper.most_nodes)
         self._box_rows: np.ndarray | None = None
 
     # --- forward ------------------------------------------------------------------------------------------------
@@ -198,6 +199,8 @@ class CudaFrames:
     def _room(self, frame: int, nodes: int, record: CudaRecord, course: _Course) -> int | None:
         """Make room for the frame; its number among the kept ones, None if it is not kept."""
         stepper = self.stepper
+        if frame == 0:
+            stepper.release(nodes)
         if frame == 0 and course.kept_frames:
             record.kept = stepper.keep_frames(record, course.kept_frames, nodes)
         course.moved |= stepper.reserve(2, nodes)  # where that moves arrays, nothing is held any more
@@ -226,7 +229,7 @@ class CudaFrames:
         """Nodes of a rollout and boxes [R, 6] of one shape; a rollout that needs too large a one has failed."""
         stepper = self.stepper
         first, count = box_corners(motion[:, :3], motion[:, 3:6], margins, stepper.cell, stepper.offset)
-        fits = np.isfinite(count).all(1) & (count.max(1) <= LARGEST_EDGE)
+        fits = self._fitting(count)
         for rollout, failure in enumerate(record.failures):
             if failure is None and not fits[rollout]:
                 particle = int(v[rollout].norm(dim=1).argmax())
@@ -242,6 +245,14 @@ class CudaFrames:
         if self._box_rows is None or not np.array_equal(rows, self._box_rows):
             self._box_rows, self._box = rows, torch.tensor(rows, device=self._x0.device)
         return int(rows[0, 3:].prod()), self._box
+
+    def _fitting(self, count: Float[Array, "rollouts 3"]) -> np.ndarray:
+        """Whose boxes are small enough, shape [R], also for the one shape that all of them get: the largest do not fit."""
+        fits = np.isfinite(count).all(1) & (count.max(1) <= LARGEST_EDGE)
+        nodes = np.where(fits, count.prod(1), 0.0)
+        while fits.any() and count[fits].max(0).prod() > self._largest:
+            fits[np.where(fits, nodes, -1.0).argmax()] = False
+        return fits
 
     def _judge(self, frame: int, keys: Int[Array, "rollouts 2"], record: CudaRecord, last: bool) -> np.ndarray:
         """Put down which rollouts have failed; returns whose particles only need a larger box, shape [R]."""

@@ -5,10 +5,13 @@ and frames that are kept. Rollouts, states and gradients are given and taken in 
 CPU too, launch by launch, for the tests.
 """
 
+import os
+
 import torch
 import warp as wp
 
 from physreal_core.array_types import Array, Int
+from physreal_core.errors import InputError
 from physreal_core.simulation.body import Body, Clamp, Grip, PointLoad
 from physreal_core.simulation.box import LARGEST_EDGE, lattice_offset
 from physreal_core.simulation.config import SimulationConfig
@@ -23,8 +26,28 @@ from physreal_core.simulation.touch import Touch
 KEPT_SHARE = 0.25
 """Share of a GPU's memory for frames whose substeps are kept for the backward pass. 20 frames of 50 substeps of 20 000
 particles take 3 GB; images and networks of a fit want the rest. On the CPU nothing is kept."""
+CARD_SHARE = "PHYSREAL_CARD_SHARE"
+"""Environment variable: share of a GPU that this process may use, 1 by default. Half of it goes to kept frames at most."""
+LARGEST_STRIDE = 2**31 - 1  # bytes from one slot to the next: Warp's arrays have them as 32-bit integers
 NODE_RESERVE = 1.2  # boxes grow as a body deforms, and new arrays mean new graphs
+ROOMY = 16  # arrays for boxes of so many times the nodes are given back when a rollout begins
 GRAPHS = 12  # kept at once; each number of substeps needs up to four
+
+
+def kept_bytes_of(device: str) -> int:
+    """Memory of a GPU for kept frames.
+
+    Raises:
+        InputError: `CARD_SHARE` is no share.
+    """
+    given = os.environ.get(CARD_SHARE, "1")
+    try:
+        share = float(given)
+    except ValueError:
+        share = 0.0
+    if not 0.0 < share <= 1.0:
+        raise InputError(f"{given!r} is no share of a GPU", where=CARD_SHARE, expected="a number above 0 and at most 1")
+    return int(min(KEPT_SHARE, 0.5 * share) * torch.cuda.get_device_properties(device).total_memory)
 
 
 class CudaStepper:
@@ -37,6 +60,7 @@ class CudaStepper:
         shapes: full shape of every parameter in use by name, without the axis of rollouts.
         order: the caller's number (rollout x particles + particle) of each particle, shape [P].
         kept_bytes: memory that kept frames may take.
+        most_nodes: of a rollout's box, so that all fit into arrays.
         inner_shape: of what a particle carries beside x, v and F, see `terms.inner_shape`.
         holder: whose frames are kept; None if nobody's.
     """
@@ -57,9 +81,8 @@ class CudaStepper:
         self.model = BodyModel(body, config, grip, clamps, loads, rollouts, self.offset)
         self.shapes, self.inner_shape = self.model.shapes, inner_shape(config.terms)
         self.substeps = self.slots = self.nodes = self.kept_slots = 0
-        self.kept_bytes = 0
-        if self.device != "cpu":
-            self.kept_bytes = int(KEPT_SHARE * torch.cuda.get_device_properties(self.device).total_memory)
+        self.kept_bytes = 0 if self.device == "cpu" else kept_bytes_of(self.device)
+        self.most_nodes = int(LARGEST_STRIDE / (NODE_RESERVE * 4 * self.types.torch_dtype.itemsize * rollouts))
         self.holder: object | None = None
         self.order = torch.arange(rollouts * self.particles, device=self.device)
         self._report = torch.zeros(rollouts, COLUMNS, dtype=torch.int64, device=self.device)
@@ -87,15 +110,32 @@ class CudaStepper:
             nodes: nodes of the first frame's box.
 
         Returns:
-            How many will be kept.
+            How many will be kept: fewer where others have taken the memory.
         """
         kept = min(frames, self.kept_bytes // self.frame_bytes(nodes))
         self.holder, self.kept_slots = None, 0
-        slots = kept * (self.substeps + 1)
-        self.reserve(slots + (2 if kept == frames else self.substeps + 1), nodes)
+        while True:
+            slots = kept * (self.substeps + 1)
+            try:
+                self.reserve(slots + (2 if kept == frames else self.substeps + 1), nodes)
+                break
+            except torch.OutOfMemoryError:
+                if not kept:
+                    raise
+                kept //= 2
         if kept:
             self.holder, self.kept_slots = holder, slots
         return kept
+
+    def release(self, nodes: int) -> None:
+        """Give back arrays for boxes many times as large as `nodes` nodes: a rollout before this one nearly ran away."""
+        if self.nodes > ROOMY * nodes:
+            self._forget()
+
+    def _forget(self) -> None:
+        self.holder, self._launches = None, None
+        self.kept_slots = self.slots = self.nodes = 0
+        self._graphs.clear()
 
     def reserve(self, working: int, nodes: int) -> bool:
         """Make room for `working` slots and for boxes of so many nodes; whether arrays moved, and all states are lost."""
@@ -104,13 +144,11 @@ class CudaStepper:
         self.holder, self.kept_slots = None, 0
         if working <= self.slots and nodes <= self.nodes:
             return True
-        if nodes > self.nodes:
-            self.nodes = int(NODE_RESERVE * nodes)
-        self.slots = max(self.slots, working)
+        slots, nodes = max(self.slots, working), int(NODE_RESERVE * nodes) if nodes > self.nodes else self.nodes
         node_bars = self._node_bars()  # a backward pass may be under way
-        self._launches = None
-        self._graphs.clear()
-        self._launches = FrameLaunches(self.model, self.slots, self.nodes, self._first, self._report.view(-1))
+        self._forget()
+        self._launches = FrameLaunches(self.model, slots, nodes, self._first, self._report.view(-1))
+        self.slots, self.nodes = slots, nodes
         for name, bar in node_bars.items():
             self._launches.node_bars[name].unflatten(0, (self.rollouts, -1))[:, 0] = bar
         return True

@@ -1,5 +1,8 @@
 """The fused form of the step held to the plain one: on the CPU everywhere, on a GPU where there is one."""
 
+from dataclasses import replace
+from types import SimpleNamespace
+
 import numpy as np
 import pytest
 import torch
@@ -7,6 +10,8 @@ import torch
 from benchmarks.agreement import CASES, random_loss, run, scene
 from physreal_core.errors import InputError, SimulationError
 from physreal_core.simulation import Body, Parameters, PointLoad, SimulationConfig, Simulator, States
+from physreal_core.simulation.cuda.launches import FrameLaunches
+from physreal_core.simulation.cuda.stepper import CARD_SHARE, kept_bytes_of
 from tests.simulation.scenes import block
 
 ALL_FEATURES = CASES["residuals"]  # von Mises, both networks, grip, ground, stiffness by particle
@@ -168,6 +173,86 @@ def test_boxes_that_grow(device):
     for v0, x in zip((0.0, -3.0), states.x.cpu(), strict=True):
         expected = 0.015 + v0 * time + 15.0 * time * (time + 0.1 / substeps)
         assert torch.allclose(x[..., 0].mean(1), expected.double(), atol=1e-6)
+
+
+def flying(device: str) -> tuple[Simulator, Parameters]:
+    """Small blocks 10 frames a second; a metre a second along every axis asks for a box of 14 nodes more each way."""
+    body = block((3, 3, 3))
+    config = SimulationConfig(fps=10, gravity=(0.0, 0.0, 0.0), ground_height=None, dtype="float64", device=device)
+    return Simulator(body, config), Parameters(torch.tensor(2e3), torch.tensor(0.3))
+
+
+def at_speed(parameters: Parameters, *speeds: float) -> Parameters:
+    velocity = torch.tensor(speeds, dtype=torch.float64)[:, None, None].expand(-1, 1, 3)
+    return replace(parameters, initial_velocity=velocity)
+
+
+def test_a_rollout_in_a_huge_box_has_run_away(device):
+    """With edges that would do, but 120 nodes each way: it must not take the memory and the time of the others."""
+    simulator, parameters = flying(device)
+    states = simulator.rollout_batch(at_speed(parameters, 0.0, 8.5, 1.0), torch.zeros(3, 0, 3))
+    assert [failure is None for failure in states.failures] == [True, False, True]
+    assert "runs away" in str(states.failures[1])
+    assert simulator._batch[1].stepper.nodes < 40**3
+
+
+def test_boxes_of_one_shape_are_small_enough_together(device):
+    """Long ones along different axes fit alone; the one shape that holds both has too many nodes: the larger one fails."""
+    simulator, parameters = flying(device)
+    simulator.rollout_batch(at_speed(parameters, 0.0, 0.1, 0.2, 0.3), torch.zeros(2, 0, 3))
+    count = np.array([[390.0, 60, 10], [10, 50, 390], [20, 20, 20], [np.nan, 1, 1]])
+    assert simulator._batch[1]._fitting(count).tolist() == [False, True, True, False]
+    assert simulator._batch[1]._fitting(count[[1, 2, 2, 3]]).tolist() == [True, True, True, False]
+
+
+def test_arrays_of_huge_boxes_are_given_back(device):
+    """After a rollout in large boxes one in small ones takes the memory it needs, and gives the same numbers."""
+    simulator, parameters = flying(device)
+    slow = replace(at_speed(parameters, 0.1), initial_velocity=torch.full((1, 3), 0.1, dtype=torch.float64))
+    expected = simulator.rollout(slow, torch.zeros(3, 0, 3)).x
+    small = simulator._stepper.nodes
+    fast = replace(slow, initial_velocity=torch.full((1, 3), 5.0, dtype=torch.float64))
+    simulator.rollout(fast, torch.zeros(2, 0, 3))
+    assert simulator._stepper.nodes > 100 * small
+    assert torch.equal(simulator.rollout(slow, torch.zeros(3, 0, 3)).x, expected)
+    assert simulator._stepper.nodes == small
+
+
+def test_memory_that_others_have_taken(device, monkeypatch):
+    """Where kept frames do not fit, fewer are kept; where not even the working slots do, that is an error."""
+    simulator, leaves, controllers = scene(ALL_FEATURES, device, "float64")
+    stepper = simulator._stepper
+    stepper.kept_bytes = 10**9
+    expected = rollout(simulator, leaves, controllers)
+    assert stepper.slots >= 3 * (stepper.substeps + 1)
+    stepper._forget()
+    slots = 2.5 * (stepper.substeps + 1)
+
+    class Scarce(FrameLaunches):
+        def __init__(self, model, wanted, *arguments):
+            if wanted > slots:
+                raise torch.OutOfMemoryError("others")
+            super().__init__(model, wanted, *arguments)
+
+    monkeypatch.setattr("physreal_core.simulation.cuda.stepper.FrameLaunches", Scarce)
+    assert worst(rollout(simulator, leaves, controllers), expected) < 1e-11
+    assert 2 <= stepper.slots // (stepper.substeps + 1) < 3
+    slots = 1
+    stepper._forget()
+    with pytest.raises(torch.OutOfMemoryError):
+        rollout(simulator, leaves, controllers)
+
+
+def test_the_share_of_a_card(monkeypatch):
+    """A quarter of the card for kept frames, half of what this process may use if that is less."""
+    monkeypatch.setattr(torch.cuda, "get_device_properties", lambda device: SimpleNamespace(total_memory=8_000))
+    for given, expected in ((None, 2_000), ("1", 2_000), ("0.1", 400)):
+        monkeypatch.delenv(CARD_SHARE, raising=False) if given is None else monkeypatch.setenv(CARD_SHARE, given)
+        assert kept_bytes_of("cuda:0") == expected
+    for wrong in ("0", "1.5", "half"):
+        monkeypatch.setenv(CARD_SHARE, wrong)
+        with pytest.raises(InputError, match=f"{CARD_SHARE}.*share of a GPU"):
+            kept_bytes_of("cuda:0")
 
 
 def test_play_goes_where_a_rollout_goes(device):

@@ -46,5 +46,5 @@ def run(parsed: argparse.Namespace) -> int:
         return 0
     if not parsed.score:
         run_cases(chosen(cases, parsed.cases), how)
-    print(write_results(parsed.variant, folder, cases, parsed.results))
+    print(write_results(parsed.variant, parsed.seed, folder, cases, parsed.results))
     return 0

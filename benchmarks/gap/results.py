@@ -13,11 +13,12 @@ from physreal_core.effects import EFFECTS
 TITLES = {"tracks_only": "Hidden effects, from tracks alone", "rgbd": "Hidden effects, from RGB-D"}
 
 
-def write_results(variant: Variant, folder: Path, cases: Sequence[GapCase], results: Path) -> str:
+def write_results(variant: Variant, seed: int, folder: Path, cases: Sequence[GapCase], results: Path) -> str:
     """`gap_benchmark.json` (this variant's part of it), `gap_benchmark_<variant>.md` and the figures, in `results`.
 
     Args:
         variant: which part.
+        seed: of the set.
         folder: of the cases.
         cases: the whole set; those without an answer are counted as missing, not as wrong.
         results: folder.
@@ -29,12 +30,13 @@ def write_results(variant: Variant, folder: Path, cases: Sequence[GapCase], resu
     judged, missing = read_cases(folder, cases, sizes)
     if not judged:
         return f"no case has been run yet in {folder}"
-    numbers = summary(judged)
+    numbers = {"seed": seed, **summary(judged)}
     numbers["counts"]["not_run"] = len(missing)
     text = page(TITLES[variant], numbers, judged, RGBD_AIMS if variant == "rgbd" else None)
     path = results / "gap_benchmark.json"
     write_json(path, {**(read_json(path) or {}), variant: numbers})
     (results / f"gap_benchmark_{variant}.md").write_text(text)
-    draw_confusion(results / f"gap_confusion_{variant}.png", numbers["confusion_matrix"], TITLES[variant])
+    if numbers["confusion_matrix"]["counts"]:  # pairs are not in it
+        draw_confusion(results / f"gap_confusion_{variant}.png", numbers["confusion_matrix"], TITLES[variant])
     draw_reliability(results / f"gap_reliability_{variant}.png", numbers["reliability"], TITLES[variant])
     return text

@@ -30,6 +30,12 @@ class FindGap(StageParameters):
         gt=0,
         description="smooth error of the model, of a body whose shape the video gave and whose hold is guessed [m]; 0.0004 where both are known",
     )
+    remainder: float = Field(
+        0.03,
+        ge=0,
+        lt=1,
+        description="share of its gain that a right effect may leave, of such a body, before a second one is looked for; 0.01 of a known one",
+    )
     device: Device = device_field()
 
     def search(self) -> dict:

@@ -31,10 +31,11 @@ def test_each_case_runs_once_and_the_results_are_written(tmp_path, capsys):
         assert len((run.folder / case.name / "runs.txt").read_text().splitlines()) == 1
     (tmp_path / "results").mkdir()
     (tmp_path / "results" / "gap_benchmark.json").write_text('{"rgbd": {"named_first": 0.5}}')
-    text = write_results("tracks_only", run.folder, [NONE, DRAG, WIND, SLOW], tmp_path / "results")
+    text = write_results("tracks_only", 7, run.folder, [NONE, DRAG, WIND, SLOW], tmp_path / "results")
     record = json.loads((tmp_path / "results" / "gap_benchmark.json").read_text())
     assert record["rgbd"] == {"named_first": 0.5}
     found = record["tracks_only"]
+    assert found["seed"] == 7
     assert (found["named_first"], found["false_alarm_rate"]) == (0.5, 0.0)  # drag right, wind failed
     assert (found["counts"]["failed"], found["counts"]["not_run"]) == (1, 1)
     assert text in (tmp_path / "results" / "gap_benchmark_tracks_only.md").read_text()

@@ -178,7 +178,8 @@ def _write(context: StageContext, capture: Capture, frames: int, quality: Qualit
     _write_json(context.output / "camera.json", camera)
     warnings = quality.warnings()
     if plane.get("fitted") and (plane["tilt_deg"] > 3 or abs(plane["height_m"]) > 0.02):
-        warnings.append(f"the support plane is {plane['tilt_deg']:.1f} deg and {plane['height_m']:.3f} m off z = 0")
+        off = f"the support plane is {plane['tilt_deg']:.1f} deg and {plane['height_m']:.3f} m off z = 0"
+        warnings.append(f"{off}; without T_world_camera in capture.json it defines the world")
     facts = {"kind": capture.kind, "frames": frames, "support_plane": plane, "warnings": warnings, **vars(quality)}
     _write_json(context.output / "quality.json", facts)
     for warning in warnings:

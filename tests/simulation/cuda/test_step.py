@@ -183,8 +183,8 @@ def flying(device: str) -> tuple[Simulator, Parameters]:
 
 
 def at_speed(parameters: Parameters, *speeds: float) -> Parameters:
-    velocity = torch.tensor(speeds, dtype=torch.float64)[:, None, None].expand(-1, 1, 3)
-    return replace(parameters, initial_velocity=velocity)
+    """A batch, a rollout for each speed along every axis [m/s]."""
+    return replace(parameters, initial_velocity=torch.tensor(speeds)[:, None, None].expand(-1, 1, 3))
 
 
 def test_a_rollout_in_a_huge_box_has_run_away(device):
@@ -208,10 +208,9 @@ def test_boxes_of_one_shape_are_small_enough_together(device):
 def test_arrays_of_huge_boxes_are_given_back(device):
     """After a rollout in large boxes one in small ones takes the memory it needs, and gives the same numbers."""
     simulator, parameters = flying(device)
-    slow = replace(at_speed(parameters, 0.1), initial_velocity=torch.full((1, 3), 0.1, dtype=torch.float64))
+    slow, fast = (replace(parameters, initial_velocity=torch.full((1, 3), speed)) for speed in (0.1, 5.0))
     expected = simulator.rollout(slow, torch.zeros(3, 0, 3)).x
     small = simulator._stepper.nodes
-    fast = replace(slow, initial_velocity=torch.full((1, 3), 5.0, dtype=torch.float64))
     simulator.rollout(fast, torch.zeros(2, 0, 3))
     assert simulator._stepper.nodes > 100 * small
     assert torch.equal(simulator.rollout(slow, torch.zeros(3, 0, 3)).x, expected)

@@ -2,13 +2,12 @@
 
 from __future__ import annotations
 
-from contextlib import nullcontext
-
 import torch
 import warp as wp
 from torch.autograd.function import once_differentiable
 
 from physreal_core.array_types import Float, Tensor
+from physreal_core.native import on_torch_stream
 from physreal_core.rendering.camera import Camera
 from physreal_core.rendering.kernels import raster_kernels
 from physreal_core.rendering.reference import jacobian_limits
@@ -38,7 +37,7 @@ class _Rasterise(torch.autograd.Function):
         kernels = raster_kernels(_SCALARS[means.dtype])
         tensors = [a.detach().contiguous() for a in (means, covariances, opacities, features)]
         device = wp.device_from_torch(means.device)
-        with _torch_stream(device):
+        with on_torch_stream(means.device):
             view = _View(kernels, camera, tile)
             splats, boxes, counts = _project(kernels, view, tensors, device)
             starts, pair_splats = _tile_lists(kernels, view, tensors[0][:, 2], boxes, counts, device)
@@ -58,7 +57,7 @@ class _Rasterise(torch.autograd.Function):
         kernels, view, device = ctx.kernels, ctx.view, ctx.device
         moments = means.new_zeros(len(means), 6)
         bars = [torch.zeros_like(a) for a in (means, covariances, opacities, features)]
-        with _torch_stream(device):
+        with on_torch_stream(means.device):
             pixels = [_array(a.contiguous(), kernels.vec4) for a in (image, image_bar)]
             rest = [_array(a.contiguous(), kernels.scalar) for a in (transmittance, transmittance_bar)]
             outputs = [_array(moments, kernels.vec6), _array(bars[3], kernels.vec4)]
@@ -113,10 +112,3 @@ def _tile_lists(kernels, view: _View, depth: Tensor, boxes: wp.array, counts: wp
 
 def _array(tensor: Tensor, dtype: type) -> wp.array:
     return wp.from_torch(tensor.detach(), dtype=dtype)
-
-
-def _torch_stream(device: wp.Device):
-    """Launch on torch's current CUDA stream, so that kernels and tensor operations keep their order."""
-    if not device.is_cuda:
-        return nullcontext()
-    return wp.ScopedStream(wp.stream_from_torch(torch.cuda.current_stream(wp.device_to_torch(device))))

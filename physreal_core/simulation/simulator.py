@@ -4,16 +4,16 @@ The backward pass is the exact adjoint of the discrete step (`frames`, and `cuda
 """
 
 from collections.abc import Iterator
-from contextlib import contextmanager
+from contextlib import AbstractContextManager, contextmanager
 from functools import partial
 
 import torch
-import warp as wp
 from torch.autograd.function import once_differentiable
 
 from physreal_core.array_types import Float, Tensor
 from physreal_core.cores import available_cores
 from physreal_core.errors import InputError
+from physreal_core.native import on_side_stream
 from physreal_core.simulation.batch import BatchStates, PooledFrames
 from physreal_core.simulation.body import Body, Clamp, Grip, PointLoad
 from physreal_core.simulation.config import SimulationConfig
@@ -54,7 +54,6 @@ class Simulator:
         self._scene = (body, config, grip, tuple(clamps), tuple(loads))
         self._dormant = dormant_values(config.terms, body, config.gravity)
         self._threads = torch.get_num_threads()
-        self._side_streams: tuple[torch.cuda.Stream, wp.Stream] | None = None
         self._substeps_of = partial(substeps_per_frame, body, config)
         self._batch: tuple[int, Loop] | None = None
         with self._stream():
@@ -151,22 +150,10 @@ class Simulator:
         make = partial(self._frames, threads=1, kept_bytes=0)
         return PooledFrames(make, rollouts, threads)
 
-    @contextmanager
-    def _stream(self) -> Iterator[None]:
-        """Where a loop runs: on a GPU on one side stream, in order with the caller's, which may not allow graphs."""
-        if self.config.device == "cpu":
-            with _one_torch_thread():
-                yield
-            return
-        if self._side_streams is None:
-            wp.init()  # `stream_from_torch` does not do so itself
-            stream = torch.cuda.Stream(self.config.device)
-            self._side_streams = stream, wp.stream_from_torch(stream)
-        (side, warp_side), caller = self._side_streams, torch.cuda.current_stream(self.config.device)
-        side.wait_stream(caller)
-        with torch.cuda.stream(side), wp.ScopedStream(warp_side, sync_enter=False):
-            yield
-        caller.wait_stream(side)
+    def _stream(self) -> AbstractContextManager:
+        """Where a loop runs: on a GPU on a stream that allows graphs."""
+        device = torch.device(self.config.device)
+        return _one_torch_thread() if device.type == "cpu" else on_side_stream(device)
 
     def _run(
         self, loop: Loop, parameters: Parameters, points: Tensor, progress: Progress | None

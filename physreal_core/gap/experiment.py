@@ -22,6 +22,9 @@ from physreal_core.simulation import Body, SimulationConfig, Simulator, States
 LARGEST_BATCH = 256
 """Rollouts at once; a GPU is full long before, and their states must fit beside each other."""
 
+LEAST_TRACKS = 3
+"""With depth, on the object: fewer do not tell how it is turned."""
+
 EffectValues = dict[str, dict[str, float]]
 """Coefficients by the name of their effect, in the order in which the effects act."""
 
@@ -133,12 +136,13 @@ class Experiment:
         device: str = "cpu",
         placement: tuple[Float[Array, "3 3"], Float[Array, 3]] | None = None,
     ) -> None:
-        if problem.tracks is None or not bool(problem.tracks.valid3d.any()):
+        seen = 0 if problem.tracks is None else int(problem.tracks.valid3d.any(0).sum())
+        if seen < LEAST_TRACKS:
             raise InputError(
-                "no 3D tracks",
+                f"{seen} 3D tracks on the object",
                 where="gap.Experiment",
-                expected="a sequence whose tracks have depth",
-                remedy="record depth, or give tracks3d.npz with the capture",
+                expected=f"{LEAST_TRACKS} or more",
+                remedy="record depth, or give tracks3d.npz with the capture; where most tracks miss the object, its pose is wrong",
             )
         self.problem, self.model, self.device, self.placement = problem, model, device, placement
         tracks = problem.tracks

@@ -5,7 +5,7 @@ from dataclasses import dataclass
 
 import numpy as np
 
-from physreal_core.array_types import Array, Float
+from physreal_core.array_types import Array, Bool, Float
 from physreal_core.simulation.body import Body, Clamp
 
 CONTACT_DEPTH = 0.85
@@ -21,7 +21,7 @@ CLAMP_DEPTH = 0.25
 Found from the stretch of a hanging bar, whose upper end seems to be held this far behind the last held node.
 """
 LARGEST_EDGE = 400  # nodes; a body that needs more than this has run away
-SMALLEST_LIMIT = 1 << 20  # nodes
+SMALLEST_LIMIT = 1 << 20  # nodes: a grid of 16 MB in float32, so that a small body may fly far
 
 
 @dataclass(frozen=True)
@@ -83,6 +83,11 @@ def box_corners(
     return first, last - first + 1
 
 
+def small_enough(count: Float[Array, "*rollouts 3"], largest: int) -> Bool[Array, "*rollouts"] | np.bool_:
+    """Whether the bodies in boxes of so many nodes per axis, `largest` of them at most, have not run away."""
+    return np.isfinite(count).all(-1) & (count.max(-1) <= LARGEST_EDGE) & (count.prod(-1) <= largest)
+
+
 def grid_box(
     lower: Float[Array, "3"],
     upper: Float[Array, "3"],
@@ -101,6 +106,6 @@ def grid_box(
         largest: nodes that it may have, see `largest_box`.
     """
     first, count = box_corners(lower, upper, margin, cell, offset)
-    if not np.isfinite(count).all() or count.max() > LARGEST_EDGE or count.prod() > largest:
+    if not small_enough(count, largest):
         return None
     return GridBox(tuple(int(i) for i in first), tuple(int(c) for c in count))

@@ -58,6 +58,17 @@ def test_what_the_numerics_can_move_is_little_evidence():
     assert (with_modes.whiten(along) ** 2).sum() < 12.0 < (without.whiten(along) ** 2).sum()
 
 
+def test_one_track_has_a_model_error_that_is_smooth_in_time():
+    points0, *fields = scene()
+    motion, valid, modes, carried = (np.take(field, [0], -2 if field.ndim > 2 else -1) for field in fields)
+    alone = Noise(np.full(valid.shape, SIGMA), valid, points0[:1], motion, modes, carried, 30.0, ModelError(rms=1e-2))
+    steady, jumping = (
+        (alone.whiten(np.tile(course[:, None, None], (1, 1, 1, 3))) ** 2).sum()
+        for course in (1e-2 * np.ones(FRAMES), 1e-2 * (-1.0) ** np.arange(FRAMES))
+    )
+    assert 5.0 * steady < jumping
+
+
 def test_modes_and_sensor_are_the_covariance():
     """The spread of a weighted sum by modes and sensor is that of samples."""
     model = noise(ModelError(rms=1e-9, relative=0.0))

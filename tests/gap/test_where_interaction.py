@@ -6,6 +6,7 @@ import numpy as np
 import pytest
 import torch
 
+from physreal_core.errors import InputError
 from physreal_core.gap.experiment import Experiment
 from physreal_core.gap.interaction import held_distance, locate
 from physreal_core.gap.noise import ModelError, Noise
@@ -91,3 +92,13 @@ def test_wrong_starting_points_are_no_disagreement(problem):
         )
         alarms += find(problem, simulated + offset, simulated, seed).significant
     assert alarms <= 1
+
+
+def test_two_tracks_are_too_few():
+    problem = scene.problem(scene.model(), frames=4, observed=3, with_masks=False)
+    seen = torch.zeros_like(problem.tracks.valid3d)
+    seen[:, :2] = True
+    with pytest.raises(InputError, match="2 3D tracks"):
+        Experiment(
+            dataclasses.replace(problem, tracks=dataclasses.replace(problem.tracks, valid3d=seen)), scene.model()
+        )

@@ -13,7 +13,7 @@ import torch
 from physreal_core.array_types import Array, Float, Int, Tensor
 from physreal_core.errors import SimulationError
 from physreal_core.simulation.body import Body
-from physreal_core.simulation.box import LARGEST_EDGE, box_corners, largest_box
+from physreal_core.simulation.box import box_corners, largest_box, small_enough
 from physreal_core.simulation.config import SimulationConfig
 from physreal_core.simulation.cuda.report import bounds
 from physreal_core.simulation.cuda.stepper import CudaStepper
@@ -233,9 +233,9 @@ class CudaFrames:
         for rollout, failure in enumerate(record.failures):
             if failure is None and not fits[rollout]:
                 particle = int(v[rollout].norm(dim=1).argmax())
-                record.failures[rollout] = SimulationError(
-                    "the body runs away", frame=frame, substep=0, particle=particle
-                )
+                alone = small_enough(count[rollout], largest_box(stepper.particles))
+                what = f"{stepper.rollouts} rollouts are too many for so large a box" if alone else "the body runs away"
+                record.failures[rollout] = SimulationError(what, frame=frame, substep=0, particle=particle)
             fits[rollout] &= record.failures[rollout] is None
         if not fits.any():
             first, count, fits = np.zeros_like(first), np.full_like(count, 3.0), np.ones_like(fits)
@@ -248,10 +248,9 @@ class CudaFrames:
 
     def _fitting(self, count: Float[Array, "rollouts 3"]) -> np.ndarray:
         """Whose boxes are small enough, shape [R], also for the one shape that all of them get: the largest do not fit."""
-        fits = np.isfinite(count).all(1) & (count.max(1) <= LARGEST_EDGE)
-        nodes = np.where(fits, count.prod(1), 0.0)
+        fits = small_enough(count, self._largest)
         while fits.any() and count[fits].max(0).prod() > self._largest:
-            fits[np.where(fits, nodes, -1.0).argmax()] = False
+            fits[np.where(fits, count.prod(1), 0.0).argmax()] = False
         return fits
 
     def _judge(self, frame: int, keys: Int[Array, "rollouts 2"], record: CudaRecord, last: bool) -> np.ndarray:

@@ -1,5 +1,6 @@
 """The fused form of the step held to the plain one: on the CPU everywhere, on a GPU where there is one."""
 
+import gc
 from dataclasses import replace
 from types import SimpleNamespace
 
@@ -203,6 +204,24 @@ def test_boxes_of_one_shape_are_small_enough_together(device):
     count = np.array([[390.0, 60, 10], [10, 50, 390], [20, 20, 20], [np.nan, 1, 1]])
     assert simulator._batch[1]._fitting(count).tolist() == [False, True, True, False]
     assert simulator._batch[1]._fitting(count[[1, 2, 2, 3]]).tolist() == [True, True, True, False]
+
+
+def test_more_rollouts_than_the_arrays_hold_have_not_run_away(device, monkeypatch):
+    simulator, parameters = flying(device)
+    monkeypatch.setattr("physreal_core.simulation.cuda.stepper.LARGEST_STRIDE", 10_000)
+    states = simulator.rollout_batch(at_speed(parameters, 0.0, 0.1, 0.2), torch.zeros(2, 0, 3))
+    assert all("3 rollouts are too many" in str(failure) for failure in states.failures)
+
+
+def test_a_simulator_outlives_others_on_the_same_stream(device):
+    """Torch hands out the same 32 streams over and over; graphs are captured on one when first needed."""
+    if device == "cpu":
+        pytest.skip("streams are a GPU's")
+    simulators = [flying(device) for _ in range(40)]
+    survivor, parameters = simulators[-1]
+    del simulators
+    gc.collect()
+    assert torch.isfinite(survivor.rollout(parameters, torch.zeros(3, 0, 3)).x).all()
 
 
 def test_arrays_of_huge_boxes_are_given_back(device):

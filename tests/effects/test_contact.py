@@ -125,14 +125,16 @@ def thrown_block(frames: int, velocity: float) -> Scene:
     return block(frames, ground_height=None, gravity=(0.0, 0.0, 0.0), given=moving(velocity, 0.0, 0.0))
 
 
-def test_a_wall_lets_no_particle_deeper_than_its_spring_and_throws_the_body_back():
-    """Between v / sqrt(k), each particle at its own spring, and v sqrt(8 / k), the first of 8 layers bearing all."""
+def test_a_wall_lets_the_surface_no_deeper_than_its_spring_and_throws_the_body_back():
+    """Between v / sqrt(k), each particle at its own spring, and v sqrt(8 / k), the first of 8 layers bearing all. The surface
+    lies half a spacing before the outermost particles."""
     velocity, stiffness, distance = 0.5, 1e5, 0.05
     scene = thrown_block(24, velocity)
     wall = {"stiffness": stiffness, "azimuth": 0.0, "elevation": 0.0, "distance": distance}
     with torch.no_grad():
         states = scene.rollout(obstacle_plane=wall)
-    depth = float(states.x[..., 0].max()) - (scene.body.x0[:, 0].mean() + distance)
+    surface = float(states.x[..., 0].max()) + scene.body.spacing / 2
+    depth = surface - (scene.body.x0[:, 0].mean() + distance)
     assert velocity / math.sqrt(stiffness) < depth < velocity * math.sqrt(8 / stiffness)
     assert -velocity < float(states.v[-1, :, 0].mean()) < -0.6 * velocity  # the rest swings inside
 
@@ -145,7 +147,7 @@ def test_a_wall_lets_no_particle_deeper_than_its_spring_and_throws_the_body_back
     ],
 )
 def test_a_ball_and_a_post_push_out_what_enters_them_and_nothing_else(name, place):
-    """No particle stays inside; moved out of the way (below the block, the post's top too), nothing happens."""
+    """Nothing stays inside; moved out of the way (below the block, the post's top too), nothing happens."""
     scene = thrown_block(20, 0.5)
     with torch.no_grad():
         free = scene.rollout().x
@@ -156,7 +158,7 @@ def test_a_ball_and_a_post_push_out_what_enters_them_and_nothing_else(name, plac
     def depth(x: torch.Tensor) -> float:
         r = x - torch.tensor([place["x"], place["y"], place.get("z", 0.0)])
         r = r if "z" in place else r[..., :2]
-        return place["radius"] - float(r.norm(dim=-1).min())
+        return place["radius"] + scene.body.spacing / 2 - float(r.norm(dim=-1).min())
 
     assert depth(free) > 0.01
     assert depth(met) < 0.006

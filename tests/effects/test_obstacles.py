@@ -5,7 +5,7 @@ import pytest
 import torch
 
 from physreal_core.effects import EFFECTS
-from physreal_core.effects.contact.obstacle import contacts
+from physreal_core.effects.contact.obstacle import contacts, reach
 from physreal_core.effects.effect import Setting
 from physreal_core.simulation import Body, States
 
@@ -44,8 +44,9 @@ def distance(name: str, values: dict[str, float], place: np.ndarray, setting: Se
 
 def test_the_body_presses_where_it_is_in_the_wall(setting):
     capsule = EFFECTS["obstacle_plane"].capsule(tensors(WALL), setting, torch.zeros(1, dtype=torch.float64))
-    found = contacts(motion(setting, 0.004), capsule)
-    assert found and contacts(motion(setting, -0.001), capsule) == []
+    found = contacts(motion(setting, 0.004), capsule, reach=0.0)
+    assert found and contacts(motion(setting, -0.001), capsule, reach=0.0) == []
+    assert contacts(motion(setting, -0.001), capsule, reach=0.002)
     for place, towards in found:
         assert place @ TOWARDS == pytest.approx(WALL["distance"], abs=1e-4)
         assert towards @ TOWARDS > 0.999
@@ -57,7 +58,7 @@ def test_others_may_lie_where_the_body_meets_the_wall(name, setting):
     wall, moved = EFFECTS["obstacle_plane"], motion(setting, 0.004)
     starts = EFFECTS[name].instead(setting, wall, WALL, moved)
     capsule = wall.capsule(tensors(WALL), setting, torch.zeros(1, dtype=torch.float64))
-    places = [place for place, _ in contacts(moved, capsule)]
+    places = [place for place, _ in contacts(moved, capsule, reach(setting))]
     assert len(starts) >= len(places)
     for start in starts:
         assert start["stiffness"] == 1e6

@@ -12,7 +12,7 @@ from physreal_core.effects.fields import changed
 from physreal_core.geometry.patches import farthest_points
 from physreal_core.simulation import States
 
-FORMULA = "f = m k max(0, -phi) grad phi, phi the signed distance"
+FORMULA = "f = m k max(0, h / 2 - phi) grad phi, h the spacing of particles, phi the signed distance"
 STIFFNESS = Coefficient("stiffness", "1/s2", "acceleration over depth, k", 0.0, 0.0, 2e7, 1e6)
 MOST = 6  # starts
 PRESSED = 0.2  # of the deepest place, from which on one is pressed
@@ -36,9 +36,9 @@ class Obstacle(Effect):
         raise NotImplementedError
 
     def act(self, inputs: Inputs, values: Values, setting: Setting) -> Inputs:
-        """There is room for one obstacle, so an earlier one is replaced."""
+        """There is room for one obstacle, so an earlier one is replaced. It acts on particles where it touches their matter."""
         centre, half_axis, radius = self.capsule(values, setting, inputs.parameters.youngs_modulus)
-        numbers = torch.stack([radius, values["stiffness"]]).to(centre)
+        numbers = torch.stack([radius + reach(setting), values["stiffness"]]).to(centre)
         return changed(inputs, obstacle=torch.cat([centre, half_axis, numbers]))
 
     def instead(
@@ -49,12 +49,18 @@ class Obstacle(Effect):
             return ()
         numbers = {name: torch.tensor(value, dtype=torch.float64) for name, value in values.items()}
         capsule = other.capsule(numbers, setting, numbers["stiffness"])
-        shapes = [shape for place in contacts(motion, capsule) for shape in self.touching(*place, setting)]
+        places = contacts(motion, capsule, reach(setting))
+        shapes = [shape for place in places for shape in self.touching(*place, setting)]
         stiffness = max(values["stiffness"], STIFFNESS.scale)
         return tuple({"stiffness": stiffness, **shape} for shape in shapes)
 
 
-def contacts(motion: States, capsule: tuple[Tensor, Tensor, Tensor]) -> list[tuple[Array, Array]]:
+def reach(setting: Setting) -> float:
+    """How far a particle's matter reaches beyond it [m]: the outermost lie half a spacing within the body's surface."""
+    return 0.5 * setting.body.spacing
+
+
+def contacts(motion: States, capsule: tuple[Tensor, Tensor, Tensor], reach: float) -> list[tuple[Array, Array]]:
     """Where the body presses on a capsule in a motion: at most `MOST` places on it [m], far from each other, each with the
     direction into it."""
     x = motion.x.detach().double().cpu().numpy()
@@ -63,13 +69,13 @@ def contacts(motion: States, capsule: tuple[Tensor, Tensor, Tensor]) -> list[tup
     along = np.clip((x - centre) @ half_axis / max(half_axis @ half_axis, 1e-12), -1.0, 1.0)
     inwards = centre + along[:, None] * half_axis - x
     distance = np.linalg.norm(inwards, axis=1)
-    depth = radius - distance
+    depth = radius + reach - distance
     pressed = np.flatnonzero(depth > max(PRESSED * depth.max(initial=0.0), 0.0))
     if not len(pressed):
         return []
     chosen = pressed[farthest_points(x[pressed], MOST)]
     towards = inwards[chosen] / np.maximum(distance[chosen], 1e-12)[:, None]
-    return list(zip(x[chosen] - depth[chosen, None] * towards, towards, strict=True))
+    return list(zip(x[chosen] + (distance[chosen] - radius)[:, None] * towards, towards, strict=True))
 
 
 def crossed_places(

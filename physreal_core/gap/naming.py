@@ -49,9 +49,9 @@ def answer_of(fit: Fit, screened: float | None, held_out: float, baseline: Fit, 
     return Answer(fit, screened, gain, held_out, evidence.excess(fit), telling(fit, baseline, evidence.train))
 
 
-def fitted_effects(fit: Fit, temperature: float) -> tuple[FittedEffect, ...]:
-    """Coefficients with intervals from the curvature of the posterior whose likelihood is tempered as the gains are."""
-    J = fit.jacobian
+def fitted_effects(fit: Fit, best_gain: float, settings: GapSettings) -> tuple[FittedEffect, ...]:
+    """Coefficients with intervals from the curvature of the posterior whose likelihood is tempered as the gains are, or more."""
+    J, temperature = fit.jacobian, settings.interval_temperature * temperature_of(best_gain, settings)
     covariance = np.linalg.inv(J.T @ J / temperature + fit.unknowns.block.precision)
     deviations = fit.unknowns.deviations(covariance)
     return tuple(
@@ -124,10 +124,10 @@ def second_temperature_of(best_gain: float, settings: GapSettings) -> float:
 
 def candidates_of(answers: Sequence[Answer], chances: Array, settings: GapSettings) -> tuple[Candidate, ...]:
     """Records of the answers, the most probable first."""
-    temperature = temperature_of(max(answer.gain for answer in answers), settings)
+    best = max(answer.gain for answer in answers)
     found = [
         Candidate(
-            fitted_effects(a.fit, temperature),
+            fitted_effects(a.fit, best, settings),
             a.screened,
             a.gain,
             a.held_out,

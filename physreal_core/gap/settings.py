@@ -28,6 +28,7 @@ class GapSettings:
         prior_none: probability that nothing is missing, before looking.
         prior_pair: probability of two effects, given that something is missing.
         temperature: by which gains are divided before they become probabilities, at least.
+        interval_temperature: times the temperature, by which the likelihood behind the intervals is divided.
         misfit: share of the best gain that the temperature is at least, for the simulator's answer to an effect is some per cent
             off, and a wrong one gains as much by imitating what is off.
         remainder: share of its gain that a right effect may leave. A second one is looked for where the best leaves more; and
@@ -60,6 +61,7 @@ class GapSettings:
     prior_none: float = 0.5
     prior_pair: float = 0.1
     temperature: float = 9.0
+    interval_temperature: float = 1.0
     misfit: float = 0.1
     remainder: float = 0.01
     held_out_share: float = 0.5

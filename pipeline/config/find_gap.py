@@ -36,6 +36,11 @@ class FindGap(StageParameters):
         lt=1,
         description="share of its gain that a right effect may leave, of such a body, before a second one is looked for; 0.01 of a known one",
     )
+    interval_temperature: float = Field(
+        3.0,
+        gt=0,
+        description="times that of the gains, by which the likelihood behind the intervals is divided, of such a body; 1 of a known one",
+    )
     device: Device = device_field()
 
     def search(self) -> dict:

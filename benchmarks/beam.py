@@ -22,6 +22,7 @@ from benchmarks.beam_report import figure, markdown
 from benchmarks.beam_scene import FITTED, LOADED, RECORDINGS, Cut, experiment_of, recordings_in, whole
 from physreal_core.errors import InputError
 from physreal_core.gap import Added, Experiment, GapReport, GapSettings, Trial, add_effect, find_gap
+from physreal_core.gap.adding import trial_of
 from physreal_core.gap.unknowns import Priors
 
 ROOT = Path(__file__).resolve().parent.parent
@@ -98,9 +99,7 @@ class _Prediction:
     def __init__(self, experiment: Experiment, report: GapReport, added: Added) -> None:
         self._experiment = experiment
         self._time = np.arange(experiment.frames) / experiment.setting.fps
-        elastic = Trial(report.fields)
-        named = Trial(added.fields, {effect.name: effect.values for effect in added.effects})
-        self._elastic, self._with_effect = (experiment.predict([trial])[0] for trial in (elastic, named))
+        self._elastic, self._with_effect = experiment.predict([Trial(report.fields), trial_of(added)])
 
     def scores(self) -> dict[str, Any]:
         """Mean distance to the measured markers after frame 0 [m], the share of it that the effect closes, final deflections."""

@@ -10,7 +10,7 @@ import torch
 
 from physreal_core.fitting.model import Model
 from physreal_core.fitting.transfer import register, transfer_model
-from physreal_core.gap.experiment import Experiment, Trial
+from physreal_core.gap.experiment import Experiment
 from physreal_core.gap.noise import ModelError
 from physreal_core.gap.report import Candidate, Disagreement, FittedEffect, GapReport, Verdict
 from physreal_core.gap.settings import GapSettings
@@ -44,13 +44,6 @@ def settings_of(params: FindGap, seed: int) -> GapSettings:
 def teller(context: StageContext) -> Callable[[str], None]:
     """Prints a line of progress under the stage's name."""
     return lambda message: print(f"{context.stage} {context.sequence}: {message}", flush=True)
-
-
-def trial_of(candidate: Candidate | None, fields: Fields) -> Trial:
-    """The rollout of a candidate; of the baseline with `fields` where there is none."""
-    if candidate is None:
-        return Trial(fields)
-    return Trial(candidate.fields or fields, {effect.name: effect.values for effect in candidate.effects})
 
 
 def save_report(folder: Path, report: GapReport) -> None:

@@ -7,7 +7,7 @@ from physreal_core.fitting.losses import LossConfig
 from physreal_core.fitting.model import Model, load_model, save_model
 from physreal_core.fitting.named_effects import effect_record
 from physreal_core.fitting.objective import Objective
-from physreal_core.gap.adding import add_effect
+from physreal_core.gap.adding import add_effect, trial_of
 from physreal_core.gap.evidence import Evidence
 from physreal_core.gap.experiment import Trial
 from physreal_core.gap.interaction import locate
@@ -61,9 +61,8 @@ def _probability(report: GapReport, added: Added) -> float | None:
 
 def _draw(context: StageContext, evidence: Evidence, report: GapReport, added: Added) -> None:
     """Before and after on the sequence itself."""
-    own, effects = evidence.experiments[0], {effect.name: effect.values for effect in added.effects}
-    before = own.predict([Trial(report.fields)])[0]
-    after = own.predict([Trial(added.fields, effects)])[0]
+    own = evidence.experiments[0]
+    before, after = own.predict([Trial(report.fields), trial_of(added)])
     where = locate(own, after, evidence.whole(0))
     write_gap_timeline(context.output / "timeline.svg", report.where[0], after=where.as_record(), observed=own.train)
     write_before_after(context.output / "before_after.svg", own.measured, own.valid, before, after)

@@ -3,11 +3,12 @@
 import numpy as np
 
 from physreal_core.fitting.model import load_model
+from physreal_core.gap.adding import trial_of
 from physreal_core.gap.experiment import Experiment
 from physreal_core.gap.report import GapReport
 from physreal_core.gap.search import Search
 from pipeline.stage import StageContext, main
-from stages._gap import interactions, save_report, settings_of, teller, trial_of
+from stages._gap import interactions, save_report, settings_of, teller
 from stages._gap_pictures import write_before_after, write_gap_map, write_gap_timeline, write_probabilities
 
 
@@ -29,7 +30,7 @@ def _draw(context: StageContext, own: Experiment, report: GapReport, before: np.
     record = report.where[0]
     write_gap_map(context.output / "map.svg", own.points0, record)
     write_gap_timeline(context.output / "timeline.svg", record, observed=own.train)
-    after = own.predict([trial_of(report.best, report.fields)])[0] if report.verdict.names else None
+    after = own.predict([trial_of(report.best)])[0] if report.verdict.names else None
     write_before_after(context.output / "before_after.svg", own.measured, own.valid, before, after)
     answers = {" + ".join(c.names) or "none": c.probability for c in report.candidates if c.gain is not None}
     named = tuple(" + ".join(names) or "none" for names in report.verdict.members)

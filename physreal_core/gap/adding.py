@@ -9,9 +9,9 @@ import numpy as np
 
 from physreal_core.gap.disagreement import disagreements, held_out_gap
 from physreal_core.gap.evidence import Progress, fit_baseline
-from physreal_core.gap.experiment import Interaction
+from physreal_core.gap.experiment import Interaction, Trial
 from physreal_core.gap.least_squares import Fit
-from physreal_core.gap.naming import fitted_effects, temperature_of
+from physreal_core.gap.naming import fitted_effects
 from physreal_core.gap.refits import Refits
 from physreal_core.gap.report import Added, Candidate, GapReport
 from physreal_core.gap.screening import Score, akin
@@ -29,7 +29,8 @@ def add_effect(
     """Put the named effects into the model and show what they do to the gap.
 
     The gap is shown with fits to the training frames of one interaction, the one that tells most about the effects; its later
-    frames and all other interactions are held out. The numbers that go into the model come from all interactions.
+    frames and all other interactions are held out. The numbers that go into the model come from all interactions. Of a single
+    interaction both are the search's own fits.
 
     Args:
         experiments: as given to `find_gap`.
@@ -43,17 +44,19 @@ def add_effect(
     if not chosen or (names is None and report.verdict.kind == "unknown"):
         return Added(False, (), report.fields, before=report.baseline)
     number = _most_telling(report, chosen)
-    alone = Fits([experiments[number]], settings, progress)
-    before = _shown(experiments, alone.baseline, number)
-    after = _shown(experiments, alone.with_effects(chosen), number)
     rival = _runner_up(report, chosen)
-    runner_up = _shown(experiments, alone.with_effects(rival.names), number) if rival else ()
-    gap = held_out_gap(before), held_out_gap(after)
-    closed = 1.0 - gap[1] / gap[0] if gap[0] > 0 else 0.0
     final = _from_report(report, chosen)
     if final is None:
-        everything = alone if len(experiments) == 1 else Fits(experiments, settings, progress)
-        final = everything.candidate(chosen)
+        final = Fits(experiments, settings, progress).candidate(chosen)
+    if len(experiments) == 1:
+        trials = [Trial(report.fields), *(trial_of(answer) for answer in (final, rival) if answer)]
+    else:
+        alone = Fits([experiments[number]], settings, progress)
+        fits = [alone.baseline, *(alone.with_effects(answer.names) for answer in (final, rival) if answer)]
+        trials = [found.unknowns.trial(found.vector) for found in fits]
+    before, after, *others = (_shown(experiments, trial, number) for trial in trials)
+    gap = held_out_gap(before), held_out_gap(after)
+    closed = 1.0 - gap[1] / gap[0] if gap[0] > 0 else 0.0
     adopted = bool(gap[1] < gap[0])
     return Added(
         adopted=adopted,
@@ -61,7 +64,7 @@ def add_effect(
         fields=final.fields if adopted else report.fields,
         before=before,
         after=after,
-        runner_up=runner_up,
+        runner_up=others[0] if others else (),
         runner_up_names=rival.names if rival else (),
         fitted_on=number,
         numerical_floor=report.numerical_floor,
@@ -108,12 +111,16 @@ class Fits:
     def candidate(self, names: Sequence[str]) -> Candidate:
         """The record of that fit."""
         found = self.with_effects(names)
-        temperature = temperature_of(found.log_evidence - self.baseline.log_evidence, self.settings)
-        return Candidate(fitted_effects(found, temperature), None, fields=found.unknowns.baseline_fields(found.vector))
+        effects = fitted_effects(found, found.log_evidence - self.baseline.log_evidence, self.settings)
+        return Candidate(effects, None, fields=found.unknowns.baseline_fields(found.vector))
 
 
-def _shown(experiments: Sequence[Interaction], found: Fit, number: int):
-    trial = found.unknowns.trial(found.vector)
+def trial_of(answer: Candidate | Added) -> Trial:
+    """The rollout of a fitted answer, or of the model with what was added."""
+    return Trial(answer.fields, {effect.name: effect.values for effect in answer.effects})
+
+
+def _shown(experiments: Sequence[Interaction], trial: Trial, number: int):
     return disagreements(experiments, [experiment.predict([trial])[0] for experiment in experiments], number)
 
 

@@ -48,12 +48,11 @@ def add_effect(
     final = _from_report(report, chosen)
     if final is None:
         final = Fits(experiments, settings, progress).candidate(chosen)
+    answers = [answer for answer in (final, rival) if answer]
     if len(experiments) == 1:
-        trials = [Trial(report.fields), *(trial_of(answer) for answer in (final, rival) if answer)]
+        trials = [Trial(report.fields), *map(trial_of, answers)]
     else:
-        alone = Fits([experiments[number]], settings, progress)
-        fits = [alone.baseline, *(alone.with_effects(answer.names) for answer in (final, rival) if answer)]
-        trials = [found.unknowns.trial(found.vector) for found in fits]
+        trials = _fitted_to(experiments[number], [answer.names for answer in answers], settings, progress)
     before, after, *others = (_shown(experiments, trial, number) for trial in trials)
     gap = held_out_gap(before), held_out_gap(after)
     closed = 1.0 - gap[1] / gap[0] if gap[0] > 0 else 0.0
@@ -113,6 +112,15 @@ class Fits:
         found = self.with_effects(names)
         effects = fitted_effects(found, found.log_evidence - self.baseline.log_evidence, self.settings)
         return Candidate(effects, None, fields=found.unknowns.baseline_fields(found.vector))
+
+
+def _fitted_to(
+    experiment: Interaction, answers: Sequence[Sequence[str]], settings: GapSettings, progress: Progress
+) -> list[Trial]:
+    """The baseline, and every answer beside it, fitted to one interaction alone."""
+    alone = Fits([experiment], settings, progress)
+    fits = [alone.baseline, *map(alone.with_effects, answers)]
+    return [found.unknowns.trial(found.vector) for found in fits]
 
 
 def trial_of(answer: Candidate | Added) -> Trial:

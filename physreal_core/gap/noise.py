@@ -147,9 +147,8 @@ def _starting_points(valid, sigma, carried: Float[Array, "entries 3"]) -> Float[
 def _leading(places: Float[Array, "places axes"], length: float) -> Float[Array, "places modes"]:
     """Leading eigenvectors of a squared-exponential kernel of unit size, times the roots of their eigenvalues."""
     squared = ((places[:, None] - places[None]) ** 2).sum(-1)
-    apart = np.divide(
-        squared, length**2, out=squared, where=squared > 0
-    )  # one place alone has no extent, and no length
+    # One place alone has no extent, and so no length to divide by.
+    apart = np.divide(squared, length**2, out=squared, where=squared > 0)
     values, vectors = np.linalg.eigh(np.exp(-0.5 * apart))
     order = np.argsort(values)[::-1]
     share = np.cumsum(values[order]) / values.sum()

@@ -31,7 +31,7 @@ GUESS = {
     "youngs_modulus": 1e5,
     "poissons_ratio": 0.3,
     "friction_coefficient": 0.4,
-    "grip_stiffness": 100.0,  # of a particle's bonds together [N]: a hand that holds a bar as a vice does
+    "grip_stiffness": 100.0,  # of a particle's bonds together [N]: a hand that holds a bar as a vice does, but see `hold`
     "grip_damping": 0.01,
 }
 

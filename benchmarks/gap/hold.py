@@ -14,6 +14,7 @@ from benchmarks.gap.answer import experiments_of
 from benchmarks.gap.case import capture
 from benchmarks.gap.cases import GapCase
 from physreal_core.gap import Experiment, Trial
+from physreal_core.gap.disagreement import disagreements
 
 STIFFNESSES = (100.0, 1000.0, 4000.0, 16000.0)  # [N]
 RATIOS = (0.9, 1.0, 1.1, 1.2, 1.3, 1.4)
@@ -27,10 +28,7 @@ def distances(experiment: Experiment, youngs_modulus: float, friction: float, st
         numbers = known | {"youngs_modulus": ratio * youngs_modulus}
         fields = experiment.model.fields
         trials.append(Trial(fields | {name: torch.full_like(fields[name], n) for name, n in numbers.items()}))
-    apart = np.linalg.norm(
-        experiment.predict(trials, experiment.train) - experiment.measured[: experiment.train], axis=-1
-    )
-    return np.sqrt((apart[:, experiment.valid[: experiment.train]] ** 2).mean(1)).tolist()
+    return [disagreements([experiment], [predicted])[0].rms for predicted in experiment.predict(trials)]
 
 
 def main() -> None:

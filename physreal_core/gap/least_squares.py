@@ -23,6 +23,7 @@ Predictions = list[Array]
 Request = Generator[list[Trial], Predictions, "Fit"]
 
 LONGEST_BASELINE, LONGEST_EFFECT = 0.5, 1.5  # steps, in free coordinates
+FINE = 0.2  # of a tangent's step, where plain ones lead no further
 SMALL_GAIN = 0.25  # [nat] expected of the next step, below which a fit has arrived
 
 
@@ -107,12 +108,12 @@ class Data:
 
 
 def tangents(
-    unknowns: Unknowns, vector: Float[Array, " unknowns"], columns: Sequence[int]
+    unknowns: Unknowns, vector: Float[Array, " unknowns"], columns: Sequence[int], share: float = 1.0
 ) -> tuple[list[Trial], Float[Array, " columns"]]:
-    """Trials one step away along some unknowns, and the steps; a step that leaves the bounds goes the other way."""
+    """Trials a share of one step away along some unknowns, and the steps; a step that leaves the bounds goes the other way."""
     block, trials, steps = unknowns.block, [], []
     for column in columns:
-        step = block.steps[column]
+        step = share * block.steps[column]
         if not block.lower[column] <= vector[column] + step <= block.upper[column]:
             step = -step
         moved = vector.copy()
@@ -155,8 +156,8 @@ def fit(
     vector, energy, damping = start, _energy(unknowns, start, residual), 0.0
     if not np.isfinite(energy):  # the rollout failed: there is no way from here
         return Fit(unknowns, start, np.zeros_like(residual), np.zeros_like(J), now, np.inf)
-    refresh = list(range(unknowns.baseline, len(unknowns)))
-    renewed = jacobian is None
+    everything, effects = list(range(len(unknowns))), list(range(unknowns.baseline, len(unknowns)))
+    renewed, share = jacobian is None, 1.0
     for _ in range(iterations):
         step, expected = _step(unknowns, vector, residual, J, damping)
         if expected < SMALL_GAIN:
@@ -165,25 +166,35 @@ def fit(
         predictions = yield [unknowns.trial(vector + tried)]
         found = data.residuals(predictions)[:, 0]
         reached = _energy(unknowns, vector + tried, found)
-        if not reached < energy:
-            if renewed and damping > 1.0:
-                break
+        if reached < energy:
+            change, gained = found - residual, energy - reached
+            J = J + np.outer(change - J @ tried, tried) / float(tried @ tried)
+            vector, residual, energy, damping = vector + tried, found, reached, 0.3 * damping
+            now, renewed = [p[0] for p in predictions], False
+            if effects and gained > SMALL_GAIN:
+                J = yield from _renewed(J, effects, share, unknowns, vector, data, now)
+        elif not renewed:  # the tangents are old
+            J, renewed = (yield from _renewed(J, everything, share, unknowns, vector, data, now)), True
             damping = max(10.0 * damping, 0.3)
-            if not renewed:  # the tangents are old
-                trials, sizes = tangents(unknowns, vector, range(len(unknowns)))
-                answers = yield trials
-                J, renewed = _finite(data.changes(answers, now) / sizes), True
-            continue
-        change, gained = found - residual, energy - reached
-        J = J + np.outer(change - J @ tried, tried) / float(tried @ tried)
-        vector, residual, energy, damping = vector + tried, found, reached, 0.3 * damping
-        now = [p[0] for p in predictions]
-        if refresh and gained > SMALL_GAIN:
-            trials, sizes = tangents(unknowns, vector, refresh)
-            answers = yield trials
-            J[:, refresh] = _finite(data.changes(answers, now) / sizes)
-        renewed = False
+        elif damping <= 1.0:
+            damping = max(10.0 * damping, 0.3)
+        elif effects and share == 1.0:  # where a body touches something, long secants do not point along it
+            share, damping = FINE, 0.0
+            J = yield from _renewed(J, effects, share, unknowns, vector, data, now)
+        else:
+            break
     return Fit(unknowns, vector, residual, J, now, energy)
+
+
+def _renewed(
+    J: Array, columns: Sequence[int], share: float, unknowns: Unknowns, vector: Array, data: Data, now: Predictions
+) -> Generator[list[Trial], Predictions, Array]:
+    """The tangents with some columns taken anew, by a share of their steps."""
+    trials, steps = tangents(unknowns, vector, columns, share)
+    answers = yield trials
+    J = J.copy()
+    J[:, columns] = _finite(data.changes(answers, now) / steps)
+    return J
 
 
 def _energy(unknowns: Unknowns, vector: Array, residual: Array) -> float:

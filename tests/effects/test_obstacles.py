@@ -42,14 +42,26 @@ def distance(name: str, values: dict[str, float], place: np.ndarray, setting: Se
     return float(np.linalg.norm(place - centre - along * half) - radius)
 
 
-def test_the_body_presses_where_it_is_in_the_wall(setting):
+def test_the_body_presses_where_its_matter_is_in_the_wall(setting):
     capsule = EFFECTS["obstacle_plane"].capsule(tensors(WALL), setting, torch.zeros(1, dtype=torch.float64))
-    found = contacts(motion(setting, 0.004), capsule, reach=0.0)
-    assert found and contacts(motion(setting, -0.001), capsule, reach=0.0) == []
-    assert contacts(motion(setting, -0.001), capsule, reach=0.002)
+    found = contacts(motion(setting, 0.004), capsule, beyond=0.001)
+    assert found and contacts(motion(setting, -0.001), capsule, beyond=0.0) == []
+    assert contacts(motion(setting, -0.001), capsule, beyond=0.002)
     for place, towards in found:
-        assert place @ TOWARDS == pytest.approx(WALL["distance"], abs=1e-4)
         assert towards @ TOWARDS > 0.999
+    assert max(place @ TOWARDS for place, _ in found) == pytest.approx(WALL["distance"] + 0.005, abs=1e-4)
+
+
+@pytest.mark.parametrize("name", ["obstacle_sphere", "obstacle_post"])
+def test_a_search_begins_where_the_body_comes_a_spacing_into_it_on_its_way(name, setting):
+    moved, spacing = motion(setting, 0.1), setting.body.spacing
+    starts = EFFECTS[name].starts(setting, moved)
+    assert len(starts) > 2 and EFFECTS[name].starts(setting) == ()
+    for start in starts:
+        first, *later = (
+            max(reach(setting) - distance(name, start, place, setting) for place in frame) for frame in moved.x.numpy()
+        )
+        assert first < -spacing / 2 and max(later) == pytest.approx(spacing, abs=spacing / 4)
 
 
 @pytest.mark.parametrize("name", KINDS)

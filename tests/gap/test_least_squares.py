@@ -1,13 +1,16 @@
 """Fits, scores and evidence in a linear world, against closed forms."""
 
+from types import SimpleNamespace
+
 import numpy as np
 import pytest
 
+from physreal_core.gap import least_squares
 from physreal_core.gap.least_squares import Data, fit, together
 from physreal_core.gap.naming import NINETY, fitted_effects
 from physreal_core.gap.screening import Screen, started
 from physreal_core.gap.settings import GapSettings
-from physreal_core.gap.unknowns import Priors
+from physreal_core.gap.unknowns import Priors, Unknowns
 from tests.gap.linear import ANSWERS, LinearExperiment, baseline, register
 
 PRIORS = Priors()
@@ -40,6 +43,28 @@ def test_fit_reaches_the_closed_form_of_a_linear_problem():
     assert np.abs(newton / np.sqrt(np.diag(found.covariance))).max() < 0.3
     sd = np.sqrt(found.covariance[-1, -1])
     assert found.vector[-1] == pytest.approx(0.8, abs=3 * sd) and sd < 0.1
+
+
+class Bent(LinearExperiment):
+    """`sink` leads down to 0.8 and from there up again twice as steeply."""
+
+    def _one(self, trial):
+        amount = trial.effects.get("sink", {}).get("amount", 0.0)
+        effects = {"sink": {"amount": amount - 3.0 * max(0.0, amount - 0.8)}} if amount else {}
+        return super()._one(SimpleNamespace(fields=trial.fields, effects=effects))
+
+
+@pytest.mark.parametrize("fine, reached", [(1.0, False), (0.2, True)])
+def test_where_plain_secants_lead_astray_a_fit_goes_on_with_fine_ones(monkeypatch, fine, reached):
+    """From 0.65 the secant, of length 0.25, points up, the tangent down to the truth."""
+    monkeypatch.setattr(least_squares, "FINE", fine)
+    experiment = Bent(ANSWERS, {"sink": {"amount": 0.75}})
+    data = Data([experiment], [experiment.noise()])
+    base = baseline(experiment, data)
+    unknowns = Unknowns(experiment.model.fields, ("sink",), PRIORS, {"sink": {"amount": 0.65}}, scalars=())
+    start = np.concatenate([np.log([1.2e5, 0.9e5]), base.vector[2:3], [0.65]])
+    (found,) = together([fit(unknowns, data, start[None], 8)], data)
+    assert (abs(found.vector[-1] - 0.75) < 0.03) == reached
 
 
 def test_score_foretells_the_gain_of_the_fit():

@@ -14,9 +14,11 @@ from physreal_core.simulation import States
 
 FORMULA = "f = m k max(0, h / 2 - phi) grad phi, h the spacing of particles, phi the signed distance"
 STIFFNESS = Coefficient("stiffness", "1/s2", "acceleration over depth, k", 0.0, 0.0, 2e7, 1e6)
-MOST = 6  # starts
+MOST = 8  # starts
 PRESSED = 0.2  # of the deepest place, from which on one is pressed
 FREE = 1.5  # spacings that an obstacle keeps from the body at frame 0
+TOLERANCE = 0.25  # of how deep the body comes into an obstacle where a search begins, in spacings
+NODES = 64  # along the longest edge, of the lattice on which such obstacles are looked for
 
 
 class Obstacle(Effect):
@@ -60,40 +62,74 @@ def reach(setting: Setting) -> float:
     return 0.5 * setting.body.spacing
 
 
-def contacts(motion: States, capsule: tuple[Tensor, Tensor, Tensor], reach: float) -> list[tuple[Array, Array]]:
-    """Where the body presses on a capsule in a motion: at most `MOST` places on it [m], far from each other, each with the
-    direction into it."""
+def contacts(motion: States, capsule: tuple[Tensor, Tensor, Tensor], beyond: float) -> list[tuple[Array, Array]]:
+    """Where the body presses on a capsule in a motion: at most `MOST` places [m] that its matter reaches, far from each other, each
+    with the direction into the capsule. A soft one it enters: a hard one in its stead lies that much further.
+
+    Args:
+        motion: with the capsule in place.
+        capsule: centre, half axis and radius [m].
+        beyond: how far a particle's matter reaches beyond it [m].
+    """
     x = motion.x.detach().double().cpu().numpy()
     x = x[np.isfinite(x).all((1, 2))].reshape(-1, 3)
     centre, half_axis, radius = (part.double().numpy() for part in capsule)
     along = np.clip((x - centre) @ half_axis / max(half_axis @ half_axis, 1e-12), -1.0, 1.0)
     inwards = centre + along[:, None] * half_axis - x
     distance = np.linalg.norm(inwards, axis=1)
-    depth = radius + reach - distance
+    depth = radius + beyond - distance
     pressed = np.flatnonzero(depth > max(PRESSED * depth.max(initial=0.0), 0.0))
     if not len(pressed):
         return []
     chosen = pressed[farthest_points(x[pressed], MOST)]
     towards = inwards[chosen] / np.maximum(distance[chosen], 1e-12)[:, None]
-    return list(zip(x[chosen] + (distance[chosen] - radius)[:, None] * towards, towards, strict=True))
+    return list(zip(x[chosen] + beyond * towards, towards, strict=True))
 
 
-def crossed_places(
+def grazed_places(
     setting: Setting, motion: States | None, radius: float, axes: tuple[int, ...]
-) -> Float[Array, "places 3"]:
-    """Places that the body passes but that are free at frame 0, far from each other, at most `MOST`.
+) -> tuple[Float[Array, "places axes"], Float[Array, "places 3"]]:
+    """Places of obstacles into which the body's matter comes by one spacing as it passes, but that are free at frame 0; far from
+    each other, at most `MOST`. An obstacle further in its way would throw it back by more than a search begins with.
 
     Args:
         setting: of the capture.
         motion: the baseline's.
-        radius: of the obstacle that is to fit in there [m].
+        radius: of the obstacle [m].
         axes: in which distance from the body counts.
+
+    Returns:
+        Middles of the obstacles [m], along those axes, and the particle's place that comes deepest into each.
     """
     if motion is None:
-        return np.zeros((0, 3))
-    body, x = setting.body, motion.x.detach().double().cpu().numpy()
-    swept = x[np.isfinite(x).all((1, 2))][1:].reshape(-1, 3)
-    swept = swept[:: max(1, len(swept) // 20_000)]
-    distance, _ = cKDTree(body.x0[:, axes]).query(swept[:, axes])
-    passed = swept[distance > radius + FREE * body.spacing]
-    return passed[farthest_points(passed, MOST)] if len(passed) else passed
+        return np.zeros((0, len(axes))), np.zeros((0, 3))
+    spacing, x = setting.body.spacing, motion.x.detach().double().cpu().numpy()
+    passed = x[np.isfinite(x).all((1, 2))][1:].reshape(-1, 3)
+    places, deepest = _beside(passed, axes, radius + reach(setting) - spacing, setting)
+    at_first, _ = cKDTree(setting.body.x0[:, axes]).query(places)
+    free = at_first > radius + FREE * spacing
+    if not free.any():
+        return places[free], deepest[free]
+    chosen = np.flatnonzero(free)[farthest_points(deepest[free], MOST)]
+    return places[chosen], deepest[chosen]
+
+
+def _beside(
+    passed: Float[Array, "passed 3"], axes: tuple[int, ...], apart: float, setting: Setting
+) -> tuple[Float[Array, "places axes"], Float[Array, "places 3"]]:
+    """Places all about and above the ground from which the nearest of those that the body passes is so far [m], along some
+    axes, and that nearest one."""
+    lower, upper = passed.min(0) - apart, passed.max(0) + apart
+    if setting.ground_height is not None:
+        lower[2] = max(lower[2], setting.ground_height)
+    pitch = max(setting.body.spacing, float((upper - lower).max()) / NODES)
+    steps = [np.arange(lower[axis], upper[axis], pitch) for axis in axes]
+    nodes = np.stack(np.meshgrid(*steps, indexing="ij"), -1).reshape(-1, len(axes))
+    tree = cKDTree(passed[:, axes])
+    distance, nearest = tree.query(nodes, distance_upper_bound=apart + pitch)
+    near = np.abs(distance - apart) < 0.5 * pitch
+    deepest = passed[nearest[near]]
+    places = deepest[:, axes] + apart / distance[near, None] * (nodes[near] - deepest[:, axes])
+    moved, _ = tree.query(places)  # another may be nearer there
+    right = np.abs(moved - apart) < TOLERANCE * setting.body.spacing
+    return places[right], deepest[right]

@@ -4,7 +4,7 @@ import numpy as np
 import torch
 
 from physreal_core.array_types import Array, Float, Tensor
-from physreal_core.effects.contact.obstacle import FORMULA, MOST, STIFFNESS, Obstacle
+from physreal_core.effects.contact.obstacle import FORMULA, MOST, STIFFNESS, Obstacle, reach
 from physreal_core.effects.effect import Coefficient, Setting, Values
 from physreal_core.effects.fields import vector
 from physreal_core.effects.shape import middle
@@ -14,7 +14,7 @@ from physreal_core.simulation import States
 FLAT = 50.0
 """Radius of the ball that stands for a plane [m]: within a body of 0.3 m it bends by 0.2 mm."""
 EXCURSION = 0.01  # [m] beyond the place of frame 0, for a direction to be worth a start
-SHARES = (0.5, 0.8)  # of the excursion at which a start's plane stands
+WAYS = MOST // 2  # directions, of two walls each
 
 
 class ObstaclePlane(Obstacle):
@@ -47,23 +47,24 @@ class ObstaclePlane(Obstacle):
         return [{"azimuth": azimuth, "elevation": elevation, "distance": distance}] if distance > 0.0 else []
 
     def starts(self, setting: Setting, motion: States | None = None) -> tuple[dict[str, float], ...]:
-        """Walls half and most of the way in the directions in which the body goes farthest beyond frame 0."""
+        """Walls in the directions in which the body goes farthest beyond frame 0: half the way, and where its matter comes into
+        them by one spacing."""
         if motion is None:
             return ()
         x = motion.x.detach().double().cpu().numpy() - middle(setting.body)
         angles = [(float(a), 0.0) for a in np.arange(8) * np.pi / 4] + [(0.0, np.pi / 2)]
-        reaches = [_reach(x, azimuth, elevation) for azimuth, elevation in angles]
-        ways = sorted(zip(reaches, angles, strict=True), key=lambda way: way[0][0] - way[0][1])
+        extents = [_extent(x, azimuth, elevation) for azimuth, elevation in angles]
+        ways = sorted(zip(extents, angles, strict=True), key=lambda way: way[0][0] - way[0][1])
         return tuple(
-            {"azimuth": azimuth, "elevation": elevation, "distance": first + share * (farthest - first)}
-            for (first, farthest), (azimuth, elevation) in ways[: MOST // len(SHARES)]
+            {"azimuth": azimuth, "elevation": elevation, "distance": distance}
+            for (first, farthest), (azimuth, elevation) in ways[:WAYS]
             if farthest - first > EXCURSION
-            for share in SHARES
+            for distance in (0.5 * (first + farthest), farthest + reach(setting) - setting.body.spacing)
         )
 
 
-def _reach(x: np.ndarray, azimuth: float, elevation: float) -> tuple[float, float]:
+def _extent(x: np.ndarray, azimuth: float, elevation: float) -> tuple[float, float]:
     """How far the body reaches in a direction, at frame 0 and at most [m]."""
     towards = direction(torch.tensor(azimuth), torch.tensor(elevation)).double().numpy()
-    reach = np.nanmax(x @ towards, axis=1)
-    return float(reach[0]), float(np.nanmax(reach))
+    extent = np.nanmax(x @ towards, axis=1)
+    return float(extent[0]), float(np.nanmax(extent))

@@ -4,7 +4,7 @@ import numpy as np
 import torch
 
 from physreal_core.array_types import Array, Float, Tensor
-from physreal_core.effects.contact.obstacle import FORMULA, STIFFNESS, Obstacle, crossed_places
+from physreal_core.effects.contact.obstacle import FORMULA, STIFFNESS, Obstacle, grazed_places
 from physreal_core.effects.effect import ANYWHERE, Coefficient, Setting, Values
 from physreal_core.effects.fields import vector
 from physreal_core.simulation import States
@@ -47,9 +47,9 @@ class ObstaclePost(Obstacle):
         return [{"x": float(x), "y": float(y), "height": float(place[2]) + 2 * r, "radius": r} for (x, y), r in axes]
 
     def starts(self, setting: Setting, motion: States | None = None) -> tuple[dict[str, float], ...]:
-        """Posts in the body's way, a little higher than it passes there; none touches it at frame 0."""
-        places = crossed_places(setting, motion, START_RADIUS, (0, 1))
+        """Posts that the body touches on its way, but not at frame 0; a little higher than it is there."""
+        axes, touched = grazed_places(setting, motion, START_RADIUS, (0, 1))
         return tuple(
             {"x": float(x), "y": float(y), "height": float(z) + 2 * START_RADIUS, "radius": START_RADIUS}
-            for x, y, z in places
+            for (x, y), z in zip(axes, touched[:, 2], strict=True)
         )

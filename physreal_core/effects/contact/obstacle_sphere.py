@@ -3,7 +3,7 @@
 import torch
 
 from physreal_core.array_types import Array, Float, Tensor
-from physreal_core.effects.contact.obstacle import FORMULA, STIFFNESS, Obstacle, crossed_places
+from physreal_core.effects.contact.obstacle import FORMULA, STIFFNESS, Obstacle, grazed_places
 from physreal_core.effects.effect import ANYWHERE, Coefficient, Setting, Values
 from physreal_core.effects.fields import vector
 from physreal_core.simulation import States
@@ -39,6 +39,6 @@ class ObstacleSphere(Obstacle):
         return [{**dict(zip("xyz", map(float, place + r * towards), strict=True)), "radius": r} for r in RADII]
 
     def starts(self, setting: Setting, motion: States | None = None) -> tuple[dict[str, float], ...]:
-        """Balls in the body's way, none of which touches it at frame 0."""
-        places = crossed_places(setting, motion, START_RADIUS, (0, 1, 2))
+        """Balls that the body touches on its way, but not at frame 0."""
+        places, _ = grazed_places(setting, motion, START_RADIUS, (0, 1, 2))
         return tuple({**dict(zip("xyz", map(float, c), strict=True)), "radius": START_RADIUS} for c in places)

@@ -48,6 +48,7 @@ def test_the_body_presses_where_its_matter_is_in_the_wall(setting):
     assert found and contacts(motion(setting, -0.001), capsule, beyond=0.0) == []
     assert contacts(motion(setting, -0.001), capsule, beyond=0.002)
     for place, towards in found:
+        assert WALL["distance"] < place @ TOWARDS < WALL["distance"] + 0.0051
         assert towards @ TOWARDS > 0.999
     assert max(place @ TOWARDS for place, _ in found) == pytest.approx(WALL["distance"] + 0.005, abs=1e-4)
 

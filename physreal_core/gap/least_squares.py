@@ -1,13 +1,14 @@
 """Regularised least squares on whitened residuals, many fits in lockstep so that all their rollouts run as one batch.
 
 A fit is a generator: it yields the trials it needs and is sent their predictions, one array per experiment. Levenberg-Marquardt
-with tangents by secants for the effects' coefficients and Broyden's update for the baseline's, whose tangents change little.
+with tangents by secants for the effects' coefficients and Broyden's update for the baseline's, whose tangents change little. As in
+Powell's hybrid method (1970) a step that failed updates them, too, and only a second one in a row has them all taken anew.
 """
 
 from __future__ import annotations
 
 from collections.abc import Generator, Sequence
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from itertools import pairwise
 
 import numpy as np
@@ -23,6 +24,7 @@ Predictions = list[Array]
 Request = Generator[list[Trial], Predictions, "Fit"]
 
 LONGEST_BASELINE, LONGEST_EFFECT = 0.5, 1.5  # steps, in free coordinates
+DAMPING = 0.3  # after a step that failed, at least; then ten times as much
 FINE = 0.2  # of a tangent's step, where plain ones lead no further
 SMALL_GAIN = 0.25  # [nat] expected of the next step, below which a fit has arrived
 
@@ -144,57 +146,74 @@ def fit(
         predictions = yield [unknowns.trial(vector) for vector in starts]
         residuals = data.residuals(predictions).T
         best = int(np.argmin([_energy(unknowns, *pair) for pair in zip(starts, residuals, strict=True)]))
-    start, jacobian = starts[best], jacobians[best] if len(jacobians) else None
-    known = 0 if jacobian is None else jacobian.shape[1]
-    fresh = list(range(known, len(unknowns)))
+    found = yield from _begun(unknowns, data, starts[best], jacobians[best] if len(jacobians) else None)
+    if not np.isfinite(found.energy):  # the rollout failed: there is no way from here
+        return found
+    everything, effects = list(range(len(unknowns))), list(range(unknowns.baseline, len(unknowns)))
+    old, failed, damping, share = len(jacobians) > 0, False, 0.0, 1.0
+    for _ in range(iterations):
+        step, expected = _step(found, damping)
+        if expected < SMALL_GAIN:
+            break
+        tried = _clipped(unknowns, found.vector, step)
+        following = yield from _moved(found, tried, data)
+        if following.energy < found.energy:
+            gained = found.energy - following.energy
+            found, old, failed, damping = following, True, False, 0.3 * damping
+            if effects and gained > SMALL_GAIN:
+                found = yield from _renewed(found, effects, share, data)
+        elif old and not failed:  # its secant may do; all tangents cost more
+            found, failed, damping = replace(found, jacobian=following.jacobian), True, max(10.0 * damping, DAMPING)
+        elif old:
+            found, old, failed = (yield from _renewed(found, everything, share, data)), False, False
+            damping = max(damping, DAMPING)
+        elif damping <= 1.0:
+            damping = max(10.0 * damping, DAMPING)
+        elif effects and share == 1.0:  # where a body touches something, long secants do not point along it
+            share, damping = FINE, 0.0
+            found = yield from _renewed(found, effects, share, data)
+        else:
+            break
+    return found
+
+
+def _begun(
+    unknowns: Unknowns, data: Data, start: Array, known: Array | None
+) -> Generator[list[Trial], Predictions, Fit]:
+    """A fit before its first step: tangents at the start, of the first unknowns those that are known."""
+    fresh = range(0 if known is None else known.shape[1], len(unknowns))
     trials, steps = tangents(unknowns, start, fresh)
     predictions = yield [unknowns.trial(start), *trials]
     now = [p[0] for p in predictions]
     residual = data.residuals([p[:1] for p in predictions])[:, 0]
     columns = data.changes([p[1:] for p in predictions], now) / steps
-    J = _finite(columns if jacobian is None else np.concatenate([jacobian, columns], axis=1))
-    vector, energy, damping = start, _energy(unknowns, start, residual), 0.0
-    if not np.isfinite(energy):  # the rollout failed: there is no way from here
-        return Fit(unknowns, start, np.zeros_like(residual), np.zeros_like(J), now, np.inf)
-    everything, effects = list(range(len(unknowns))), list(range(unknowns.baseline, len(unknowns)))
-    renewed, share = jacobian is None, 1.0
-    for _ in range(iterations):
-        step, expected = _step(unknowns, vector, residual, J, damping)
-        if expected < SMALL_GAIN:
-            break
-        tried = _clipped(unknowns, vector, step)
-        predictions = yield [unknowns.trial(vector + tried)]
-        found = data.residuals(predictions)[:, 0]
-        reached = _energy(unknowns, vector + tried, found)
-        if reached < energy:
-            change, gained = found - residual, energy - reached
-            J = J + np.outer(change - J @ tried, tried) / float(tried @ tried)
-            vector, residual, energy, damping = vector + tried, found, reached, 0.3 * damping
-            now, renewed = [p[0] for p in predictions], False
-            if effects and gained > SMALL_GAIN:
-                J = yield from _renewed(J, effects, share, unknowns, vector, data, now)
-        elif not renewed:  # the tangents are old
-            J, renewed = (yield from _renewed(J, everything, share, unknowns, vector, data, now)), True
-            damping = max(10.0 * damping, 0.3)
-        elif damping <= 1.0:
-            damping = max(10.0 * damping, 0.3)
-        elif effects and share == 1.0:  # where a body touches something, long secants do not point along it
-            share, damping = FINE, 0.0
-            J = yield from _renewed(J, effects, share, unknowns, vector, data, now)
-        else:
-            break
-    return Fit(unknowns, vector, residual, J, now, energy)
+    J = _finite(columns if known is None else np.concatenate([known, columns], axis=1))
+    energy = _energy(unknowns, start, residual)
+    if not np.isfinite(energy):
+        residual, J = np.zeros_like(residual), np.zeros_like(J)
+    return Fit(unknowns, start, residual, J, now, energy)
 
 
-def _renewed(
-    J: Array, columns: Sequence[int], share: float, unknowns: Unknowns, vector: Array, data: Data, now: Predictions
-) -> Generator[list[Trial], Predictions, Array]:
-    """The tangents with some columns taken anew, by a share of their steps."""
-    trials, steps = tangents(unknowns, vector, columns, share)
+def _moved(found: Fit, step: Array, data: Data) -> Generator[list[Trial], Predictions, Fit]:
+    """The fit one step on, whether better or not, with Broyden's update of its tangents."""
+    vector = found.vector + step
+    predictions = yield [found.unknowns.trial(vector)]
+    residual = data.residuals(predictions)[:, 0]
+    J, change = found.jacobian, residual - found.residual
+    if np.isfinite(change).all():
+        J = J + np.outer(change - J @ step, step) / float(step @ step)
+    return Fit(
+        found.unknowns, vector, residual, J, [p[0] for p in predictions], _energy(found.unknowns, vector, residual)
+    )
+
+
+def _renewed(found: Fit, columns: Sequence[int], share: float, data: Data) -> Generator[list[Trial], Predictions, Fit]:
+    """The fit with some columns of its tangents taken anew, by a share of their steps."""
+    trials, steps = tangents(found.unknowns, found.vector, columns, share)
     answers = yield trials
-    J = J.copy()
-    J[:, columns] = _finite(data.changes(answers, now) / steps)
-    return J
+    J = found.jacobian.copy()
+    J[:, columns] = _finite(data.changes(answers, found.predicted) / steps)
+    return replace(found, jacobian=J)
 
 
 def _energy(unknowns: Unknowns, vector: Array, residual: Array) -> float:
@@ -202,11 +221,10 @@ def _energy(unknowns: Unknowns, vector: Array, residual: Array) -> float:
     return value if np.isfinite(value) else np.inf
 
 
-def _step(unknowns: Unknowns, vector: Array, residual: Array, J: Array, damping: float) -> tuple[Array, float]:
+def _step(found: Fit, damping: float) -> tuple[Array, float]:
     """A damped Gauss-Newton step that stays within the bounds, and the gain [nat] that the linear model expects of it."""
-    block = unknowns.block
-    gradient = J.T @ residual + block.precision @ (vector - block.mean)
-    H = J.T @ J + block.precision
+    unknowns, vector, block, H = found.unknowns, found.vector, found.unknowns.block, found.hessian
+    gradient = found.jacobian.T @ found.residual + block.precision @ (vector - block.mean)
     free = np.ones(len(vector), dtype=bool)
     step = np.zeros(len(vector))
     for _ in range(len(vector)):

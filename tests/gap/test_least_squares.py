@@ -6,7 +6,7 @@ import numpy as np
 import pytest
 
 from physreal_core.gap import least_squares
-from physreal_core.gap.least_squares import Data, fit, together
+from physreal_core.gap.least_squares import Data, Fit, fit, together
 from physreal_core.gap.naming import NINETY, fitted_effects
 from physreal_core.gap.screening import Screen, started
 from physreal_core.gap.settings import GapSettings
@@ -43,6 +43,30 @@ def test_fit_reaches_the_closed_form_of_a_linear_problem():
     assert np.abs(newton / np.sqrt(np.diag(found.covariance))).max() < 0.3
     sd = np.sqrt(found.covariance[-1, -1])
     assert found.vector[-1] == pytest.approx(0.8, abs=3 * sd) and sd < 0.1
+
+
+def rollouts(request, data, failing=()) -> tuple[list[int], Fit]:
+    """How many trials a fit asks for, round by round, where the rollouts of some rounds fail; and where it ends."""
+    sizes, trials = [], next(request)
+    while True:
+        answers = [np.full_like(p, np.nan) if len(sizes) in failing else p for p in data.predict(trials)]
+        sizes.append(len(trials))
+        try:
+            trials = request.send(answers)
+        except StopIteration as done:
+            return sizes, done.value
+
+
+def test_a_step_that_failed_mends_old_tangents_and_a_second_one_has_them_taken_anew():
+    experiment, data = scene({})
+    base = baseline(experiment, data)
+    unknowns, start = base.unknowns, base.unknowns.start()
+    wrong = base.jacobian * np.where(np.arange(len(start)) < 2, -1.0, 1.0)
+    sizes, found = rollouts(fit(unknowns, data, start[None], 8, [wrong]), data)
+    assert set(sizes) == {1} and found.energy == pytest.approx(base.energy, abs=0.3)
+    sizes, found = rollouts(fit(unknowns, data, start[None], 8, [base.jacobian]), data, failing=(1, 2))
+    assert sizes[:4] == [1, 1, 1, len(start)] and set(sizes[4:]) == {1}
+    assert found.energy == pytest.approx(base.energy, abs=0.3)
 
 
 class Bent(LinearExperiment):

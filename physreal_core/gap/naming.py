@@ -69,8 +69,9 @@ def _fitted(effect: Effect, values: dict[str, float], deviations: dict[str, floa
 
 def probabilities(answers: Sequence[Answer], settings: GapSettings, library: int) -> Array:
     """Of the answers, from their gains at the calibrated temperature and their priors."""
+    names, held_out = [answer.names for answer in answers], [answer.held_out for answer in answers]
     gains = np.array([weighed(answer.gain, answer.held_out, settings) for answer in answers])
-    return chances([len(answer.names) for answer in answers], gains, settings, library)
+    return chances([*map(len, names)], confirmed(names, gains, held_out, settings), settings, library)
 
 
 def weighed(gain: float, held_out: float, settings: GapSettings) -> float:
@@ -83,6 +84,27 @@ def weighed(gain: float, held_out: float, settings: GapSettings) -> float:
     if held_out < 0.0:
         return gain + max(held_out, -settings.held_out_loss * promised)
     return gain + settings.held_out_share * min(held_out, promised)
+
+
+def confirmed(
+    names: Sequence[tuple[str, ...]],
+    gains: Float[Array, " answers"],
+    held_out: Sequence[float],
+    settings: GapSettings,
+) -> Float[Array, " answers"]:
+    """The gains [nat], of two effects no more beyond the better of them alone than they confirm on held-out frames.
+
+    A spare second effect bends to what the first one leaves in the training frames, and does nothing beyond them.
+    """
+    if not any(held_out):  # there are no such frames
+        return gains
+    found, alone = gains.copy(), {own[0]: number for number, own in enumerate(names) if len(own) == 1}
+    for number, own in enumerate(names):
+        if len(own) == 2 and (parts := [alone[name] for name in own if name in alone]):
+            better = max(parts, key=gains.__getitem__)
+            more = held_out[number] - held_out[better] if held_out[number] > held_out[better] else 0.0
+            found[number] = min(gains[number], gains[better] + more / settings.confirmed)
+    return found
 
 
 def chances(sizes: Sequence[int], gains: Float[Array, " answers"], settings: GapSettings, library: int) -> Array:

@@ -34,6 +34,8 @@ class GapSettings:
         remainder: share of its gain that a right effect may leave. A second one is looked for where the best leaves more; and
             what two gain beyond one of them is divided by half this share of the best gain, at least, so that less than a right
             effect leaves does not outweigh the prior.
+        confirmed: share of what two effects gain beyond the better of them alone that they must gain on held-out frames, too, for
+            all of it to count.
         held_out_share: share that counts of what an answer gains on held-out frames, as far as that is not more than its
             training evidence.
         held_out_loss: share of its training evidence that an answer may lose there: a right effect whose numbers are a little
@@ -64,6 +66,7 @@ class GapSettings:
     interval_temperature: float = 1.0
     misfit: float = 0.1
     remainder: float = 0.01
+    confirmed: float = 0.1
     held_out_share: float = 0.5
     held_out_loss: float = 0.5
     class_ratio: float = 0.1

@@ -4,7 +4,7 @@ import numpy as np
 import pytest
 
 from physreal_core.gap import GapSettings
-from physreal_core.gap.naming import chances, weighed, worth_of_a_second
+from physreal_core.gap.naming import chances, confirmed, weighed, worth_of_a_second
 
 LIBRARY = 27
 
@@ -74,3 +74,14 @@ def test_held_out_frames_speak_against_a_gain_and_never_make_one():
     assert weighed(100.0, -20.0, settings) == 80.0
     assert weighed(100.0, -1000.0, settings) == 50.0  # a right effect whose contact comes a frame late
     assert weighed(-5.0, 1000.0, settings) == -5.0
+
+
+def test_of_two_effects_counts_what_held_out_frames_confirm_beyond_the_better_one_alone():
+    names, gains = [NONE, WIND, PAYLOAD, TWO], np.array([0.0, 1000.0, 100.0, 1300.0])
+    settings = GapSettings(confirmed=0.1)
+    for held_out, counts in ((0.0, 1000.0), (-50.0, 1000.0), (10.0, 1100.0), (30.0, 1300.0), (np.inf, 1300.0)):
+        found = confirmed(names, gains, [0.0, 200.0, 500.0, 200.0 + held_out], settings)
+        np.testing.assert_allclose(found, [0.0, 1000.0, 100.0, counts])
+    assert confirmed(names, gains, [0.0, -np.inf, 0.0, -np.inf], settings)[3] == 1000.0  # both run away there
+    np.testing.assert_array_equal(confirmed(names, gains, [0.0] * 4, settings), gains)  # nothing is held out
+    np.testing.assert_array_equal(confirmed([NONE, TWO], gains[[0, 3]], [0.0, -9.0], settings), gains[[0, 3]])

@@ -146,6 +146,19 @@ class Effect:
         """
         return ()
 
+    def kept_off(
+        self, setting: Setting, seen: Float[Array, "points 3"], expected: Float[Array, "points 3"]
+    ) -> tuple[dict[str, float], ...]:
+        """Values, one amplitude of plain size, at one of which a fit begins too: what would keep the body from where the baseline takes
+        it, and from nowhere that it was seen.
+
+        Args:
+            setting: of the capture.
+            seen: where tracked points were measured in the training frames [m].
+            expected: where the baseline has them then [m].
+        """
+        return ()
+
     def instead(
         self, setting: Setting, other: "Effect", values: Mapping[str, float], motion: States | None
     ) -> tuple[dict[str, float], ...]:

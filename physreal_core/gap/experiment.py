@@ -332,6 +332,18 @@ def starts_instead_of(
     return _as_in_the_first(interaction, effect, effect.instead(interaction.setting, other, here, motion))
 
 
+def starts_kept_off(
+    interaction: Interaction, effect: Effect, predicted: Float[Array, "frames tracks 3"]
+) -> tuple[dict[str, float], ...]:
+    """`effect.kept_off` for an interaction, as in the first one; from the tracks under the baseline in the training frames [m]."""
+    frames = len(predicted)
+    both = interaction.valid[:frames] & np.isfinite(predicted).all(-1)
+    if not both.any():
+        return ()
+    found = effect.kept_off(interaction.setting, interaction.measured[:frames][both], predicted[both])
+    return _as_in_the_first(interaction, effect, found)
+
+
 def _as_in_the_first(
     interaction: Interaction, effect: Effect, starts: tuple[dict[str, float], ...]
 ) -> tuple[dict[str, float], ...]:

@@ -14,7 +14,7 @@ from dataclasses import replace
 import numpy as np
 
 from physreal_core.effects import EFFECTS, Effect
-from physreal_core.gap.experiment import starts_instead_of
+from physreal_core.gap.experiment import starts_instead_of, starts_kept_off
 from physreal_core.gap.least_squares import Data, Fit, Request, fit, together
 from physreal_core.gap.screening import LONGEST_SHIFT, Score, Screen, akin, started
 from physreal_core.gap.settings import GapSettings
@@ -48,6 +48,7 @@ class Refits:
         self.baseline, self.data, self._names, self._settings = baseline, data, names, settings
         self._level = level = self._levelled() if baseline.unknowns.patches > 1 else baseline
         bent = WORTH_A_SCREEN < level.energy - baseline.energy < np.inf
+        self._kept_off = {name: self._what_keeps_off(name) for name in names}
         screen = Screen(baseline, data, names, settings.priors)
         self.screens = [screen, screen.anew(level, STARTS)] if bent else [screen]
 
@@ -58,6 +59,15 @@ class Refits:
         request = fit(own.levelled(), self.data, start, self._settings.iterations, [self.baseline.jacobian])
         (found,) = together([request], self.data)
         return _as(found, own)
+
+    def _what_keeps_off(self, name: str) -> list[dict[str, float]]:
+        """Plain sizes of an effect that would keep the body from where this baseline takes it, and it was not seen."""
+        parts = zip(self.data.experiments, self.baseline.predicted, strict=True)
+        return [
+            values
+            for experiment, predicted in parts
+            for values in starts_kept_off(experiment, EFFECTS[name], predicted)
+        ]
 
     def ranked(self) -> list[list[Score]]:
         """Every effect's scores, one per screen; first the effect that leads one of the screens.
@@ -84,8 +94,14 @@ class Refits:
         return [[score] for score in nearest.anew(best, 1).scores(best.residual)]
 
     def fitted(self, chosen: Sequence[list[Score]]) -> list[Fit]:
-        """A few steps of the fit of each effect, from all places in which it was scored, or from far if that leads further."""
-        requests = [[self._begun(scores), *self._far(scores)] for scores in chosen]
+        """A few steps of the fit of each effect, from all places in which it was scored, or from far if that leads further, or from
+        where it would keep the body off."""
+        alone = [None if scores[0].beside.unknowns.effects else scores[0].start.effect for scores in chosen]
+        near = self._least([(name, values) for name in alone if name for values in self._kept_off[name]], self.baseline)
+        requests = [
+            [self._begun(scores), *self._far(scores), *([near[name]] if name in near else [])]
+            for name, scores in zip(alone, chosen, strict=True)
+        ]
         found = iter(together([request for own in requests for request in own], self.data))
         return [max((next(found) for _ in own), key=lambda fit: fit.log_evidence) for own in requests]
 
@@ -113,7 +129,7 @@ class Refits:
         kin = [name for name in (self._names if names is None else names) if akin(name, found)]
         if not kin:
             return []
-        return together(self._least([*self._plain(kin), *self._instead(kin, best)], best), self.data)
+        return together([*self._least([*self._plain(kin), *self._instead(kin, best)], best).values()], self.data)
 
     def _plain(self, names: Sequence[str]) -> list[tuple[str, dict[str, float]]]:
         """These effects from every start and to either side, one amplitude at its scale."""
@@ -130,18 +146,19 @@ class Refits:
         for experiment in self.data.experiments:
             motion = experiment.motion(trial)
             for effect in asked:
-                dormant = {c.name: c.dormant for c in effect.coefficients}
                 starts = starts_instead_of(experiment, effect, EFFECTS[other], values, motion)
-                found += [(effect.name, {**dormant, **start}) for start in starts]
+                found += [(effect.name, _whole(effect, start)) for start in starts]
         return found
 
-    def _least(self, chosen: Sequence[tuple[str, dict[str, float]]], beside: Fit) -> list[Request]:
+    def _least(self, chosen: Sequence[tuple[str, dict[str, float]]], beside: Fit) -> dict[str, Request]:
         """Of every effect the fit from those values that come closest once the material of another fit goes along, as the
         tangents there say: as it is, a modulus hides what a place gains."""
+        if not chosen:
+            return {}
         own, begun = self.baseline.unknowns, []
         material, known = beside.vector[: own.baseline], beside.jacobian[:, : own.baseline]
         for name, values in chosen:
-            unknowns = Unknowns(own.fields, (name,), own.priors, {name: values}, own.scalars)
+            unknowns = self._at(EFFECTS[name], values)
             begun.append((unknowns, np.concatenate([material, unknowns.start()[own.baseline :]])))
         residuals = self.data.residuals(self.data.predict([unknowns.trial(vector) for unknowns, vector in begun]))
         pulls = known.T @ residuals + (own.block.precision @ (material - own.block.mean))[:, None]
@@ -150,18 +167,18 @@ class Refits:
         least: dict[str, int] = {}
         for number in np.argsort(energies, kind="stable").tolist():
             least.setdefault(chosen[number][0], number)
-        requests = []
-        for number in least.values():
+        requests = {}
+        for name, number in least.items():
             unknowns, vector = begun[number]
             starts = np.stack([vector, vector])
             starts[1, : own.baseline] += np.clip(shifts[:, number], -LONGEST_SHIFT, LONGEST_SHIFT)
             starts = np.clip(starts, unknowns.block.lower, unknowns.block.upper)
-            requests.append(fit(unknowns, self.data, starts, self._settings.iterations, [known, known]))
+            requests[name] = fit(unknowns, self.data, starts, self._settings.iterations, [known, known])
         return requests
 
     def begins_afar(self, effect: str) -> bool:
         """Whether fits of an effect begin far from the baseline, too, because tangents there do not lead to it."""
-        return bool(EFFECTS[effect].far(self.data.experiments[0].setting))
+        return bool(EFFECTS[effect].far(self.data.experiments[0].setting) or self._kept_off[effect])
 
     def _begun(self, scores: list[Score]) -> Request:
         unknowns, starts, known = started(scores, self._settings.priors)
@@ -174,14 +191,18 @@ class Refits:
             return []
         effect, requests = EFFECTS[best.start.effect], []
         for amplitudes in effect.far(self.data.experiments[0].setting):
-            at = {effect.name: {**best.start.values, **amplitudes}}
-            unknowns = Unknowns(own.fields, (effect.name,), own.priors, at, own.scalars)
+            unknowns = self._at(effect, {**best.start.values, **amplitudes})
             starts = np.tile(unknowns.start(), (1 + len(FACTORS), 1))
             starts[0, : own.baseline], starts[1:, : own.baseline] = self.baseline.vector, self._level.vector
             starts[1:, : own.patches] += np.log(FACTORS)[:, None]
             known = [self.baseline.jacobian, *[self._level.jacobian] * len(FACTORS)]
             requests.append(fit(unknowns, self.data, starts, self._settings.iterations, known))
         return requests
+
+    def _at(self, effect: Effect, values: dict[str, float]) -> Unknowns:
+        """The baseline's unknowns with an effect that begins at some values."""
+        own = self.baseline.unknowns
+        return Unknowns(own.fields, (effect.name,), own.priors, {effect.name: values}, own.scalars)
 
     def settled(self, fits: Sequence[Fit]) -> list[Fit]:
         """The fits, gone on until they arrive; each also from the material of every other one, if that is better."""
@@ -195,6 +216,11 @@ class Refits:
                 starts.append(np.concatenate([other.vector[:size], found.vector[size:]]))
                 jacobians.append(np.concatenate([other.jacobian[:, :size], found.jacobian[:, size:]], axis=1))
         return fit(found.unknowns, self.data, np.stack(starts), self._settings.settling, jacobians)
+
+
+def _whole(effect: Effect, values: dict[str, float]) -> dict[str, float]:
+    """The values of all coefficients: what is not named is dormant."""
+    return {**{c.name: c.dormant for c in effect.coefficients}, **values}
 
 
 def _as(found: Fit, unknowns: Unknowns) -> Fit:

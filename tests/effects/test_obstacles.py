@@ -1,4 +1,4 @@
-"""Where an obstacle may lie, told by another one that was found."""
+"""Where an obstacle may lie, told by how the body moves, or by another one that was found."""
 
 import numpy as np
 import pytest
@@ -78,6 +78,19 @@ def test_others_may_lie_where_the_body_meets_the_wall(name, setting):
         touched = [abs(distance(name, start, place, setting)) for place in places]
         assert min(touched) < 1e-3 and max(distance(name, start, p, setting) for p in places) >= -1e-3
         assert distance(name, start, np.zeros(3), setting) > 0.05  # the body's middle is free at frame 0
+
+
+@pytest.mark.parametrize("name", KINDS)
+def test_a_search_begins_too_where_it_would_keep_the_body_off_as_it_was_seen(name, setting):
+    """Seen, the body stops at the wall; the baseline takes it 6 cm further. Where the two differ by half a spacing nothing does."""
+    seen, expected, alike = (motion(setting, depth).x.numpy().reshape(-1, 3) for depth in (0.0, 0.06, 0.01))
+    starts, spacing = EFFECTS[name].kept_off(setting, seen, expected), setting.body.spacing
+    assert starts and EFFECTS[name].kept_off(setting, seen, alike) == ()
+    for start in starts:
+        assert start["stiffness"] == 1e6
+        nearest, deepest = (min(distance(name, start, place, setting) for place in own) for own in (seen, expected))
+        assert abs(nearest) <= spacing / 2 and deepest < -spacing
+        assert min(distance(name, start, place, setting) for place in setting.body.x0) > spacing
 
 
 def test_a_post_does_not_stand_behind_what_presses_upwards_and_nothing_follows_without_a_motion(setting):

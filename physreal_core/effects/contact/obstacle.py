@@ -106,10 +106,61 @@ def grazed_places(
     places, deepest = _beside(passed, axes, radius + reach(setting) - spacing, setting)
     at_first, _ = cKDTree(setting.body.x0[:, axes]).query(places)
     free = at_first > radius + FREE * spacing
-    if not free.any():
-        return places[free], deepest[free]
-    chosen = np.flatnonzero(free)[farthest_points(deepest[free], MOST)]
-    return places[chosen], deepest[chosen]
+    return _apart(deepest[free], places[free], deepest[free])
+
+
+def kept_off_places(
+    setting: Setting,
+    seen: Float[Array, "points 3"],
+    expected: Float[Array, "points 3"],
+    radius: float,
+    axes: tuple[int, ...],
+) -> tuple[Float[Array, "places axes"], Float[Array, "places 3"]]:
+    """Places of obstacles that tracked points were seen to touch and never to enter, but that they enter by a spacing where the
+    baseline has them; free at frame 0, far from each other, at most `MOST`.
+
+    Args:
+        setting: of the capture.
+        seen, expected: the points as measured and as the baseline has them [m]; the same ones, so that neither has gaps where the
+            other has none.
+        radius: of the obstacle [m].
+        axes: in which distance from the points counts.
+
+    Returns:
+        Middles of the obstacles [m], along those axes, and the seen point that is nearest to each.
+    """
+    spacing = setting.body.spacing
+    nodes, _ = _lattice(expected, axes, radius, 0.5 * spacing, setting)
+    entered, _ = cKDTree(expected[:, axes]).query(nodes)
+    nodes = nodes[entered < radius - spacing]
+    apart, nearest = cKDTree(seen[:, axes]).query(nodes)
+    at_first, _ = cKDTree(setting.body.x0[:, axes]).query(nodes)
+    right = (np.abs(apart - radius) < 0.5 * spacing) & (at_first > radius + FREE * spacing)
+    in_space = np.pad(nodes[right], ((0, 0), (0, 3 - len(axes))))
+    return _apart(in_space, nodes[right], seen[nearest[right]])
+
+
+def enterable(radii: tuple[float, ...], setting: Setting) -> list[float]:
+    """These radii [m], each at least so large that a body can enter an obstacle by a spacing."""
+    return sorted({max(radius, 2.0 * setting.body.spacing) for radius in radii})
+
+
+def _apart(by: Array, *of: Array) -> tuple[Array, ...]:
+    """At most `MOST` rows of some arrays, those far from each other in another."""
+    chosen = farthest_points(by, MOST) if len(by) else []
+    return tuple(rows[chosen] for rows in of)
+
+
+def _lattice(
+    points: Array, axes: tuple[int, ...], beyond: float, finest: float, setting: Setting
+) -> tuple[Array, float]:
+    """Nodes along some axes, all about points and above the ground, and their pitch [m]."""
+    lower, upper = points.min(0) - beyond, points.max(0) + beyond
+    if setting.ground_height is not None:
+        lower[2] = max(lower[2], setting.ground_height)
+    pitch = max(finest, float((upper - lower).max()) / NODES)
+    steps = [np.arange(lower[axis], upper[axis], pitch) for axis in axes]
+    return np.stack(np.meshgrid(*steps, indexing="ij"), -1).reshape(-1, len(axes)), pitch
 
 
 def _passed(motion: States) -> Float[Array, "frames particles 3"]:
@@ -123,12 +174,7 @@ def _beside(
 ) -> tuple[Float[Array, "places axes"], Float[Array, "places 3"]]:
     """Places all about and above the ground from which the nearest of those that the body passes is so far [m], along some
     axes, and that nearest one."""
-    lower, upper = passed.min(0) - apart, passed.max(0) + apart
-    if setting.ground_height is not None:
-        lower[2] = max(lower[2], setting.ground_height)
-    pitch = max(setting.body.spacing, float((upper - lower).max()) / NODES)
-    steps = [np.arange(lower[axis], upper[axis], pitch) for axis in axes]
-    nodes = np.stack(np.meshgrid(*steps, indexing="ij"), -1).reshape(-1, len(axes))
+    nodes, pitch = _lattice(passed, axes, apart, setting.body.spacing, setting)
     tree = cKDTree(passed[:, axes])
     distance, nearest = tree.query(nodes, distance_upper_bound=apart + pitch)
     near = np.abs(distance - apart) < 0.5 * pitch

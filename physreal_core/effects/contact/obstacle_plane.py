@@ -14,6 +14,8 @@ from physreal_core.simulation import States
 FLAT = 50.0
 """Radius of the ball that stands for a plane [m]: within a body of 0.3 m it bends by 0.2 mm."""
 EXCURSION = 0.01  # [m] beyond the place of frame 0, for a direction to be worth a start
+DIRECTIONS = (*((float(azimuth), 0.0) for azimuth in np.arange(8) * np.pi / 4), (0.0, np.pi / 2))
+"""Azimuth and elevation [rad] in which walls are looked for."""
 WAYS = MOST // 2  # directions, of two walls each
 
 
@@ -51,20 +53,32 @@ class ObstaclePlane(Obstacle):
         them by one spacing."""
         if motion is None:
             return ()
-        x = motion.x.detach().double().cpu().numpy() - middle(setting.body)
-        angles = [(float(a), 0.0) for a in np.arange(8) * np.pi / 4] + [(0.0, np.pi / 2)]
-        extents = [_extent(x, azimuth, elevation) for azimuth, elevation in angles]
-        ways = sorted(zip(extents, angles, strict=True), key=lambda way: way[0][0] - way[0][1])
+        x = motion.x.detach().double().cpu().numpy()
+        reaches = [_reaches(x, *way, setting) for way in DIRECTIONS]
+        ways = sorted(zip(reaches, DIRECTIONS, strict=True), key=lambda way: way[0][0] - np.nanmax(way[0]))
         return tuple(
             {"azimuth": azimuth, "elevation": elevation, "distance": distance}
-            for (first, farthest), (azimuth, elevation) in ways[:WAYS]
-            if farthest - first > EXCURSION
-            for distance in (0.5 * (first + farthest), farthest + reach(setting) - setting.body.spacing)
+            for reached, (azimuth, elevation) in ways[:WAYS]
+            if (farthest := float(np.nanmax(reached))) - reached[0] > EXCURSION
+            for distance in (0.5 * (float(reached[0]) + farthest), farthest + reach(setting) - setting.body.spacing)
+        )
+
+    def kept_off(
+        self, setting: Setting, seen: Float[Array, "points 3"], expected: Float[Array, "points 3"]
+    ) -> tuple[dict[str, float], ...]:
+        """Walls as far as the points were seen to go, in the directions in which the baseline has them a spacing further."""
+        both = np.stack([seen, expected])
+        ways = [(*_reaches(both, *way, setting).tolist(), *way) for way in DIRECTIONS]
+        return tuple(
+            {"stiffness": STIFFNESS.scale, "azimuth": azimuth, "elevation": elevation, "distance": seen_to}
+            for seen_to, expected_to, azimuth, elevation in ways
+            if seen_to > 0.0 and expected_to - seen_to > setting.body.spacing
         )
 
 
-def _extent(x: np.ndarray, azimuth: float, elevation: float) -> tuple[float, float]:
-    """How far the body reaches in a direction, at frame 0 and at most [m]."""
+def _reaches(
+    x: Float[Array, "frames points 3"], azimuth: float, elevation: float, setting: Setting
+) -> Float[Array, " frames"]:
+    """How far points reach in a direction in each frame, from the body's middle at frame 0 [m]."""
     towards = direction(torch.tensor(azimuth), torch.tensor(elevation)).double().numpy()
-    extent = np.nanmax(x @ towards, axis=1)
-    return float(extent[0]), float(np.nanmax(extent))
+    return np.nanmax((x - middle(setting.body)) @ towards, axis=1)

@@ -4,7 +4,14 @@ import numpy as np
 import torch
 
 from physreal_core.array_types import Array, Float, Tensor
-from physreal_core.effects.contact.obstacle import FORMULA, STIFFNESS, Obstacle, grazed_places
+from physreal_core.effects.contact.obstacle import (
+    FORMULA,
+    STIFFNESS,
+    Obstacle,
+    enterable,
+    grazed_places,
+    kept_off_places,
+)
 from physreal_core.effects.effect import ANYWHERE, Coefficient, Setting, Values
 from physreal_core.effects.fields import vector
 from physreal_core.simulation import States
@@ -48,8 +55,23 @@ class ObstaclePost(Obstacle):
 
     def starts(self, setting: Setting, motion: States | None = None) -> tuple[dict[str, float], ...]:
         """Posts that the body touches on its way, but not at frame 0; a little higher than it is there."""
-        axes, touched = grazed_places(setting, motion, START_RADIUS, (0, 1))
+        return _posts(*grazed_places(setting, motion, START_RADIUS, (0, 1)), START_RADIUS)
+
+    def kept_off(
+        self, setting: Setting, seen: Float[Array, "points 3"], expected: Float[Array, "points 3"]
+    ) -> tuple[dict[str, float], ...]:
         return tuple(
-            {"x": float(x), "y": float(y), "height": float(z) + 2 * START_RADIUS, "radius": START_RADIUS}
-            for (x, y), z in zip(axes, touched[:, 2], strict=True)
+            {"stiffness": STIFFNESS.scale, **post}
+            for radius in enterable(RADII, setting)
+            for post in _posts(*kept_off_places(setting, seen, expected, radius, (0, 1)), radius)
         )
+
+
+def _posts(
+    axes: Float[Array, "places 2"], touched: Float[Array, "places 3"], radius: float
+) -> tuple[dict[str, float], ...]:
+    """Posts a little higher than where they are touched."""
+    return tuple(
+        {"x": float(x), "y": float(y), "height": float(z) + 2 * radius, "radius": radius}
+        for (x, y), z in zip(axes, touched[:, 2], strict=True)
+    )

@@ -3,7 +3,14 @@
 import torch
 
 from physreal_core.array_types import Array, Float, Tensor
-from physreal_core.effects.contact.obstacle import FORMULA, STIFFNESS, Obstacle, grazed_places
+from physreal_core.effects.contact.obstacle import (
+    FORMULA,
+    STIFFNESS,
+    Obstacle,
+    enterable,
+    grazed_places,
+    kept_off_places,
+)
 from physreal_core.effects.effect import ANYWHERE, Coefficient, Setting, Values
 from physreal_core.effects.fields import vector
 from physreal_core.simulation import States
@@ -36,9 +43,22 @@ class ObstacleSphere(Obstacle):
         self, place: Float[Array, "3"], towards: Float[Array, "3"], setting: Setting
     ) -> list[dict[str, float]]:
         """A small and a larger ball."""
-        return [{**dict(zip("xyz", map(float, place + r * towards), strict=True)), "radius": r} for r in RADII]
+        return [_ball(place + r * towards, r) for r in RADII]
 
     def starts(self, setting: Setting, motion: States | None = None) -> tuple[dict[str, float], ...]:
         """Balls that the body touches on its way, but not at frame 0."""
         places, _ = grazed_places(setting, motion, START_RADIUS, (0, 1, 2))
-        return tuple({**dict(zip("xyz", map(float, c), strict=True)), "radius": START_RADIUS} for c in places)
+        return tuple(_ball(place, START_RADIUS) for place in places)
+
+    def kept_off(
+        self, setting: Setting, seen: Float[Array, "points 3"], expected: Float[Array, "points 3"]
+    ) -> tuple[dict[str, float], ...]:
+        return tuple(
+            {"stiffness": STIFFNESS.scale, **_ball(place, radius)}
+            for radius in enterable(RADII, setting)
+            for place in kept_off_places(setting, seen, expected, radius, (0, 1, 2))[0]
+        )
+
+
+def _ball(centre: Float[Array, "3"], radius: float) -> dict[str, float]:
+    return {**dict(zip("xyz", map(float, centre), strict=True)), "radius": radius}

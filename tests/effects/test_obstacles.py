@@ -5,7 +5,7 @@ import pytest
 import torch
 
 from physreal_core.effects import EFFECTS
-from physreal_core.effects.contact.obstacle import contacts, reach
+from physreal_core.effects.contact.places import contacts, reach
 from physreal_core.effects.effect import Setting
 from physreal_core.simulation import Body, States
 

@@ -4,7 +4,8 @@ import numpy as np
 import torch
 
 from physreal_core.array_types import Array, Float, Tensor
-from physreal_core.effects.contact.obstacle import FORMULA, MOST, STIFFNESS, Obstacle, reach
+from physreal_core.effects.contact.obstacle import FORMULA, STIFFNESS, Obstacle
+from physreal_core.effects.contact.places import MOST, reach
 from physreal_core.effects.effect import Coefficient, Setting, Values
 from physreal_core.effects.fields import vector
 from physreal_core.effects.shape import middle

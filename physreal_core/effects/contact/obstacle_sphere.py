@@ -3,23 +3,12 @@
 import torch
 
 from physreal_core.array_types import Array, Float, Tensor
-from physreal_core.effects.contact.obstacle import (
-    FORMULA,
-    STIFFNESS,
-    Obstacle,
-    enterable,
-    grazed_places,
-    kept_off_places,
-)
+from physreal_core.effects.contact.obstacle import FORMULA, START_RADIUS, STIFFNESS, RoundObstacle
 from physreal_core.effects.effect import ANYWHERE, Coefficient, Setting, Values
 from physreal_core.effects.fields import vector
-from physreal_core.simulation import States
-
-START_RADIUS = 0.02
-RADII = (START_RADIUS, 0.035)
 
 
-class ObstacleSphere(Obstacle):
+class ObstacleSphere(RoundObstacle):
     """A ball that stands still, soft so that its force is smooth; fitted, its stiffness runs up to where it is hard."""
 
     name = "obstacle_sphere"
@@ -34,6 +23,8 @@ class ObstacleSphere(Obstacle):
         Coefficient("z", "m", "centre", 0.0, -ANYWHERE, ANYWHERE, 0.02, "shape"),
         Coefficient("radius", "m", "of the ball", START_RADIUS, 0.005, 0.3, 0.02, "shape"),
     )
+    axes = (0, 1, 2)
+    radii = (START_RADIUS, 0.035)
 
     def capsule(self, values: Values, setting: Setting, like: Tensor) -> tuple[Tensor, Tensor, Tensor]:
         centre = vector(values, "x", "y", "z", like=like)
@@ -43,22 +34,7 @@ class ObstacleSphere(Obstacle):
         self, place: Float[Array, "3"], towards: Float[Array, "3"], setting: Setting
     ) -> list[dict[str, float]]:
         """A small and a larger ball."""
-        return [_ball(place + r * towards, r) for r in RADII]
+        return [self.shape(place + r * towards, place, r) for r in self.radii]
 
-    def starts(self, setting: Setting, motion: States | None = None) -> tuple[dict[str, float], ...]:
-        """Balls that the body touches on its way, but not at frame 0."""
-        places, _ = grazed_places(setting, motion, START_RADIUS, (0, 1, 2))
-        return tuple(_ball(place, START_RADIUS) for place in places)
-
-    def kept_off(
-        self, setting: Setting, seen: Float[Array, "points 3"], expected: Float[Array, "points 3"]
-    ) -> tuple[dict[str, float], ...]:
-        return tuple(
-            {"stiffness": STIFFNESS.scale, **_ball(place, radius)}
-            for radius in enterable(RADII, setting)
-            for place in kept_off_places(setting, seen, expected, radius, (0, 1, 2))[0]
-        )
-
-
-def _ball(centre: Float[Array, "3"], radius: float) -> dict[str, float]:
-    return {**dict(zip("xyz", map(float, centre), strict=True)), "radius": radius}
+    def shape(self, centre: Float[Array, "3"], touched: Float[Array, "3"], radius: float) -> dict[str, float]:
+        return {**dict(zip("xyz", map(float, centre), strict=True)), "radius": radius}

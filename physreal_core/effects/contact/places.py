@@ -89,7 +89,7 @@ def kept_off_places(
     """
     spacing = setting.body.spacing
     nodes, _ = _lattice(expected, axes, radius, 0.5 * spacing, setting)
-    entered, _ = cKDTree(expected[:, axes]).query(nodes)
+    entered, _ = cKDTree(expected[:, axes]).query(nodes, distance_upper_bound=radius)  # inf beyond
     nodes = nodes[entered < radius - spacing]
     apart, nearest = cKDTree(seen[:, axes]).query(nodes)
     at_first, _ = cKDTree(setting.body.x0[:, axes]).query(nodes)

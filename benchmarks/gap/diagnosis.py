@@ -16,7 +16,7 @@ from benchmarks.gap.answer import experiments_of
 from benchmarks.gap.case import truth_of
 from benchmarks.gap.files import read_json
 from benchmarks.gap.settings import load_settings
-from physreal_core.effects import EFFECTS
+from physreal_core.effects import EFFECTS, Effect
 from physreal_core.errors import InputError
 from physreal_core.gap.adding import Fits
 from physreal_core.gap.experiment import EffectValues
@@ -36,7 +36,8 @@ def from_truth(fits: Fits, truth: EffectValues) -> Fit:
     """
     own, baseline = fits.baseline.unknowns, fits.baseline.vector
     names = sorted(truth, key=list(EFFECTS).index)
-    unknowns = Unknowns(own.fields, names, own.priors, {name: _known(name, truth[name]) for name in names}, own.scalars)
+    known = {name: _known(EFFECTS[name], truth[name]) for name in names}
+    unknowns = Unknowns(own.fields, names, own.priors, known, own.scalars)
     starts = np.tile(unknowns.start(), (1 + len(MODULI), 1))
     starts[:, : own.baseline] = [baseline, *[own.level(baseline)] * len(MODULI)]
     starts[1:, : own.patches] += np.log(MODULI)[:, None]
@@ -46,9 +47,10 @@ def from_truth(fits: Fits, truth: EffectValues) -> Fit:
     return found
 
 
-def _known(name: str, values: dict[str, float]) -> dict[str, float]:
-    amplitudes = {c.name: c.dormant + c.scale for c in EFFECTS[name].coefficients if c.kind == "amplitude"}
-    return {c.name: values.get(c.name, amplitudes.get(c.name, c.dormant)) for c in EFFECTS[name].coefficients}
+def _known(effect: Effect, values: dict[str, float]) -> dict[str, float]:
+    """All coefficients: what is not named is dormant if a shape, and of plain size if an amplitude."""
+    plain = {c.name: c.dormant + c.scale for c in effect.coefficients if c.kind == "amplitude"}
+    return {**effect.dormant, **plain, **values}
 
 
 def told(fits: Fits, truth: EffectValues, candidates: Sequence[dict[str, Any]]) -> str:

@@ -109,6 +109,11 @@ class Effect:
         """Of the coefficients, by name."""
         return {coefficient.name: coefficient.unit for coefficient in self.coefficients}
 
+    @property
+    def dormant(self) -> dict[str, float]:
+        """Of all coefficients, by name and in SI units, the values at which the effect is absent; shapes where they start."""
+        return {coefficient.name: coefficient.dormant for coefficient in self.coefficients}
+
     def act(self, inputs: Inputs, values: Values, setting: Setting) -> Inputs:
         """The rollout's inputs with the effect in them. Several effects act one after another, so what is there is added to."""
         return inputs

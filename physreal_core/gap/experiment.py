@@ -351,6 +351,5 @@ def _as_in_the_first(
         return starts
     rotation, translation = interaction.placement
     back = rotation.T, -rotation.T @ translation
-    dormant = {c.name: c.dormant for c in effect.coefficients}
-    there = [(start, effect.carried({**dormant, **start}, *back)) for start in starts]
+    there = [(start, effect.carried({**effect.dormant, **start}, *back)) for start in starts]
     return tuple({name: values[name] for name in start} for start, values in there)

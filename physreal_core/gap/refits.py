@@ -147,7 +147,7 @@ class Refits:
             motion = experiment.motion(trial)
             for effect in asked:
                 starts = starts_instead_of(experiment, effect, EFFECTS[other], values, motion)
-                found += [(effect.name, _whole(effect, start)) for start in starts]
+                found += [(effect.name, {**effect.dormant, **start}) for start in starts]
         return found
 
     def _least(self, chosen: Sequence[tuple[str, dict[str, float]]], beside: Fit) -> dict[str, Request]:
@@ -216,11 +216,6 @@ class Refits:
                 starts.append(np.concatenate([other.vector[:size], found.vector[size:]]))
                 jacobians.append(np.concatenate([other.jacobian[:, :size], found.jacobian[:, size:]], axis=1))
         return fit(found.unknowns, self.data, np.stack(starts), self._settings.settling, jacobians)
-
-
-def _whole(effect: Effect, values: dict[str, float]) -> dict[str, float]:
-    """The values of all coefficients: what is not named is dormant."""
-    return {**{c.name: c.dormant for c in effect.coefficients}, **values}
 
 
 def _as(found: Fit, unknowns: Unknowns) -> Fit:

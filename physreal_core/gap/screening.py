@@ -221,17 +221,17 @@ def _plans(effect: Effect, experiments: Sequence[Interaction], motions: Sequence
 
 
 def _plan(effect: Effect, start: dict[str, float]) -> Plan:
-    dormant = {c.name: c.dormant for c in effect.coefficients}
-    shapes = {c.name: start.get(c.name, c.dormant) for c in effect.coefficients if c.kind == "shape"}
+    shapes = {c.name: start[c.name] for c in effect.coefficients if c.kind == "shape" and c.name in start}
+    there = {**effect.dormant, **shapes}
     steps, sizes, half = [], [], []
     for c in effect.coefficients:
         if c.kind == "shape":
             continue
         to = start.get(c.name, c.dormant + (STEP if c.upper > c.dormant else -STEP) * c.scale)
-        steps.append({**dormant, **shapes, c.name: to})
+        steps.append({**there, c.name: to})
         sizes.append((to - c.dormant) / c.scale)
         half.append(c.lower >= c.dormant or c.upper <= c.dormant)
-    return Plan(effect, {**dormant, **shapes}, steps, np.array(sizes), np.array(half))
+    return Plan(effect, there, steps, np.array(sizes), np.array(half))
 
 
 def _linear_gain(

@@ -75,7 +75,7 @@ class Scene:
 
 def complete(name: str, values: dict[str, float | Tensor]) -> dict[str, Tensor]:
     """All coefficients of an effect in float64."""
-    given = {c.name: values.get(c.name, c.dormant) for c in EFFECTS[name].coefficients}
+    given = {**EFFECTS[name].dormant, **values}
     return {key: torch.as_tensor(value, dtype=torch.float64) for key, value in given.items()}
 
 

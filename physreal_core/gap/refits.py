@@ -48,7 +48,7 @@ class Refits:
         self.baseline, self.data, self._names, self._settings = baseline, data, names, settings
         self._level = level = self._levelled() if baseline.unknowns.patches > 1 else baseline
         bent = WORTH_A_SCREEN < level.energy - baseline.energy < np.inf
-        self._kept_off = {name: self._what_keeps_off(name) for name in names}
+        self._kept_off = {effect.name: self._what_keeps_off(effect) for effect in _answering("kept_off", names)}
         screen = Screen(baseline, data, names, settings.priors)
         self.screens = [screen, screen.anew(level, STARTS)] if bent else [screen]
 
@@ -60,14 +60,10 @@ class Refits:
         (found,) = together([request], self.data)
         return _as(found, own)
 
-    def _what_keeps_off(self, name: str) -> list[dict[str, float]]:
+    def _what_keeps_off(self, effect: Effect) -> list[dict[str, float]]:
         """Plain sizes of an effect that would keep the body from where this baseline takes it, and it was not seen."""
         parts = zip(self.data.experiments, self.baseline.predicted, strict=True)
-        return [
-            values
-            for experiment, predicted in parts
-            for values in starts_kept_off(experiment, EFFECTS[name], predicted)
-        ]
+        return [values for experiment, predicted in parts for values in starts_kept_off(experiment, effect, predicted)]
 
     def ranked(self) -> list[list[Score]]:
         """Every effect's scores, one per screen; first the effect that leads one of the screens.
@@ -97,7 +93,8 @@ class Refits:
         """A few steps of the fit of each effect, from all places in which it was scored, or from far if that leads further, or from
         where it would keep the body off."""
         alone = [None if scores[0].beside.unknowns.effects else scores[0].start.effect for scores in chosen]
-        near = self._least([(name, values) for name in alone if name for values in self._kept_off[name]], self.baseline)
+        kept_off = [(name, values) for name in alone if name for values in self._kept_off.get(name, ())]
+        near = self._least(kept_off, self.baseline)
         requests = [
             [self._begun(scores), *self._far(scores), *([near[name]] if name in near else [])]
             for name, scores in zip(alone, chosen, strict=True)
@@ -138,8 +135,8 @@ class Refits:
 
     def _instead(self, names: Sequence[str], best: Fit) -> list[tuple[str, dict[str, float]]]:
         """These effects from where the one that was found acts, if they say that they may be what acts there."""
-        asked = [EFFECTS[name] for name in names if type(EFFECTS[name]).instead is not Effect.instead]
-        if not asked:
+        asked = _answering("instead", names)
+        if not asked:  # so that no motion is run for nothing
             return []
         ((other, values),) = best.unknowns.values(best.vector).items()
         trial, found = best.unknowns.trial(best.vector), []
@@ -178,7 +175,7 @@ class Refits:
 
     def begins_afar(self, effect: str) -> bool:
         """Whether fits of an effect begin far from the baseline, too, because tangents there do not lead to it."""
-        return bool(EFFECTS[effect].far(self.data.experiments[0].setting) or self._kept_off[effect])
+        return bool(EFFECTS[effect].far(self.data.experiments[0].setting) or self._kept_off.get(effect))
 
     def _begun(self, scores: list[Score]) -> Request:
         unknowns, starts, known = started(scores, self._settings.priors)
@@ -216,6 +213,12 @@ class Refits:
                 starts.append(np.concatenate([other.vector[:size], found.vector[size:]]))
                 jacobians.append(np.concatenate([other.jacobian[:, :size], found.jacobian[:, size:]], axis=1))
         return fit(found.unknowns, self.data, np.stack(starts), self._settings.settling, jacobians)
+
+
+def _answering(hook: str, names: Sequence[str]) -> list[Effect]:
+    """Those of some effects that have an answer of their own to this method of `Effect`."""
+    effects = [EFFECTS[name] for name in names]
+    return [effect for effect in effects if getattr(type(effect), hook) is not getattr(Effect, hook)]
 
 
 def _as(found: Fit, unknowns: Unknowns) -> Fit:

@@ -138,7 +138,7 @@ class Barrier(LinearExperiment):
 @pytest.mark.parametrize(("hook", "reached"), [(None, 0.0), ("far", FAR), ("kept_off", FAR)])
 def test_an_effect_that_a_modulus_hides_is_found_from_a_plain_size(monkeypatch, hook, reached):
     if hook:
-        monkeypatch.setattr(EFFECTS["sink"], hook, lambda *what_tells_of_it: ({"amount": 1.2},))
+        monkeypatch.setattr(type(EFFECTS["sink"]), hook, lambda *what_tells_of_it: ({"amount": 1.2},))
     experiment = Barrier(ANSWERS, {"sink": {"amount": FAR}})
     data = Data([experiment], [experiment.noise()])
     found = Refits(baseline(experiment, data), data, ("sink",), SETTINGS)

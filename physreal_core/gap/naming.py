@@ -141,7 +141,7 @@ def temperature_of(best_gain: float, settings: GapSettings) -> float:
 
 def second_temperature_of(best_gain: float, settings: GapSettings) -> float:
     """The same for what a second effect gains; see `GapSettings.remainder`."""
-    return max(settings.temperature, 0.5 * settings.remainder * best_gain)
+    return max(settings.temperature, settings.remainder * best_gain)
 
 
 def candidates_of(answers: Sequence[Answer], chances: Array, settings: GapSettings) -> tuple[Candidate, ...]:

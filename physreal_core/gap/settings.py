@@ -32,8 +32,8 @@ class GapSettings:
         misfit: share of the best gain that the temperature is at least, for the simulator's answer to an effect is some per cent
             off, and a wrong one gains as much by imitating what is off.
         remainder: share of its gain that a right effect may leave. A second one is looked for where the best leaves more; and
-            what two gain beyond one of them is divided by half this share of the best gain, at least, so that less than a right
-            effect leaves does not outweigh the prior.
+            what two gain beyond one of them is divided by this share of the best gain, at least, so that some times what a right
+            effect leaves is needed to outweigh the prior.
         confirmed: share of what two effects gain beyond the better of them alone that they must gain on held-out frames, too, for
             all of it to count.
         held_out_share: share that counts of what an answer gains on held-out frames, as far as that is not more than its

@@ -7,6 +7,9 @@ from scipy.linalg import polar
 
 from physreal_core.simulation import Body, Grip
 
+SHARE = 0.045 / (0.71 + 0.32 + 0.045)
+"""Weights of layers of particles 0.35, 0.85 and 1.35 cells above the plane, at nodes 0.85 below and 0.15 above it."""
+
 
 @dataclass
 class Twin:
@@ -25,12 +28,6 @@ class Twin:
     def __post_init__(self) -> None:
         self.F = np.tile(np.eye(3), (len(self.x), 1, 1))
         self.C = np.zeros_like(self.F)
-        self.touched = {node[:2] for p in range(len(self.x)) if self.touches(p) for node, *_ in self.weights(p)}
-
-    def touches(self, p: int) -> bool:
-        """Whether the surface of particle p lies within a tenth of a cell above the plane, or below it, at the start."""
-        plane = self.offset[2] + 0.85 * self.body.cell
-        return self.x[p][2] - self.body.spacing / 2 < plane + 0.1 * self.body.cell
 
     def weights(self, p: int) -> list[tuple[tuple[int, int, int], float, np.ndarray, np.ndarray]]:
         """(node, weight, its gradient, node position - particle position) of the 27 nodes around particle p."""
@@ -68,7 +65,10 @@ class Twin:
                 push = push - dt * self.body.volume[p] * tau @ dw
                 momentum[node] = momentum.get(node, 0.0) + push
                 nodal_mass[node] = nodal_mass.get(node, 0.0) + w * mass[p]
-        velocity = {node: self.contact(node, p / nodal_mass[node] + dt * self.gravity) for node, p in momentum.items()}
+        velocity = {}
+        for node, p in momentum.items():
+            free = p / nodal_mass[node] + dt * self.gravity
+            velocity[node] = self.contact(free) if self.acts(node, nodal_mass) else free
         for p in range(len(self.x)):
             near = [(w, dw, d, velocity[node]) for node, w, dw, d in self.weights(p)]
             self.v[p] = sum(w * v for w, _, _, v in near)
@@ -76,9 +76,14 @@ class Twin:
             self.F[p] = (np.eye(3) + dt * sum(np.outer(v, dw) for _, dw, _, v in near)) @ self.F[p]
         self.x = self.x + dt * self.v
 
-    def contact(self, node: tuple[int, int, int], v: np.ndarray) -> np.ndarray:
-        """Coulomb contact of the nodes of layer 0 and below, and of layer 1, next to the plane, where the body touches it."""
-        if node[2] > (node[:2] in self.touched) or v[2] >= 0:
+    def acts(self, node: tuple[int, int, int], mass: dict) -> bool:
+        """Whether a node is on the plane: in layer 0 and below, and in layer 1, next to it, where the one below has that share of
+        its mass that it has under a body whose surface is a tenth of a cell above the plane."""
+        return node[2] < 1 or (node[2] == 1 and mass.get((*node[:2], 0), 0.0) > SHARE * mass[node])
+
+    def contact(self, v: np.ndarray) -> np.ndarray:
+        """Coulomb contact."""
+        if v[2] >= 0:
             return v
         tangential = np.array([v[0], v[1], 0.0])
         speed = np.linalg.norm(tangential)

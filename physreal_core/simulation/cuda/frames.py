@@ -179,7 +179,7 @@ class CudaFrames:
         for attempt in range(ATTEMPTS):
             nodes, box = self._place(frame, start[1], course.bounds, margins, record)
             kept = self._room(frame, nodes, record, course)
-            stepper.start_frame(start[0], box, points.transpose(0, 1), kept)
+            stepper.start_frame(box, points.transpose(0, 1), kept)
             if course.moved or attempt or kept is not None:
                 stepper.set_state(*start)
             stepper.forward(kept is not None)
@@ -301,8 +301,7 @@ class CudaFrames:
         for frame in reversed(range(last)):
             kept = frame if held and frame < record.kept else None
             stepper.use_order(record.orders[frame], adjoints=True)
-            at = states[0][frame]
-            stepper.start_frame(at, record.boxes[frame][1], points[frame : frame + 2].transpose(0, 1), kept)
+            stepper.start_frame(record.boxes[frame][1], points[frame : frame + 2].transpose(0, 1), kept)
             if kept is None:
                 stepper.set_state(*(state[frame] for state in (*states, record.C)))
                 stepper.forward(keep=True)

@@ -29,7 +29,6 @@ class BodyModel:
     Attributes:
         shapes: full shape of every parameter in use by name, without the axis of rollouts.
         box: origin and count of each rollout's nodes, shape [R, 6].
-        touching: columns of nodes in which contact acts next to the plane, shape [R, nodes], see `touch`.
         controllers: controller points [m] at both ends of the frame, shape [R, 2, C, 3].
         controllers_bar: their adjoint, of one frame.
         laws: arrays of particles' optional laws.
@@ -164,15 +163,11 @@ class BodyModel:
         return model
 
     def node_struct(self, nodes: int):
-        """`nodes.Nodes` over these arrays, for boxes with room for `nodes` nodes; `touching` is made anew for them."""
-        self.touching = torch.zeros(self.rollouts, nodes, dtype=torch.uint8, device=self.device)
+        """`nodes.Nodes` over these arrays, for boxes with room for `nodes` nodes."""
         model, vec3, scalar = self.nodes.Nodes(), self.types.vec3, self.types.scalar
         model.nodes, model.offset, model.cell = nodes, vec3(*self.offset), scalar(self.cell)
         model.gravity, model.mass_floor = wp.from_torch(self.gravity, vec3), scalar(self.mass_floor)
-        model.has_ground, model.touching = (
-            int(self.config.ground_height is not None),
-            wp.from_torch(self.touching.view(-1)),
-        )
+        model.has_ground = int(self.config.ground_height is not None)
         model.clamp_lower, model.clamp_upper = self.clamps
         model.timing, model.box = wp.from_torch(self.timing), wp.from_torch(self.box)
         model.friction = wp.from_torch(self.friction)

@@ -11,7 +11,7 @@ import warp as wp
 
 from physreal_core.simulation.cuda.report import COLUMNS, FAILURES, LEAST, NOT_FAILED
 from physreal_core.simulation.plain.friction import sliding_functions
-from physreal_core.simulation.plain.grid import FREE, NO_CONTACT, node_functions
+from physreal_core.simulation.plain.grid import FREE, node_functions
 from physreal_core.simulation.scalars import kernel_module, scalar_types
 
 
@@ -28,7 +28,8 @@ def node_kernels(dtype: str, slides: bool, tilts: bool) -> SimpleNamespace:
     scalar, vec3, vec4 = types.scalar, types.vec3, types.vec4
     module = kernel_module(f"cuda_nodes{'_sliding' if slides else ''}{'_tilted' if tilts else ''}", dtype)
     functions, sliding = node_functions(dtype), sliding_functions(dtype)
-    kind_of, coulomb, coulomb_adjoint = functions.kind_of, functions.velocity_of, functions.velocity_adjoint
+    kind_of, kind_now = functions.kind_of, functions.kind_now
+    coulomb, coulomb_adjoint = functions.velocity_of, functions.velocity_adjoint
     slide, slide_adjoint = sliding.velocity_of, sliding.velocity_adjoint
 
     @wp.struct
@@ -41,7 +42,6 @@ def node_kernels(dtype: str, slides: bool, tilts: bool) -> SimpleNamespace:
         gravity: wp.array(dtype=vec3)  # [rollouts]
         mass_floor: scalar
         has_ground: wp.int32
-        touching: wp.array(dtype=wp.uint8)  # [rollouts x nodes] by column, see `touch`
         clamp_lower: wp.array(dtype=vec3)
         clamp_upper: wp.array(dtype=vec3)
         timing: wp.array(dtype=scalar)
@@ -55,16 +55,13 @@ def node_kernels(dtype: str, slides: bool, tilts: bool) -> SimpleNamespace:
         return n - rollout * model.nodes < model.box[rollout, 3] * model.box[rollout, 4] * model.box[rollout, 5]
 
     @wp.func
-    def kind_at(model: Nodes, n: int, rollout: int, p: vec4):
+    def kind_at(model: Nodes, n: int, rollout: int, p: vec4, below: vec4):
+        """In a substep, from (momentum, mass) of node n and of the one before it."""
         kind = FREE
         if p[3] > model.mass_floor and (model.has_ground != 0 or model.clamp_lower.shape[0] > 0):
-            own = n - rollout * model.nodes
-            highest = NO_CONTACT
-            if model.has_ground != 0:
-                highest = int(model.touching[rollout * model.nodes + own / model.box[rollout, 5]])
-            kind = kind_of(
-                own, model.offset, model.cell, model.box[rollout], highest, model.clamp_lower, model.clamp_upper
-            )
+            own, place = n - rollout * model.nodes, model.box[rollout]
+            kind = kind_of(own, model.offset, model.cell, place, model.has_ground, model.clamp_lower, model.clamp_upper)
+            kind = kind_now(kind, p, below)
         return kind
 
     @wp.func
@@ -133,7 +130,7 @@ def node_kernels(dtype: str, slides: bool, tilts: bool) -> SimpleNamespace:
         if not used(model, n, rollout):
             return
         p = momentum[first[0] + slot, n]
-        kind = kind_at(model, n, rollout, p)
+        kind = kind_at(model, n, rollout, p, momentum[first[0] + slot, wp.max(n - 1, 0)])
         velocity_out[n] = velocity_of(model, p, kind, rollout)
         momentum[first[0] + cleared_slot, n] = vec4()
 
@@ -159,11 +156,11 @@ def node_kernels(dtype: str, slides: bool, tilts: bool) -> SimpleNamespace:
             return
         if arriving != 0:
             p = momentum_in[first[0] + slot, n]
-            kind = kind_at(model, n, rollout, p)
+            kind = kind_at(model, n, rollout, p, momentum_in[first[0] + slot, wp.max(n - 1, 0)])
             bar[slot % 2, n] = velocity_adjoint(model, bars, n, p, kind, rollout, bar[slot % 2, n])
         if leaving != 0:
             p0 = momentum_in[first[0] + slot - 1, n]
-            kind0 = kind_at(model, n, rollout, p0)
+            kind0 = kind_at(model, n, rollout, p0, momentum_in[first[0] + slot - 1, wp.max(n - 1, 0)])
             velocity_out[n] = velocity_of(model, p0, kind0, rollout)
             bar[(slot + 1) % 2, n] = vec4()
 

@@ -21,7 +21,6 @@ from physreal_core.simulation.cuda.report import COLUMNS
 from physreal_core.simulation.parameters import Parameters
 from physreal_core.simulation.scalars import scalar_types
 from physreal_core.simulation.terms import inner_shape
-from physreal_core.simulation.touch import Touch
 
 KEPT_SHARE = 0.25
 """Share of a GPU's memory for frames whose substeps are kept for the backward pass. 20 frames of 50 substeps of 20 000
@@ -77,7 +76,6 @@ class CudaStepper:
         self.types, self.device = scalar_types(config.dtype), config.device
         self.particles, self.rollouts, self.cell = len(body.x0), rollouts, body.cell
         self.offset = lattice_offset(body, config.ground_height, clamps)
-        self._touch = Touch(body, config, self.offset)
         self.model = BodyModel(body, config, grip, clamps, loads, rollouts, self.offset)
         self.shapes, self.inner_shape = self.model.shapes, inner_shape(config.terms)
         self.substeps = self.slots = self.nodes = self.kept_slots = 0
@@ -180,11 +178,10 @@ class CudaStepper:
         self.model.sort(order)
         self.order = order
 
-    def start_frame(self, x: torch.Tensor, box: torch.Tensor, controllers: torch.Tensor, kept: int | None) -> None:
+    def start_frame(self, box: torch.Tensor, controllers: torch.Tensor, kept: int | None) -> None:
         """Place the grids and choose the slots.
 
         Args:
-            x: positions at the frame's start [m], shape [R, N, 3]: where they touch the ground, contact acts next to the plane.
             box: origin and count of each rollout's nodes, shape [R, 6], int32; `reserve` has made room.
             controllers: controller points [m] at both ends of the frame, shape [R, 2, C, 3].
             kept: number of the frame among the kept ones; None for the working slots.
@@ -195,7 +192,6 @@ class CudaStepper:
         if box is not self._placed[1]:
             self.model.box.copy_(box)
         self._placed = self._slot, box
-        self._touch.mark(x, self.model.box, self.model.touching)
         if self.model.gripped:
             self.model.controllers.copy_(controllers[:, :, : self.model.controllers.shape[2]])
 

@@ -21,7 +21,7 @@ struct Frame {
     Index terms;           // bits of the optional laws in use, see terms.h
 
     // Model:
-    S offset[3], cell, dt, share, frame_rate, gravity[3], mass_floor;
+    S offset[3], cell, dt, share, frame_rate, gravity[3], mass_floor, touching;
     S friction, grip_stiffness, grip_damping, grip_softening;
     S beta_elastic, beta_plastic, strain_scale;
     S term_numbers[TERM_NUMBERS], remembered;  // share of the mean rate of deformation that a substep keeps
@@ -58,7 +58,6 @@ struct Frame {
     S *velocity, *node_bar;  // [nodes + 4, 4]
     S* momentum;             // [substeps, nodes, 4] if kept
     unsigned char* kind;     // [nodes]
-    unsigned char* touching; // [count 0, count 1] whether contact acts next to the plane, see touch.py
     S* workspace;            // [threads, workspace_size]
     int* shared;             // [64] barrier and stop
     Index* status;  // [threads, 2] first failure as substep * particles + particle: outside the grid, not finite

@@ -22,7 +22,7 @@ _SIZES = (
     "latent_plastic_size weights_elastic weights_plastic workspace_size yield_ terms"
 )
 _SCALARS = (
-    "offset:3 cell dt share frame_rate gravity:3 mass_floor friction grip_stiffness grip_damping grip_softening "
+    "offset:3 cell dt share frame_rate gravity:3 mass_floor touching friction grip_stiffness grip_damping grip_softening "
     f"beta_elastic beta_plastic strain_scale term_numbers:{TERM_NUMBERS} remembered"
 )
 _POINTERS = (
@@ -30,7 +30,7 @@ _POINTERS = (
     "x_bar v_bar F_bar C_bar E_bar nu_bar plastic_bar latent_elastic_bar latent_plastic_bar "
     "network_elastic_bar network_plastic_bar sums term_values rate rate_bar mass_bar load_bar term_bar grip_particle grip_first grip_controller grip_weight "
     "grip_rest_length controllers controller_points controllers_bar clamp_lower clamp_upper place state constants bars force force_bar adjoint "
-    "scratch velocity node_bar momentum kind touching workspace shared status"
+    "scratch velocity node_bar momentum kind workspace shared status"
 )
 
 

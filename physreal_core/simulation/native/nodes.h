@@ -6,10 +6,10 @@
 
 namespace physreal {
 
-enum NodeKind : unsigned char { FREE, HELD, GROUND };
+enum NodeKind : unsigned char { FREE, HELD, GROUND, NEXT_TO_GROUND };
 
 template <class S>
-NodeKind kind_of_node(const Frame<S>& frame, Index i, Index j, Index k, Index highest_contact) {
+NodeKind kind_of_node(const Frame<S>& frame, Index i, Index j, Index k) {
     const Index index[3] = {i, j, k};
     for (Index c = 0; c < frame.clamps; c++) {
         bool held = true;
@@ -19,7 +19,9 @@ NodeKind kind_of_node(const Frame<S>& frame, Index i, Index j, Index k, Index hi
         }
         if (held) return HELD;
     }
-    return frame.has_ground && k <= highest_contact ? GROUND : FREE;
+    if (!frame.has_ground || k > 1) return FREE;
+    if (k < 1) return GROUND;
+    return k > frame.origin[2] ? NEXT_TO_GROUND : FREE;  // a box that begins here has nothing below
 }
 
 template <class S>
@@ -27,9 +29,16 @@ void mark_nodes(const Frame<S>& frame, Index first, Index last) {
     for (Index n = first; n < last; n++) {
         Index k = n % frame.count[2], j = n / frame.count[2] % frame.count[1],
               i = n / (frame.count[1] * frame.count[2]);
-        frame.kind[n] = kind_of_node(frame, i + frame.origin[0], j + frame.origin[1], k + frame.origin[2],
-                                     frame.touching[n / frame.count[2]]);
+        frame.kind[n] = kind_of_node(frame, i + frame.origin[0], j + frame.origin[1], k + frame.origin[2]);
     }
+}
+
+// Kind of a node in a substep: one next to the plane acts where the body touches it, see touch.py. `below` gives the (momentum,
+// mass) of the node below.
+template <class S, class Below>
+inline unsigned char kind_now(const Frame<S>& frame, Index n, Node<S> p, const Below& below) {
+    if (frame.kind[n] != NEXT_TO_GROUND) return frame.kind[n];
+    return below(n - 1)[3] > frame.touching * p[3] ? GROUND : FREE;
 }
 
 template <class S>

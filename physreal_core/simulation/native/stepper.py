@@ -18,7 +18,7 @@ from physreal_core.simulation.parameters import Parameters
 from physreal_core.simulation.scalars import scalar_types
 from physreal_core.simulation.terms import inner_shape, term_shapes
 from physreal_core.simulation.timestep import rate_memory
-from physreal_core.simulation.touch import Touch
+from physreal_core.simulation.touch import TOUCHING
 
 BLOCK = 16  # particles; the widest block that a machine works on, to which rows of particles are filled up
 PARTICLES_PER_THREAD = 256  # fewer are not worth the threads' meeting twice a substep
@@ -63,7 +63,6 @@ class NativeStepper:
         self._body, self._start = body, self._numbers(body.x0)
         self.inner_shape = inner_shape(config.terms)
         self.offset = lattice_offset(body, config.ground_height, clamps)
-        self._touch = Touch(body, config, self.offset)
         self.threads = min(threads or torch.get_num_threads(), max(1, self.particles // PARTICLES_PER_THREAD))
         self._kept_bytes = KEPT_BYTES if kept_bytes is None else kept_bytes
         self.substeps = self.slots = self._nodes = 0
@@ -100,6 +99,7 @@ class NativeStepper:
         frame.offset[:], frame.gravity[:] = self.offset, self.config.gravity
         frame.cell = self.cell
         frame.mass_floor = torch.finfo(self.types.torch_dtype).eps ** 2 * body.mass.min()
+        frame.touching = TOUCHING
         frame.yield_ = _yield_address()
         lower, upper = held_boxes(clamps, self.cell)
         self._loads = self._numbers(load_forces(body, loads))
@@ -198,8 +198,7 @@ class NativeStepper:
         self._nodes = int(NODE_RESERVE * nodes)
         for name, count in (("scratch", self.threads), ("velocity", 1), ("node_bar", 1)):
             self._hold(name, self._zeros(count, self._nodes + 4, 4))
-        for name in ("kind", "touching"):
-            self._hold(name, self._zeros(self._nodes, dtype=torch.uint8))
+        self._hold("kind", self._zeros(self._nodes, dtype=torch.uint8))
 
     def _reserve_states(self, slots: int) -> None:
         if slots <= self.slots:
@@ -289,8 +288,6 @@ class NativeStepper:
         if self._viscous:
             self._held["rate"].copy_(C[:, 3:])
         self._hold("order", self._order(x))
-        box = torch.tensor([[*self._frame.origin, *self._frame.count]], dtype=torch.int32)
-        self._touch.mark(self._held["x"][None], box, self._held["touching"][None])
 
     def _order(self, x: torch.Tensor) -> torch.Tensor:
         """Particles in the order of their cells, so that those of one cell follow each other."""

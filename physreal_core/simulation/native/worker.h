@@ -261,10 +261,11 @@ private:
     }
 
     void update_nodes(Index s) {
+        const auto sum_at = [&](Index n) { return summed(frame_, box_.nodes(), n); };
         for (Index n = first_node_; n < last_node_; n++) {
-            Node<S> p = summed(frame_, box_.nodes(), n);
+            Node<S> p = sum_at(n);
             if (frame_.keep_grids) write(frame_.momentum + 4 * (s * box_.nodes() + n), p);
-            write(frame_.velocity + 4 * n, node_velocity(frame_, p, frame_.kind[n]));
+            write(frame_.velocity + 4 * n, node_velocity(frame_, p, kind_now(frame_, n, p, sum_at)));
         }
     }
 
@@ -343,10 +344,15 @@ private:
     // --- adjoint
     // ------------------------------------------------------------------------------------------------------
 
+    auto kept_of(Index s) const {
+        return [grid = frame_.momentum + 4 * s * box_.nodes()](Index n) { return read<Node<S>>(grid + 4 * n); };
+    }
+
     void velocities_of_kept(Index s) {
+        const auto kept_at = kept_of(s);
         for (Index n = first_node_; n < last_node_; n++) {
-            Node<S> p = read<Node<S>>(frame_.momentum + 4 * (s * box_.nodes() + n));
-            write(frame_.velocity + 4 * n, node_velocity(frame_, p, frame_.kind[n]));
+            Node<S> p = kept_at(n);
+            write(frame_.velocity + 4 * n, node_velocity(frame_, p, kind_now(frame_, n, p, kept_at)));
         }
     }
 
@@ -382,12 +388,13 @@ private:
     }
 
     void update_nodes_adjoint(Index s) {
+        const auto kept_at = kept_of(s);
         FrictionBar<S> friction_bar = {};
         Node<S> gravity_bar = {};
         for (Index n = first_node_; n < last_node_; n++) {
-            Node<S> p = read<Node<S>>(frame_.momentum + 4 * (s * box_.nodes() + n));
+            Node<S> p = kept_at(n);
             Node<S> b = summed(frame_, box_.nodes(), n);
-            Node<S> p_bar = node_adjoint(frame_, p, frame_.kind[n], b, friction_bar);
+            Node<S> p_bar = node_adjoint(frame_, p, kind_now(frame_, n, p, kept_at), b, friction_bar);
             write(frame_.node_bar + 4 * n, p_bar);
             // gravity acts on the velocity as momentum / mass does, dt times
             if constexpr (TERMS) gravity_bar += (frame_.dt * p[3]) * p_bar;

@@ -105,6 +105,7 @@ def friction_kernels(dtype: str) -> SimpleNamespace:
     module = kernel_module("friction", dtype)
     functions = sliding_functions(dtype)
     velocity_of, velocity_adjoint = functions.velocity_of, functions.velocity_adjoint
+    kind_now = node_functions(dtype).kind_now
 
     @wp.kernel(module=module)
     def update_nodes(
@@ -125,7 +126,8 @@ def friction_kernels(dtype: str) -> SimpleNamespace:
     ):
         n = wp.tid()
         p = momentum_in[grid_slot, n]
-        velocity_out[n] = velocity_of(p, kind[n], timing[0], gravity[0], mass_floor, friction[0], law)
+        now = kind_now(kind[n], p, momentum_in[grid_slot, wp.max(n - 1, 0)])
+        velocity_out[n] = velocity_of(p, now, timing[0], gravity[0], mass_floor, friction[0], law)
         cleared_out[cleared_slot, n] = vec4()
 
     @wp.kernel(module=module)
@@ -148,7 +150,8 @@ def friction_kernels(dtype: str) -> SimpleNamespace:
     ):
         n = wp.tid()
         p = momentum_in[grid_slot, n]
-        bar = velocity_adjoint(p, kind[n], timing[0], gravity[0], mass_floor, friction[0], law, node_bar[n])
+        now = kind_now(kind[n], p, momentum_in[grid_slot, wp.max(n - 1, 0)])
+        bar = velocity_adjoint(p, now, timing[0], gravity[0], mass_floor, friction[0], law, node_bar[n])
         node_bar[n] = bar.momentum
         # gravity acts on the velocity as momentum / mass does, dt times
         weight = timing[0] * p[3]

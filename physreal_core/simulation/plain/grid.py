@@ -1,8 +1,7 @@
 """Node phase: momentum to velocity, gravity, clamps, Coulomb contact with the ground, and the adjoint of it.
 
-Contact acts, after all forces, on the nodes of the lattice layer k = 0 and below, and on those next to the plane, k = 1, in columns
-where the body touches it when the frame begins (`simulation.touch`). With v the free velocity of such a
-node and v_z < 0, the plane takes out the normal impulse m |v_z|, the tangential velocity loses at most mu_f |v_z| and
+Contact acts, after all forces, on the nodes of the lattice layer k = 0 and below, and on those next to the plane, k = 1, where the
+body touches it (`simulation.touch`). With v the free velocity of such a node and v_z < 0, the plane takes out the normal impulse m |v_z|, the tangential velocity loses at most mu_f |v_z| and
 sticks where that is more than it has. Nodes that leave the plane (v_z >= 0) are free.
 """
 
@@ -12,18 +11,19 @@ from types import SimpleNamespace
 import warp as wp
 
 from physreal_core.simulation.scalars import kernel_module, scalar_types
+from physreal_core.simulation.touch import TOUCHING
 
 FREE, HELD, GROUND = wp.constant(0), wp.constant(1), wp.constant(2)
-NO_CONTACT = wp.constant(-(1 << 30))
-"""Highest layer of contact where there is no ground."""
+NEXT_TO_GROUND = wp.constant(3)
+"""GROUND in a substep in which the body touches the plane there, else FREE."""
 
 
 @functools.cache
 def node_functions(dtype: str) -> SimpleNamespace:
-    """Warp functions of one node over one scalar type: `kind_of`, `velocity_of`, `slide` in it, and both adjoints."""
+    """Warp functions of one node over one scalar type: `kind_of`, `kind_now`, `velocity_of`, `slide` in it, and both adjoints."""
     types = scalar_types(dtype)
     scalar, vec3, vec4 = types.scalar, types.vec3, types.vec4
-    zero, one = scalar(0.0), scalar(1.0)
+    zero, one, touching = scalar(0.0), scalar(1.0), scalar(TOUCHING)
 
     @wp.func
     def kind_of(
@@ -31,24 +31,36 @@ def node_functions(dtype: str) -> SimpleNamespace:
         offset: vec3,
         cell: scalar,
         box: wp.array(dtype=wp.int32),
-        highest_contact: int,
+        has_ground: int,
         clamp_lower: wp.array(dtype=vec3),
         clamp_upper: wp.array(dtype=vec3),
     ):
-        """Whether node n of the box is free, held by a clamp or, up to a layer of the lattice, on the ground."""
+        """Whether node n of the box is free, held by a clamp, on the ground or next to it."""
         k = n % box[5] + box[2]
         j = (n / box[5]) % box[4] + box[1]
         i = n / (box[4] * box[5]) + box[0]
         position = offset + cell * vec3(scalar(i), scalar(j), scalar(k))
         kind = FREE
-        if k <= highest_contact:
+        if has_ground != 0 and k < 1:
             kind = GROUND
+        if has_ground != 0 and k == 1 and k > box[2]:  # a box that begins here has nothing below
+            kind = NEXT_TO_GROUND
         for c in range(clamp_lower.shape[0]):
             low = position - clamp_lower[c]
             high = clamp_upper[c] - position
             if wp.min(low) >= zero and wp.min(high) >= zero:
                 kind = HELD
         return kind
+
+    @wp.func
+    def kind_now(kind: int, p: vec4, below: vec4):
+        """In a substep, from (momentum, mass) of the node and of the one below it."""
+        now = kind
+        if kind == NEXT_TO_GROUND:
+            now = FREE
+            if below[3] > touching * p[3]:
+                now = GROUND
+        return now
 
     @wp.func
     def slide(v: vec3, lost: scalar):
@@ -113,6 +125,7 @@ def node_functions(dtype: str) -> SimpleNamespace:
 
     return SimpleNamespace(
         kind_of=kind_of,
+        kind_now=kind_now,
         velocity_of=velocity_of,
         velocity_adjoint=velocity_adjoint,
         slide=slide,
@@ -127,7 +140,8 @@ def grid_kernels(dtype: str) -> SimpleNamespace:
     scalar, vec3, vec4 = types.scalar, types.vec3, types.vec4
     module = kernel_module("grid", dtype)
     functions = node_functions(dtype)
-    kind_of, velocity_of, velocity_adjoint = functions.kind_of, functions.velocity_of, functions.velocity_adjoint
+    kind_of, kind_now = functions.kind_of, functions.kind_now
+    velocity_of, velocity_adjoint = functions.velocity_of, functions.velocity_adjoint
 
     @wp.kernel(module=module)
     def mark_nodes(
@@ -136,7 +150,6 @@ def grid_kernels(dtype: str) -> SimpleNamespace:
         cell: scalar,
         box: wp.array(dtype=wp.int32),
         has_ground: wp.int32,
-        touching: wp.array(dtype=wp.uint8),
         clamp_lower: wp.array(dtype=vec3),
         clamp_upper: wp.array(dtype=vec3),
         # Data out:
@@ -144,10 +157,7 @@ def grid_kernels(dtype: str) -> SimpleNamespace:
         momentum_out: wp.array2d(dtype=vec4),
     ):
         n = wp.tid()
-        highest = NO_CONTACT
-        if has_ground != 0:
-            highest = int(touching[n / box[5]])
-        kind_out[n] = kind_of(n, offset, cell, box, highest, clamp_lower, clamp_upper)
+        kind_out[n] = kind_of(n, offset, cell, box, has_ground, clamp_lower, clamp_upper)
         momentum_out[0, n] = vec4()
 
     @wp.kernel(module=module)
@@ -168,7 +178,8 @@ def grid_kernels(dtype: str) -> SimpleNamespace:
     ):
         n = wp.tid()
         p = momentum_in[grid_slot, n]
-        velocity_out[n] = velocity_of(p, kind[n], timing[0], gravity[0], mass_floor, friction[0])
+        now = kind_now(kind[n], p, momentum_in[grid_slot, wp.max(n - 1, 0)])
+        velocity_out[n] = velocity_of(p, now, timing[0], gravity[0], mass_floor, friction[0])
         cleared_out[cleared_slot, n] = vec4()  # the array that the next phase scatters to
 
     @wp.kernel(module=module)
@@ -189,7 +200,8 @@ def grid_kernels(dtype: str) -> SimpleNamespace:
     ):
         n = wp.tid()
         p = momentum_in[grid_slot, n]
-        bar = velocity_adjoint(p, kind[n], timing[0], gravity[0], mass_floor, friction[0], node_bar[n])
+        now = kind_now(kind[n], p, momentum_in[grid_slot, wp.max(n - 1, 0)])
+        bar = velocity_adjoint(p, now, timing[0], gravity[0], mass_floor, friction[0], node_bar[n])
         node_bar[n] = bar.momentum
         # gravity acts on the velocity as momentum / mass does, dt times
         weight = timing[0] * p[3]

@@ -27,7 +27,6 @@ from physreal_core.simulation.plain.transfers import transfer_kernels
 from physreal_core.simulation.scalars import scalar_types
 from physreal_core.simulation.terms import inner_shape, term_shapes
 from physreal_core.simulation.timestep import rate_memory
-from physreal_core.simulation.touch import Touch
 
 WEIGHT_ROWS = 64  # copies of a network's weight adjoint on a GPU, so that its threads do not queue for one address
 
@@ -89,7 +88,6 @@ class PlainStepper:
         self.device, self.config = config.device, config
         self._body, self.particles, self.cell = body, len(body.x0), body.cell
         self.offset = lattice_offset(body, config.ground_height, clamps)
-        self._touch = Touch(body, config, self.offset)
         self._viscous, self._slides = "viscosity" in config.terms, "friction_law" in config.terms
         self.inner_shape = inner_shape(config.terms)
         self._graphs: dict[str, wp.Graph] = {}
@@ -197,7 +195,6 @@ class PlainStepper:
             self.momentum = self._tensor(self._grid_slots, self._nodes, 4)
             self.velocity, self.node_bar = self._tensor(self._nodes, 4), self._tensor(1, self._nodes, 4)
             self.kind = self._tensor(self._nodes, dtype=torch.int32)
-            self.touching = self._tensor(1, self._nodes, dtype=torch.uint8)
             for name in ("friction_bar", "gravity_bar", "friction_law_bar"):  # a backward pass may be under way
                 summed = getattr(self, name).sum(0)
                 setattr(self, name, self._tensor(self._nodes, *summed.shape))
@@ -234,8 +231,8 @@ class PlainStepper:
         n, nodes = self.particles, self._nodes
         has_ground = int(self.config.ground_height is not None)
         self._mark = phase(
-            grid.mark_nodes, nodes, 0, offset, scalar(self.cell), box, has_ground, wrap(self.touching[0]), self.clamp_lower,
-            self.clamp_upper, kind, momentum,
+            grid.mark_nodes, nodes, 0, offset, scalar(self.cell), box, has_ground, self.clamp_lower, self.clamp_upper, kind,
+            momentum,
         )  # fmt: skip
         config = self.config
         stress = stress_kernels(config.elastic_law, config.elastic_residual, config.dtype)
@@ -368,12 +365,11 @@ class PlainStepper:
                 phase.resize(box.nodes)
 
     def set_state(self, x: torch.Tensor, v: torch.Tensor, F: torch.Tensor, C: torch.Tensor) -> None:
-        """Put a state into slot 0; where it touches the ground, contact acts next to the plane."""
+        """Put a state into slot 0."""
         for slots, value in ((self.x, x), (self.v, v), (self.F, F), (self.C, C[:, :3])):
             slots[0].copy_(value)
         if self._viscous:
             self.rate[0].copy_(C[:, 3:])
-        self._touch.mark(self.x[:1], self.box[None], self.touching)
         self._mark()
 
     def _run(self, name: str, launches: Callable[[], None]) -> None:

@@ -19,8 +19,9 @@ from physreal_core.gap.search import candidates
 from physreal_core.simulation import Body, Grip
 from tests.fitting import scene
 
-TURN = Rotation.from_euler("z", 70, degrees=True).as_matrix()
-SHIFT = np.array([0.3, -0.1, 0.0])
+TURN = Rotation.from_euler("z", 90, degrees=True).as_matrix()
+SHIFT = np.array([0.32, -0.12, 0.0])
+"""A quarter turn and whole cells, so that the grid lies under the bar as it does here."""
 
 
 def _moved(problem):
@@ -64,8 +65,7 @@ def test_a_local_effect_does_the_same_to_the_object_elsewhere(interactions, name
     changes = [(points[0] - points[1]) for points in (ours @ TURN.T + SHIFT, theirs)]
     size = np.abs(changes[0]).max()
     assert size > 1e-4, "no effect here, so nothing would be proved"
-    # the grid lies otherwise under the turned bar; an effect in the wrong place would differ by its whole size
-    assert np.abs(changes[0] - changes[1]).max() < 0.3 * size
+    assert np.abs(changes[0] - changes[1]).max() < 0.02 * size  # in float32, with contact
 
 
 def test_starts_are_given_where_the_first_interaction_has_them(interactions):

@@ -18,9 +18,14 @@ from physreal_core.fitting.problem import Problem
 from physreal_core.fitting.rollouts import roll_out_together, setting_of
 from physreal_core.rendering import carry_points
 from physreal_core.simulation import Body, SimulationConfig, Simulator, States
+from physreal_core.simulation.timestep import substeps_per_frame
 
 LARGEST_BATCH = 256
 """Rollouts at once; a GPU is full long before, and their states must fit beside each other."""
+
+LIKE_SUBSTEPS = 1.2
+"""Within a batch on a GPU the largest number of substeps over the smallest. All take the largest, and transfers damp once a
+substep: a body whose answer depends on what else is asked of the card has gains and tangents that do, too."""
 
 LEAST_TRACKS = 3
 """With depth, on the object: fewer do not tell how it is turned."""
@@ -190,17 +195,21 @@ class Experiment:
 
     def _batches(self, trials: Sequence[Trial]) -> list[list[int]]:
         """Trials to be run together: on the CPU those that need the same terms, so that none pays for another's; on a GPU,
-        where what counts is that they are many, those that need the same laws."""
+        where what counts is that they are many, those that need the same laws and about as many substeps."""
         groups: dict[tuple, list[int]] = {}
         for row, trial in enumerate(trials):
             config = self._configuration([trial])
             key = config if self.device == "cpu" else dataclasses.replace(config, terms=())
             groups.setdefault(key, []).append(row)
-        return [
-            rows[first : first + LARGEST_BATCH]
-            for rows in groups.values()
-            for first in range(0, len(rows), LARGEST_BATCH)
-        ]
+        alike = groups.values()
+        if self.device != "cpu":
+            counts = [self._substeps(trial) for trial in trials]
+            alike = [part for rows in groups.values() for part in _of_like_counts(rows, counts)]
+        return [rows[first : first + LARGEST_BATCH] for rows in alike for first in range(0, len(rows), LARGEST_BATCH)]
+
+    def _substeps(self, trial: Trial) -> int:
+        """Substeps per frame that a trial takes by itself."""
+        return substeps_per_frame(self.problem.body, self._configuration([trial]), self._inputs(trial, 1).parameters)
 
     def rollouts(
         self, trials: Sequence[Trial], frames: int | None = None, variant: Variant | None = None
@@ -306,6 +315,16 @@ class _Stage:
             return x, F
         turn, centre, shift = (t.to(x) for t in (self._turn, self._centre, self._shift))
         return (x - centre - shift) @ turn + centre, turn.T @ F @ turn
+
+
+def _of_like_counts(rows: Sequence[int], counts: Sequence[int]) -> list[list[int]]:
+    """Rows in parts whose counts differ by LIKE_SUBSTEPS at most, from the largest down; within a part in their order."""
+    parts: list[list[int]] = []
+    for row in sorted(rows, key=lambda row: (-counts[row], row)):
+        if not parts or counts[row] * LIKE_SUBSTEPS < counts[parts[-1][0]]:
+            parts.append([])
+        parts[-1].append(row)
+    return [sorted(part) for part in parts]
 
 
 def _tensors(values: dict[str, float]) -> dict[str, Tensor]:

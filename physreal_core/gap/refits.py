@@ -26,7 +26,6 @@ WORTH_A_SCREEN = 10.0
 STARTS = 3
 """Of every effect that are screened in the second place: those that promise most from the first."""
 
-
 FACTORS = tuple(2.0 ** (step / 2) for step in range(-3, 3))
 """On the level baseline's modulus, among which a fit from a plain size of its effect begins."""
 

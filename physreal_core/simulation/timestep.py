@@ -105,9 +105,9 @@ def force_step(body: Body, config: SimulationConfig, parameters: Parameters) -> 
     """Courant number times 2 / (omega + gamma) of a particle's fastest motion under drag, adhesion and an obstacle [s]."""
     mass = torch.as_tensor(body.volume, device=parameters.youngs_modulus.device) * _density(body, parameters)
     stiffness, damping = torch.zeros_like(mass), torch.zeros_like(mass)
-    if parameters.linear_drag is not None:
-        drag = parameters.linear_drag.abs() + 2.0 * FASTEST * parameters.quadratic_drag.abs()
-        damping = damping + drag.detach().double() / mass
+    for drag, slope in ((parameters.linear_drag, 1.0), (parameters.quadratic_drag, 2.0 * FASTEST)):
+        if drag is not None:
+            damping = damping + slope * drag.detach().double().abs() / mass
     if parameters.adhesion is not None:
         slope = math.e * parameters.adhesion.abs() / parameters.adhesion_range[..., None]
         stiffness = stiffness + slope.detach().double() / mass

@@ -5,7 +5,7 @@ import torch
 
 from physreal_core.array_types import Array, Float, Tensor
 from physreal_core.effects.contact.obstacle import FORMULA, STIFFNESS, Obstacle
-from physreal_core.effects.contact.places import MOST, reach
+from physreal_core.effects.contact.places import MOST, passed_by, reach
 from physreal_core.effects.effect import Coefficient, Setting, Values
 from physreal_core.effects.fields import vector
 from physreal_core.effects.shape import middle
@@ -54,13 +54,13 @@ class ObstaclePlane(Obstacle):
         them by one spacing."""
         if motion is None:
             return ()
-        x = motion.x.detach().double().cpu().numpy()
+        x = passed_by(motion)
         reaches = [_reaches(x, *way, setting) for way in DIRECTIONS]
-        ways = sorted(zip(reaches, DIRECTIONS, strict=True), key=lambda way: way[0][0] - np.nanmax(way[0]))
+        ways = sorted(zip(reaches, DIRECTIONS, strict=True), key=lambda way: way[0][0] - way[0].max())
         return tuple(
             {"azimuth": azimuth, "elevation": elevation, "distance": distance}
             for reached, (azimuth, elevation) in ways[:WAYS]
-            if (farthest := float(np.nanmax(reached))) - reached[0] > EXCURSION
+            if (farthest := float(reached.max())) - reached[0] > EXCURSION
             for distance in (0.5 * (float(reached[0]) + farthest), farthest + reach(setting) - setting.body.spacing)
         )
 
@@ -82,4 +82,4 @@ def _reaches(
 ) -> Float[Array, " frames"]:
     """How far points reach in a direction in each frame, from the body's middle at frame 0 [m]."""
     towards = direction(torch.tensor(azimuth), torch.tensor(elevation)).double().numpy()
-    return np.nanmax((x - middle(setting.body)) @ towards, axis=1)
+    return ((x - middle(setting.body)) @ towards).max(1)

@@ -29,7 +29,7 @@ def contacts(motion: States, capsule: tuple[Tensor, Tensor, Tensor], beyond: flo
         capsule: centre, half axis and radius [m].
         beyond: how far a particle's matter reaches beyond it [m].
     """
-    x = _passed(motion).reshape(-1, 3)
+    x = passed_by(motion).reshape(-1, 3)
     centre, half_axis, radius = (part.double().numpy() for part in capsule)
     along = np.clip((x - centre) @ half_axis / max(half_axis @ half_axis, 1e-12), -1.0, 1.0)
     inwards = centre + along[:, None] * half_axis - x
@@ -60,7 +60,7 @@ def grazed_places(
     """
     if motion is None:
         return np.zeros((0, len(axes))), np.zeros((0, 3))
-    spacing, passed = setting.body.spacing, _passed(motion)[1:].reshape(-1, 3)
+    spacing, passed = setting.body.spacing, passed_by(motion)[1:].reshape(-1, 3)
     places, deepest = _beside(passed, axes, radius + reach(setting) - spacing, setting)
     at_first, _ = cKDTree(setting.body.x0[:, axes]).query(places)
     free = at_first > radius + FREE * spacing
@@ -121,7 +121,7 @@ def _lattice(
     return np.stack(np.meshgrid(*steps, indexing="ij"), -1).reshape(-1, len(axes)), pitch
 
 
-def _passed(motion: States) -> Float[Array, "frames particles 3"]:
+def passed_by(motion: States) -> Float[Array, "frames particles 3"]:
     """Where the particles are [m] in the frames before the body runs away, if it does."""
     x = motion.x.detach().double().cpu().numpy()
     return x[np.isfinite(x).all((1, 2))]

@@ -55,13 +55,13 @@ def node_kernels(dtype: str, slides: bool, tilts: bool) -> SimpleNamespace:
         return n - rollout * model.nodes < model.box[rollout, 3] * model.box[rollout, 4] * model.box[rollout, 5]
 
     @wp.func
-    def kind_at(model: Nodes, n: int, rollout: int, p: vec4, below: vec4):
-        """In a substep, from (momentum, mass) of node n and of the one before it."""
+    def kind_at(model: Nodes, n: int, rollout: int, momentum: wp.array2d(dtype=vec4), slot: int):
+        """Of node n in a substep, whose (momentum, mass) are a slot."""
         kind = FREE
-        if p[3] > model.mass_floor and (model.has_ground != 0 or model.clamp_lower.shape[0] > 0):
+        if momentum[slot, n][3] > model.mass_floor and (model.has_ground != 0 or model.clamp_lower.shape[0] > 0):
             own, place = n - rollout * model.nodes, model.box[rollout]
             kind = kind_of(own, model.offset, model.cell, place, model.has_ground, model.clamp_lower, model.clamp_upper)
-            kind = kind_now(kind, p, below)
+            kind = kind_now(kind, momentum, slot, n)
         return kind
 
     @wp.func
@@ -129,9 +129,8 @@ def node_kernels(dtype: str, slides: bool, tilts: bool) -> SimpleNamespace:
         rollout = n / model.nodes
         if not used(model, n, rollout):
             return
-        p = momentum[first[0] + slot, n]
-        kind = kind_at(model, n, rollout, p, momentum[first[0] + slot, wp.max(n - 1, 0)])
-        velocity_out[n] = velocity_of(model, p, kind, rollout)
+        kind = kind_at(model, n, rollout, momentum, first[0] + slot)
+        velocity_out[n] = velocity_of(model, momentum[first[0] + slot, n], kind, rollout)
         momentum[first[0] + cleared_slot, n] = vec4()
 
     @wp.kernel(module=module)
@@ -156,12 +155,11 @@ def node_kernels(dtype: str, slides: bool, tilts: bool) -> SimpleNamespace:
             return
         if arriving != 0:
             p = momentum_in[first[0] + slot, n]
-            kind = kind_at(model, n, rollout, p, momentum_in[first[0] + slot, wp.max(n - 1, 0)])
+            kind = kind_at(model, n, rollout, momentum_in, first[0] + slot)
             bar[slot % 2, n] = velocity_adjoint(model, bars, n, p, kind, rollout, bar[slot % 2, n])
         if leaving != 0:
-            p0 = momentum_in[first[0] + slot - 1, n]
-            kind0 = kind_at(model, n, rollout, p0, momentum_in[first[0] + slot - 1, wp.max(n - 1, 0)])
-            velocity_out[n] = velocity_of(model, p0, kind0, rollout)
+            kind0 = kind_at(model, n, rollout, momentum_in, first[0] + slot - 1)
+            velocity_out[n] = velocity_of(model, momentum_in[first[0] + slot - 1, n], kind0, rollout)
             bar[(slot + 1) % 2, n] = vec4()
 
     return SimpleNamespace(Nodes=Nodes, NodeBars=NodeBars, start=start, update=update, turn=turn)

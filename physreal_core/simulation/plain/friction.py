@@ -126,7 +126,7 @@ def friction_kernels(dtype: str) -> SimpleNamespace:
     ):
         n = wp.tid()
         p = momentum_in[grid_slot, n]
-        now = kind_now(kind[n], p, momentum_in[grid_slot, wp.max(n - 1, 0)])
+        now = kind_now(kind[n], momentum_in, grid_slot, n)
         velocity_out[n] = velocity_of(p, now, timing[0], gravity[0], mass_floor, friction[0], law)
         cleared_out[cleared_slot, n] = vec4()
 
@@ -150,7 +150,7 @@ def friction_kernels(dtype: str) -> SimpleNamespace:
     ):
         n = wp.tid()
         p = momentum_in[grid_slot, n]
-        now = kind_now(kind[n], p, momentum_in[grid_slot, wp.max(n - 1, 0)])
+        now = kind_now(kind[n], momentum_in, grid_slot, n)
         bar = velocity_adjoint(p, now, timing[0], gravity[0], mass_floor, friction[0], law, node_bar[n])
         node_bar[n] = bar.momentum
         # gravity acts on the velocity as momentum / mass does, dt times

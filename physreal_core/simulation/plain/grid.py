@@ -1,8 +1,9 @@
 """Node phase: momentum to velocity, gravity, clamps, Coulomb contact with the ground, and the adjoint of it.
 
 Contact acts, after all forces, on the nodes of the lattice layer k = 0 and below, and on those next to the plane, k = 1, where the
-body touches it (`simulation.touch`). With v the free velocity of such a node and v_z < 0, the plane takes out the normal impulse m |v_z|, the tangential velocity loses at most mu_f |v_z| and
-sticks where that is more than it has. Nodes that leave the plane (v_z >= 0) are free.
+body touches it (`simulation.touch`). With v the free velocity of such a node and v_z < 0, the plane takes out the normal impulse
+m |v_z|, the tangential velocity loses at most mu_f |v_z| and sticks where that is more than it has. Nodes that leave the plane
+(v_z >= 0) are free.
 """
 
 import functools
@@ -53,12 +54,12 @@ def node_functions(dtype: str) -> SimpleNamespace:
         return kind
 
     @wp.func
-    def kind_now(kind: int, p: vec4, below: vec4):
-        """In a substep, from (momentum, mass) of the node and of the one below it."""
+    def kind_now(kind: int, momentum: wp.array2d(dtype=vec4), slot: int, n: int):
+        """Of node n in a substep, whose (momentum, mass) are a slot; n - 1 is the node below it."""
         now = kind
         if kind == NEXT_TO_GROUND:
             now = FREE
-            if below[3] > touching * p[3]:
+            if momentum[slot, n - 1][3] > touching * momentum[slot, n][3]:
                 now = GROUND
         return now
 
@@ -178,7 +179,7 @@ def grid_kernels(dtype: str) -> SimpleNamespace:
     ):
         n = wp.tid()
         p = momentum_in[grid_slot, n]
-        now = kind_now(kind[n], p, momentum_in[grid_slot, wp.max(n - 1, 0)])
+        now = kind_now(kind[n], momentum_in, grid_slot, n)
         velocity_out[n] = velocity_of(p, now, timing[0], gravity[0], mass_floor, friction[0])
         cleared_out[cleared_slot, n] = vec4()  # the array that the next phase scatters to
 
@@ -200,7 +201,7 @@ def grid_kernels(dtype: str) -> SimpleNamespace:
     ):
         n = wp.tid()
         p = momentum_in[grid_slot, n]
-        now = kind_now(kind[n], p, momentum_in[grid_slot, wp.max(n - 1, 0)])
+        now = kind_now(kind[n], momentum_in, grid_slot, n)
         bar = velocity_adjoint(p, now, timing[0], gravity[0], mass_floor, friction[0], node_bar[n])
         node_bar[n] = bar.momentum
         # gravity acts on the velocity as momentum / mass does, dt times

@@ -1,0 +1,55 @@
+"""Trials that run together: on a GPU a batch takes the substeps of its stiffest, so that its members must be alike."""
+
+import dataclasses
+
+import pytest
+
+from physreal_core.effects import EFFECTS
+from physreal_core.gap import Experiment, Trial
+from physreal_core.gap.experiment import LIKE_SUBSTEPS, _of_like_counts
+from physreal_core.simulation import Simulator
+from tests.fitting import scene
+
+
+@pytest.fixture(scope="module")
+def experiment():
+    model = scene.model()
+    return Experiment(dataclasses.replace(scene.problem(model, frames=8, observed=6), camera=None), model)
+
+
+def _one_of_each(experiment) -> list[Trial]:
+    """Every effect at plain size from its first start, so that all terms are in use."""
+    trials = []
+    for effect in EFFECTS.values():
+        starts = effect.starts(experiment.setting) or ({},)
+        plain = {c.name: c.dormant + c.scale for c in effect.coefficients if c.kind == "amplitude"}
+        values = {**effect.dormant, **plain, **starts[0]}
+        trials.append(Trial(experiment.model.fields, {effect.name: values}))
+    return trials
+
+
+def test_substeps_of_a_trial_are_those_that_its_rollout_takes(experiment):
+    for trial in _one_of_each(experiment):
+        problem, config = experiment.problem, experiment._configuration([trial])
+        simulator = Simulator(problem.body, config, problem.grip, problem.clamps, problem.loads)
+        taken = simulator.substeps(experiment._inputs(trial, 1).parameters)
+        assert experiment._substeps(trial) == taken, trial.effects
+
+
+def test_batches_of_a_gpu_hold_every_trial_once_and_like_substeps(experiment, monkeypatch):
+    trials = _one_of_each(experiment)
+    counts = [experiment._substeps(trial) for trial in trials]
+    assert max(counts) > LIKE_SUBSTEPS * min(counts), "all are alike, so nothing would be proved"
+    monkeypatch.setattr(experiment, "device", "cuda:0")
+    batches = experiment._batches(trials)
+    assert sorted(row for rows in batches for row in rows) == list(range(len(trials)))
+    for rows in batches:
+        own = [counts[row] for row in rows]
+        assert max(own) <= LIKE_SUBSTEPS * min(own)
+    assert len(batches) < len(set(counts)), "those that are alike run together"
+
+
+def test_parts_of_like_counts_begin_at_the_largest_and_keep_the_order():
+    assert _of_like_counts([0, 1, 2, 3, 4], [50, 100, 75, 84, 83]) == [[1, 3], [2, 4], [0]]
+    assert _of_like_counts([0, 2], [50, 0, 60]) == [[0, 2]]
+    assert _of_like_counts([], []) == []

@@ -2,7 +2,7 @@
 
 Each seed gets a project folder of its own under FOLDER (other sensor noise, pose of the prior, networks' start) and runs through
 all stages; a stage whose output is there is not run again, so a stopped run goes on. Prints every seed's scores, the
-simulated over the true static deflection (docs/evaluation.md), and the medians.
+simulated over the true static deflection (docs/evaluation.md), and the medians; and what the search says is missing.
 """
 
 from __future__ import annotations
@@ -16,18 +16,19 @@ import subprocess
 import sys
 from pathlib import Path
 from statistics import median
+from typing import Any
+
+from pipeline.graph import STAGES
 
 ROOT = Path(__file__).resolve().parent.parent
-STAGES = (
-    "rig", "parse_video", "segment_and_track", "build_object", "fit_pose", "sample_particles",
-    "fit_global", "fit_patches", "fit_residual", "evaluate",
-)  # fmt: skip
+FITTED = [name for name in STAGES if name != "predict"]
+"""Stages of a sequence that models are fitted on."""
 SCORES = ("track_error", "cd_l1_oneway", "cd_l2_twoway", "iou", "psnr")
 Scores = dict[str, dict[str, dict[str, float]]]
 
 
-def run_seed(folder: Path, seed: int, sequence: str) -> Scores:
-    """Run all stages of `sequence` with `seed` in a project of its own; gives fit stage → interval → score."""
+def run_seed(folder: Path, seed: int, sequence: str) -> Path:
+    """Run all stages of `sequence` with `seed` in a project of its own; gives the folder of their outputs."""
     project = folder / f"seed_{seed}"
     project.mkdir(parents=True, exist_ok=True)
     parameters = re.sub(r"(?m)^seed: \d+", f"seed: {seed}", (ROOT / "params.yaml").read_text())
@@ -35,12 +36,12 @@ def run_seed(folder: Path, seed: int, sequence: str) -> Scores:
     (project / "data").mkdir(exist_ok=True)
     if not (project / "data" / "models").exists():
         (project / "data" / "models").symlink_to(ROOT / "data" / "models")
-    for stage in STAGES:
+    for stage in FITTED:
         if not (project / "data" / "runs" / stage / f"{sequence}.json").exists():
             print(f"seed {seed}: {stage}", flush=True)
             command = [sys.executable, "-m", "pipeline.cli", "run", stage, sequence]
             subprocess.run(command, cwd=project, env=_environment(), check=True, stdout=subprocess.DEVNULL)
-    return json.loads((project / "data" / "artifacts" / "evaluate" / sequence / "metrics.json").read_text())
+    return project / "data" / "artifacts"
 
 
 def _environment() -> dict[str, str]:
@@ -59,6 +60,21 @@ def table(found: dict[int, Scores]) -> str:
     return "\n".join(lines)
 
 
+def answers(found: dict[int, dict[str, Any]]) -> str:
+    """Markdown: a row per seed with the verdict on it, and the probabilities of what is in its class and of nothing."""
+    lines = ["| seed | verdict | probability | members | `none` |", "|--:|---|--:|---|--:|"]
+    for seed, report in found.items():
+        verdict, own = report["verdict"], {_name(c): c["probability"] for c in report["candidates"]}
+        members = ", ".join(f"{(name := ' + '.join(names))} {own[name]:.2f}" for names in verdict["members"] if names)
+        none = own.get("", 0.0)
+        lines.append(f"| {seed} | {verdict['kind']} | {verdict['probability']:.2f} | {members} | {none:.2f} |")
+    return "\n".join(lines)
+
+
+def _name(candidate: dict[str, Any]) -> str:
+    return " + ".join(effect["name"] for effect in candidate["effects"])
+
+
 def _row(scores: dict, interval: str) -> list[float]:
     statics = scores["truth"]["statics"]
     return [*(scores[interval][name] for name in SCORES), statics["sag"] / statics["true_sag"]]
@@ -69,14 +85,18 @@ def _cells(row: list[float]) -> str:
 
 
 def main() -> None:
-    """Run the seeds and print the table."""
+    """Run the seeds and print both tables."""
     parser = argparse.ArgumentParser(description=__doc__.splitlines()[0])
     parser.add_argument("folder", type=Path)
     parser.add_argument("--seeds", type=int, nargs="+", default=[0, 1, 2])
     parser.add_argument("--sequence", default="plush_lift")
     arguments = parser.parse_args()
-    found = {seed: run_seed(arguments.folder.resolve(), seed, arguments.sequence) for seed in arguments.seeds}
-    print(table(found))
+    folders = {seed: run_seed(arguments.folder.resolve(), seed, arguments.sequence) for seed in arguments.seeds}
+
+    def read(stage: str, file: str) -> dict[int, Any]:
+        return {s: json.loads((own / stage / arguments.sequence / file).read_text()) for s, own in folders.items()}
+
+    print(table(read("evaluate", "metrics.json")), answers(read("find_gap", "gap.json")), sep="\n\n")
 
 
 if __name__ == "__main__":

@@ -24,7 +24,7 @@ from physreal_core.gap.least_squares import Fit, fit, together
 from physreal_core.gap.unknowns import Unknowns
 
 MODULI = (0.5, 0.7, 0.85, 1.0, 1.2, 1.4)
-"""On the baseline's mean modulus, which may have bent to what it lacks: materials from which the fit begins, beside the baseline's."""
+"""On the baseline's mean modulus, which may have bent to what it lacks: materials from which the fit begins, beside the baseline's; each also with the friction that was guessed, which bends, too."""
 
 
 def from_truth(fits: Fits, truth: EffectValues) -> Fit:
@@ -38,9 +38,12 @@ def from_truth(fits: Fits, truth: EffectValues) -> Fit:
     names = sorted(truth, key=list(EFFECTS).index)
     known = {name: _known(EFFECTS[name], truth[name]) for name in names}
     unknowns = Unknowns(own.fields, names, own.priors, known, own.scalars)
-    starts = np.tile(unknowns.start(), (1 + len(MODULI), 1))
-    starts[:, : own.baseline] = [baseline, *[own.level(baseline)] * len(MODULI)]
-    starts[1:, : own.patches] += np.log(MODULI)[:, None]
+    materials = np.stack([baseline, *[own.level(baseline)] * len(MODULI)])
+    materials[1:, : own.patches] += np.log(MODULI)[:, None]
+    guessed, scalars = materials.copy(), slice(own.patches + 1, own.baseline)
+    guessed[:, scalars] = own.block.mean[scalars]
+    starts = np.tile(unknowns.start(), (2 * len(materials), 1))
+    starts[:, : own.baseline] = [*materials, *guessed]
     starts = np.clip(starts, unknowns.block.lower, unknowns.block.upper)
     data = fits.evidence.train
     (found,) = together([fit(unknowns, data, starts, 2 * fits.settings.settling)], data)

@@ -1,7 +1,7 @@
-"""How far do the example's scores depend on the seed? `python -m benchmarks.seeds [--seeds 0 1 2] [--sequence plush_lift] FOLDER`
+"""How far do the example's scores depend on the seed? `python -m benchmarks.seeds [--seeds 0 1 2] [--recorded] FOLDER`
 
 Each seed gets a project folder of its own under FOLDER (other sensor noise, pose of the prior, networks' start) and runs through
-all stages; a stage whose output is there is not run again, so a stopped run goes on. Prints every seed's scores, the
+all stages; with `--recorded` all take the recording in data/captures, so that only what looks at it differs. A stage whose output is there is not run again, so a stopped run goes on. Prints every seed's scores, the
 simulated over the true static deflection (docs/evaluation.md), and the medians; and what the search says is missing.
 """
 
@@ -22,12 +22,12 @@ from pipeline.graph import STAGES
 
 ROOT = Path(__file__).resolve().parent.parent
 FITTED = [name for name in STAGES if name != "predict"]
-"""Stages of a sequence that models are fitted on."""
+"""Stages of a sequence that models are fitted on; the first makes its recording."""
 SCORES = ("track_error", "cd_l1_oneway", "cd_l2_twoway", "iou", "psnr")
 Scores = dict[str, dict[str, dict[str, float]]]
 
 
-def run_seed(folder: Path, seed: int, sequence: str) -> Path:
+def run_seed(folder: Path, seed: int, sequence: str, recorded: bool) -> Path:
     """Run all stages of `sequence` with `seed` in a project of its own; gives the folder of their outputs."""
     project = folder / f"seed_{seed}"
     project.mkdir(parents=True, exist_ok=True)
@@ -36,7 +36,9 @@ def run_seed(folder: Path, seed: int, sequence: str) -> Path:
     (project / "data").mkdir(exist_ok=True)
     if not (project / "data" / "models").exists():
         (project / "data" / "models").symlink_to(ROOT / "data" / "models")
-    for stage in FITTED:
+    if recorded and not (project / "data" / "captures").exists():
+        (project / "data" / "captures").symlink_to(ROOT / "data" / "captures")
+    for stage in FITTED[1:] if recorded else FITTED:
         if not (project / "data" / "runs" / stage / f"{sequence}.json").exists():
             print(f"seed {seed}: {stage}", flush=True)
             command = [sys.executable, "-m", "pipeline.cli", "run", stage, sequence]
@@ -90,11 +92,13 @@ def main() -> None:
     parser.add_argument("folder", type=Path)
     parser.add_argument("--seeds", type=int, nargs="+", default=[0, 1, 2])
     parser.add_argument("--sequence", default="plush_lift")
+    parser.add_argument("--recorded", action="store_true", help="all seeds look at the recording that is there")
     arguments = parser.parse_args()
-    folders = {seed: run_seed(arguments.folder.resolve(), seed, arguments.sequence) for seed in arguments.seeds}
+    folder, sequence = arguments.folder.resolve(), arguments.sequence
+    folders = {seed: run_seed(folder, seed, sequence, arguments.recorded) for seed in arguments.seeds}
 
     def read(stage: str, file: str) -> dict[int, Any]:
-        return {s: json.loads((own / stage / arguments.sequence / file).read_text()) for s, own in folders.items()}
+        return {s: json.loads((own / stage / sequence / file).read_text()) for s, own in folders.items()}
 
     print(table(read("evaluate", "metrics.json")), answers(read("find_gap", "gap.json")), sep="\n\n")
 

@@ -18,11 +18,7 @@ from pathlib import Path
 from statistics import median
 from typing import Any
 
-from pipeline.graph import STAGES
-
 ROOT = Path(__file__).resolve().parent.parent
-FITTED = [name for name in STAGES if name != "predict"]
-"""Stages of a sequence that models are fitted on; the first makes its recording."""
 SCORES = ("track_error", "cd_l1_oneway", "cd_l2_twoway", "iou", "psnr")
 Scores = dict[str, dict[str, dict[str, float]]]
 
@@ -38,12 +34,19 @@ def run_seed(folder: Path, seed: int, sequence: str, recorded: bool) -> Path:
         (project / "data" / "models").symlink_to(ROOT / "data" / "models")
     if recorded and not (project / "data" / "captures").exists():
         (project / "data" / "captures").symlink_to(ROOT / "data" / "captures")
-    for stage in FITTED[1:] if recorded else FITTED:
+    for stage in _stages(recorded):
         if not (project / "data" / "runs" / stage / f"{sequence}.json").exists():
             print(f"seed {seed}: {stage}", flush=True)
             command = [sys.executable, "-m", "pipeline.cli", "run", stage, sequence]
             subprocess.run(command, cwd=project, env=_environment(), check=True, stdout=subprocess.DEVNULL)
     return project / "data" / "artifacts"
+
+
+def _stages(recorded: bool) -> list[str]:
+    """Stages of a sequence that models are fitted on, with the one that makes its recording or without."""
+    from pipeline.graph import STAGES  # the benchmarks' modules can be imported where there is no pipeline
+
+    return [name for name in STAGES if name != "predict" and not (recorded and name == "rig")]
 
 
 def _environment() -> dict[str, str]:

@@ -1,8 +1,9 @@
 """How far do the example's scores depend on the seed? `python -m benchmarks.seeds [--seeds 0 1 2] [--recorded] FOLDER`
 
 Each seed gets a project folder of its own under FOLDER (other sensor noise, pose of the prior, networks' start) and runs through
-all stages; with `--recorded` all take the recording in data/captures, so that only what looks at it differs. A stage whose output is there is not run again, so a stopped run goes on. Prints every seed's scores, the
-simulated over the true static deflection (docs/evaluation.md), and the medians; and what the search says is missing.
+all stages; with `--recorded` all take the recording in data/captures, so that only what looks at it differs. A stage whose output
+is there is not run again, so a stopped run goes on. Prints every seed's scores, the simulated over the true static deflection
+(docs/evaluation.md), and the medians; and what the search says is missing.
 """
 
 from __future__ import annotations

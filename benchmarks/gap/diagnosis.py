@@ -24,7 +24,8 @@ from physreal_core.gap.least_squares import Fit, fit, together
 from physreal_core.gap.unknowns import Unknowns
 
 MODULI = (0.5, 0.7, 0.85, 1.0, 1.2, 1.4)
-"""On the baseline's mean modulus, which may have bent to what it lacks: materials from which the fit begins, beside the baseline's; each also with the friction that was guessed, which bends, too."""
+"""On the baseline's mean modulus, which may have bent to what it lacks: materials from which the fit begins, beside the baseline's;
+each also with the friction that was guessed, which bends, too."""
 
 
 def from_truth(fits: Fits, truth: EffectValues) -> Fit:

@@ -122,6 +122,10 @@ class Effect:
         """Where the measurement would see points [m] that truly are at `points`."""
         return points
 
+    def frames_needed(self, frames: int, values: Mapping[str, float]) -> int:
+        """Frames of the points that `observe` has to be given, so that the first `frames` of what it gives lie within them."""
+        return frames
+
     def carried(
         self, values: Mapping[str, float], rotation: Float[Array, "3 3"], translation: Float[Array, "3"]
     ) -> dict[str, float]:

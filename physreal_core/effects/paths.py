@@ -35,3 +35,8 @@ def resampled(path: Float[Tensor, "frames ..."], times: Float[Tensor, " samples"
     chord = end - start
     inside = start + u * (slope0 + u * (3 * chord - 2 * slope0 - slope1 + u * (slope0 + slope1 - 2 * chord)))
     return inside + (share - u) * slope1
+
+
+def prolonged(path: Float[Tensor, "frames ..."], frames: int) -> Float[Tensor, "..."]:
+    """The path with as many frames at least; after its last it goes straight on."""
+    return path if len(path) >= frames else resampled(path, torch.arange(frames).to(path))

@@ -12,6 +12,7 @@ import torch
 
 from physreal_core.array_types import Array, Bool, Float, Tensor
 from physreal_core.effects import EFFECTS, Effect, Inputs, configured
+from physreal_core.effects.paths import prolonged
 from physreal_core.errors import InputError
 from physreal_core.fitting.model import Model, particle_parameters
 from physreal_core.fitting.problem import Problem
@@ -190,7 +191,7 @@ class Experiment:
         for rows in self._batches(trials):
             states = self.rollouts([trials[row] for row in rows], frames, variant)
             for row, (x, F) in zip(rows, states, strict=True):
-                predicted[row] = self._observed(trials[row], x, F)
+                predicted[row] = self._observed(trials[row], x, F)[:frames]
         return predicted
 
     def _batches(self, trials: Sequence[Trial]) -> list[list[int]]:
@@ -214,15 +215,19 @@ class Experiment:
     def rollouts(
         self, trials: Sequence[Trial], frames: int | None = None, variant: Variant | None = None
     ) -> list[tuple[Tensor, Tensor]]:
-        """States x [T, N, 3] m and F [T, N, 3, 3] of trials that need the same laws, in the capture's frame, on the device."""
+        """States x [T, N, 3] m and F [T, N, 3, 3] of trials that need the same laws, in the capture's frame, on the device.
+
+        Their frames are those that the measurement needs to see the first `frames` under every trial.
+        """
         config = self._configuration(trials)
+        needed = max(self._frames_needed(trial, frames or self.frames) for trial in trials)
         stage = _Stage(self.problem, config, variant or Variant("itself"))
         key = (config, variant)
         if key not in self._simulators:
             self._simulators[key] = Simulator(
                 stage.body, stage.config, self.problem.grip, self.problem.clamps, self.problem.loads
             )
-        inputs = [stage.turned(self._inputs(trial, frames or self.frames)) for trial in trials]
+        inputs = [stage.turned(self._inputs(trial, needed)) for trial in trials]
         states = _run(self._simulators[key], inputs)
         return [stage.turned_back(x, F) for x, F in states]
 
@@ -232,12 +237,13 @@ class Experiment:
         """Where the measurement would see the tracks [m], and where they go per metre by which their material points start
         elsewhere along x, y and z; from one rollout."""
         ((x, F),) = self.rollouts([trial], frames)
-        here = self._observed(trial, x, F)
-        return here, np.stack([(self._observed(trial, x, F, 1e-3 * axis) - here) / 1e-3 for axis in torch.eye(3)])
+        here = self._observed(trial, x, F)[: frames or self.frames]
+        there = [self._observed(trial, x, F, 1e-3 * axis)[: len(here)] for axis in torch.eye(3)]
+        return here, (np.stack(there) - here) / 1e-3
 
     def motion(self, trial: Trial) -> States:
         """The whole rollout of one trial."""
-        x, F = (state.cpu() for state in self.rollouts([trial])[0])
+        x, F = (state[: self.frames].cpu() for state in self.rollouts([trial])[0])
         v = torch.gradient(x, spacing=1.0 / float(self.problem.fps), dim=0)[0]
         return States(x, v, F)
 
@@ -262,10 +268,15 @@ class Experiment:
         parameters = particle_parameters(
             trial.fields, problem.patch_neighbours, problem.patch_weights, dtype=torch.float32, device="cpu"
         )
-        inputs = Inputs(parameters, self.setting.controllers)
+        inputs = Inputs(parameters, prolonged(self.setting.controllers, frames))
         for name, values in self._effects(trial).items():
             inputs = EFFECTS[name].act(inputs, _tensors(values), self.setting)
         return dataclasses.replace(inputs, controllers=inputs.controllers[:frames])
+
+    def _frames_needed(self, trial: Trial, frames: int) -> int:
+        for name, values in reversed(self._effects(trial).items()):
+            frames = EFFECTS[name].frames_needed(frames, values)
+        return frames
 
     def _observed(
         self, trial: Trial, x: Tensor, F: Tensor, shift: Float[Tensor, 3] | None = None

@@ -3,6 +3,7 @@
 from dataclasses import replace
 
 import numpy as np
+import pytest
 import torch
 from scipy.spatial.transform import Rotation
 
@@ -71,6 +72,17 @@ def test_frame_rate_reads_a_parabola_at_other_times():
     seen = observed("frame_rate", (time + 0.1 * time**2) * along, {"excess": -0.05})
     slow = 0.95 * time
     torch.testing.assert_close(seen[2:8], ((slow + 0.1 * slow**2) * along)[2:8])
+
+
+@pytest.mark.parametrize("excess", [-0.05, 0.0, 0.02, 0.13])
+def test_frame_rate_reads_the_last_frame_from_the_frames_that_it_needs(excess):
+    frames = 9
+    needed = EFFECTS["frame_rate"].frames_needed(frames, {"excess": excess})
+    time = torch.arange(needed, dtype=torch.float64)[:, None, None]
+    along = torch.ones(1, 4, 3, dtype=torch.float64)
+    seen = observed("frame_rate", (time + 0.1 * time**2) * along, {"excess": excess})[:frames]
+    later = (1 + excess) * time[:frames]
+    torch.testing.assert_close(seen[2:], ((later + 0.1 * later**2) * along)[2:])
 
 
 def test_a_hand_seen_by_the_same_camera_is_read_back():

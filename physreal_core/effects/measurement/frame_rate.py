@@ -1,5 +1,7 @@
 """The camera's frames come slower or faster than stated."""
 
+import math
+from collections.abc import Mapping
 from dataclasses import replace
 
 import torch
@@ -27,6 +29,10 @@ class FrameRate(Effect):
 
     def observe(self, points: Float[Tensor, "frames points 3"], values: Values, setting: Setting) -> Tensor:
         return _stretched(points, 1 + values["excess"])
+
+    def frames_needed(self, frames: int, values: Mapping[str, float]) -> int:
+        """Up to the time that the last frame shows, and one more, for the curve's slope there."""
+        return frames + max(math.ceil(values["excess"] * (frames - 1)), 0) + 1
 
 
 def _stretched(path: Tensor, factor: Tensor) -> Tensor:

@@ -1,0 +1,73 @@
+"""What an experiment predicts of a frame: the same whatever comes after it, and what a camera of another rate truly sees."""
+
+import dataclasses
+
+import numpy as np
+import pytest
+import torch
+
+from physreal_core.effects import EFFECTS
+from physreal_core.gap import Experiment, Trial
+from tests.fitting import scene
+
+FRAMES, OBSERVED = 16, 11
+
+
+def path(times: torch.Tensor) -> torch.Tensor:
+    """Hand's point over the bar at times [frames]: along and up, at rest from frame 13 on; shape [T, 1, 3] m."""
+    start, way = torch.tensor([[0.01, 0.03, 0.06], [-0.05, 0.0, 0.06]], dtype=torch.float64)
+    share = (times.double() / 13).clamp(0, 1)[:, None, None]
+    return start + share**3 * (10 + share * (6 * share - 15)) * way
+
+
+def experiment(*, excess: float = 0.0, hand_seen: bool = False) -> Experiment:
+    """A moving bar; by a camera whose frames come later by this share, and by a hand that the same camera sees."""
+    model = scene.model()
+    problem = scene.problem(model, frames=FRAMES, observed=OBSERVED, with_masks=False)
+    hand = path(torch.arange(FRAMES) * (1 + excess))
+    return Experiment(
+        dataclasses.replace(problem, controllers=hand, fps=scene.FPS / (1 + excess), hand_seen=hand_seen), model
+    )
+
+
+def predicted(own: Experiment, frames: int | None = None, **values: float) -> np.ndarray:
+    effects = {"frame_rate": values} if values else {}
+    return own.predict([Trial(own.model.fields, effects)], frames)[0]
+
+
+@pytest.mark.parametrize("excess", [-0.08, 0.0, 0.03, 0.08])
+def test_frames_that_follow_change_nothing(excess):
+    own = experiment()
+    whole = predicted(own, excess=excess)
+    part = predicted(own, OBSERVED, excess=excess)
+    np.testing.assert_allclose(part, whole[:OBSERVED], rtol=0, atol=1e-6)
+    there, _ = own.carried(Trial(own.model.fields, {"frame_rate": {"excess": excess}}), OBSERVED)
+    np.testing.assert_allclose(there, part, rtol=0, atol=1e-6)
+
+
+def test_frames_that_follow_change_nothing_whatever_else_acts():
+    own = experiment()
+    for effect in EFFECTS.values():
+        start = (effect.starts(own.setting) or ({},))[0]
+        plain = {c.name: c.dormant + c.scale for c in effect.coefficients if c.kind == "amplitude"}
+        trial = Trial(
+            own.model.fields, {effect.name: {**effect.dormant, **plain, **start}, "frame_rate": {"excess": 0.05}}
+        )
+        whole, part = own.predict([trial])[0], own.predict([trial], OBSERVED)[0]
+        np.testing.assert_allclose(part, whole[:OBSERVED], rtol=0, atol=2e-6, err_msg=effect.name)
+
+
+@pytest.mark.parametrize("hand_seen", [False, True])
+@pytest.mark.parametrize("excess", [-0.05, 0.05])
+def test_another_frame_rate_is_what_a_camera_with_it_sees(excess, hand_seen):
+    """One whose frames come later sees the hand's path stretched, too, if that is from its frames."""
+    truth = predicted(experiment(excess=excess))
+    own = experiment()
+    if hand_seen:
+        stretched = experiment(excess=excess, hand_seen=True).problem
+        own = Experiment(dataclasses.replace(stretched, fps=scene.FPS), own.model)
+    unaware = np.abs(predicted(own) - truth).max()
+    assert unaware > 1.2e-3
+    assert (
+        np.abs(predicted(own, excess=excess) - truth).max() < 5e-4
+    )  # the bar slides, which a cubic takes in at 30 frames a second

@@ -58,18 +58,26 @@ def _known(effect: Effect, values: dict[str, float]) -> dict[str, float]:
 
 
 def told(fits: Fits, truth: EffectValues, candidates: Sequence[dict[str, Any]]) -> str:
-    """Lines of text: gain in log evidence and what is left beyond noise [nat], of the truth and of the search's answers."""
+    """Lines of text: gain in log evidence, what is left beyond noise and what is gained in held-out frames [nat], of the truth and of
+    the search's answers."""
     found = from_truth(fits, truth)
     gain, left = found.log_evidence - fits.baseline.log_evidence, fits.evidence.excess(found)
-    lines = [f"{'from the true numbers':34} gain {gain:8.1f}  left {left:8.1f}"]
+    held = _held_out_energy(fits, fits.baseline) - _held_out_energy(fits, found)
+    lines = [f"{'from the true numbers':34} gain {gain:8.1f}  left {left:8.1f}  held {held:8.1f}"]
     for name, values in found.unknowns.values(found.vector).items():
         lines += [f"    {name} {c}: {x:.4g} (true {truth[name].get(c, float('nan')):.4g})" for c, x in values.items()]
     for answer in (candidate for candidate in candidates if candidate["gain"] is not None):
         label = "+".join(effect["name"] for effect in answer["effects"]) or "none"
         lines.append(
-            f"{label:34} gain {answer['gain']:8.1f}  left {answer['excess']:8.1f}  p {answer['probability']:.3f}"
+            f"{label:34} gain {answer['gain']:8.1f}  left {answer['excess']:8.1f}  held {answer['held_out']:8.1f}"
+            f"  p {answer['probability']:.3f}"
         )
     return "\n".join(lines)
+
+
+def _held_out_energy(fits: Fits, found: Fit) -> float:
+    trial = found.unknowns.trial(found.vector)
+    return fits.evidence.held_out_energy([experiment.predict([trial])[0] for experiment in fits.evidence.experiments])
 
 
 def main(folder: Path, name: str) -> None:

@@ -9,6 +9,7 @@ from physreal_core.gap import Experiment, Trial
 from physreal_core.gap.experiment import LIKE_SUBSTEPS, _of_like_counts
 from physreal_core.simulation import Simulator
 from tests.fitting import scene
+from tests.gap.trials import plain_values
 
 
 @pytest.fixture(scope="module")
@@ -19,13 +20,8 @@ def experiment():
 
 def _one_of_each(experiment) -> list[Trial]:
     """Every effect at plain size from its first start, so that all terms are in use."""
-    trials = []
-    for effect in EFFECTS.values():
-        starts = effect.starts(experiment.setting) or ({},)
-        plain = {c.name: c.dormant + c.scale for c in effect.coefficients if c.kind == "amplitude"}
-        values = {**effect.dormant, **plain, **starts[0]}
-        trials.append(Trial(experiment.model.fields, {effect.name: values}))
-    return trials
+    fields, setting = experiment.model.fields, experiment.setting
+    return [Trial(fields, {effect.name: plain_values(effect, setting)}) for effect in EFFECTS.values()]
 
 
 def test_substeps_of_a_trial_are_those_that_its_rollout_takes(experiment):

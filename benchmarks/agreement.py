@@ -16,7 +16,7 @@ import numpy as np
 import torch
 
 from physreal_core.simulation import Body, Clamp, Grip, Parameters, PointLoad, SimulationConfig, Simulator, States
-from physreal_core.simulation.constitutive import ResidualConfig, initial_weights
+from physreal_core.simulation.laws import ResidualConfig, initial_weights
 from physreal_core.simulation.terms import TERMS
 
 REFERENCE = Path(__file__).parent / "results" / "agreement_cpu.npz"
@@ -51,7 +51,7 @@ CASES = {
 PLASTIC = {"identity": (0.0, 0.0), "von_mises": (20.0, 1.0), "drucker_prager": (0.4, 5.0)}
 
 
-def scene(case: Case, device: str, dtype: str, kernels: str = "fast") -> tuple[Simulator, dict, torch.Tensor]:
+def scene(case: Case, device: str, dtype: str) -> tuple[Simulator, dict, torch.Tensor]:
     """A soft block thrown over the ground and pulled at: simulator, parameters' leaves by name, controller points."""
     index = np.stack(np.meshgrid(np.arange(5), np.arange(6), np.arange(4), indexing="ij"), -1).reshape(-1, 3)
     x0, count = (index + 0.5) * 0.01, len(index)
@@ -61,7 +61,7 @@ def scene(case: Case, device: str, dtype: str, kernels: str = "fast") -> tuple[S
     lengths = np.linalg.norm(x0[particles] - points[particles % 2], axis=1)
     config = SimulationConfig(
         fps=60.0, elastic_law=case.elastic_law, plastic_law=case.plastic_law, residual=case.residual, terms=case.terms,
-        dtype=dtype, device=device, kernels=kernels,
+        dtype=dtype, device=device,
     )  # fmt: skip
     clamps, loads = (), ()
     if case.held:
@@ -122,9 +122,9 @@ def term_values(x0: np.ndarray) -> dict[str, torch.Tensor]:
     }
 
 
-def run(case: Case, device: str, dtype: str, kernels: str = "fast") -> dict[str, np.ndarray]:
+def run(case: Case, device: str, dtype: str) -> dict[str, np.ndarray]:
     """States at the last frame and gradients of a random loss, by name."""
-    simulator, leaves, controllers = scene(case, device, dtype, kernels)
+    simulator, leaves, controllers = scene(case, device, dtype)
     points = controllers.clone().requires_grad_(case.led)
     states = simulator.rollout(Parameters(**leaves), points)
     random_loss(states).backward()

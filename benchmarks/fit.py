@@ -35,7 +35,7 @@ from physreal_core.fitting import (
 )
 from physreal_core.fitting.curriculum import NETWORK_FIELDS
 from physreal_core.fitting.losses import carried_tracks
-from physreal_core.simulation.constitutive.residual_config import ResidualConfig
+from physreal_core.simulation.laws.residual_config import ResidualConfig
 
 STAGES = ("fit_global", "fit_patches", "fit_residual")
 PARTS = ("simulation, forward", "simulation, backward", "tracks", "masks", "other")

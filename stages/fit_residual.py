@@ -11,7 +11,7 @@ from physreal_core.fitting.model import Model, load_model
 from physreal_core.fitting.objective import Objective
 from physreal_core.fitting.problem import Problem
 from physreal_core.fitting.share import residual_share
-from physreal_core.simulation.constitutive.residual_config import ResidualConfig
+from physreal_core.simulation.laws.residual_config import ResidualConfig
 from pipeline.config.fit_residual import FitResidual, Rate
 from pipeline.stage import StageContext, main
 from stages._fit import descend, finite_or_none, objective_of, variables_of, write_fit

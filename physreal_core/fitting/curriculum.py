@@ -18,7 +18,7 @@ from physreal_core.fitting.descent import Descent, DescentConfig, DescentResult,
 from physreal_core.fitting.model import PATCH_FIELDS, Model
 from physreal_core.fitting.objective import Objective
 from physreal_core.fitting.variables import Variable
-from physreal_core.simulation.constitutive.residual_config import ResidualConfig, initial_weights
+from physreal_core.simulation.laws.residual_config import ResidualConfig, initial_weights
 from physreal_core.simulation.timestep import LARGEST_COURANT
 
 History = list[dict[str, Any]]

@@ -17,7 +17,7 @@ from physreal_core.effects import configured
 from physreal_core.errors import InputError
 from physreal_core.fitting.named_effects import registered
 from physreal_core.simulation import Parameters, SimulationConfig
-from physreal_core.simulation.constitutive.residual_config import ResidualConfig
+from physreal_core.simulation.laws.residual_config import ResidualConfig
 
 FORMAT = 1
 

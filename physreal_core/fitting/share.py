@@ -6,7 +6,7 @@ from torch import Tensor
 from physreal_core.errors import InputError
 from physreal_core.fitting.model import Model
 from physreal_core.fitting.rollouts import Rollouts
-from physreal_core.simulation.constitutive import reference
+from physreal_core.simulation.laws import reference
 
 
 def residual_share(rollouts: Rollouts, model: Model, frames: int | None = None) -> float:

@@ -11,7 +11,9 @@ SHARED = Path(__file__).parent
 _FLAGS = "-ffp-contract=fast -mprefer-vector-width=512 -Wno-psabi"
 
 
-def native_module(name: str, header: Path, *folders: Path, cuda: bool = False, machine: str | None = None) -> wp.Module:
+def native_module(
+    name: str, header: Path, *folders: Path, preamble: str = "", cuda: bool = False, machine: str | None = None
+) -> wp.Module:
     """Warp module `name` with `header` included before its kernels, and without Warp's own adjoints.
 
     Every header beside `header`, beside this file or in `folders` can be included by its bare name and is part of the
@@ -21,11 +23,13 @@ def native_module(name: str, header: Path, *folders: Path, cuda: bool = False, m
         name: name of the Warp module; one module is one compilation.
         header: the header that the others are included from.
         folders: where else to look for headers.
+        preamble: C++ before `header`, which may include others.
         cuda: whether `header` is for CUDA too.
         machine: the compiler's flags for the processor; Warp's own, that is this machine's instruction set, where None.
     """
     folders = [header.parent, *folders, SHARED]
-    preamble, paths = f'#include "{header.name}"', [str(folder) for folder in folders]
+    paths = [str(folder) for folder in folders]
+    preamble = f'{preamble}\n#include "{header.name}"'
     options = wp.ModuleBuildOptions(
         extra_cpu_preamble=preamble,
         extra_cpu_include_dirs=paths,

@@ -2,10 +2,9 @@
 // machine needs for them, and the elementary functions on them. Operators act lane by lane; a comparison gives a Mask,
 // and `mask ? a : b` chooses lane by lane. Nothing here hides a NaN: it goes through every function.
 #pragma once
+#include "number.h"
 
 namespace physreal {
-
-using Index = long long;
 
 // Lanes that fill a register of this machine with floats; the usual width, for double too.
 #if defined(__AVX512F__)
@@ -19,44 +18,6 @@ constexpr int LANES = 4;
 template <class S, int N = LANES>
 using Lanes = S __attribute__((ext_vector_type(N)));
 
-// Of a scalar: the signed integer that comparisons of it give, and its IEEE format.
-template <class S>
-struct Number;
-
-template <>
-struct Number<float> {
-    using Integer = int;
-    static constexpr int MANTISSA_BITS = 23, EXPONENT_BIAS = 127;
-    static constexpr float ROUNDS_TO_INTEGER = 12582912.0f;  // 1.5 * 2^23: adding it leaves no bits for a fraction
-    static constexpr float LN2_HIGH = 6.9313812256e-1f, LN2_LOW = 9.0580006145e-6f;  // few bits in the high part
-    static constexpr float SMALLEST_NORMAL = 1.17549435e-38f;
-    static constexpr float EXP_LOWEST = -104.0f, EXP_HIGHEST = 89.0f;  // beyond: 0 and infinity
-    static constexpr float HALF_PI_HIGH = 1.5707855225e+0f, HALF_PI_LOW = 1.0804273188e-5f;
-    static constexpr int EXP_TERMS = 8, SIN_TERMS = 5;
-    static constexpr float LOG_SERIES[] = {0.66666662693f, 0.40000972152f, 0.28498786688f, 0.24279078841f};
-};
-
-template <>
-struct Number<double> {
-#if __SIZEOF_LONG__ == 8
-    using Integer = long;
-#else
-    using Integer = long long;
-#endif
-    static constexpr int MANTISSA_BITS = 52, EXPONENT_BIAS = 1023;
-    static constexpr double ROUNDS_TO_INTEGER = 6755399441055744.0;  // 1.5 * 2^52
-    static constexpr double LN2_HIGH = 6.93147180369123816490e-1, LN2_LOW = 1.90821492927058770002e-10;
-    static constexpr double SMALLEST_NORMAL = 2.2250738585072014e-308;
-    static constexpr double EXP_LOWEST = -746.0, EXP_HIGHEST = 710.0;
-    static constexpr double HALF_PI_HIGH = 1.57079632673412561417e+0, HALF_PI_LOW = 6.07710050650619224932e-11;
-    static constexpr int EXP_TERMS = 13, SIN_TERMS = 9;
-    static constexpr double LOG_SERIES[] = {6.666666666666735130e-1, 3.999999999940941908e-1, 2.857142874366239149e-1,
-                                            2.222219843214978396e-1, 1.818357216161805012e-1, 1.531383769920937332e-1,
-                                            1.479819860511658591e-1};
-};
-
-template <class V>
-struct LaneTraits;
 template <class S, int N>
 struct LaneTraits<S __attribute__((ext_vector_type(N)))> {
     using Scalar = S;
@@ -64,22 +25,12 @@ struct LaneTraits<S __attribute__((ext_vector_type(N)))> {
     static constexpr int COUNT = N;
 };
 
-template <class V>
-using Scalar = typename LaneTraits<V>::Scalar;
-template <class V>
-using Mask = typename LaneTraits<V>::Mask;
-
 // The same bits as another type of the same size.
 template <class To, class From>
 inline To bits_as(From from) {
     static_assert(sizeof(To) == sizeof(From));
     return __builtin_bit_cast(To, from);
 }
-
-template <class V>
-inline V splat(Scalar<V> s) {
-    return s - V{};
-}  // x - 0 is x, also for x = -0
 
 template <class S, int N = LANES>
 inline Lanes<S, N> load(const S* from) {
@@ -101,19 +52,6 @@ inline Lanes<S, N> iota() {
     return value;
 }
 
-template <class V>
-inline V select(Mask<V> mask, V where_set, V elsewhere) {
-    return mask ? where_set : elsewhere;
-}
-
-template <class V>
-inline V min(V a, V b) {
-    return a < b ? a : b;
-}
-template <class V>
-inline V max(V a, V b) {
-    return a > b ? a : b;
-}
 template <class V>
 inline V abs(V x) {
     return __builtin_elementwise_abs(x);
@@ -212,15 +150,10 @@ inline V log(V x) {
     for (int i = terms - 2; i >= 0; --i) series = series * z + T::LOG_SERIES[i];
     const V half_square = S(0.5) * f * f;
     V value = k * T::LN2_HIGH - ((half_square - (s * (half_square + z * series) + k * T::LN2_LOW)) - f);
-    const V infinity = splat<V>(S(__builtin_inff()));
-    value = select(x < infinity, value, x);  // infinity and NaN are their own logarithms
-    value = select(x == S(0), -infinity, value);
-    return select(x < S(0), splat<V>(S(__builtin_nanf(""))), value);
-}
-
-template <class S>
-constexpr S inverse_factorial(int n) {
-    return n == 0 ? S(1) : inverse_factorial<S>(n - 1) / S(n);
+    const V unbounded = splat<V>(infinity<S>());
+    value = select(x < unbounded, value, x);  // infinity and NaN are their own logarithms
+    value = select(x == S(0), -unbounded, value);
+    return select(x < S(0), splat<V>(not_a_number<S>()), value);
 }
 
 // Exponential, about one ulp: 2^k times Taylor's polynomial on |r| <= log(2) / 2.

@@ -5,7 +5,7 @@ from dataclasses import dataclass
 import torch
 
 from physreal_core.errors import InputError
-from physreal_core.simulation.constitutive import ELASTIC_LAWS, PLASTIC_LAWS, ResidualConfig
+from physreal_core.simulation.laws import ELASTIC_LAWS, PLASTIC_LAWS, ResidualConfig
 from physreal_core.simulation.terms import TERMS
 
 
@@ -24,7 +24,6 @@ class SimulationConfig:
         terms: optional terms in use, of `terms.TERMS`; each switches parameters of `Parameters` on.
         dtype: "float32", or "float64" for gradient proofs.
         device: "cpu" or "cuda:0".
-        kernels: "fast", or "plain" for the one-kernel-per-phase form that the fast ones are held to.
     """
 
     fps: float | int
@@ -37,14 +36,12 @@ class SimulationConfig:
     terms: tuple[str, ...] = ()
     dtype: str = "float32"
     device: str = "cpu"
-    kernels: str = "fast"
 
     def __post_init__(self) -> None:
         for name, known in (
             ("elastic_law", ELASTIC_LAWS),
             ("plastic_law", PLASTIC_LAWS),
             ("dtype", ("float32", "float64")),
-            ("kernels", ("fast", "plain")),
         ):
             if getattr(self, name) not in known:
                 raise InputError(

@@ -1,52 +1,31 @@
-"""Frame after frame of one rollout, forward and adjoint, through a form of the step.
+"""Frame after frame of R rollouts, forward and adjoint, through a form of the step.
 
 The forward pass keeps particle states at frame times only; the backward pass recomputes one frame's substeps at a time
 and runs their adjoint. Memory grows with frames and with substeps per frame, not with their product; up to a fixed
 amount, a stepper may keep something of each substep that makes the second time cheaper.
+Arrays have axes frames, rollouts, particles.
 """
 
 from collections.abc import Callable, Generator
-from dataclasses import dataclass, field
+from dataclasses import dataclass, field, replace
 
 import numpy as np
 import torch
 
-from physreal_core.array_types import Array, Float, Tensor
+from physreal_core.array_types import Array, Bool, Float, Tensor
 from physreal_core.errors import SimulationError
 from physreal_core.simulation.body import Body
-from physreal_core.simulation.box import GridBox, grid_box, largest_box
+from physreal_core.simulation.box import box_corners, largest_box, small_enough
 from physreal_core.simulation.config import SimulationConfig
-from physreal_core.simulation.parameters import Parameters
-from physreal_core.simulation.stepper import State, Stepper
+from physreal_core.simulation.parameters import Parameters, row_of
+from physreal_core.simulation.stepper import NOT_FAILED, Report, Span, State, Stepper
 
 Progress = Callable[[int, int], None]
 Substeps = Callable[[Parameters], int]
-"""Substeps per frame that a rollout with these parameters takes."""
+"""Substeps per frame that rollouts with these parameters take, all of them the same."""
 Bars = tuple[Tensor | None, Tensor | None, Tensor | None]
 """Derivatives of the loss by x, v and F at frame times."""
 ATTEMPTS = 4  # a frame whose particles leave their box is run again in a larger one, this many times in all
-
-
-PerRollout = float | Float[Array, " rollouts"]
-
-
-def larger(margin: PerRollout, cell: float) -> PerRollout:
-    """Margin [m] of the box in which a frame is run again."""
-    return 2.0 * margin + 4.0 * cell
-
-
-def margin_of(frame_time: float, gravity: PerRollout, cell: float, speed: PerRollout, travel: PerRollout) -> PerRollout:
-    """By how much particles may miss where their velocities take them within a frame [m].
-
-    Args:
-        frame_time: from one frame to the next [s].
-        gravity: its size [m/s2].
-        cell: dx [m].
-        speed: of the fastest particle [m/s].
-        travel: of the fastest controller point within the frame [m].
-    """
-    fall = gravity * frame_time**2
-    return cell + fall + 0.5 * speed * frame_time + travel
 
 
 @dataclass
@@ -54,130 +33,210 @@ class Record:
     """What a backward pass needs beside the states x, v, F at frame times.
 
     Attributes:
-        substeps: per frame.
-        C: affine velocities at frame times (and what `terms.inner_shape` says), shape [T, N, 3, 3].
-        boxes: of every frame that ran.
-        failures: what ended the rollout early, one entry.
+        substeps: per frame, of each rollout.
+        C, rate: of the states (`stepper.State`) at frame times, shape [T, R, N, 3, 3].
+        spans: the frames that ran.
+        failures: what ended each rollout early.
         kept: leading frames of which the stepper keeps something, while its `holder` is this record.
     """
 
-    substeps: int
+    substeps: list[int]
     C: Tensor
-    boxes: list[GridBox] = field(default_factory=list)
-    failures: list[SimulationError | None] = field(default_factory=lambda: [None])
+    rate: Tensor | None
+    spans: list[Span] = field(default_factory=list)
+    failures: list[SimulationError | None] = field(default_factory=list)
     kept: int = 0
+
+    def alive(self, frame: int) -> Bool[Array, " rollouts"]:
+        """Rollouts that had not failed by the end of a frame."""
+        return np.array([failure is None or failure.frame > frame for failure in self.failures])
 
 
 class Frames:
-    """The frame loop of one rollout on one stepper."""
+    """The frame loop of a stepper's rollouts."""
 
     def __init__(self, body: Body, config: SimulationConfig, stepper: Stepper, substeps: Substeps) -> None:
-        self.config, self.stepper, self._substeps = config, stepper, substeps
+        self.config, self.stepper, self._substeps_of = config, stepper, substeps
         self._x0 = torch.tensor(body.x0, dtype=stepper.types.torch_dtype, device=config.device)
-        self._gravity = float(np.linalg.norm(config.gravity))  # of the rollout under way
+        self._gravity = np.linalg.norm(config.gravity)  # its size in each rollout under way
 
-    def _start(self, parameters: Parameters, substeps: int) -> State:
-        """Load a rollout's parameters; its state at the first frame time, C = 0."""
-        self.stepper.load_parameters(parameters, substeps)
-        if parameters.gravity is not None:
-            self._gravity = float(parameters.gravity.norm())
-        x = self._x0 if parameters.initial_position is None else parameters.initial_position
-        F = parameters.initial_deformation
-        if F is None:
-            F = torch.eye(3).to(x).expand(len(x), 3, 3)
-        return x, parameters.initial_velocity, F, x.new_zeros(len(x), *self.stepper.inner_shape)
+    # --- forward ------------------------------------------------------------------------------------------------
 
     def forward(
         self, parameters: Parameters, points: Tensor, progress: Progress | None, keep: bool
     ) -> tuple[Tensor, Tensor, Tensor, Record]:
-        """States x, v, F at frame times, and what `backward` needs; with `keep` that holds affine velocities, too.
+        """States x, v, F [T, R, N, ...] at frame times, and what `backward` needs.
 
-        A frame that fails ends the rollout: from its end on the states are not numbers.
+        A rollout that fails has states that are not numbers from the end of the failing frame on; the others go on.
+
+        Args:
+            parameters: complete, with an axis of rollouts.
+            points: controller points [m], shape [T, R, C, 3].
+            progress: called after each frame.
+            keep: whether a backward pass may follow.
         """
-        frames, n = len(points), len(self._x0)
-        x, v = self._x0.new_empty(frames, n, 3), self._x0.new_empty(frames, n, 3)
-        F = self._x0.new_empty(frames, n, 3, 3)
-        C = self._x0.new_zeros(frames if keep else 2, n, *self.stepper.inner_shape)
-        record = Record(self._substeps(parameters), C)
-        x[0], v[0], F[0], C[0] = self._start(parameters, record.substeps)
+        stepper, frames = self.stepper, len(points)
+        shape = (stepper.rollouts, stepper.particles, 3)
+        x, v = self._x0.new_empty(frames, *shape), self._x0.new_empty(frames, *shape)
+        F = self._x0.new_empty(frames, *shape, 3)
+        C = self._x0.new_zeros(frames if keep else 2, *shape, 3)
+        rate = torch.zeros_like(C) if stepper.viscous else None
+        record = Record(self._substeps(parameters), C, rate, failures=[None] * stepper.rollouts)
+
+        def state(frame: int) -> State:
+            carried = frame if keep else frame % 2
+            return State(x[frame], v[frame], F[frame], C[carried], None if rate is None else rate[carried])
+
+        self._start(parameters, record.substeps, state(0))
+        travel, report = _travel(points), self._first_report(state(0))
         for frame in range(frames - 1):
-            now, after = (frame, frame + 1) if keep else (0, 1)
-            state = (x[frame], v[frame], F[frame], C[now])
-            try:
-                box = self._advance(frame, state, points[frame : frame + 2], record if keep else None)
-            except SimulationError as error:
-                record.failures[0] = error
-                for states in (x, v, F):
-                    states[frame + 1 :] = torch.nan
-                break
-            record.boxes.append(box)
-            x[frame + 1], v[frame + 1], F[frame + 1], C[after] = self.stepper.state()
-            if not keep:
-                C[0] = C[1]
+            span = Span(frame, None, points[frame : frame + 2], record.alive(frame))
+            report = self._advance(span, state(frame), state(frame + 1), travel[frame], report, record, keep, frames)
             if progress is not None:
                 progress(frame + 1, frames - 1)
+            if all(record.failures):
+                break
+        for rollout, failure in enumerate(record.failures):
+            if failure is not None:
+                for states in (x, v, F):
+                    states[failure.frame + 1 :, rollout] = torch.nan
         return x, v, F, record
 
     def play(self, parameters: Parameters, points: Tensor) -> Generator[State, Tensor, None]:
-        """Yields the state and takes the controller points [C, 3] of the next frame time; starts at `points`."""
-        state, frame = self._start(parameters, self._substeps(parameters)), 0
+        """Yields the state of the one rollout and takes the controller points [C, 3] of the next frame time."""
+        stepper = self.stepper
+        shape = (1, stepper.particles, 3)
+        states = [
+            State(
+                *(self._x0.new_zeros(shape) for _ in range(2)),
+                *(self._x0.new_zeros(*shape, 3) for _ in range(2)),
+                self._x0.new_zeros(*shape, 3) if stepper.viscous else None,
+            )
+            for _ in range(2)
+        ]
+        substeps = self._substeps(parameters)
+        self._start(parameters, substeps, states[0])
+        report, frame = self._first_report(states[0]), 0
         while True:
-            following = yield state
-            self._advance(frame, state, torch.stack([points, following]).to(self._x0))
-            state, points, frame = tuple(t.clone() for t in self.stepper.state()), following, frame + 1
+            start, end = states[frame % 2], states[(frame + 1) % 2]
+            following = yield start
+            both = torch.stack([points, following])[:, None]
+            record = Record(substeps, start.C, start.rate, failures=[None])
+            span = Span(frame, None, both.to(self._x0), np.ones(1, dtype=bool))
+            report = self._advance(span, start, end, _travel(both)[0], report, record, keep=False, frames=2)
+            if record.failures[0] is not None:
+                raise record.failures[0]
+            points, frame = following, frame + 1
 
-    def _advance(self, frame: int, state: State, points: Tensor, record: Record | None = None) -> GridBox:
-        """Run one frame from `state`, in a box large enough; the result stays in the stepper.
+    def _substeps(self, parameters: Parameters) -> list[int]:
+        if self.stepper.in_step:
+            return [self._substeps_of(parameters)] * self.stepper.rollouts
+        return [self._substeps_of(row_of(parameters, rollout)) for rollout in range(self.stepper.rollouts)]
+
+    def _start(self, parameters: Parameters, substeps: list[int], state: State) -> None:
+        """Load the rollouts' parameters, and put their state at the first frame time into `state`."""
+        self.stepper.load_parameters(parameters, substeps)
+        if parameters.gravity is not None:
+            self._gravity = parameters.gravity.norm(dim=-1).double().cpu().numpy()
+        state.x.copy_(self._x0 if parameters.initial_position is None else parameters.initial_position)
+        state.v.copy_(parameters.initial_velocity)
+        F = parameters.initial_deformation
+        state.F.copy_(torch.eye(3).to(state.F) if F is None else F)
+
+    def _first_report(self, state: State) -> Report:
+        """Of a state that no frame has reported on."""
+        ahead = torch.add(state.x, state.v, alpha=1.0 / self.config.fps)
+        lower, upper = torch.minimum(state.x, ahead).amin(1), torch.maximum(state.x, ahead).amax(1)
+        bounds = torch.cat([lower, upper, state.v.norm(dim=2).amax(1, keepdim=True)], 1).double().cpu().numpy()
+        none = np.full((len(bounds), 2), NOT_FAILED)
+        return Report(none, bounds[:, :3], bounds[:, 3:6], bounds[:, 6])
+
+    def _advance(
+        self,
+        span: Span,
+        start: State,
+        end: State,
+        travel: Float[Array, " rollouts"],
+        report: Report,
+        record: Record,
+        keep: bool,
+        frames: int,
+    ) -> Report:
+        """Run one frame of all rollouts in boxes large enough.
 
         Args:
-            frame: its number.
-            state: at its start.
-            points: controller points [m] at both of its ends, shape [2, C, 3].
-            record: of the rollout, if a backward pass may follow.
+            span: the frame, without boxes.
+            start, end: states there.
+            travel: how far the fastest controller point of each rollout goes [m].
+            report: on the frame before.
+            record: gets the frame's span, and failures.
+            keep: whether a backward pass may follow.
+            frames: of the rollout; one more than those that run.
 
-        Raises:
-            SimulationError: where a state turns non-finite or a particle leaves its grid.
+        Returns:
+            The report on it.
         """
-        stepper = self.stepper
-        lower, upper, margin = self._motion_bound(state[0], state[1], points)
-        for _ in range(ATTEMPTS):
-            box = grid_box(lower, upper, margin, stepper.cell, stepper.offset, largest_box(stepper.particles))
-            if box is None:
-                particle = int(state[1].norm(dim=1).argmax())
-                raise SimulationError("the body runs away", frame=frame, substep=0, particle=particle)
-            if record is not None and frame == 0:
-                record.kept = stepper.keep_frames(record, len(record.C) - 1, box.nodes)
-            kept = frame if record is not None and frame < record.kept else None
-            stepper.start_frame(box, points, keep=False, kept=kept)
-            stepper.set_state(*state)
-            stepper.forward(keep=False)
-            outside, not_finite = stepper.failures()
-            if not_finite is not None:
-                raise SimulationError(
-                    "the state is not finite", frame=frame, substep=not_finite[0], particle=not_finite[1]
-                )
-            if outside is None:
-                return box
-            margin = larger(margin, stepper.cell)
-        raise SimulationError("a particle left the grid", frame=frame, substep=outside[0], particle=outside[1])
+        stepper, last = self.stepper, report
+        margins = self._margins(report.speed, travel)
+        carries_on = span.frame > 0 and all(f is None or f.frame != span.frame - 1 for f in record.failures)
+        for attempt in range(ATTEMPTS):
+            boxes, alive = self._place(span.frame, start.v, last, margins, record)
+            span = replace(span, boxes=boxes, alive=span.alive & alive)
+            if keep and span.frame == 0:
+                record.kept = stepper.keep_frames(record, frames - 1, span.nodes)
+            kept = keep and span.frame < record.kept and stepper.holder is record
+            span = replace(span, kept=span.frame if kept else None)
+            report, ran = stepper.forward(span, start, end, carries_on and attempt == 0)
+            again = self._judge(span, report, record, attempt == ATTEMPTS - 1)
+            if not again.any():
+                break
+            margins = np.where(again, 2.0 * margins + 4.0 * stepper.cell, margins)
+        if keep:
+            record.spans.append(ran.without_points())
+        failed = np.flatnonzero(~record.alive(span.frame))
+        if len(failed):
+            end.x[torch.as_tensor(failed, device=end.x.device)] = torch.nan  # which keeps them out of every grid
+        return report
 
-    def _motion_bound(self, x: Tensor, v: Tensor, points: Tensor) -> tuple[Float[Array, "3"], Float[Array, "3"], float]:
-        """Where the particles are and where their velocities take them within a frame, and a margin for the forces."""
-        ahead = x + v * (1.0 / self.config.fps)
-        travel = (points[1] - points[0]).norm(dim=-1).max() if points.shape[1] else x.new_zeros(())
-        bounds = torch.cat(
-            [
-                torch.minimum(x, ahead).amin(0),
-                torch.maximum(x, ahead).amax(0),
-                torch.stack([v.norm(dim=1).max(), travel]),
-            ]
-        )
-        bounds = bounds.double().cpu().numpy()
-        return (
-            bounds[:3],
-            bounds[3:6],
-            float(margin_of(1.0 / self.config.fps, self._gravity, self.stepper.cell, bounds[6], bounds[7])),
-        )
+    def _margins(self, speed: Float[Array, " rollouts"], travel: Float[Array, " rollouts"]) -> np.ndarray:
+        """By how much particles may miss where their velocities take them within a frame [m], shape [R]."""
+        frame_time = 1.0 / self.config.fps
+        return self.stepper.cell + self._gravity * frame_time**2 + 0.5 * speed * frame_time + travel
+
+    def _place(
+        self, frame: int, v: Tensor, motion: Report, margins: Float[Array, " rollouts"], record: Record
+    ) -> tuple[np.ndarray, np.ndarray]:
+        """Boxes [R, 6] of nodes, and who runs in them [R]; a rollout that needs too large a one has failed."""
+        stepper = self.stepper
+        first, count = box_corners(motion.lower, motion.upper, margins, stepper.cell, stepper.offset)
+        alive = record.alive(frame)
+        asked = np.where(alive[:, None], count, np.nan)
+        fits, given = stepper.fitting(asked)
+        for rollout in np.flatnonzero(alive & ~fits):
+            alone = small_enough(count[rollout], largest_box(stepper.particles))
+            what = f"{stepper.rollouts} rollouts are too many for so large a box" if alone else "the body runs away"
+            particle = int(v[rollout].norm(dim=1).argmax())
+            record.failures[rollout] = SimulationError(what, frame=frame, substep=0, particle=particle)
+        boxes = np.full((len(first), 6), 3, dtype=np.int32)  # of those that do not run: the smallest there is
+        boxes[fits, :3], boxes[:, 3:] = first[fits], np.where(fits[:, None], given, given[fits][:1] if fits.any() else 3)
+        return boxes, fits
+
+    def _judge(self, span: Span, report: Report, record: Record, last: bool) -> Bool[Array, " rollouts"]:
+        """Put down which rollouts have failed; returns whose particles only need a larger box, shape [R]."""
+        again = np.zeros(len(span.alive), dtype=bool)
+        for rollout in np.flatnonzero(span.alive & (report.failures != NOT_FAILED).any(1)):
+            outside, not_finite = report.failures[rollout]
+            key, what = outside, "a particle left the grid"
+            if not_finite != NOT_FAILED:
+                key, what = not_finite, "the state is not finite"
+            elif not last:
+                again[rollout] = True
+                continue
+            substep, particle = divmod(int(key), self.stepper.particles)
+            record.failures[rollout] = SimulationError(what, frame=span.frame, substep=substep, particle=particle)
+        return again
+
+    # --- backward -----------------------------------------------------------------------------------------------
 
     def backward(
         self,
@@ -188,31 +247,54 @@ class Frames:
         bars: Bars,
         progress: Progress | None,
     ) -> dict[str, Tensor]:
-        """Gradients by parameter name, and of `points` as "controllers", of losses with these derivatives.
+        """Gradients by parameter name, with an axis of rollouts, and of `points` as "controllers" if they ask for it.
 
-        Frames after a failure have none.
+        Frames after a rollout's failure have none.
         """
         stepper, frames = self.stepper, len(points)
+        held = stepper.holder is record
+        bars = _before_failures(bars, record)
+        last = min(last_frame(bars), len(record.spans))
         stepper.load_parameters(parameters, record.substeps)
-        stepper.clear_adjoints()
-        last = min(last_frame(bars), len(record.boxes))
+        stepper.begin_backward(record.spans[:last], held)
         self._inject(bars, last)
-        points_bar = torch.zeros_like(points)
+        led, points_bar = points.requires_grad, torch.zeros_like(points)
         for frame in reversed(range(last)):
-            kept = frame if frame < record.kept and stepper.holder is record else None
-            stepper.start_frame(record.boxes[frame], points[frame : frame + 2], keep=True, kept=kept)
-            stepper.set_state(*(state[frame] for state in (*states, record.C)))
-            stepper.forward(keep=True)
-            stepper.backward()
-            bar = stepper.controllers_adjoint()
-            points_bar[frame : frame + 2, : bar.shape[1]] += bar
+            kept = frame if held and frame < record.kept else None
+            span = replace(record.spans[frame], points=points[frame : frame + 2], alive=record.alive(frame), kept=kept)
+            carried = (record.C[frame], None if record.rate is None else record.rate[frame])
+            bar = stepper.backward(span, State(*(state[frame] for state in states), *carried), led)
+            if led:
+                count = min(points.shape[2], bar.shape[2])
+                points_bar[frame : frame + 2, :, :count] += bar[:, :, :count]
             self._inject(bars, frame)
             if progress is not None:
                 progress(frames - 1 - frame, frames - 1)
-        return stepper.gradients() | {"controllers": points_bar}
+        return stepper.gradients() | ({"controllers": points_bar} if led else {})
 
     def _inject(self, bars: Bars, frame: int) -> None:
         self.stepper.add_adjoints(*(None if bar is None else bar[frame] for bar in bars))
+
+
+def _travel(points: Tensor) -> Float[Array, "frames rollouts"]:
+    """How far the fastest controller point goes in each frame [m]."""
+    if points.shape[2] == 0 or len(points) < 2:
+        return np.zeros((len(points), points.shape[1]))
+    return (points[1:] - points[:-1]).norm(dim=-1).amax(-1).double().cpu().numpy()
+
+
+def _before_failures(bars: Bars, record: Record) -> Bars:
+    """The derivatives, zero where a state is not a number."""
+    if not any(record.failures):
+        return bars
+    cleared = []
+    for bar in bars:
+        bar = None if bar is None else bar.clone()
+        for rollout, failure in enumerate(record.failures):
+            if bar is not None and failure is not None:
+                bar[failure.frame + 1 :, rollout] = 0.0
+        cleared.append(bar)
+    return tuple(cleared)
 
 
 def last_frame(bars: Bars) -> int:

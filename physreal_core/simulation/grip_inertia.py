@@ -42,7 +42,7 @@ class GripInertia:
         force: Float[Tensor, "*rollouts particles 3"],
         gravity: Float[Tensor, "*rollouts 3"],
         parameters: Parameters,
-        dt: float,
+        dt: float | Float[Tensor, " rollouts"],
     ) -> tuple[Tensor, Tensor]:
         """Mass [kg] and constant force [N] of every particle with the added mass and what takes its weight off.
 
@@ -50,7 +50,7 @@ class GripInertia:
             mass, force: without it.
             gravity: [m/s2]; acts on the grid, on all its mass.
             parameters: with the grip's stiffness and damping.
-            dt: substep [s].
+            dt: substep [s], of all rollouts or of each.
         """
         self._added = added = self.mass(parameters, dt).to(mass.dtype)
         return mass + added, force - added[..., None] * gravity[..., None, :]
@@ -59,10 +59,11 @@ class GripInertia:
         """What the last `add` gives to the adjoint of gravity, for the adjoint of its force."""
         return -(self._added[..., None] * force_bar).sum(-2)
 
-    def mass(self, parameters: Parameters, dt: float) -> Float[Tensor, "*rollouts particles"]:
+    def mass(self, parameters: Parameters, dt: float | Float[Tensor, " rollouts"]) -> Float[Tensor, "*rollouts particles"]:
         """Added mass a [kg] of every particle for substeps of dt [s]."""
         stiffness, damping = (_power_above(p)[..., None] for p in (parameters.grip_stiffness, parameters.grip_damping))
         per_stiffness, per_damping = self._per_unit
+        dt = torch.as_tensor(dt, dtype=torch.float64, device=stiffness.device)[..., None]
         return 0.5 * dt**2 * stiffness * per_stiffness + dt * damping * per_damping
 
 

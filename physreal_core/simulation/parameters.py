@@ -6,7 +6,7 @@ from dataclasses import dataclass, fields
 import torch
 
 from physreal_core.array_types import Array, Float, Tensor
-from physreal_core.errors import InputError
+from physreal_core.errors import InputError, SimulationError
 from physreal_core.simulation.terms import TERM_OF
 
 
@@ -22,7 +22,7 @@ class Parameters:
         friction_coefficient: Coulomb's mu_f of the ground, shape [].
         grip_stiffness: k_f [N] (force at unit strain of a bond of weight one), shape [].
         grip_damping: dashpot along the bond [N s/m], shape [].
-        plastic: the plastic law's own two numbers (`constitutive.PLASTIC_PARAMETERS`), shape [N, 2] (or [2]): von Mises
+        plastic: the plastic law's own two numbers (`laws.PLASTIC_LAWS`), shape [N, 2] (or [2]): von Mises
             yield stress [Pa] and viscosity [Pa s]; Drucker-Prager friction angle [rad] and cohesion [Pa].
         latent_elastic, latent_plastic: latent codes of the neural residuals, shape [N, L].
         network_elastic, network_plastic: flat weights of the neural residuals, shape [W].
@@ -81,6 +81,18 @@ class States:
     x: Float[Tensor, "*rollouts frames particles 3"]
     v: Float[Tensor, "*rollouts frames particles 3"]
     F: Float[Tensor, "*rollouts frames particles 3 3"]
+
+
+@dataclass
+class BatchStates(States):
+    """States of R rollouts, x [R, T, N, 3] and so on, and what ended each of them early.
+
+    Attributes:
+        failures: per rollout None, or the error that `Simulator.rollout` would raise; from the end of the frame it
+            names on, that rollout's states are not numbers and give no gradient. The other rollouts are untouched.
+    """
+
+    failures: tuple[SimulationError | None, ...] = ()
 
 
 REQUIRED = ("youngs_modulus", "poissons_ratio", "plastic", "network_elastic", "network_plastic")
@@ -152,3 +164,9 @@ def _check_range(name: str, tensors: dict[str, Tensor], valid, expected: str) ->
     good = valid(value) & torch.isfinite(value)
     if not bool(good.all()):
         raise InputError(f"{value[~good].flatten()[0].item():g}", where=f"Parameters.{name}", expected=expected)
+
+
+def row_of(parameters: Parameters, rollout: int) -> Parameters:
+    """Those of one rollout, without the axis."""
+    values = {f.name: getattr(parameters, f.name) for f in fields(Parameters)}
+    return Parameters(**{name: None if value is None else value[rollout] for name, value in values.items()})

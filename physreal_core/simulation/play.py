@@ -36,7 +36,7 @@ class Player:
         self._frames, self._stream, self._check = frames, stream, check
         self.frame = 0
         with torch.no_grad(), stream():
-            self.state = FrameState(*next(frames)[:3])
+            self.state = _alone(next(frames))
 
     def step(self, controllers: Float[Tensor, "points 3"]) -> FrameState:
         """Go on by one frame, in which the controller points move to `controllers` [m], shape [C, 3].
@@ -47,6 +47,11 @@ class Player:
         """
         points = self._check(controllers.detach().cpu()[None])[0]  # the host needs them to place the grid
         with torch.no_grad(), self._stream():
-            self.state = FrameState(*self._frames.send(points)[:3])
+            self.state = _alone(self._frames.send(points))
         self.frame += 1
         return self.state
+
+
+def _alone(state: State) -> FrameState:
+    """The one rollout's."""
+    return FrameState(state.x[0], state.v[0], state.F[0])

@@ -1,6 +1,6 @@
 """One body in its scene: rollouts as differentiable torch functions, one, many at once, or frame by frame.
 
-The backward pass is the exact adjoint of the discrete step (`frames`, and `cuda.frames` for the GPU's fast form).
+The backward pass is the exact adjoint of the discrete step (`frames`).
 """
 
 from collections.abc import Iterator
@@ -11,22 +11,17 @@ import torch
 from torch.autograd.function import once_differentiable
 
 from physreal_core.array_types import Float, Tensor
-from physreal_core.cores import available_cores
 from physreal_core.errors import InputError
 from physreal_core.native import on_side_stream
-from physreal_core.simulation.batch import BatchStates, PooledFrames
 from physreal_core.simulation.body import Body, Clamp, Grip, PointLoad
 from physreal_core.simulation.config import SimulationConfig
-from physreal_core.simulation.cuda.frames import CudaFrames
-from physreal_core.simulation.cuda.stepper import CudaStepper
+#CUDA from physreal_core.simulation.cuda.stepper import CudaStepper
 from physreal_core.simulation.frames import Frames, Progress
-from physreal_core.simulation.parameters import PARAMETER_NAMES, Parameters, States, complete
+from physreal_core.simulation.native import NativeStepper
+from physreal_core.simulation.parameters import PARAMETER_NAMES, BatchStates, Parameters, States, complete
 from physreal_core.simulation.play import Player
-from physreal_core.simulation.stepper import make_stepper
 from physreal_core.simulation.terms import dormant_values
 from physreal_core.simulation.timestep import substeps_per_frame
-
-Loop = Frames | PooledFrames | CudaFrames
 
 
 class Simulator:
@@ -55,7 +50,7 @@ class Simulator:
         self._dormant = dormant_values(config.terms, body, config.gravity)
         self._threads = torch.get_num_threads()
         self._substeps_of = partial(substeps_per_frame, body, config)
-        self._batch: tuple[int, Loop] | None = None
+        self._batch: Frames | None = None
         with self._stream():
             self._loop = self._frames()
         self._stepper = self._loop.stepper
@@ -79,15 +74,10 @@ class Simulator:
             SimulationError: where a state turns non-finite or a particle leaves its grid.
         """
         points = self._check_controllers(controllers).to(self.config.device)
-        loop = self._loop
-        if isinstance(loop, CudaFrames):
-            states, failures = self._run(loop, self._complete(parameters, 1), points[:, None], progress)
-            states = [s.squeeze(1) for s in states]
-        else:
-            states, failures = self._run(loop, self._complete(parameters), points, progress)
+        states, failures = self._run(self._loop, self._complete(parameters, 1), points[:, None], progress)
         if failures[0] is not None:
             raise failures[0]
-        return States(*states)
+        return States(*(s.squeeze(1) for s in states))
 
     def rollout_batch(
         self, parameters: Parameters, controllers: Float[Tensor, "*rollouts frames points 3"]
@@ -123,32 +113,26 @@ class Simulator:
             points = self._check_controllers(controllers.cpu()[None])[0].detach()
             with self._stream():
                 loop = self._frames()
-            completed = self._complete(parameters, 1) if isinstance(loop, CudaFrames) else self._complete(parameters)
-            return Player(loop.play(completed, points), self._stream, self._check_controllers)
+            return Player(loop.play(self._complete(parameters, 1), points), self._stream, self._check_controllers)
 
     # --- forms of the step --------------------------------------------------------------------------------------
 
-    def _many(self, rollouts: int) -> PooledFrames | CudaFrames:
+    def _many(self, rollouts: int) -> Frames:
         """The frame loop for many rollouts."""
-        if self._batch is None or self._batch[0] != rollouts:
+        if self._batch is None or self._batch.stepper.rollouts != rollouts:
             self._batch = None  # its arrays make room for the new ones
             with self._stream():
-                self._batch = rollouts, self._batch_frames(rollouts)
-        return self._batch[1]
+                self._batch = self._frames(rollouts)
+        return self._batch
 
-    def _frames(self, **options) -> Frames | CudaFrames:
-        """A frame loop of one rollout; options as of `make_stepper`."""
-        stepper = make_stepper(*self._scene, **{"threads": self._threads, **options})
-        kind = CudaFrames if isinstance(stepper, CudaStepper) else Frames
-        return kind(self.body, self.config, stepper, self._substeps_of)
-
-    def _batch_frames(self, rollouts: int) -> PooledFrames | CudaFrames:
-        if isinstance(self._loop, CudaFrames):
+    def _frames(self, rollouts: int = 1) -> Frames:
+        """A frame loop on a form of the step of its own."""
+        if self.config.device == "cpu":
+            threads = self._threads if rollouts == 1 else None
+            stepper = NativeStepper(*self._scene, rollouts=rollouts, threads=threads)
+        else:
             stepper = CudaStepper(*self._scene, rollouts=rollouts)
-            return CudaFrames(self.body, self.config, stepper, self._substeps_of)
-        threads = available_cores() if self.config.device == "cpu" else 1
-        make = partial(self._frames, threads=1, kept_bytes=0)
-        return PooledFrames(make, rollouts, threads)
+        return Frames(self.body, self.config, stepper, self._substeps_of)
 
     def _stream(self) -> AbstractContextManager:
         """Where a loop runs: on a GPU on a stream that allows graphs."""
@@ -156,7 +140,7 @@ class Simulator:
         return _one_torch_thread() if device.type == "cpu" else on_side_stream(device)
 
     def _run(
-        self, loop: Loop, parameters: Parameters, points: Tensor, progress: Progress | None
+        self, loop: Frames, parameters: Parameters, points: Tensor, progress: Progress | None
     ) -> tuple[list[Tensor], list]:
         """States x, v, F of a loop as differentiable functions of parameters and points, and its failures."""
         tensors = [getattr(parameters, name) for name in PARAMETER_NAMES]
@@ -216,7 +200,7 @@ class _Rollout(torch.autograd.Function):
 
     @staticmethod
     def forward(
-        ctx, stream, loop: Loop, points: Tensor, progress: Progress | None, keep: bool, failures: list, *tensors
+        ctx, stream, loop: Frames, points: Tensor, progress: Progress | None, keep: bool, failures: list, *tensors
     ):
         with stream():
             x, v, F, record = loop.forward(Parameters(*tensors), points, progress, keep)

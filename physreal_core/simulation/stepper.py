@@ -1,120 +1,176 @@
-"""What a form of the step offers: one frame of substeps, forward and adjoint, on arrays of its own."""
+"""What a form of the step offers: a frame of substeps of R rollouts of one body, forward and adjoint, on arrays of its own."""
 
+from collections.abc import Sequence
+from dataclasses import dataclass, replace
 from typing import Protocol, runtime_checkable
 
+import numpy as np
 import torch
 
-from physreal_core.array_types import Array, Float
-from physreal_core.simulation.body import Body, Clamp, Grip, PointLoad
-from physreal_core.simulation.box import GridBox
-from physreal_core.simulation.config import SimulationConfig
-from physreal_core.simulation.cuda.stepper import CudaStepper
-from physreal_core.simulation.native import NativeStepper, has_laws
+from physreal_core.array_types import Array, Bool, Float, Int, Tensor
 from physreal_core.simulation.parameters import Parameters
-from physreal_core.simulation.plain import PlainStepper
 from physreal_core.simulation.scalars import ScalarTypes
 
-State = tuple[torch.Tensor, torch.Tensor, torch.Tensor, torch.Tensor]
-"""x [N, 3] m, v [N, 3] m/s, F [N, 3, 3], and [N, 3, 3] or [N, 6, 3] 1/s of `terms.inner_shape`: C, mean rate."""
-Failure = tuple[int, int]
-"""Substep and particle."""
+NOT_FAILED = torch.iinfo(torch.int64).max
+
+
+@dataclass(frozen=True)
+class State:
+    """Particles of R rollouts at one time.
+
+    Attributes:
+        x: positions [m], shape [R, N, 3].
+        v: velocities [m/s], shape [R, N, 3].
+        F: deformation gradients, shape [R, N, 3, 3].
+        C: affine velocities [1/s], shape [R, N, 3, 3].
+        rate: mean rates of deformation [1/s], shape [R, N, 3, 3]; None without viscosity.
+    """
+
+    x: Tensor
+    v: Tensor
+    F: Tensor
+    C: Tensor
+    rate: Tensor | None
+
+    def named(self) -> dict[str, Tensor]:
+        """What is there, by name."""
+        found = {"x": self.x, "v": self.v, "F": self.F, "C": self.C}
+        return found if self.rate is None else found | {"rate": self.rate}
+
+
+@dataclass(frozen=True)
+class Span:
+    """One frame of the rollouts.
+
+    Attributes:
+        frame: its number.
+        boxes: origin and count of each rollout's nodes, shape [R, 6].
+        points: controller points [m] at both ends, shape [2, R, C, 3].
+        alive: rollouts that run, shape [R]; those that failed before do not.
+        kept: number of the frame among those of which the stepper keeps something; None if it is not kept.
+        order: what the stepper has to know of how its particles stood; it puts that in itself.
+    """
+
+    frame: int
+    boxes: Int[Array, "rollouts 6"]
+    points: Tensor
+    alive: Bool[Array, " rollouts"]
+    kept: int | None = None
+    order: Tensor | None = None
+
+    @property
+    def nodes(self) -> int:
+        """Of the largest box."""
+        return int(self.boxes[:, 3:].prod(1).max())
+
+    def without_points(self) -> "Span":
+        """To be kept for a backward pass, which has the points."""
+        return replace(self, points=self.points[:, :, :0])
+
+
+@dataclass(frozen=True)
+class Report:
+    """What the host learns of a frame.
+
+    Attributes:
+        failures: first particle outside the grid and first one that is not finite, as substep * N + particle, or
+            NOT_FAILED; shape [R, 2].
+        lower, upper: corners of where particles are and where their velocities take them in a frame [m], shape [R, 3].
+        speed: of the fastest particle [m/s], shape [R].
+    """
+
+    failures: Int[Array, "rollouts 2"]
+    lower: Float[Array, "rollouts 3"]
+    upper: Float[Array, "rollouts 3"]
+    speed: Float[Array, " rollouts"]
 
 
 @runtime_checkable
 class Stepper(Protocol):
-    """Arrays and kernels of one body; `Simulator` decides which frames run, and holds the states between them.
+    """Arrays and kernels of R rollouts of one body; `Frames` decides which frames run, and holds the states between them.
 
     Attributes:
         types: scalar types of the arrays.
+        device: torch device of the arrays.
+        rollouts, particles: R and N.
         cell: edge of a grid cell [m].
         offset: position of lattice node (0, 0, 0) [m], shape [3].
-        shapes: full shape of every parameter in use, by name.
-        slots: states of all particles that there is room for.
-        inner_shape: of what a particle carries beside x, v and F, see `terms.inner_shape`.
-        holder: the rollout whose frames are kept, if any.
+        shapes: full shape of every parameter in use by name, without the axis of rollouts.
+        viscous: whether states have a mean rate of deformation.
+        in_step: whether all rollouts take the same substeps.
+        holder: the record whose frames are kept, if any.
     """
 
     types: ScalarTypes
+    device: str
+    rollouts: int
+    particles: int
     cell: float
     offset: Float[Array, "3"]
     shapes: dict[str, tuple[int, ...]]
-    slots: int
-    inner_shape: tuple[int, int]
+    viscous: bool
+    in_step: bool
     holder: object | None
 
-    def load_parameters(self, parameters: Parameters, substeps: int) -> None:
-        """Take over a rollout's parameters (complete, of this stepper's type) and its substeps per frame."""
+    def load_parameters(self, parameters: Parameters, substeps: Sequence[int]) -> None:
+        """Take over parameters (complete, of this stepper's type, with an axis of rollouts) and substeps per frame [R]."""
+
+    def fitting(
+        self, count: Float[Array, "rollouts 3"]
+    ) -> tuple[Bool[Array, " rollouts"], Float[Array, "rollouts 3"]]:
+        """Whose boxes of so many nodes per axis have room, and the counts that they get, whole and at least as large."""
 
     def keep_frames(self, holder: object, frames: int, nodes: int) -> int:
-        """Make room to keep what makes a rollout's frames cheaper the second time; whoever held some loses it.
+        """Make room to keep what makes frames cheaper the second time; whoever held some loses it.
 
         Args:
-            holder: the rollout, of which the stepper remembers that the kept frames are its.
+            holder: the record, of which the stepper remembers that the kept frames are its.
             frames: how many there are.
-            nodes: nodes of the first frame's box.
+            nodes: nodes of the first frame's largest box.
 
         Returns:
             How many of the first will be kept.
         """
 
-    def start_frame(self, box: GridBox, controllers: torch.Tensor, keep: bool, kept: int | None = None) -> None:
-        """Place the grid.
+    def forward(self, span: Span, start: State, end: State, carries_on: bool) -> tuple[Report, Span]:
+        """All substeps of a frame, from `start` to `end`, whose arrays are contiguous.
 
         Args:
-            box: the nodes.
-            controllers: controller points [m] at both ends of the frame, shape [2, C, 3].
-            keep: whether `backward` is to follow.
-            kept: number of the frame among the kept ones; with `keep` it has run as such before, from the same state.
+            span: the frame.
+            start, end: states there.
+            carries_on: whether `start` is where the last call to `forward` ended.
+
+        Returns:
+            What it found, and the span that `backward` wants.
         """
 
-    def set_state(self, x: torch.Tensor, v: torch.Tensor, F: torch.Tensor, C: torch.Tensor) -> None:
-        """Put in the state at the frame's start."""
+    def begin_backward(self, spans: Sequence[Span], held: bool) -> None:
+        """Make room for the adjoints of these frames, the last one first, and set all adjoints to zero.
 
-    def forward(self, keep: bool) -> None:
-        """All substeps of the frame; with `keep` everything that `backward` needs stays."""
+        Args:
+            spans: as `forward` gave them.
+            held: whether those with `kept` are still there.
+        """
 
-    def failures(self) -> tuple[Failure | None, Failure | None]:
-        """The first particle outside the grid and the first non-finite one in this frame."""
+    def add_adjoints(self, x_bar: Tensor | None, v_bar: Tensor | None, F_bar: Tensor | None) -> None:
+        """Add derivatives of the loss by the state where the adjoint stands now, each [R, N, ...]."""
 
-    def state(self) -> State:
-        """The state at the frame's end after `forward(keep=False)`; valid until the next call."""
+    def backward(self, span: Span, start: State, led: bool) -> Tensor | None:
+        """Adjoint of a frame: the state's adjoints go from its end to its start; the parameters' grow.
 
-    def clear_adjoints(self) -> None:
-        """Set all adjoints to zero."""
+        Args:
+            span: as `forward` gave it, with `kept` None where what was kept is gone.
+            start: the state that it began from.
+            led: whether the adjoint of the controller points is asked for.
 
-    def add_adjoints(self, x_bar: torch.Tensor | None, v_bar: torch.Tensor | None, F_bar: torch.Tensor | None) -> None:
-        """Add derivatives of the loss by the state where the adjoint stands now."""
+        Returns:
+            That of the points, shape [2, R, C', 3] for the C' first ones, or None.
+        """
 
-    def backward(self) -> None:
-        """Adjoint of the kept frame: the state's adjoints go from its end to its start; the parameters' grow."""
-
-    def gradients(self) -> dict[str, torch.Tensor]:
-        """Adjoints of the parameters in use, by name."""
-
-    def controllers_adjoint(self) -> torch.Tensor:
-        """Adjoint of the controller points of the frame that `backward` went through last, shape [2, C, 3]."""
+    def gradients(self) -> dict[str, Tensor]:
+        """Adjoints of the parameters in use by name, with an axis of rollouts."""
 
 
-def make_stepper(
-    body: Body,
-    config: SimulationConfig,
-    grip: Grip | None,
-    clamps: tuple[Clamp, ...],
-    loads: tuple[PointLoad, ...],
-    threads: int | None = None,
-    kept_bytes: int | None = None,
-) -> Stepper | CudaStepper:
-    """The form of the step that `config.kernels` and `config.device` ask for.
-
-    It is the plain one on the CPU for laws and terms without a C++ twin.
-
-    Args:
-        body, config, grip, clamps, loads: as for `Simulator`.
-        threads: of the fast form on the CPU; by default torch's number.
-        kept_bytes: memory for kept frames of the fast form on the CPU; by default its own.
-    """
-    if config.kernels == "fast" and config.device != "cpu":
-        return CudaStepper(body, config, grip, clamps, loads)
-    if config.kernels == "fast" and config.device == "cpu" and has_laws(config):
-        return NativeStepper(body, config, grip, clamps, loads, threads, kept_bytes)
-    return PlainStepper(body, config, grip, clamps, loads)
+def report_of(failures: np.ndarray, bounds: np.ndarray) -> Report:
+    """From failures [R, 2] and lower corner, upper corner and speed [R, 7]."""
+    return Report(failures, bounds[:, :3], bounds[:, 3:6], bounds[:, 6])

@@ -1,9 +1,11 @@
 """Optional terms of a simulation: the parameters that each of them switches on, and the values at which it is absent.
 
-A term named in `SimulationConfig.terms` is part of every substep; without it its parameters must be None. The laws are
-stated where they are evaluated, in `plain` (of which `cuda` takes them) and, as vector C++, in `native`.
+A term named in `SimulationConfig.terms` is part of every substep; without it its parameters must be None. Each law of
+particles is one C++ header, `laws/terms/<term>.h`, with the class that the term's name gives, and has its twin in torch in
+`laws/terms_reference.py`.
 """
 
+import math
 from collections.abc import Iterable
 from dataclasses import dataclass
 
@@ -28,6 +30,11 @@ class TermField:
     shape: tuple[int | str, ...]
     dormant: float | tuple[float, ...] | None = 0.0
 
+    @property
+    def size(self) -> int:
+        """How many numbers a particle has, or all share."""
+        return math.prod(axis for axis in self.shape if axis != PARTICLES)
+
 
 TERMS: dict[str, dict[str, TermField]] = {
     "gravity": {"gravity": TermField((3,), None)},
@@ -47,6 +54,11 @@ TERMS: dict[str, dict[str, TermField]] = {
     "friction_law": {"friction_law": TermField((3,), (0.0, 1e-2, 0.0))},
 }
 """Parameters by term, then by name of the field of `Parameters`."""
+
+FORCE_TERMS = ("drag", "adhesion", "obstacle")
+"""Terms whose law is a force on particles."""
+STRESS_TERMS = ("viscosity", "stiffening", "fibres")
+"""Terms whose law is a stress in particles. `friction_law` acts on nodes; the others replace what the step is given."""
 
 TERM_OF = {name: term for term, parameters in TERMS.items() for name in parameters}
 """The term that a parameter belongs to; parameters that every simulation has are not here."""
@@ -82,8 +94,3 @@ def dormant_values(
         for term in terms
         for name, parameter in TERMS[term].items()
     }
-
-
-def inner_shape(terms: Iterable[str]) -> tuple[int, int]:
-    """Shape of what a particle carries beside x, v and F: the affine velocity, and below it the mean rate of deformation."""
-    return (6, 3) if "viscosity" in terms else (3, 3)

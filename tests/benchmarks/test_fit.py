@@ -7,7 +7,7 @@ import pytest
 from benchmarks.fit import RECIPES, RESIDUAL, SCAN, STAGES, capture_table, fit, table
 from benchmarks.fit_scene import make_scene
 from physreal_core.fitting import DescentConfig, LossConfig, ScanConfig
-from physreal_core.simulation.constitutive.residual_config import ResidualConfig
+from physreal_core.simulation.laws.residual_config import ResidualConfig
 
 
 def test_the_recipes_are_the_defaults_of_the_stages():

@@ -21,7 +21,7 @@ from physreal_core.fitting.descent import DescentConfig
 from physreal_core.fitting.losses import LossConfig
 from physreal_core.fitting.objective import Objective
 from physreal_core.fitting.variables import Variable
-from physreal_core.simulation.constitutive.residual_config import ResidualConfig
+from physreal_core.simulation.laws.residual_config import ResidualConfig
 from tests.fitting import scene
 
 MODULUS = Variable("youngs_modulus", "log", 0.25, 1e3, 1e6)

@@ -8,7 +8,7 @@ import torch
 from physreal_core.errors import InputError
 from physreal_core.fitting.curriculum import with_residual
 from physreal_core.fitting.model import load_model, particle_parameters, save_model
-from physreal_core.simulation.constitutive.residual_config import ResidualConfig
+from physreal_core.simulation.laws.residual_config import ResidualConfig
 from tests.fitting import scene
 
 

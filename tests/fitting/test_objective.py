@@ -6,7 +6,7 @@ import torch
 from physreal_core.fitting.curriculum import with_residual
 from physreal_core.fitting.losses import LossConfig
 from physreal_core.fitting.objective import Objective
-from physreal_core.simulation.constitutive.residual_config import ResidualConfig
+from physreal_core.simulation.laws.residual_config import ResidualConfig
 from tests.fitting import scene
 
 TOLERANCE = 1e-5

@@ -7,7 +7,7 @@ from physreal_core.errors import InputError
 from physreal_core.fitting.curriculum import with_residual
 from physreal_core.fitting.rollouts import Rollouts
 from physreal_core.fitting.share import residual_share
-from physreal_core.simulation.constitutive.residual_config import ResidualConfig, split_weights
+from physreal_core.simulation.laws.residual_config import ResidualConfig, split_weights
 from tests.fitting import scene
 
 BETA = 0.15

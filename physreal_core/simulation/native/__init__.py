@@ -1,6 +1,5 @@
-"""The step on the CPU as vector C++ (headers here, compiled by Warp): a frame per call, one thread per core."""
+"""The step as vector C++ on the CPU, built by the compiler that comes with Warp."""
 
-from physreal_core.simulation.native.frame import has_laws
 from physreal_core.simulation.native.stepper import NativeStepper
 
-__all__ = ["NativeStepper", "has_laws"]
+__all__ = ["NativeStepper"]

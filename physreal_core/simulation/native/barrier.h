@@ -1,6 +1,5 @@
-// Meeting point of the threads of one frame, all of which run; spins, and gives the core away where it takes Index.
+// Meeting point of the threads of one frame, all of which run; spins, and gives the core away where it takes long.
 #pragma once
-#include "frame.h"
 
 namespace physreal {
 

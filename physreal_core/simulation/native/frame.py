@@ -1,59 +1,141 @@
-"""`Frame` of frame.h for ctypes, and the kernels that run a thread's share of one."""
+"""What one frame of a rollout is given and leaves on the CPU, and the kernels that run a thread's share of it."""
 
-import ctypes
 import functools
 from dataclasses import dataclass
 from pathlib import Path
 
-import torch
 import warp as wp
 
 from physreal_core.native import native_module
 from physreal_core.simulation.config import SimulationConfig
-from physreal_core.simulation.constitutive import ResidualConfig
-from physreal_core.simulation.native.terms import TERM_NUMBERS
+from physreal_core.simulation.layout import Structure
+from physreal_core.simulation.particle_rows import NUMBERS
+from physreal_core.simulation.step_layout import LAWS_FOLDER, law_headers, layout_text, material_arguments
 
-# Laws by the names of their C++ twins, in laws/ and included by material.h.
-_ELASTIC = {"fixed_corotated": "FixedCorotated", "neo_hookean": "NeoHookean", "hencky": "Hencky"}
-_PLASTIC = {"identity": "Identity", "von_mises": "VonMises", "drucker_prager": "DruckerPrager"}
-
-_SIZES = (
-    "particles stride threads substeps keep_states keep_grids replay origin:3 count:3 gripped clamps has_ground latent_elastic_size "
-    "latent_plastic_size weights_elastic weights_plastic workspace_size yield_ terms"
+WORKSPACE = Structure(
+    "Workspace",
+    """
+    # What a frame works on; nothing in it outlives the frame
+    int* order  [N] the caller's particle at each place, by cells
+    int* place  [N] place of the caller's particle
+    int* cell_starts  [nodes + 1] to sort by cells
+    S* state  [slots, rows, stride] x, v, F, C and, with viscosity, the mean rate of deformation
+    S* constants  [constant_rows, stride]
+    S* bars  [bar_rows, stride]
+    S* force  [3, stride]
+    S* force_bar  [3, stride], with optional terms
+    S* adjoint  [rows, stride] of the state
+    S* scratch  [threads, nodes + 4, 4] a grid to scatter to for every thread
+    S* velocity  [nodes + 4, 4]
+    S* node_bar  [nodes + 4, 4]
+    S* momentum  [substeps, nodes, 4] if kept
+    unsigned char* kind  [nodes]
+    S* networks  [threads, network_numbers] for the networks' adjoints
+    int* shared  [128] barriers and stop
+    """,
 )
-_SCALARS = (
-    "offset:3 cell dt share frame_rate gravity:3 mass_floor touching friction grip_stiffness grip_damping grip_softening "
-    f"beta_elastic beta_plastic strain_scale term_numbers:{TERM_NUMBERS} remembered"
+FRAME = Structure(
+    "Frame",
+    f"""
+    # Particle arrays come in the caller's order; the frame works on copies of them in the order of the cells, as rows of
+    # `stride` numbers (structure of arrays).
+    Index particles
+    Index stride  particles, and what fills the last block
+    Index threads
+    Index substeps
+    Index keep_states  whether those of all substeps stay, and the adjoint follows
+    Index keep_grids
+    Index replay  whether the grids are there already
+    Index origin:3  of the box of nodes
+    Index count:3
+    Index gripped
+    Index clamps
+    Index has_ground
+    Index controller_points
+    Index latent_elastic_size
+    Index latent_plastic_size
+    Index weights_elastic
+    Index weights_plastic
+    Index constant_rows
+    Index bar_rows
+    Index network_numbers  of a thread's workspace
+    Index yield_address  of a function that gives the core to another thread, or 0
+    Index terms  bits of the optional laws in use
+
+    # Model
+    S offset:3  of the lattice [m]
+    S cell
+    S dt
+    S share  1 / substeps
+    S frame_rate
+    S gravity:3
+    S mass_floor
+    S touching
+    S friction
+    S friction_law:3
+    S grip_stiffness
+    S grip_damping
+    S grip_softening
+    S beta_elastic
+    S beta_plastic
+    S strain_scale
+    S numbers:{NUMBERS.count}
+    S remembered  share of the mean rate of deformation that a substep keeps
+
+    # Particles in the caller's order; the state's adjoints go in and out
+    const S* x  [N, 3]
+    const S* v  [N, 3]
+    const S* F  [N, 3, 3]
+    const S* C  [N, 3, 3] affine velocity
+    const S* rate  [N, 3, 3] mean rate of deformation, with viscosity
+    S* x_end  at the frame's end
+    S* v_end
+    S* F_end
+    S* C_end
+    S* rate_end
+    S* x_bar
+    S* v_bar
+    S* F_bar
+    S* C_bar
+    S* rate_bar
+    const S* given  [constant_rows, N]
+    S* given_bars  [bar_rows, N]; grow
+    const S* network_elastic
+    const S* network_plastic
+    S* network_elastic_bar  [threads, weights]; grow
+    S* network_plastic_bar
+    S* particle_sums  [threads, PARTICLE_SUMS]; grow
+    S* node_sums  [threads, NODE_SUMS]; grow
+
+    # Grip bonds by particle, and what is held
+    const int* grip_particle  [Q]
+    const int* grip_first  [Q + 1]
+    const int* grip_controller  [B]
+    const S* grip_weight  [B]
+    const S* grip_rest_length  [B]
+    const S* controllers  [2, points, 3] at both ends of the frame
+    S* controllers_bar  [threads, 2, points, 3]; grow
+    const S* clamp_lower  [clamps, 3]
+    const S* clamp_upper
+
+    S* kept_grids  momentum where it stays; 0 where it does not
+    S* bounds  [threads, 7] of the motion at the frame's end: lower and upper corner, speed
+    Index* status  [threads, 2] first failure as substep * particles + particle: outside the grid, not finite
+    """,
+    base=WORKSPACE,
 )
-_POINTERS = (
-    "order x v F C mass volume load E nu plastic latent_elastic latent_plastic network_elastic network_plastic "
-    "x_bar v_bar F_bar C_bar E_bar nu_bar plastic_bar latent_elastic_bar latent_plastic_bar "
-    "network_elastic_bar network_plastic_bar sums term_values rate rate_bar mass_bar load_bar term_bar grip_particle grip_first grip_controller grip_weight "
-    "grip_rest_length controllers controller_points controllers_bar clamp_lower clamp_upper place state constants bars force force_bar adjoint "
-    "scratch velocity node_bar momentum kind workspace shared status"
-)
-
-
-def _fields(names: str, kind: type) -> list[tuple[str, type]]:
-    named = [name.partition(":") for name in names.split()]
-    return [(name, kind * int(count) if count else kind) for name, _, count in named]
-
-
-@functools.cache
-def frame_type(dtype: torch.dtype) -> type[ctypes.Structure]:
-    """`Frame<float>` or `Frame<double>` of frame.h: addresses are integers, names and order as there."""
-    scalar = ctypes.c_float if dtype == torch.float32 else ctypes.c_double
-    fields = _fields(_SIZES, ctypes.c_int64) + _fields(_SCALARS, scalar) + _fields(_POINTERS, ctypes.c_int64)
-    return type("Frame", (ctypes.Structure,), {"_fields_": fields})
 
 
 @dataclass(frozen=True)
 class FrameKernels:
-    """Kernels `(address of a Frame, thread)` of one thread, and two numbers of the machine code.
+    """Kernels `(address of Frames, address of Workspaces, how many frames, address of a counter, thread)` of one thread.
+
+    One frame is shared by all threads; of many each thread takes one after the other, with a workspace of its own.
 
     Attributes:
-        forward, backward: a thread's share of the frame.
-        measure: writes (bytes of a Frame, workspace numbers a thread needs) to an int64 array.
+        forward: frames.
+        backward: frames again, with states kept, and their adjoints.
+        measure: writes the numbers that a thread needs for the networks' adjoints to an int64 array.
     """
 
     forward: wp.Kernel
@@ -61,50 +143,42 @@ class FrameKernels:
     measure: wp.Kernel
 
 
-def has_laws(config: SimulationConfig) -> bool:
-    """Whether the configured laws have C++ twins here."""
-    return config.elastic_law in _ELASTIC and config.plastic_law in _PLASTIC
-
-
 def frame_kernels(config: SimulationConfig) -> FrameKernels:
     """The kernels for the laws, residuals and scalar type of `config`: one form without optional terms, one for any."""
-    elastic, plastic = _network(config.elastic_residual), _network(config.plastic_residual)
-    laws = f"physreal::{_ELASTIC[config.elastic_law]}, physreal::{_PLASTIC[config.plastic_law]}"
     terms = "true" if config.terms else "false"
-    return _kernels(config.dtype, f"{terms}, {laws}, {elastic}, {plastic}")
-
-
-def _network(residual: ResidualConfig | None) -> str:
-    if residual is None:
-        return "physreal::NoNetwork"
-    return f"physreal::Network<{residual.latent_size}, {residual.hidden}>"
+    return _kernels(config.dtype, f"{terms}, {material_arguments(config)}", law_headers(config))
 
 
 @functools.cache
-def _kernels(dtype: str, form: str) -> FrameKernels:
+def _kernels(dtype: str, form: str, laws: str) -> FrameKernels:
     name = f"physreal_frame_{dtype}_" + "".join(c if c.isalnum() else "_" for c in form.replace("physreal::", ""))
-    module = native_module(name, Path(__file__).parent / "worker.h")
+    text = f'#include "lanes.h"\n{layout_text(WORKSPACE, FRAME)}{laws}'
+    module = native_module(name, Path(__file__).parent / "worker.h", LAWS_FOLDER, preamble=text)
     arguments = f"{'float' if dtype == 'float32' else 'double'}, {form}"
 
-    @wp.func_native(f"physreal::forward_frame<{arguments}>(frame, thread);")
-    def forward_frame(frame: wp.uint64, thread: wp.int32): ...
+    @wp.func_native(f"physreal::forward_frames<{arguments}>(frames, workspaces, count, next, thread);")
+    def forward_frames(
+        frames: wp.uint64, workspaces: wp.uint64, count: wp.int32, next: wp.uint64, thread: wp.int32
+    ): ...
 
-    @wp.func_native(f"physreal::backward_frame<{arguments}>(frame, thread);")
-    def backward_frame(frame: wp.uint64, thread: wp.int32): ...
+    @wp.func_native(f"physreal::backward_frames<{arguments}>(frames, workspaces, count, next, thread);")
+    def backward_frames(
+        frames: wp.uint64, workspaces: wp.uint64, count: wp.int32, next: wp.uint64, thread: wp.int32
+    ): ...
 
-    @wp.func_native(f"physreal::measure_frame<{arguments}>(sizes.data);")
-    def measure_frame(sizes: wp.array(dtype=wp.int64)): ...
-
-    @wp.kernel(module=module)
-    def forward(frame: wp.uint64, thread: wp.int32):
-        forward_frame(frame, thread)
-
-    @wp.kernel(module=module)
-    def backward(frame: wp.uint64, thread: wp.int32):
-        backward_frame(frame, thread)
+    @wp.func_native(f"physreal::network_numbers<{arguments}>(size.data);")
+    def network_numbers(size: wp.array(dtype=wp.int64)): ...
 
     @wp.kernel(module=module)
-    def measure(sizes: wp.array(dtype=wp.int64)):
-        measure_frame(sizes)
+    def forward(frames: wp.uint64, workspaces: wp.uint64, count: wp.int32, next: wp.uint64, thread: wp.int32):
+        forward_frames(frames, workspaces, count, next, thread)
+
+    @wp.kernel(module=module)
+    def backward(frames: wp.uint64, workspaces: wp.uint64, count: wp.int32, next: wp.uint64, thread: wp.int32):
+        backward_frames(frames, workspaces, count, next, thread)
+
+    @wp.kernel(module=module)
+    def measure(size: wp.array(dtype=wp.int64)):
+        network_numbers(size)
 
     return FrameKernels(forward, backward, measure)

@@ -1,7 +1,6 @@
 // A thread's range of the particles, and their rows: the structure of arrays that blocks of LANES particles are read
 // from and written to, filled from and brought back to the caller's arrays, which have another order and layout.
 #pragma once
-#include "frame.h"
 #include "matrix.h"
 
 namespace physreal {
@@ -32,15 +31,15 @@ protected:
     // --- a block's values in rows r, r + 1, ...
     // ---------------------------------------------------------------------------
 
-    V row(const S* rows, int r, Index p) const { return load(rows + r * frame_.stride + p); }
+    V row_of(const S* rows, int r, Index p) const { return load(rows + r * frame_.stride + p); }
     void put(S* rows, int r, Index p, V value) const { store(rows + r * frame_.stride + p, value); }
 
     Vec3<V> vector(const S* rows, int r, Index p) const {
-        return {{row(rows, r, p), row(rows, r + 1, p), row(rows, r + 2, p)}};
+        return {{row_of(rows, r, p), row_of(rows, r + 1, p), row_of(rows, r + 2, p)}};
     }
     Mat3<V> matrix(const S* rows, int r, Index p) const {
         Mat3<V> M;
-        for (int i = 0; i < 9; i++) M.m[i] = row(rows, r + i, p);
+        for (int i = 0; i < 9; i++) M.m[i] = row_of(rows, r + i, p);
         return M;
     }
     void put(S* rows, int r, Index p, const Vec3<V>& value) const {
@@ -50,28 +49,36 @@ protected:
         for (int i = 0; i < 9; i++) put(rows, r + i, p, value.m[i]);
     }
 
-    // --- the caller's arrays [N, width] against rows of `stride` ------------------------------------------
+    // --- the caller's arrays against rows of `stride`, in the order of the cells ------------------------------------
 
-    void gather_rows(S* rows, const S* source, int width) const {
+    Index caller_of(Index p) const { return frame_.order[min_of(p, frame_.particles - 1)]; }
+
+    // source: [N, width].
+    void gather_columns(S* rows, const S* source, int width) const {
         for (Index p = first_; p < padded_end(); p++) {
-            const S* from = source + width * Index(frame_.order[min_of(p, frame_.particles - 1)]);
+            const S* from = source + width * caller_of(p);
             for (int c = 0; c < width; c++) rows[c * frame_.stride + p] = from[c];
         }
     }
-    void scatter_rows(S* target, const S* rows, int width) const {
+    void scatter_columns(S* target, const S* rows, int width) const {
         for (Index p = first_; p < last_; p++) {
             S* to = target + width * Index(frame_.order[p]);
             for (int c = 0; c < width; c++) to[c] = rows[c * frame_.stride + p];
         }
     }
-    void add_rows(S* target, const S* rows, int width) const {
-        for (Index p = first_; p < last_; p++) {
-            S* to = target + width * Index(frame_.order[p]);
-            for (int c = 0; c < width; c++) to[c] += rows[c * frame_.stride + p];
-        }
+    // source: [count, N].
+    void gather_rows(S* rows, const S* source, Index count) const {
+        for (Index r = 0; r < count; r++)
+            for (Index p = first_; p < padded_end(); p++)
+                rows[r * frame_.stride + p] = source[r * frame_.particles + caller_of(p)];
     }
-    void clear(S* rows, int count) const {
-        for (int r = 0; r < count; r++)
+    void add_rows(S* target, const S* rows, Index count) const {
+        for (Index r = 0; r < count; r++)
+            for (Index p = first_; p < last_; p++)
+                target[r * frame_.particles + frame_.order[p]] += rows[r * frame_.stride + p];
+    }
+    void clear(S* rows, Index count) const {
+        for (Index r = 0; r < count; r++)
             for (Index p = first_; p < padded_end(); p++) rows[r * frame_.stride + p] = 0;
     }
 };

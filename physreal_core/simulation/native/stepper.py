@@ -1,22 +1,26 @@
-"""One frame of substeps, forward and adjoint, as one call of vector C++ per thread (worker.h)."""
+"""Frames of substeps, forward and adjoint, as one call of vector C++ per thread (worker.h): one rollout by all threads, or
+each of many by one."""
 
 import ctypes
+from collections.abc import Sequence
 
 import numpy as np
 import torch
 import warp as wp
 
+from physreal_core.array_types import Array, Bool, Float, Tensor
+from physreal_core.cores import available_cores
 from physreal_core.native import launch_on_threads
 from physreal_core.simulation.body import Body, Clamp, Grip, PointLoad, load_forces
-from physreal_core.simulation.box import GridBox, held_boxes, lattice_offset
+from physreal_core.simulation.box import held_boxes, largest_box, lattice_offset, small_enough
 from physreal_core.simulation.config import SimulationConfig
 from physreal_core.simulation.grip_inertia import GripInertia
-from physreal_core.simulation.native.frame import frame_kernels, frame_type
-from physreal_core.simulation.native.terms import INPUT_BARS, SUMS, TERM_ROWS, fill, law_bits, start_height_adjoint
-from physreal_core.simulation.native.terms import gradients as law_gradients
-from physreal_core.simulation.parameters import Parameters
+from physreal_core.simulation.native.frame import FRAME, WORKSPACE, frame_kernels
+from physreal_core.simulation.parameters import Parameters, row_of
+from physreal_core.simulation.particle_rows import NODE_SUMS, PARTICLE_SUMS, ParticleRows
 from physreal_core.simulation.scalars import scalar_types
-from physreal_core.simulation.terms import inner_shape, term_shapes
+from physreal_core.simulation.step_layout import term_bits
+from physreal_core.simulation.stepper import NOT_FAILED, Report, Span, State
 from physreal_core.simulation.timestep import rate_memory
 from physreal_core.simulation.touch import TOUCHING
 
@@ -27,9 +31,7 @@ KEPT_BYTES = 2**28
 """Memory for grids of frames that stay for the backward pass: with them a frame's states need less than half of the time
 that the frame took, since no stress is evaluated and nothing scattered again. A grid is a tenth of the particles' states:
 with 20 000 particles, 25 frames of 50 substeps fit."""
-STATE_ROWS, CONSTANT_ROWS, BAR_ROWS = 24, 9, 4  # of worker.h; latent codes come on top of the last two
-_NONE = torch.iinfo(torch.int64).max
-_STATE_SHAPES = {"x": (3,), "v": (3,), "F": (3, 3), "C": (3, 3)}
+STATE_ROWS = {"x": 3, "v": 3, "F": 9, "C": 9, "rate": 9}
 
 
 def _yield_address() -> int:
@@ -43,10 +45,14 @@ class NativeStepper:
 
     Args:
         body, config, grip, clamps, loads: as for `Simulator`.
-        threads: threads of a frame; by default torch's number, fewer for few particles. The sums' order, and with it
-            the last digits, depend on it.
+        rollouts: R.
+        threads: by default torch's number for one rollout, fewer for few particles, and all cores for many. The sums'
+            order within a rollout, and with it the last digits, depend on how many share it.
         kept_bytes: memory for kept grids; `KEPT_BYTES` by default.
     """
+
+    device = "cpu"
+    in_step = False
 
     def __init__(
         self,
@@ -55,312 +61,283 @@ class NativeStepper:
         grip: Grip | None,
         clamps: tuple[Clamp, ...],
         loads: tuple[PointLoad, ...],
+        rollouts: int = 1,
         threads: int | None = None,
         kept_bytes: int | None = None,
     ) -> None:
-        self.types, self.config = scalar_types(config.dtype), config
+        self.types, self.config, self.rollouts = scalar_types(config.dtype), config, rollouts
         self.cell, self.particles = body.cell, len(body.x0)
-        self._body, self._start = body, self._numbers(body.x0)
-        self.inner_shape = inner_shape(config.terms)
+        self.viscous = "viscosity" in config.terms
         self.offset = lattice_offset(body, config.ground_height, clamps)
-        self.threads = min(threads or torch.get_num_threads(), max(1, self.particles // PARTICLES_PER_THREAD))
+        if rollouts == 1:
+            self.threads = min(threads or torch.get_num_threads(), max(1, self.particles // PARTICLES_PER_THREAD))
+        else:
+            self.threads = min(rollouts, threads or available_cores())
+        self._sharing = self.threads if rollouts == 1 else 1  # threads of one rollout
+        self._body, self._start = body, self._numbers(body.x0)
         self._kept_bytes = KEPT_BYTES if kept_bytes is None else kept_bytes
-        self.substeps = self.slots = self._nodes = 0
+        self._slots = self._nodes = self._grid_numbers = 0
+        self.substeps: list[int] = []
         self.holder: object | None = None
-        self._grids, self._kept = self._zeros(0), []
+        self._kept: list[Tensor] = []
         wp.init()  # before tensors are wrapped for it
         self._kernels = frame_kernels(config)
-        self._frame = frame_type(self.types.torch_dtype)()
-        self._held: dict[str, torch.Tensor] = {}
+        self._frames = np.zeros(rollouts, FRAME.dtype(config.dtype))
+        self._workspaces = np.zeros(1 if rollouts == 1 else self.threads, WORKSPACE.dtype(config.dtype))
+        self._held: dict[str, Tensor] = {}
+        gripped = self._set_grip(body, grip)
+        self._rows = ParticleRows(config, self.particles, gripped)
+        self.shapes = self._rows.shapes
         self._set_model(body, clamps, loads)
-        self._set_grip(body, grip)
-        self._set_parameter_arrays()
-        self._set_workspace()
+        self._set_adjoints()
+        self._set_workspaces()
 
     # --- arrays -------------------------------------------------------------------------------------------------
 
-    def _hold(self, name: str, value: torch.Tensor) -> torch.Tensor:
-        """Keep a contiguous tensor alive and give the frame its address."""
-        self._held[name] = value.contiguous()
-        setattr(self._frame, name, self._held[name].data_ptr())
-        return self._held[name]
-
-    def _zeros(self, *shape: int, dtype: torch.dtype | None = None) -> torch.Tensor:
+    def _zeros(self, *shape: int, dtype: torch.dtype | None = None) -> Tensor:
         return torch.zeros(shape, dtype=dtype or self.types.torch_dtype)
 
-    def _numbers(self, array: np.ndarray) -> torch.Tensor:
+    def _numbers(self, array: np.ndarray) -> Tensor:
         return torch.as_tensor(array).to(self.types.torch_dtype)
 
-    def _set_model(self, body: Body, clamps: tuple[Clamp, ...], loads: tuple[PointLoad, ...]) -> None:
-        frame = self._frame
-        frame.particles, frame.threads = self.particles, self.threads
-        frame.stride = -(-self.particles // BLOCK) * BLOCK
-        frame.clamps, frame.has_ground = len(clamps), int(self.config.ground_height is not None)
-        frame.offset[:], frame.gravity[:] = self.offset, self.config.gravity
-        frame.cell = self.cell
-        frame.mass_floor = torch.finfo(self.types.torch_dtype).eps ** 2 * body.mass.min()
-        frame.touching = TOUCHING
-        frame.yield_ = _yield_address()
-        lower, upper = held_boxes(clamps, self.cell)
-        self._loads = self._numbers(load_forces(body, loads))
-        self._hold("load", self._loads)
-        for name, array in (
-            ("mass", body.mass),
-            ("volume", body.volume),
-            ("clamp_lower", lower),
-            ("clamp_upper", upper),
-        ):
-            self._hold(name, self._numbers(array))
-        self._mass = self._held["mass"]
+    def _give(self, records: np.ndarray, name: str, value: Tensor, shared: bool = False) -> Tensor:
+        """Keep a tensor alive and give the records its address; unless it is shared, each a row of it."""
+        value = self._held[name] = value.contiguous()
+        records[name] = _addresses(value, shared)
+        return value
 
-    def _set_grip(self, body: Body, grip: Grip | None) -> None:
-        self.gripped = 0 if grip is None else len(np.unique(grip.particles))
-        self._inertia = GripInertia(body, grip) if self.gripped else None
-        self._frame.gripped = self.gripped
-        self._hold("controllers_bar", self._zeros(self.threads, 2, 0, 3))
-        if not self.gripped:
-            return
+    def _set_grip(self, body: Body, grip: Grip | None) -> bool:
+        gripped = grip is not None and len(grip.particles) > 0
+        self._inertia = GripInertia(body, grip) if gripped else None
+        points = int(grip.controllers.max()) + 1 if gripped else 0
+        self._frames["controller_points"] = points
+        self._give(self._frames, "controllers_bar", self._zeros(self.rollouts, self._sharing, 2, points, 3))
+        if not gripped:
+            return False
         particles, first, order = grip.by_particle()
-        self._frame.grip_softening = (1e-4 * body.spacing) ** 2
-        self._frame.controller_points = points = int(grip.controllers.max()) + 1
-        self._hold("controllers_bar", self._zeros(self.threads, 2, points, 3))
+        self._frames["gripped"], self._frames["grip_softening"] = len(particles), (1e-4 * body.spacing) ** 2
         for name, array in (("particle", particles), ("first", first), ("controller", grip.controllers[order])):
-            self._hold(f"grip_{name}", torch.from_numpy(np.ascontiguousarray(array, dtype=np.int32)))
-        self._hold("grip_weight", self._numbers(grip.weights[order]))
-        self._hold("grip_rest_length", self._numbers(grip.rest_lengths[order]))
+            whole = torch.from_numpy(np.ascontiguousarray(array, dtype=np.int32))
+            self._give(self._frames, f"grip_{name}", whole, shared=True)
+        for name, array in (("weight", grip.weights), ("rest_length", grip.rest_lengths)):
+            self._give(self._frames, f"grip_{name}", self._numbers(array[order]), shared=True)
+        return True
 
-    def _set_parameter_arrays(self) -> None:
-        n = self.particles
-        self.shapes = {"youngs_modulus": (n,), "poissons_ratio": (n,), "initial_velocity": (n, 3)}
-        if self.config.ground_height is not None:
-            self.shapes["friction_coefficient"] = ()
-        if self.gripped:
-            self.shapes |= {"grip_stiffness": (), "grip_damping": ()}
-        self.shapes |= term_shapes(self.config.terms, n)
-        if self.config.plastic_law != "identity":
-            self.shapes["plastic"] = (n, 2)
-        self._hold("plastic", self._zeros(n, 2))
-        for kind, residual in (("elastic", self.config.elastic_residual), ("plastic", self.config.plastic_residual)):
-            if residual is None:
-                continue
-            self.shapes[f"network_{kind}"] = (residual.weight_count,)
-            setattr(self._frame, f"weights_{kind}", residual.weight_count)
-            setattr(self._frame, f"latent_{kind}_size", residual.latent_size)
-            setattr(self._frame, f"beta_{kind}", getattr(residual, f"beta_{kind}"))
-            self._frame.strain_scale = residual.strain_scale
-            self._hold(f"network_{kind}_bar", self._zeros(self.threads, residual.weight_count))
-            self._hold(f"latent_{kind}", self._zeros(n, residual.latent_size))
-            self._hold(f"latent_{kind}_bar", self._zeros(n, residual.latent_size))
-            if residual.latent_size:
-                self.shapes[f"latent_{kind}"] = (n, residual.latent_size)
+    def _set_model(self, body: Body, clamps: tuple[Clamp, ...], loads: tuple[PointLoad, ...]) -> None:
+        frames, config = self._frames, self.config
+        frames["particles"], frames["threads"] = self.particles, self._sharing
+        frames["stride"] = -(-self.particles // BLOCK) * BLOCK
+        frames["clamps"], frames["has_ground"] = len(clamps), config.ground_height is not None
+        frames["offset"], frames["gravity"], frames["cell"] = self.offset, config.gravity, self.cell
+        frames["mass_floor"] = torch.finfo(self.types.torch_dtype).eps ** 2 * body.mass.min()
+        frames["touching"], frames["yield_address"] = TOUCHING, _yield_address()
+        frames["terms"], frames["frame_rate"] = term_bits(config.terms), config.fps
+        for name, array in zip(("clamp_lower", "clamp_upper"), held_boxes(clamps, self.cell), strict=True):
+            self._give(frames, name, self._numbers(array), shared=True)
+        self._mass, self._load = self._numbers(body.mass), self._numbers(load_forces(body, loads))
+        self._volume = self._numbers(body.volume)
+        rows = self._zeros(self.rollouts, self._rows.constant_count, self.particles)
+        rows[:, self._rows.constants["volume"]] = self._volume
+        self._give(frames, "given", rows)
+        frames["constant_rows"], frames["bar_rows"] = self._rows.constant_count, self._rows.bar_count
+        for kind, residual in (("elastic", config.elastic_residual), ("plastic", config.plastic_residual)):
+            if residual is not None:
+                frames[f"weights_{kind}"], frames[f"latent_{kind}_size"] = residual.weight_count, residual.latent_size
+                frames[f"beta_{kind}"], frames["strain_scale"] = getattr(residual, f"beta_{kind}"), residual.strain_scale
 
-    def _set_workspace(self) -> None:
-        frame, n, stride = self._frame, self.particles, self._frame.stride
-        sizes = torch.zeros(2, dtype=torch.int64)
-        wp.launch(self._kernels.measure, dim=1, inputs=[wp.from_torch(sizes)], device="cpu")
-        if sizes[0] != ctypes.sizeof(frame):
-            raise RuntimeError(f"Frame has {ctypes.sizeof(frame)} bytes here and {sizes[0]} in frame.h")
-        frame.workspace_size = int(sizes[1])
-        latents = frame.latent_elastic_size + frame.latent_plastic_size
-        frame.terms, optional = law_bits(self.config.terms), int(bool(self.config.terms))
-        self._viscous = "viscosity" in self.config.terms
-        self._state_rows = STATE_ROWS + 9 * self._viscous
-        rate = (n, 3, 3) if self._viscous else (0, 3, 3)
-        for name, shape in _STATE_SHAPES.items():
-            self._hold(name, self._zeros(n, *shape))
-            self._hold(f"{name}_bar", self._zeros(n, *shape))
+    def _set_adjoints(self) -> None:
+        r, n, frames = self.rollouts, self.particles, self._frames
+        for name, shape in (("x", (3,)), ("v", (3,)), ("F", (3, 3)), ("C", (3, 3)), ("rate", (3, 3))):
+            if name != "rate" or self.viscous:
+                self._give(frames, f"{name}_bar", self._zeros(r, n, *shape))
+        self._give(frames, "given_bars", self._zeros(r, self._rows.bar_count, n))
+        self._give(frames, "particle_sums", self._zeros(r, self._sharing, PARTICLE_SUMS.count))
+        self._give(frames, "node_sums", self._zeros(r, self._sharing, NODE_SUMS.count))
+        for kind in ("elastic", "plastic"):
+            if f"network_{kind}" in self.shapes:
+                weights = self.shapes[f"network_{kind}"]
+                self._give(frames, f"network_{kind}_bar", self._zeros(r, self._sharing, *weights))
+        self._bars = [bar for name, bar in self._held.items() if name.endswith(("_bar", "_bars", "_sums"))]
+        self._bounds = self._give(frames, "bounds", self._zeros(r, self._sharing, 7))
+        self._status = self._give(frames, "status", self._zeros(r, self._sharing, 2, dtype=torch.int64))
+
+    def _set_workspaces(self) -> None:
+        work, n, stride = self._workspaces, self.particles, int(self._frames["stride"][0])
+        size = torch.zeros(1, dtype=torch.int64)
+        wp.launch(self._kernels.measure, dim=1, inputs=[wp.from_torch(size)], device="cpu")
+        self._frames["network_numbers"] = int(size)
+        self._state_rows = sum(STATE_ROWS.values()) - (0 if self.viscous else STATE_ROWS["rate"])
+        count = len(work)
         for name, shape in (
-            ("E_bar", (n,)),
-            ("nu_bar", (n,)),
-            ("plastic_bar", (n, 2)),
-            ("sums", (self.threads, SUMS)),
-            ("mass_bar", (n,)),
-            ("load_bar", (n, 3)),
-            ("rate", rate),
-            ("rate_bar", rate),
-            ("term_values", (n, TERM_ROWS)),
-            ("term_bar", (n, TERM_ROWS)),
-            ("constants", (CONSTANT_ROWS + latents + optional * TERM_ROWS, stride)),
-            ("bars", (BAR_ROWS + latents + optional * INPUT_BARS, stride)),
+            ("constants", (self._rows.constant_count, stride)),
+            ("bars", (self._rows.bar_count, stride)),
             ("force", (3, stride)),
             ("force_bar", (3, stride)),
             ("adjoint", (self._state_rows, stride)),
-            ("workspace", (self.threads, frame.workspace_size)),
+            ("networks", (self._sharing, int(size))),
         ):
-            self._hold(name, self._zeros(*shape))
-        self._hold("place", self._zeros(n, dtype=torch.int32))
-        self._hold("shared", self._zeros(64, dtype=torch.int32))
-        self._hold("status", self._zeros(self.threads, 2, dtype=torch.int64))
+            self._give(work, name, self._zeros(count, *shape))
+        for name, length in (("order", n), ("place", n), ("shared", 128)):
+            self._give(work, name, self._zeros(count, length, dtype=torch.int32))
+        self._next = self._zeros(1, dtype=torch.int32)
 
-    def _reserve_nodes(self, nodes: int) -> None:
-        if nodes <= self._nodes:
-            return
-        self._nodes = int(NODE_RESERVE * nodes)
-        for name, count in (("scratch", self.threads), ("velocity", 1), ("node_bar", 1)):
-            self._hold(name, self._zeros(count, self._nodes + 4, 4))
-        self._hold("kind", self._zeros(self._nodes, dtype=torch.uint8))
+    def _reserve(self, nodes: int, slots: int, grid_numbers: int) -> None:
+        """Make room for boxes of so many nodes, for states of so many substeps, and for kept grids."""
+        work, count = self._workspaces, len(self._workspaces)
+        if nodes > self._nodes:
+            self._nodes = int(NODE_RESERVE * nodes)
+            for name, grids in (("scratch", self._sharing), ("velocity", 1), ("node_bar", 1)):
+                self._give(work, name, self._zeros(count, grids, self._nodes + 4, 4))
+            self._give(work, "kind", self._zeros(count, self._nodes, dtype=torch.uint8))
+            self._give(work, "cell_starts", self._zeros(count, self._nodes + 1, dtype=torch.int32))
+        if slots > self._slots:
+            self._slots, stride = slots, int(self._frames["stride"][0])
+            states = torch.empty(count, slots, self._state_rows, stride, dtype=self.types.torch_dtype)
+            self._give(work, "state", states)
+        if grid_numbers > self._grid_numbers:
+            self._grid_numbers = int(NODE_RESERVE * grid_numbers)
+            self._give(work, "momentum", torch.empty(count, self._grid_numbers, dtype=self.types.torch_dtype))
 
-    def _reserve_states(self, slots: int) -> None:
-        if slots <= self.slots:
-            return
-        self.slots = slots
-        self._hold("state", torch.empty(slots, self._state_rows, self._frame.stride, dtype=self.types.torch_dtype))
-
-    def _roomy(self, grids: torch.Tensor, nodes: int) -> torch.Tensor:
-        """`grids`, or others that have room for those of all substeps; flat."""
-        if 4 * self.substeps * nodes <= len(grids):
-            return grids
-        return torch.empty(4 * self.substeps * int(NODE_RESERVE * nodes), dtype=self.types.torch_dtype)
+    def fitting(self, count: Float[Array, "rollouts 3"]) -> tuple[Bool[Array, " rollouts"], Float[Array, "rollouts 3"]]:
+        """Whose boxes of so many nodes per axis have room, and the counts that they get."""
+        return small_enough(count, largest_box(self.particles)), count
 
     def keep_frames(self, holder: object, frames: int, nodes: int) -> int:
-        """How many of a rollout's frames, each with boxes of about `nodes` nodes, may keep their grids; whose were kept is
+        """How many of the rollouts' frames, each with boxes of about `nodes` nodes, may keep their grids; whose were kept is
         forgotten."""
-        frame_bytes = 4 * self.substeps * int(NODE_RESERVE * nodes) * self.types.torch_dtype.itemsize
+        frame_bytes = 4 * sum(self.substeps) * int(NODE_RESERVE * nodes) * self.types.torch_dtype.itemsize
         kept = min(frames, self._kept_bytes // frame_bytes)
         self.holder = holder if kept else None
         self._kept = self._kept[:kept] + [self._zeros(0) for _ in range(kept - len(self._kept))]
         return kept
 
-    # --- one rollout --------------------------------------------------------------------------------------------
+    # --- rollouts -----------------------------------------------------------------------------------------------
 
-    def load_parameters(self, parameters: Parameters, substeps: int) -> None:
-        """Take over a rollout's parameters (complete, of this stepper's type) and its number of substeps."""
-        self.substeps = self._frame.substeps = substeps
-        self._frame.dt = 1.0 / (self.config.fps * substeps)
-        self._frame.share, self._frame.frame_rate = 1.0 / substeps, self.config.fps
-        self._hold("E", parameters.youngs_modulus.detach())
-        self._hold("nu", parameters.poissons_ratio.detach())
-        for name in ("friction_coefficient", "grip_stiffness", "grip_damping"):
+    def load_parameters(self, parameters: Parameters, substeps: Sequence[int]) -> None:
+        """Take over parameters (complete, of this stepper's type, with an axis of rollouts) and substeps per frame [R]."""
+        frames = self._frames
+        self.substeps = list(substeps)
+        steps = np.asarray(self.substeps)
+        dt = 1.0 / (self.config.fps * steps)
+        frames["substeps"], frames["dt"], frames["share"] = steps, dt, 1.0 / steps
+        for field, name in (
+            ("friction", "friction_coefficient"),
+            ("grip_stiffness", "grip_stiffness"),
+            ("grip_damping", "grip_damping"),
+            ("gravity", "gravity"),
+            ("friction_law", "friction_law"),
+        ):
             value = getattr(parameters, name)
-            field = "friction" if name == "friction_coefficient" else name
-            setattr(self._frame, field, 0.0 if value is None else float(value.detach()))
-        for name in ("plastic", "latent_elastic", "latent_plastic", "network_elastic", "network_plastic"):
-            if name in self.shapes:
-                self._hold(name, getattr(parameters, name).detach())
-        self._load_inputs(parameters)
+            if value is not None:
+                frames[field] = value.detach().numpy()
+        for kind in ("elastic", "plastic"):
+            if f"network_{kind}" in self.shapes:
+                self._give(frames, f"network_{kind}", getattr(parameters, f"network_{kind}").detach())
+        frames["numbers"] = self._rows.numbers(parameters).numpy()
+        if self.viscous:
+            memory = [rate_memory(self._body, self.config, row_of(parameters, r)) for r in range(self.rollouts)]
+            frames["remembered"] = np.array(memory) / (np.array(memory) + 1.0)
+        self._load_forces(parameters, torch.from_numpy(dt))
 
-    def _load_inputs(self, parameters: Parameters) -> None:
-        """Take over masses, constant forces and what the optional terms need."""
-        if parameters.gravity is not None:
-            self._frame.gravity[:] = parameters.gravity.tolist()
-        mass = self._mass if parameters.density is None else parameters.density.detach() * self._held["volume"]
-        load = self._loads if parameters.force is None else self._loads + parameters.force.detach()
+    def _load_forces(self, parameters: Parameters, dt: Tensor) -> None:
+        """Put masses and constant forces, and with them all constants, into the rows."""
+        mass = self._mass if parameters.density is None else parameters.density.detach() * self._volume
+        load = self._load if parameters.force is None else self._load + parameters.force.detach()
+        mass, load = mass.expand(self.rollouts, -1), load.expand(self.rollouts, -1, -1)
         if self._inertia is not None:
-            gravity = self._numbers(np.array(self._frame.gravity))
-            mass, load = self._inertia.add(mass, load, gravity, parameters, self._frame.dt)
-        self._hold("mass", mass)
-        self._hold("load", load)
-        memory = rate_memory(self._body, self.config, parameters)
-        self._frame.remembered = memory / (memory + 1.0)
-        if self._frame.terms:
-            x = self._start if parameters.initial_position is None else parameters.initial_position.detach()
-            self._frame.term_numbers[:] = fill(self._held["term_values"], parameters, x[:, 2])
+            gravity = torch.from_numpy(self._frames["gravity"].copy())
+            mass, load = self._inertia.add(mass, load, gravity, parameters, dt)
+        self._rows.fill(self._held["given"], parameters, mass, load, self._start)
 
-    def start_frame(self, box: GridBox, controllers: torch.Tensor, keep: bool, kept: int | None = None) -> None:
-        """Place the grid.
+    def forward(self, span: Span, start: State, end: State, carries_on: bool) -> tuple[Report, Span]:
+        """All substeps of a frame, from `start` to `end`; see `stepper.Stepper`."""
+        grids = self._place(span)
+        self._reserve(span.nodes, 1, 0)
+        self._frames["keep_states"], self._frames["replay"] = 0, 0
+        self._frames["keep_grids"] = span.kept is not None
+        self._point("", start)
+        self._point("_end", end)
+        if span.kept is not None:
+            if grids[-1] > self._kept[span.kept].numel():
+                self._kept[span.kept] = torch.empty(int(NODE_RESERVE * grids[-1]), dtype=self.types.torch_dtype)
+            self._keep_in(span.kept, grids)
+        self._status.fill_(NOT_FAILED)
+        self._run(self._kernels.forward, span)
+        bounds = self._bounds.double().numpy()
+        lower, upper, speed = bounds[..., :3].min(1), bounds[..., 3:6].max(1), bounds[..., 6].max(1)
+        return Report(self._status.amin(1).numpy(), lower, upper, speed), span
 
-        Args:
-            box: the nodes.
-            controllers: controller points [m] at both ends of the frame, shape [2, C, 3].
-            keep: whether `backward` is to follow.
-            kept: number of the frame among those whose grids are kept; with `keep` it has run as such before.
-        """
-        frame = self._frame
-        frame.keep_states, frame.keep_grids = int(keep), int(keep or kept is not None)
-        frame.replay = int(keep and kept is not None)
-        frame.origin[:], frame.count[:] = box.origin, box.count
-        self._reserve_nodes(box.nodes)
-        self._reserve_states(self.substeps + 1 if keep else 1)
-        if kept is not None:
-            grids = self._kept[kept] = self._roomy(self._kept[kept], box.nodes)
-            frame.momentum = grids.data_ptr()
-        elif keep:
-            self._grids = self._roomy(self._grids, box.nodes)
-            frame.momentum = self._grids.data_ptr()
-        if self.gripped:
-            self._hold("controllers", controllers[:, : frame.controller_points].detach())
-            self._held["controllers_bar"].zero_()
+    def _place(self, span: Span) -> np.ndarray:
+        """Set the boxes; where each rollout's grids begin among those of all, in numbers, and their end, shape [R + 1]."""
+        self._frames["origin"], self._frames["count"] = span.boxes[:, :3], span.boxes[:, 3:]
+        self._frames["kept_grids"] = 0
+        if self._frames["controller_points"][0]:
+            points = span.points[:, :, : self._frames["controller_points"][0]].detach()
+            self._give(self._frames, "controllers", points.transpose(0, 1))
+        grids = 4 * np.asarray(self.substeps) * span.boxes[:, 3:].astype(np.int64).prod(1)
+        return np.concatenate([[0], np.cumsum(grids)])
 
-    def set_state(self, x: torch.Tensor, v: torch.Tensor, F: torch.Tensor, C: torch.Tensor) -> None:
-        """Put in the state at the frame's start."""
-        for name, value in (("x", x), ("v", v), ("F", F), ("C", C[:, :3])):
-            self._held[name].copy_(value)
-        if self._viscous:
-            self._held["rate"].copy_(C[:, 3:])
-        self._hold("order", self._order(x))
+    def _keep_in(self, kept: int, grids: np.ndarray) -> None:
+        grid = self._kept[kept]
+        self._frames["kept_grids"] = grid.data_ptr() + grids[:-1] * grid.element_size()
 
-    def _order(self, x: torch.Tensor) -> torch.Tensor:
-        """Particles in the order of their cells, so that those of one cell follow each other."""
-        base = torch.floor((x.detach() - self._numbers(self.offset)) / self.cell - 0.5).to(torch.int64)
-        first = torch.tensor(list(self._frame.origin))
-        i, j, k = (base - first).unbind(1)
-        return torch.argsort((i * self._frame.count[1] + j) * self._frame.count[2] + k, stable=True).to(torch.int32)
+    def _point(self, suffix: str, state: State) -> None:
+        """Let the frames read or write a state's arrays."""
+        for name, values in state.named().items():
+            self._frames[f"{name}{suffix}"] = _addresses(values, shared=False)
 
-    def _run(self, kernel: wp.Kernel) -> None:
+    def _run(self, kernel: wp.Kernel, span: Span) -> None:
+        """Run the frames of the rollouts that are alive."""
         self._held["shared"].zero_()
-        launch_on_threads(kernel, self.threads, ctypes.addressof(self._frame))
+        self._next.zero_()
+        frames = self._frames if span.alive.all() else self._frames[span.alive]
+        if len(frames):
+            # one frame of many rollouts is still a thread's own
+            threads = self.threads if self.rollouts == 1 else min(self.threads, len(frames))
+            addresses = (frames.ctypes.data, self._workspaces.ctypes.data, len(frames), self._next.data_ptr())
+            launch_on_threads(kernel, threads, *addresses)
 
-    def forward(self, keep: bool) -> None:
-        """All substeps of the frame, as `start_frame` was told; with `keep` their states and grids stay for the adjoint."""
-        self._held["status"].fill_(_NONE)
-        self._run(self._kernels.forward)
+    # --- adjoints -----------------------------------------------------------------------------------------------
 
-    def failures(self) -> tuple[tuple[int, int] | None, tuple[int, int] | None]:
-        """(substep, particle) of the first particle outside the grid and of the first non-finite one in this frame."""
-        keys = self._held["status"].amin(0).tolist()
-        return tuple(None if key == _NONE else divmod(key, self.particles) for key in keys)
+    def begin_backward(self, spans: Sequence[Span], held: bool) -> None:
+        """Set all adjoints to zero; room is made frame by frame."""
+        for bar in self._bars:
+            bar.zero_()
 
-    def state(self) -> tuple[torch.Tensor, torch.Tensor, torch.Tensor, torch.Tensor]:
-        """x, v, F, C at the frame's end; valid until the next call."""
-        held = self._held
-        inner = torch.cat([held["C"], held["rate"]], 1) if self._viscous else held["C"]
-        return held["x"], held["v"], held["F"], inner
-
-    def backward(self) -> None:
-        """Adjoint of the kept frame: the state's adjoints go from its end to its start; parameters' adjoints grow."""
-        self._run(self._kernels.backward)
-
-    def clear_adjoints(self) -> None:
-        """Set all adjoints to zero."""
-        for name, tensor in self._held.items():
-            if name.endswith("_bar") or name == "sums":
-                tensor.zero_()
-
-    def add_adjoints(self, x_bar: torch.Tensor | None, v_bar: torch.Tensor | None, F_bar: torch.Tensor | None) -> None:
-        """Add derivatives of the loss by the state where the adjoint stands now."""
+    def add_adjoints(self, x_bar: Tensor | None, v_bar: Tensor | None, F_bar: Tensor | None) -> None:
+        """Add derivatives of the loss by the state where the adjoint stands now, each [R, N, ...]."""
         for name, bar in (("x_bar", x_bar), ("v_bar", v_bar), ("F_bar", F_bar)):
             if bar is not None:
                 self._held[name] += bar
 
-    def gradients(self) -> dict[str, torch.Tensor]:
-        """Adjoints of the parameters in use, by name."""
-        held = self._held
-        sums = held["sums"].sum(0)
-        bars = {
-            "youngs_modulus": held["E_bar"].clone(),
-            "poissons_ratio": held["nu_bar"].clone(),
-            "plastic": held["plastic_bar"].clone(),
-            "initial_velocity": held["v_bar"].clone(),
-            "initial_position": held["x_bar"].clone(),
-            "initial_deformation": held["F_bar"].clone(),
-            "gravity": sums[3:6].clone(),
-            "density": held["volume"] * held["mass_bar"],
-            "force": held["load_bar"].clone(),
-            "friction_coefficient": sums[0],
-            "grip_stiffness": sums[1],
-            "grip_damping": sums[2],
-        }
-        for kind in ("elastic", "plastic"):
-            if f"network_{kind}" in self.shapes:
-                bars[f"latent_{kind}"] = held[f"latent_{kind}_bar"].clone()
-                bars[f"network_{kind}"] = held[f"network_{kind}_bar"].sum(0)
-        if self._inertia is not None:
-            bars["gravity"] += self._inertia.gravity_adjoint(held["load_bar"])
-        bars |= law_gradients(self.shapes, held["term_bar"], sums[6:])
-        if "initial_position" in self.shapes:
-            bars["initial_position"][:, 2] += start_height_adjoint(held["term_bar"])
-        return {name: bars[name] for name in self.shapes}
+    def backward(self, span: Span, start: State, led: bool) -> Tensor | None:
+        """Adjoint of a frame; see `stepper.Stepper`."""
+        grids = self._place(span)
+        largest = 0 if span.kept is not None else int(np.diff(grids).max())
+        self._reserve(span.nodes, max(self.substeps) + 1, largest)
+        self._frames["keep_states"] = self._frames["keep_grids"] = 1
+        self._frames["replay"] = span.kept is not None
+        self._point("", start)
+        if span.kept is not None:
+            self._keep_in(span.kept, grids)
+        self._held["controllers_bar"].zero_()
+        self._status.fill_(NOT_FAILED)
+        self._run(self._kernels.backward, span)
+        return self._held["controllers_bar"].sum(1).transpose(0, 1) if led else None
 
-    def controllers_adjoint(self) -> torch.Tensor:
-        """Adjoint of the controller points at both ends of the frame that `backward` went through, shape [2, C, 3]."""
-        return self._held["controllers_bar"].sum(0)
+    def gradients(self) -> dict[str, Tensor]:
+        """Adjoints of the parameters in use by name, with an axis of rollouts."""
+        held = self._held
+        networks = {k: held[f"network_{k}_bar"].sum(1) for k in ("elastic", "plastic") if f"network_{k}" in self.shapes}
+        state_bars = (held["x_bar"], held["v_bar"], held["F_bar"])
+        sums = held["particle_sums"].sum(1), held["node_sums"].sum(1)
+        return self._rows.gradients(held["given_bars"], state_bars, *sums, networks, self._volume, self._inertia)
+
+
+def _addresses(values: Tensor, shared: bool) -> int | np.ndarray:
+    """Of a contiguous tensor, or of each of its rows."""
+    if shared:
+        return values.data_ptr()
+    assert values.is_contiguous(), values.shape
+    row = values[0].numel() * values.element_size()
+    return values.data_ptr() + row * np.arange(len(values))

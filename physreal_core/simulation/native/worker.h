@@ -4,12 +4,11 @@
 // result depends on their number but not on chance.
 #pragma once
 #include "barrier.h"
-#include "frame.h"
 #include "grip.h"
 #include "material.h"
 #include "nodes.h"
 #include "rows.h"
-#include "term_laws/term_laws.h"
+#include "term_laws.h"
 #include "transfers.h"
 
 namespace physreal {
@@ -20,11 +19,10 @@ class Worker : ParticleRows<S> {
     using V = Lanes<S>;
     using Rows = ParticleRows<S>;
     static constexpr int X = 0, VELOCITY = 3, DEFORMATION = 6, AFFINE = 15, RATE = 24;
-    enum Constant { MASS, VOLUME, LOAD, YOUNGS = 5, POISSON, PLASTIC, LATENT = 9 };
-    enum Bar { E_BAR, NU_BAR, PLASTIC_BAR, LATENT_BAR = 4 };
 
 public:
-    Worker(const Frame<S>& frame, int thread)
+    // pass: 0 for a frame, 1 for its adjoint after it; each has a barrier of its own.
+    Worker(const Frame<S>& frame, int thread, int pass)
         : Rows(frame, thread),
           frame_(frame),
           thread_(thread),
@@ -35,11 +33,16 @@ public:
           first_node_(share_of(box_.nodes(), thread, frame.threads)),
           last_node_(share_of(box_.nodes(), thread + 1, frame.threads)),
           scratch_(frame.scratch + 4 * thread * Index(box_.nodes() + 4)),
-          material_(material_arrays(frame, thread)),
-          laws_(frame, thread, term_rows(), input_bars() + TERM_BAR * frame.stride, sums() + NUMBERS_SUM),
-          barrier_(frame.shared, frame.threads, frame.yield_) {}
+          material_(material_arrays<TERMS>(
+              frame, frame.dt, frame.share, frame.network_elastic, frame.network_plastic,
+              frame.network_elastic_bar + thread * frame.weights_elastic,
+              frame.network_plastic_bar + thread * frame.weights_plastic, frame.networks + thread * frame.network_numbers)),
+          laws_(frame, thread),
+          barrier_(frame.shared + 64 * pass, frame.threads, frame.yield_address) {}
 
     void forward() {
+        if (thread_ == 0) sort_particles();
+        barrier_.wait();
         load_model();
         load_state();
         barrier_.wait();
@@ -52,14 +55,13 @@ public:
             barrier_.wait();
             gather_velocity(s);
         }
+        if (frame_.keep_states) return;
         check_state();
         store_state();
     }
 
-    // Adjoint of a frame of which `forward` has kept states and grids, with the same order of particles and number of
-    // threads.
+    // Adjoint of a frame that `forward` has just kept the states and grids of.
     void backward() {
-        load_model();
         load_adjoint();
         barrier_.wait();
         velocities_of_kept(frame_.substeps - 1);
@@ -77,8 +79,8 @@ public:
     }
 
 private:
-    using Rows::add_rows, Rows::clear, Rows::first_, Rows::gather_rows, Rows::last_, Rows::lanes_from, Rows::matrix,
-        Rows::padded_end, Rows::put, Rows::row, Rows::scatter_rows, Rows::vector;
+    using Rows::add_rows, Rows::clear, Rows::first_, Rows::gather_columns, Rows::gather_rows, Rows::last_,
+        Rows::lanes_from, Rows::matrix, Rows::padded_end, Rows::put, Rows::row_of, Rows::scatter_columns, Rows::vector;
 
     const Frame<S>& frame_;
     int thread_;
@@ -89,117 +91,122 @@ private:
     TermLaws<S> laws_;
     Barrier barrier_;
 
-    bool viscous() const { return TERMS && laws_.has(VISCOSITY); }
+    bool viscous() const { return TERMS && laws_.has(term::viscosity); }
     // Rows of the state: with viscosity the mean rate of deformation, 9 of them, stands behind x, v, F and C.
     int state_rows() const { return viscous() ? RATE + 9 : RATE; }
     S* rate(S* state) const { return state + RATE * frame_.stride; }
     const S* rate(const S* state) const { return state + RATE * frame_.stride; }
-    int latents() const { return int(frame_.latent_elastic_size + frame_.latent_plastic_size); }
-    // Rows of the optional laws' parameters (TermRow), and of the inputs' adjoints (InputBar).
-    const S* term_rows() const { return frame_.constants + (LATENT + latents()) * frame_.stride; }
-    S* input_bars() const { return frame_.bars + (LATENT_BAR + latents()) * frame_.stride; }
-    S* sums() const { return frame_.sums + SUMS * thread_; }
+    const S* constants(int r) const { return frame_.constants + r * frame_.stride; }
+    S* input_bars(int r) const { return frame_.bars + (bar::COUNT + r) * frame_.stride; }
+    S* particle_sums() const { return frame_.particle_sums + particle_sum::COUNT * thread_; }
+    S* node_sums() const { return frame_.node_sums + node_sum::COUNT * thread_; }
 
     S* state(Index slot) const { return frame_.state + slot * state_rows() * frame_.stride; }
-    static MaterialArrays<S> material_arrays(const Frame<S>& f, int thread) {
-        auto constant = [&](int r) { return f.constants + r * f.stride; };
-        auto bar = [&](int r) { return f.bars + r * f.stride; };
-        MaterialArrays<S> a;
-        a.E = constant(YOUNGS);
-        a.nu = constant(POISSON);
-        a.plastic = constant(PLASTIC);
-        a.latent_elastic = constant(LATENT);
-        a.latent_plastic = constant(LATENT + int(f.latent_elastic_size));
-        a.network_elastic = f.network_elastic;
-        a.network_plastic = f.network_plastic;
-        a.E_bar = bar(E_BAR);
-        a.nu_bar = bar(NU_BAR);
-        a.plastic_bar = bar(PLASTIC_BAR);
-        a.latent_elastic_bar = bar(LATENT_BAR);
-        a.latent_plastic_bar = bar(LATENT_BAR + int(f.latent_elastic_size));
-        a.network_elastic_bar = f.network_elastic_bar + thread * f.weights_elastic;
-        a.network_plastic_bar = f.network_plastic_bar + thread * f.weights_plastic;
-        a.stride = f.stride;
-        a.dt = f.dt;
-        a.share = f.share;
-        a.beta_elastic = f.beta_elastic;
-        a.beta_plastic = f.beta_plastic;
-        a.strain_scale = f.strain_scale;
-        a.workspace = f.workspace + thread * f.workspace_size;
-        return a;
+
+    typename TermLaws<S>::Arrays law_arrays(const S* now) const {
+        S* bar = frame_.adjoint;
+        return {now + X * frame_.stride, now + VELOCITY * frame_.stride, rate(now), constants(constant::mass),
+                constants(constant::COUNT), bar + X * frame_.stride, bar + VELOCITY * frame_.stride, rate(bar),
+                input_bars(input::mass), input_bars(input::COUNT), particle_sums() + particle_sum::numbers};
+    }
+
+    NodePhase<S> node_phase() const {
+        const Frame<S>& f = frame_;
+        return {f.dt, {f.gravity[0], f.gravity[1], f.gravity[2]}, f.mass_floor, f.touching, f.friction,
+                laws_.has(term::friction_law) ? f.friction_law : nullptr};
+    }
+
+    Grip<S> grip(Index substep) const {
+        const Frame<S>& f = frame_;
+        return {f.grip_controller, f.grip_weight, f.grip_rest_length, f.controllers, f.controller_points,
+                f.grip_stiffness, f.grip_damping, f.grip_softening, S(substep) * f.share, f.frame_rate};
     }
 
     // --- in and out
     // -----------------------------------------------------------------------------------------------------
 
+    // Particles in the order of their cells, those of a cell as the caller counts; one outside the box, which will be found to be,
+    // counts to the first cell.
+    void sort_particles() {
+        const Frame<S>& f = frame_;
+        const int nodes = box_.nodes();
+        int *starts = f.cell_starts, *cells = f.place;
+        for (int n = 0; n <= nodes; n++) starts[n] = 0;
+        for (Index p = 0; p < f.particles; p++) starts[(cells[p] = cell_of(f.x + 3 * p)) + 1]++;
+        for (int n = 0; n < nodes; n++) starts[n + 1] += starts[n];
+        for (Index p = 0; p < f.particles; p++) f.order[starts[cells[p]]++] = int(p);
+    }
+
+    int cell_of(const S* x) const {
+        int at[3];
+        for (int d = 0; d < 3; d++) {
+            const S r = (x[d] - box_.offset[d]) * box_.cells_per_metre - S(box_.origin[d]) - S(0.5);
+            if (!(r >= 0 && r < S(box_.count[d]))) return 0;
+            at[d] = int(r);
+        }
+        return (at[0] * box_.count[1] + at[1]) * box_.count[2] + at[2];
+    }
+
     // The last particle fills the block that is not full; nothing of those lanes is scattered or stored.
     void load_state() {
         const Frame<S>& f = frame_;
         S* s = state(0);
-        gather_rows(s + X * f.stride, f.x, 3);
-        gather_rows(s + VELOCITY * f.stride, f.v, 3);
-        gather_rows(s + DEFORMATION * f.stride, f.F, 9);
-        gather_rows(s + AFFINE * f.stride, f.C, 9);
-        if (viscous()) gather_rows(rate(s), f.rate, 9);
+        gather_columns(s + X * f.stride, f.x, 3);
+        gather_columns(s + VELOCITY * f.stride, f.v, 3);
+        gather_columns(s + DEFORMATION * f.stride, f.F, 9);
+        gather_columns(s + AFFINE * f.stride, f.C, 9);
+        if (viscous()) gather_columns(rate(s), f.rate, 9);
     }
 
     void load_model() {
         const Frame<S>& f = frame_;
-        mark_nodes(f, first_node_, last_node_);
+        mark_nodes();
         for (Index p = first_; p < last_; p++) f.place[f.order[p]] = int(p);
-        S* c = f.constants;
-        gather_rows(c + MASS * f.stride, f.mass, 1);
-        gather_rows(c + VOLUME * f.stride, f.volume, 1);
-        gather_rows(c + LOAD * f.stride, f.load, 3);
-        gather_rows(f.force, f.load, 3);
-        gather_rows(c + YOUNGS * f.stride, f.E, 1);
-        gather_rows(c + POISSON * f.stride, f.nu, 1);
-        gather_rows(c + PLASTIC * f.stride, f.plastic, 2);
-        gather_rows(c + LATENT * f.stride, f.latent_elastic, int(f.latent_elastic_size));
-        gather_rows(c + (LATENT + f.latent_elastic_size) * f.stride, f.latent_plastic, int(f.latent_plastic_size));
-        if constexpr (TERMS) gather_rows(c + (LATENT + latents()) * f.stride, f.term_values, TERM_ROWS);
+        gather_rows(f.constants, f.given, f.constant_rows);
+        gather_rows(f.force, f.given + constant::load * f.particles, 3);
     }
 
     void store_state() const {
         const Frame<S>& f = frame_;
-        const S* s = state(f.keep_states ? f.substeps : 0);
-        scatter_rows(f.x, s + X * f.stride, 3);
-        scatter_rows(f.v, s + VELOCITY * f.stride, 3);
-        scatter_rows(f.F, s + DEFORMATION * f.stride, 9);
-        scatter_rows(f.C, s + AFFINE * f.stride, 9);
-        if (viscous()) scatter_rows(f.rate, rate(s), 9);
+        const S* s = state(0);
+        scatter_columns(f.x_end, s + X * f.stride, 3);
+        scatter_columns(f.v_end, s + VELOCITY * f.stride, 3);
+        scatter_columns(f.F_end, s + DEFORMATION * f.stride, 9);
+        scatter_columns(f.C_end, s + AFFINE * f.stride, 9);
+        if (viscous()) scatter_columns(f.rate_end, rate(s), 9);
     }
 
     void load_adjoint() {
         const Frame<S>& f = frame_;
         S* a = f.adjoint;
-        gather_rows(a + X * f.stride, f.x_bar, 3);
-        gather_rows(a + VELOCITY * f.stride, f.v_bar, 3);
-        gather_rows(a + DEFORMATION * f.stride, f.F_bar, 9);
-        gather_rows(a + AFFINE * f.stride, f.C_bar, 9);
-        if (viscous()) gather_rows(rate(a), f.rate_bar, 9);
+        gather_columns(a + X * f.stride, f.x_bar, 3);
+        gather_columns(a + VELOCITY * f.stride, f.v_bar, 3);
+        gather_columns(a + DEFORMATION * f.stride, f.F_bar, 9);
+        gather_columns(a + AFFINE * f.stride, f.C_bar, 9);
+        if (viscous()) gather_columns(rate(a), f.rate_bar, 9);
         for (int r = 0; r < state_rows(); r++)
             for (Index p = last_; p < padded_end(); p++) a[r * f.stride + p] = 0;
-        clear(f.bars, LATENT_BAR + latents() + (TERMS ? INPUT_BARS : 0));
+        clear(f.bars, f.bar_rows);
     }
 
     void store_adjoint() const {
         const Frame<S>& f = frame_;
-        const S *a = f.adjoint, *b = f.bars;
-        scatter_rows(f.x_bar, a + X * f.stride, 3);
-        scatter_rows(f.v_bar, a + VELOCITY * f.stride, 3);
-        scatter_rows(f.F_bar, a + DEFORMATION * f.stride, 9);
-        scatter_rows(f.C_bar, a + AFFINE * f.stride, 9);
-        if (viscous()) scatter_rows(f.rate_bar, rate(a), 9);
-        add_rows(f.E_bar, b + E_BAR * f.stride, 1);
-        add_rows(f.nu_bar, b + NU_BAR * f.stride, 1);
-        add_rows(f.plastic_bar, b + PLASTIC_BAR * f.stride, 2);
-        add_rows(f.latent_elastic_bar, b + LATENT_BAR * f.stride, int(f.latent_elastic_size));
-        add_rows(f.latent_plastic_bar, b + (LATENT_BAR + f.latent_elastic_size) * f.stride, int(f.latent_plastic_size));
-        if constexpr (TERMS) {
-            add_rows(f.mass_bar, input_bars() + MASS_BAR * f.stride, 1);
-            add_rows(f.load_bar, input_bars() + FORCE_BAR * f.stride, 3);
-            add_rows(f.term_bar, input_bars() + TERM_BAR * f.stride, TERM_ROWS);
+        const S* a = f.adjoint;
+        scatter_columns(f.x_bar, a + X * f.stride, 3);
+        scatter_columns(f.v_bar, a + VELOCITY * f.stride, 3);
+        scatter_columns(f.F_bar, a + DEFORMATION * f.stride, 9);
+        scatter_columns(f.C_bar, a + AFFINE * f.stride, 9);
+        if (viscous()) scatter_columns(f.rate_bar, rate(a), 9);
+        add_rows(f.given_bars, f.bars, f.bar_rows);
+    }
+
+    void mark_nodes() {
+        const Frame<S>& f = frame_;
+        const Scene<S> scene = {{f.offset[0], f.offset[1], f.offset[2]}, f.cell, f.clamps, f.has_ground,
+                                f.clamp_lower, f.clamp_upper};
+        for (Index n = first_node_; n < last_node_; n++) {
+            const Index k = n % f.count[2], j = n / f.count[2] % f.count[1], i = n / (f.count[1] * f.count[2]);
+            f.kind[n] = scene.kind_of(i + f.origin[0], j + f.origin[1], k + f.origin[2], f.origin[2]);
         }
     }
 
@@ -211,32 +218,51 @@ private:
     // APIC's m (v + C n) w, and - dt V tau grad w.
     FieldBlock<S> momentum_field(Index p, const Vec3<V>& momentum, const Mat3<V>& C, const Mat3<V>& tau,
                                  const Stencil<S>& stencil) const {
-        V m = row(frame_.constants, MASS, p), volume = row(frame_.constants, VOLUME, p);
+        V m = row_of(constants(constant::mass), 0, p), volume = row_of(constants(constant::volume), 0, p);
         return {momentum, m, (m * (frame_.cell / 4)) * C, (volume * (-frame_.dt / frame_.cell)) * tau, stencil};
     }
     Vec3<V> pushed_momentum(Index p, const S* s) const {
-        V m = row(frame_.constants, MASS, p);
+        V m = row_of(constants(constant::mass), 0, p);
         Vec3<V> q;
-        for (int d = 0; d < 3; d++) q.v[d] = m * row(s, VELOCITY + d, p) + frame_.dt * row(frame_.force, d, p);
+        for (int d = 0; d < 3; d++) q.v[d] = m * row_of(s, VELOCITY + d, p) + frame_.dt * row_of(frame_.force, d, p);
         return q;
     }
 
     // Forces on the thread's particles in a substep, into frame.force.
     void apply_forces(Index s, const S* now) {
-        const S* before_grip = frame_.constants + LOAD * frame_.stride;
-        if (TERMS && laws_.has_forces()) {
-            laws_.forces(now + X * frame_.stride, now + VELOCITY * frame_.stride,
-                         frame_.constants + MASS * frame_.stride, before_grip);
+        const S* before_grip = constants(constant::load);
+        if (TERMS && laws_.has(ForceTerms::TERMS)) {
+            laws_.forces(law_arrays(now), before_grip);
             before_grip = frame_.force;
         }
-        grip_forces(frame_, s, now, before_grip, first_, last_);
+        const Grip<S> bonds = grip(s);
+        for_gripped([&](Index place, Index first, Index end) {
+            put_at(frame_.force, place, bonds.force(first, end, at(now, X, place), at(now, VELOCITY, place), at(before_grip, 0, place)));
+        });
+    }
+
+    // Calls visit(particle's place, first bond, last bond) for the thread's gripped particles.
+    template <class Visit>
+    void for_gripped(Visit visit) const {
+        for (Index q = 0; q < frame_.gripped; q++) {
+            const Index place = frame_.place[frame_.grip_particle[q]];
+            if (place >= first_ && place < last_) visit(place, frame_.grip_first[q], frame_.grip_first[q + 1]);
+        }
+    }
+    // Three rows of one particle.
+    Vec3<S> at(const S* rows, int r, Index place) const {
+        const S* from = rows + r * frame_.stride + place;
+        return {{from[0], from[frame_.stride], from[2 * frame_.stride]}};
+    }
+    void put_at(S* rows, Index place, const Vec3<S>& value) const {
+        for (int d = 0; d < 3; d++) rows[d * frame_.stride + place] = value[d];
     }
 
     // The stress of a block with that of the optional laws.
     template <class Stress>
     Mat3<V> all_stress(Index p, const Stress& stress, const Mat3<V>& F, const S* now) const {
         if constexpr (TERMS)
-            return laws_.stress(p, F, rate(now), stress.tau);
+            return laws_.stress(law_arrays(now), p, F, stress.tau);
         else
             return stress.tau;
     }
@@ -249,7 +275,7 @@ private:
         for (Index p = first_; p < last_; p += LANES) {
             Vec3<V> x = vector(now, X, p), momentum = pushed_momentum(p, now);
             Mat3<V> F = matrix(now, DEFORMATION, p);
-            auto stress = material_.stress(int(p), F);
+            auto stress = material_.stress(p, F);
             Stencil<S> stencil(x.v, box_);
             const auto field =
                 momentum_field(p, momentum, matrix(now, AFFINE, p), all_stress(p, stress, F, now), stencil);
@@ -261,12 +287,27 @@ private:
     }
 
     void update_nodes(Index s) {
-        const auto sum_at = [&](Index n) { return summed(frame_, box_.nodes(), n); };
+        const NodePhase<S> phase = node_phase();
+        const auto sum_at = [&](Index n) { return summed(n); };
         for (Index n = first_node_; n < last_node_; n++) {
-            Node<S> p = sum_at(n);
+            Node<S> p = summed(n);
             if (frame_.keep_grids) write(frame_.momentum + 4 * (s * box_.nodes() + n), p);
-            write(frame_.velocity + 4 * n, node_velocity(frame_, p, kind_now(frame_, n, p, sum_at)));
+            write(frame_.velocity + 4 * n, phase.velocity(p, kind_now(phase, n, p, sum_at)));
         }
+    }
+
+    // Sum of the threads' grids at a node.
+    Node<S> summed(Index n) const {
+        Node<S> p = read<Node<S>>(frame_.scratch + 4 * n);
+        for (Index t = 1; t < frame_.threads; t++)
+            p += read<Node<S>>(frame_.scratch + 4 * (t * (box_.nodes() + 4) + n));
+        return p;
+    }
+
+    // at(n): (momentum, mass) of node n.
+    template <class At>
+    unsigned char kind_now(const NodePhase<S>& phase, Index n, const Node<S>& p, const At& at) const {
+        return phase.kind_now(frame_.kind[n], p[3], [&] { return at(n - 1)[3]; });
     }
 
     template <bool ADJOINT>
@@ -287,7 +328,7 @@ private:
             Vec3<V> v = moments.value();
             Mat3<V> C = (1 / frame_.cell) * moments.offset_moments(stencil), F = matrix(now, DEFORMATION, p);
             F = F + (frame_.dt / frame_.cell) * (moments.gradient() * F);
-            if constexpr (Material::flows) F = material_.flow(int(p), F);
+            if constexpr (Material::flows) F = material_.flow(p, F);
             for (int d = 0; d < 3; d++) put(next, X + d, p, x.v[d] + frame_.dt * v.v[d]);
             put(next, VELOCITY, p, v);
             put(next, DEFORMATION, p, F);
@@ -333,12 +374,33 @@ private:
         return failed;
     }
 
+    // Failures at the frame's end, and the motion's bounds there.
     void check_state() {
-        const S* end = state(frame_.keep_states ? frame_.substeps : 0);
+        const S* end = state(0);
+        const S frame_time = 1 / frame_.frame_rate;
+        V lower[3], upper[3], square = {};
+        for (int d = 0; d < 3; d++) lower[d] = upper[d] = row_of(end, X + d, first_);
         for (Index p = first_; p < last_; p += LANES) {
-            Vec3<V> x = vector(end, X, p);
-            fails(frame_.substeps, p, Stencil<S>(x.v, box_), x, vector(end, VELOCITY, p), matrix(end, DEFORMATION, p));
+            const Vec3<V> x = vector(end, X, p), v = vector(end, VELOCITY, p);
+            fails(frame_.substeps, p, Stencil<S>(x.v, box_), x, v, matrix(end, DEFORMATION, p));
+            for (int d = 0; d < 3; d++) {
+                const V ahead = x[d] + frame_time * v[d];
+                lower[d] = min(lower[d], min(x[d], ahead));
+                upper[d] = max(upper[d], max(x[d], ahead));
+            }
+            square = max(square, dot(v, v));
         }
+        S* bounds = frame_.bounds + 7 * thread_;
+        for (int d = 0; d < 3; d++) {
+            bounds[d] = -largest(-lower[d]);
+            bounds[3 + d] = largest(upper[d]);
+        }
+        bounds[6] = sqrt(largest(square));
+    }
+    static S largest(V values) {
+        S found = values[0];
+        for (int l = 1; l < LANES; l++) found = max(found, values[l]);
+        return found;
     }
 
     // --- adjoint
@@ -349,10 +411,11 @@ private:
     }
 
     void velocities_of_kept(Index s) {
+        const NodePhase<S> phase = node_phase();
         const auto kept_at = kept_of(s);
         for (Index n = first_node_; n < last_node_; n++) {
             Node<S> p = kept_at(n);
-            write(frame_.velocity + 4 * n, node_velocity(frame_, p, kind_now(frame_, n, p, kept_at)));
+            write(frame_.velocity + 4 * n, phase.velocity(p, kind_now(phase, n, p, kept_at)));
         }
     }
 
@@ -368,9 +431,9 @@ private:
             Stencil<S> stencil(x.v, box_);
             const auto moments = gathered<true>(frame_.velocity, stencil, p);
             Mat3<V> step = (frame_.dt / frame_.cell) * moments.gradient();
-            if constexpr (Material::flows) F_bar = material_.flow_adjoint(int(p), F + step * F, F_bar);
+            if constexpr (Material::flows) F_bar = material_.flow_adjoint(p, F + step * F, F_bar);
             Vec3<V> q;
-            for (int d = 0; d < 3; d++) q.v[d] = row(bar, VELOCITY + d, p) + frame_.dt * row(bar, X + d, p);
+            for (int d = 0; d < 3; d++) q.v[d] = row_of(bar, VELOCITY + d, p) + frame_.dt * row_of(bar, X + d, p);
             const FieldBlock<S> field(q, V{}, (1 / frame_.cell) * C_bar,
                                       (frame_.dt / frame_.cell) * (F_bar * transpose(F)), stencil);
             for (int l = 0; l < lanes_from(p); l++)
@@ -384,40 +447,40 @@ private:
     // slope: per cell.
     void add_position_bar(Index p, const Vec3<V>& slope) {
         for (int d = 0; d < 3; d++)
-            put(frame_.adjoint, X + d, p, row(frame_.adjoint, X + d, p) + slope[d] * (1 / frame_.cell));
+            put(frame_.adjoint, X + d, p, row_of(frame_.adjoint, X + d, p) + slope[d] * (1 / frame_.cell));
     }
 
     void update_nodes_adjoint(Index s) {
+        const NodePhase<S> phase = node_phase();
         const auto kept_at = kept_of(s);
         FrictionBar<S> friction_bar = {};
         Node<S> gravity_bar = {};
         for (Index n = first_node_; n < last_node_; n++) {
             Node<S> p = kept_at(n);
-            Node<S> b = summed(frame_, box_.nodes(), n);
-            Node<S> p_bar = node_adjoint(frame_, p, kind_now(frame_, n, p, kept_at), b, friction_bar);
+            Node<S> p_bar = phase.adjoint(p, kind_now(phase, n, p, kept_at), summed(n), friction_bar);
             write(frame_.node_bar + 4 * n, p_bar);
             // gravity acts on the velocity as momentum / mass does, dt times
             if constexpr (TERMS) gravity_bar += (frame_.dt * p[3]) * p_bar;
         }
-        sums()[FRICTION_SUM] += friction_bar.dynamic;
-        if constexpr (TERMS)
-            for (int d = 0; d < 3; d++) {
-                sums()[GRAVITY_SUM + d] += gravity_bar[d];
-                sums()[NUMBERS_SUM + FRICTION_SHAPE + d] += friction_bar.law[d];
-            }
+        S* sums = node_sums();
+        sums[node_sum::friction_coefficient] += friction_bar.dynamic;
+        for (int d = 0; TERMS && d < 3; d++) {
+            sums[node_sum::gravity + d] += gravity_bar[d];
+            sums[node_sum::friction_law + d] += friction_bar.law[d];
+        }
     }
 
     void gather_momentum_bar(Index s) {
-        const S *now = state(s), *mass = frame_.constants + MASS * frame_.stride;
+        const S* now = state(s);
         S* bar = frame_.adjoint;
         apply_forces(s, now);
         for (Index p = first_; p < last_; p += LANES) {
             Vec3<V> x = vector(now, X, p), momentum = pushed_momentum(p, now);
             Mat3<V> F = matrix(now, DEFORMATION, p);
-            auto stress = material_.stress(int(p), F);
+            auto stress = material_.stress(p, F);
             Mat3<V> C = matrix(now, AFFINE, p);
             Stencil<S> stencil(x.v, box_);
-            V m = load(mass + p), volume = row(frame_.constants, VOLUME, p);
+            V m = row_of(constants(constant::mass), 0, p), volume = row_of(constants(constant::volume), 0, p);
             const auto moments = gathered<true>(frame_.node_bar, stencil, p);
             Vec3<V> q_bar = moments.value();
             Mat3<V> apic_bar = moments.offset_moments(stencil);
@@ -427,53 +490,101 @@ private:
             put(bar, AFFINE, p, (m * (frame_.cell / 4)) * apic_bar);
             Mat3<V> F_bar = matrix(bar, DEFORMATION, p);
             Mat3<V> tau_bar = (volume * (-frame_.dt / frame_.cell)) * moments.gradient();
-            material_.stress_adjoint(int(p), stress, F, tau_bar, F_bar);
-            if constexpr (TERMS) laws_.stress_adjoint(p, F, rate(now), tau_bar, F_bar, rate(bar));
+            material_.stress_adjoint(p, stress, F, tau_bar, F_bar);
+            if constexpr (TERMS) laws_.stress_adjoint(law_arrays(now), p, F, tau_bar, F_bar);
             put(bar, DEFORMATION, p, F_bar);
             if constexpr (TERMS) inputs_adjoint(p, vector(now, VELOCITY, p), C, q_bar, moments.fourth_value(), apic_bar);
         }
-        S* controllers_bar = frame_.controllers_bar + 6 * thread_ * frame_.controller_points;
-        grip_forces_adjoint<TERMS>(frame_, s, now, mass, first_, last_, sums(), controllers_bar);
-        if (TERMS && laws_.has_forces())
-            laws_.forces_adjoint(now + X * frame_.stride, now + VELOCITY * frame_.stride, mass, bar + X * frame_.stride,
-                                 bar + VELOCITY * frame_.stride, input_bars() + MASS_BAR * frame_.stride);
+        grip_adjoint(s, now);
+        if (TERMS && laws_.has(ForceTerms::TERMS)) laws_.forces_adjoint(law_arrays(now));
+    }
+
+    // Without optional terms v_bar = m q_bar on entry, of which the force's adjoint is dt q_bar; with them that stands in
+    // frame.force_bar.
+    void grip_adjoint(Index s, const S* now) {
+        const Grip<S> bonds = grip(s);
+        S* bar = frame_.adjoint;
+        S* points_bar = frame_.controllers_bar + 6 * thread_ * frame_.controller_points;
+        const auto add_point = [&](int end, int controller, int axis, S value) {
+            points_bar[3 * (end * frame_.controller_points + controller) + axis] += value;
+        };
+        for_gripped([&](Index place, Index first, Index last) {
+            const Vec3<S> v_bar = at(bar, VELOCITY, place);
+            const Vec3<S> f_bar =
+                TERMS ? at(frame_.force_bar, 0, place) : (frame_.dt / constants(constant::mass)[place]) * v_bar;
+            const auto back = bonds.adjoint(first, last, at(now, X, place), at(now, VELOCITY, place), f_bar, add_point);
+            put_at(bar + X * frame_.stride, place, at(bar, X, place) + back.x);
+            put_at(bar + VELOCITY * frame_.stride, place, v_bar + back.v);
+            particle_sums()[particle_sum::grip_stiffness] += back.stiffness;
+            particle_sums()[particle_sum::grip_damping] += back.damping;
+        });
     }
 
     // Adjoints of mass and force in m v + dt f, m and the affine momentum, from those of the three.
     void inputs_adjoint(Index p, const Vec3<V>& v, const Mat3<V>& C, const Vec3<V>& q_bar, V carried_bar,
                         const Mat3<V>& apic_bar) {
-        S* bars = input_bars();
-        put(bars, MASS_BAR, p, row(bars, MASS_BAR, p) + carried_bar + dot(v, q_bar) + (frame_.cell / 4) * dot(C, apic_bar));
+        S *mass_bar = input_bars(input::mass), *load_bar = input_bars(input::load);
+        put(mass_bar, 0, p,
+            row_of(mass_bar, 0, p) + carried_bar + dot(v, q_bar) + (frame_.cell / 4) * dot(C, apic_bar));
         for (int d = 0; d < 3; d++) {
             V force_bar = frame_.dt * q_bar[d];
             put(frame_.force_bar, d, p, force_bar);
-            put(bars, FORCE_BAR + d, p, row(bars, FORCE_BAR + d, p) + force_bar);
+            put(load_bar, d, p, row_of(load_bar, d, p) + force_bar);
         }
     }
 };
 
 template <class S, bool TERMS, template <class> class Elastic, class Plastic, class ElasticNetwork,
           class PlasticNetwork>
-inline void forward_frame(unsigned long long frame, int thread) {
-    Worker<S, TERMS, Material<S, Elastic, Plastic, ElasticNetwork, PlasticNetwork>>(
-        *reinterpret_cast<const Frame<S>*>(frame), thread)
-        .forward();
+using WorkerOf = Worker<S, TERMS, Material<Lanes<S>, Elastic, Plastic, ElasticNetwork, PlasticNetwork>>;
+
+// Calls run(frame, thread within it) for the frames: one is shared by all threads, of many each thread takes one after the other.
+template <class S, class Run>
+inline void for_frames(unsigned long long frames, unsigned long long workspaces, int count, unsigned long long next,
+                       int thread, Run run) {
+    const auto all = reinterpret_cast<const Frame<S>*>(frames);
+    const auto work = reinterpret_cast<const Workspace<S>*>(workspaces);
+    const auto frame_on = [&](int i, int workspace) {
+        Frame<S> frame = all[i];
+        static_cast<Workspace<S>&>(frame) = work[workspace];
+        if (frame.kept_grids) frame.momentum = frame.kept_grids;
+        return frame;
+    };
+    if (count == 1) return run(frame_on(0, 0), thread);
+    for (;;) {
+        const int i = __atomic_fetch_add(reinterpret_cast<int*>(next), 1, __ATOMIC_RELAXED);
+        if (i >= count) return;
+        const Frame<S> frame = frame_on(i, thread);
+        __builtin_memset(frame.shared, 0, 128 * sizeof(int));
+        run(frame, 0);
+    }
 }
 
 template <class S, bool TERMS, template <class> class Elastic, class Plastic, class ElasticNetwork,
           class PlasticNetwork>
-inline void backward_frame(unsigned long long frame, int thread) {
-    Worker<S, TERMS, Material<S, Elastic, Plastic, ElasticNetwork, PlasticNetwork>>(
-        *reinterpret_cast<const Frame<S>*>(frame), thread)
-        .backward();
+inline void forward_frames(unsigned long long frames, unsigned long long workspaces, int count, unsigned long long next,
+                           int thread) {
+    for_frames<S>(frames, workspaces, count, next, thread, [](const Frame<S>& frame, int own) {
+        WorkerOf<S, TERMS, Elastic, Plastic, ElasticNetwork, PlasticNetwork>(frame, own, 0).forward();
+    });
 }
 
-// Bytes of a frame, and numbers of workspace that a thread needs.
 template <class S, bool TERMS, template <class> class Elastic, class Plastic, class ElasticNetwork,
           class PlasticNetwork>
-inline void measure_frame(Index* sizes) {
-    sizes[0] = sizeof(Frame<S>);
-    sizes[1] = Material<S, Elastic, Plastic, ElasticNetwork, PlasticNetwork>::workspace_size;
+inline void backward_frames(unsigned long long frames, unsigned long long workspaces, int count,
+                            unsigned long long next, int thread) {
+    using Work = WorkerOf<S, TERMS, Elastic, Plastic, ElasticNetwork, PlasticNetwork>;
+    for_frames<S>(frames, workspaces, count, next, thread, [](const Frame<S>& frame, int own) {
+        Work(frame, own, 0).forward();
+        Work(frame, own, 1).backward();
+    });
+}
+
+// Numbers that a thread needs for the networks' adjoints.
+template <class S, bool TERMS, template <class> class Elastic, class Plastic, class ElasticNetwork,
+          class PlasticNetwork>
+inline void network_numbers(Index* size) {
+    size[0] = Material<Lanes<S>, Elastic, Plastic, ElasticNetwork, PlasticNetwork>::workspace_size;
 }
 
 }  // namespace physreal

@@ -1,0 +1,62 @@
+"""The layout that C++ and Python share, as C++ text: bits of the terms, rows, the optional laws' headers, a form's structures."""
+
+from pathlib import Path
+
+from physreal_core.simulation.config import SimulationConfig
+from physreal_core.simulation.laws import ResidualConfig
+from physreal_core.simulation.layout import Structure
+from physreal_core.simulation.particle_rows import (
+    BARS,
+    CONSTANTS,
+    INPUTS,
+    NODE_SUMS,
+    NUMBERS,
+    PARTICLE_SUMS,
+    TERM_ROWS,
+)
+from physreal_core.simulation.terms import FORCE_TERMS, STRESS_TERMS
+
+LAWS_FOLDER = Path(__file__).parent / "laws"
+LAW_TERMS = (*FORCE_TERMS, *STRESS_TERMS, "friction_law")
+"""Terms by their bits."""
+
+
+def term_bits(terms: tuple[str, ...]) -> int:
+    """The bits of a configuration's terms that have a law."""
+    return sum(1 << bit for bit, term in enumerate(LAW_TERMS) if term in terms)
+
+
+def class_name(name: str) -> str:
+    """C++ class of a law: fixed_corotated is FixedCorotated."""
+    return "".join(word.capitalize() for word in name.split("_"))
+
+
+def layout_text(*structures: Structure) -> str:
+    """C++ before a form's headers; `number.h`, and for vectors `lanes.h`, stand before it."""
+    bits = ", ".join(f"{term} = {1 << bit}" for bit, term in enumerate(LAW_TERMS))
+    rows = "".join(r.cpp() for r in (CONSTANTS, BARS, INPUTS, TERM_ROWS, NUMBERS, PARTICLE_SUMS, NODE_SUMS))
+    headers = "".join(f'#include "terms/{term}.h"\n' for term in FORCE_TERMS + STRESS_TERMS)
+    lists = "".join(
+        f"using {name} = TermList<{', '.join(map(class_name, terms))}>;\n"
+        for name, terms in (("ForceTerms", FORCE_TERMS), ("StressTerms", STRESS_TERMS))
+    )
+    return (
+        f"namespace physreal {{\nnamespace term {{\nenum : Index {{ {bits} }};\n}}\n{rows}}}\n"
+        f"{headers}namespace physreal {{\n{lists}{''.join(s.cpp() for s in structures)}}}\n"
+    )
+
+
+def material_arguments(config: SimulationConfig) -> str:
+    """Template arguments of the laws: elastic, plastic, and their networks."""
+    networks = (_network(config.elastic_residual), _network(config.plastic_residual))
+    names = (*(class_name(law) for law in (config.elastic_law, config.plastic_law)), *networks)
+    return ", ".join(f"physreal::{name}" for name in names)
+
+
+def law_headers(config: SimulationConfig) -> str:
+    """Includes of the laws."""
+    return f'#include "elastic/{config.elastic_law}.h"\n#include "plastic/{config.plastic_law}.h"\n'
+
+
+def _network(residual: ResidualConfig | None) -> str:
+    return "NoNetwork" if residual is None else f"Network<{residual.latent_size}, {residual.hidden}>"

@@ -29,14 +29,3 @@ def scalar_types(dtype: str) -> ScalarTypes:
     if dtype == "float32":
         return ScalarTypes(dtype, wp.float32, wp.vec2f, wp.vec3f, wp.vec4f, wp.mat33f, torch.float32)
     return ScalarTypes(dtype, wp.float64, wp.vec2d, wp.vec3d, wp.vec4d, wp.mat33d, torch.float64)
-
-
-def kernel_module(family: str, dtype: str) -> wp.Module:
-    """Warp module of one kernel family and width: compiled by itself, without Warp's own adjoints (ours are by hand).
-
-    On the CPU products and sums may fuse, as they do on CUDA by default: a tenth faster.
-    """
-    module = wp.get_module(f"physreal_{family}_{dtype}")
-    flags = f"{wp.config.cpu_compiler_flags} -ffp-contract=fast"
-    wp.set_module_options({"enable_backward": False, "cpu_compiler_flags": flags}, module=module)
-    return module

@@ -15,11 +15,12 @@ from physreal_core.errors import InputError
 from physreal_core.native import on_side_stream
 from physreal_core.simulation.body import Body, Clamp, Grip, PointLoad
 from physreal_core.simulation.config import SimulationConfig
-#CUDA from physreal_core.simulation.cuda.stepper import CudaStepper
+from physreal_core.simulation.cuda import CudaStepper
 from physreal_core.simulation.frames import Frames, Progress
 from physreal_core.simulation.native import NativeStepper
 from physreal_core.simulation.parameters import PARAMETER_NAMES, BatchStates, Parameters, States, complete
 from physreal_core.simulation.play import Player
+from physreal_core.simulation.stepper import Stepper
 from physreal_core.simulation.terms import dormant_values
 from physreal_core.simulation.timestep import substeps_per_frame
 
@@ -127,11 +128,7 @@ class Simulator:
 
     def _frames(self, rollouts: int = 1) -> Frames:
         """A frame loop on a form of the step of its own."""
-        if self.config.device == "cpu":
-            threads = self._threads if rollouts == 1 else None
-            stepper = NativeStepper(*self._scene, rollouts=rollouts, threads=threads)
-        else:
-            stepper = CudaStepper(*self._scene, rollouts=rollouts)
+        stepper = make_stepper(*self._scene, rollouts=rollouts, threads=self._threads if rollouts == 1 else None)
         return Frames(self.body, self.config, stepper, self._substeps_of)
 
     def _stream(self) -> AbstractContextManager:
@@ -182,6 +179,27 @@ class Simulator:
             frame = int((~torch.isfinite(points)).flatten(1).any(1).nonzero()[0])
             raise InputError("a point is not finite", where=f"controllers, frame {frame}")
         return points
+
+
+def make_stepper(
+    body: Body,
+    config: SimulationConfig,
+    grip: Grip | None,
+    clamps: tuple[Clamp, ...],
+    loads: tuple[PointLoad, ...],
+    rollouts: int = 1,
+    threads: int | None = None,
+) -> Stepper:
+    """The form of the step that suits the device.
+
+    Args:
+        body, config, grip, clamps, loads: as for `Simulator`.
+        rollouts: how many at once.
+        threads: on the CPU; None for the form's own choice.
+    """
+    if config.device == "cpu":
+        return NativeStepper(body, config, grip, clamps, loads, rollouts, threads)
+    return CudaStepper(body, config, grip, clamps, loads, rollouts)
 
 
 @contextmanager

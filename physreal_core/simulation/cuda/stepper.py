@@ -1,33 +1,39 @@
 """One frame of substeps of many rollouts of one body at once, forward and adjoint, as CUDA graphs.
 
-It offers what `stepper.Stepper` does with a leading axis of rollouts on every array, and more: the order of particles,
-and frames that are kept. Rollouts, states and gradients are given and taken in the caller's order. The kernels run on the
-CPU too, launch by launch, for the tests.
+Particles are put in the order of their cells now and then; states and gradients are given and taken in the caller's order. The
+kernels run on the CPU too, launch by launch, for the tests.
 """
 
 import os
+from collections.abc import Callable, Sequence
+from dataclasses import replace
 
+import numpy as np
 import torch
 import warp as wp
 
-from physreal_core.array_types import Array, Int
+from physreal_core.array_types import Array, Bool, Float, Int, Tensor
 from physreal_core.errors import InputError
 from physreal_core.simulation.body import Body, Clamp, Grip, PointLoad
-from physreal_core.simulation.box import LARGEST_EDGE, lattice_offset
+from physreal_core.simulation.box import LARGEST_EDGE, largest_box, lattice_offset, small_enough
 from physreal_core.simulation.config import SimulationConfig
 from physreal_core.simulation.cuda.launches import FrameLaunches
 from physreal_core.simulation.cuda.model import BodyModel
-from physreal_core.simulation.cuda.report import COLUMNS
 from physreal_core.simulation.parameters import Parameters
+from physreal_core.simulation.particle_rows import NODE_SUMS
 from physreal_core.simulation.scalars import scalar_types
-from physreal_core.simulation.terms import inner_shape
+from physreal_core.simulation.stepper import Report, Span, State
 
 KEPT_SHARE = 0.25
 """Share of a GPU's memory for frames whose substeps are kept for the backward pass. 20 frames of 50 substeps of 20 000
 particles take 3 GB; images and networks of a fit want the rest. On the CPU nothing is kept."""
 CARD_SHARE = "PHYSREAL_CARD_SHARE"
 """Environment variable: share of a GPU that this process may use, 1 by default. Half of it goes to kept frames at most."""
-LARGEST_STRIDE = 2**31 - 1  # bytes from one slot to the next: Warp's arrays have them as 32-bit integers
+MOST_NODES = 2**31 - 1  # of all rollouts: threads count them as 32-bit integers
+REPORT_COLUMNS = 9  # of report.h
+SORT_FRAMES = 32
+"""Frames after which particles are put in the order of their cells again. On an H200 sorting every frame costs 20 000
+particles a third of their speed and a million 4 %; an elastic body's order stays good, one that flows loses it slowly."""
 NODE_RESERVE = 1.2  # boxes grow as a body deforms, and new arrays mean new graphs
 ROOMY = 16  # arrays for boxes of so many times the nodes are given back when a rollout begins
 GRAPHS = 12  # kept at once; each number of substeps needs up to four
@@ -56,13 +62,12 @@ class CudaStepper:
     the state after s substeps; behind the kept frames lie the working slots, for all other frames.
 
     Attributes:
-        shapes: full shape of every parameter in use by name, without the axis of rollouts.
         order: the caller's number (rollout x particles + particle) of each particle, shape [P].
         kept_bytes: memory that kept frames may take.
-        most_nodes: of a rollout's box, so that all fit into arrays.
-        inner_shape: of what a particle carries beside x, v and F, see `terms.inner_shape`.
-        holder: whose frames are kept; None if nobody's.
+        most_nodes: of a rollout's box, so that the nodes of all can be counted.
     """
+
+    in_step = True
 
     def __init__(
         self,
@@ -77,16 +82,17 @@ class CudaStepper:
         self.particles, self.rollouts, self.cell = len(body.x0), rollouts, body.cell
         self.offset = lattice_offset(body, config.ground_height, clamps)
         self.model = BodyModel(body, config, grip, clamps, loads, rollouts, self.offset)
-        self.shapes, self.inner_shape = self.model.shapes, inner_shape(config.terms)
+        self.shapes, self.viscous = self.model.shapes, self.model.viscous
         self.substeps = self.slots = self.nodes = self.kept_slots = 0
         self.kept_bytes = 0 if self.device == "cpu" else kept_bytes_of(self.device)
-        self.most_nodes = int(LARGEST_STRIDE / (NODE_RESERVE * 4 * self.types.torch_dtype.itemsize * rollouts))
+        self.most_nodes = int(MOST_NODES / (NODE_RESERVE * rollouts))
         self.holder: object | None = None
         self.order = torch.arange(rollouts * self.particles, device=self.device)
-        self._report = torch.zeros(rollouts, COLUMNS, dtype=torch.int64, device=self.device)
+        self._report = torch.zeros(rollouts, REPORT_COLUMNS, dtype=torch.int64, device=self.device)
         self._first = torch.zeros(1, dtype=torch.int32, device=self.device)
         self._slot = 0
-        self._placed: tuple[int, torch.Tensor | None] = (0, None)  # slot and boxes that the device knows
+        self._boxes: np.ndarray | None = None  # that the device knows
+        self._fresh = True  # whether the state has to be put in anew
         self._launches: FrameLaunches | None = None
         self._graphs: dict[tuple[str, int], wp.Graph] = {}
         self._lattice = torch.as_tensor(self.offset, dtype=self.types.torch_dtype, device=self.device)
@@ -94,8 +100,8 @@ class CudaStepper:
     # --- memory -------------------------------------------------------------------------------------------------
 
     def frame_bytes(self, nodes: int) -> int:
-        """Bytes of a kept frame: 24 numbers a particle, what it carries besides, and 4 a node, for each substep."""
-        own = 24 + 3 * self.inner_shape[0]
+        """Bytes of a kept frame: the state of a particle, and 4 numbers a node, for each substep."""
+        own = 33 if self.viscous else 24
         numbers = self.rollouts * (own * self.particles + 4 * max(int(NODE_RESERVE * nodes), self.nodes))
         return (self.substeps + 1) * numbers * self.types.torch_dtype.itemsize
 
@@ -110,6 +116,7 @@ class CudaStepper:
         Returns:
             How many will be kept: fewer where others have taken the memory.
         """
+        self._release(nodes)
         kept = min(frames, self.kept_bytes // self.frame_bytes(nodes))
         self.holder, self.kept_slots = None, 0
         while True:
@@ -125,7 +132,7 @@ class CudaStepper:
             self.holder, self.kept_slots = holder, slots
         return kept
 
-    def release(self, nodes: int) -> None:
+    def _release(self, nodes: int) -> None:
         """Give back arrays for boxes many times as large as `nodes` nodes: a rollout before this one nearly ran away."""
         if self.nodes > ROOMY * nodes:
             self._forget()
@@ -143,21 +150,52 @@ class CudaStepper:
         if working <= self.slots and nodes <= self.nodes:
             return True
         slots, nodes = max(self.slots, working), int(NODE_RESERVE * nodes) if nodes > self.nodes else self.nodes
-        node_bars = self._node_bars()  # a backward pass may be under way
+        node_sums = self._node_sums()  # a backward pass may be under way
         self._forget()
-        self._launches = FrameLaunches(self.model, slots, nodes, self._first, self._report.view(-1))
+        self._launches = FrameLaunches(self.model, slots, nodes, self._first, self._report)
         self.slots, self.nodes = slots, nodes
-        for name, bar in node_bars.items():
-            self._launches.node_bars[name].unflatten(0, (self.rollouts, -1))[:, 0] = bar
+        self._launches.node_sums.unflatten(1, (self.rollouts, -1))[:, :, 0] = node_sums.T
         return True
 
-    # --- one rollout --------------------------------------------------------------------------------------------
+    def fitting(self, count: Float[Array, "rollouts 3"]) -> tuple[Bool[Array, " rollouts"], Float[Array, "rollouts 3"]]:
+        """Whose boxes are small enough, also for the one shape that all of them get: the largest do not fit."""
+        largest = min(largest_box(self.particles), self.most_nodes)
+        fits = small_enough(count, largest)
+        while fits.any() and count[fits].max(0).prod() > largest:
+            fits[np.where(fits, count.prod(1), 0.0).argmax()] = False
+        return fits, np.broadcast_to(count[fits].max(0) if fits.any() else np.full(3, 3.0), count.shape)
 
-    def load_parameters(self, parameters: Parameters, substeps: int) -> None:
-        """Take over parameters (complete, with an axis of rollouts) and the number of substeps in a frame."""
-        self.substeps = substeps
-        self.model.load(parameters, substeps)
+    # --- rollouts -----------------------------------------------------------------------------------------------
+
+    def load_parameters(self, parameters: Parameters, substeps: Sequence[int]) -> None:
+        """Take over parameters (complete, with an axis of rollouts) and the number of substeps in a frame, the same for all."""
+        self.substeps = substeps[0]
+        self.model.load(parameters, self.substeps)
         self.model.sort(self.order)
+
+    def forward(self, span: Span, start: State, end: State, carries_on: bool) -> tuple[Report, Span]:
+        """All substeps of a frame, from `start` to `end`; see `stepper.Stepper`."""
+        self._fresh |= not carries_on
+        if span.frame == 0:
+            self._release(span.nodes)
+        if span.frame % SORT_FRAMES == 0:
+            self._use_order(self.cell_order(start.x), adjoints=False)
+        self._fresh |= self.reserve(2, span.nodes)  # where that moves arrays, nothing is held any more
+        kept = span.kept if self.holder is not None else None
+        self._start_frame(span, kept)
+        if self._fresh or kept is not None:
+            self._set_state(start)
+        self._run(f"forward, keep={kept is not None}", lambda: self._launches.forward(self.substeps, kept is not None))
+        self._write_state(end, kept is not None)
+        self._fresh = kept is not None
+        return self._read_report(), replace(span, order=self.order)
+
+    def _read_report(self) -> Report:
+        """Wait for the frame, and what there is to know of it."""
+        found = self._report.cpu().numpy()
+        keys = found[:, 2:]
+        values = np.where(keys < 0, keys ^ np.int64((1 << 63) - 1), keys).view(np.float64)
+        return Report(found[:, :2], -values[:, :3], values[:, 3:6], values[:, 6])
 
     def cell_order(self, x: torch.Tensor) -> torch.Tensor:
         """Order of the particles by columns of cells, rollout by rollout, shape [P]; x is [R, N, 3]."""
@@ -167,7 +205,7 @@ class CudaStepper:
         places = torch.argsort(key, dim=1, stable=True)
         return (places + self.particles * torch.arange(self.rollouts, device=self.device)[:, None]).flatten()
 
-    def use_order(self, order: torch.Tensor, adjoints: bool) -> None:
+    def _use_order(self, order: torch.Tensor, adjoints: bool) -> None:
         """Sort parameters and, if they are in use, adjoints; the state has to be put in again."""
         if order is self.order:
             return
@@ -176,72 +214,39 @@ class CudaStepper:
             place[self.order] = torch.arange(len(order), device=self.device)
             self.model.sort_bars(place[order])
         self.model.sort(order)
-        self.order = order
+        self.order, self._fresh = order, True
 
-    def start_frame(self, box: torch.Tensor, controllers: torch.Tensor, kept: int | None) -> None:
-        """Place the grids and choose the slots.
-
-        Args:
-            box: origin and count of each rollout's nodes, shape [R, 6], int32; `reserve` has made room.
-            controllers: controller points [m] at both ends of the frame, shape [R, 2, C, 3].
-            kept: number of the frame among the kept ones; None for the working slots.
-        """
-        self._slot = self.kept_slots if kept is None else kept * (self.substeps + 1)
-        if self._slot != self._placed[0]:
-            self._first.fill_(self._slot)
-        if box is not self._placed[1]:
-            self.model.box.copy_(box)
-        self._placed = self._slot, box
+    def _start_frame(self, span: Span, kept: int | None) -> None:
+        """Place the grids and choose the slots: those of a kept frame, else the working ones."""
+        slot = self.kept_slots if kept is None else kept * (self.substeps + 1)
+        if slot != self._slot:
+            self._first.fill_(slot)
+            self._slot = slot
+        if self._boxes is None or not np.array_equal(span.boxes, self._boxes):
+            self.model.box.copy_(torch.from_numpy(span.boxes))
+            self._boxes = span.boxes
         if self.model.gripped:
-            self.model.controllers.copy_(controllers[:, :, : self.model.controllers.shape[2]])
+            points = self.model.controllers.shape[2]
+            self.model.controllers.copy_(span.points[:, :, :points].transpose(0, 1))
 
-    def set_state(self, x: torch.Tensor, v: torch.Tensor, F: torch.Tensor, C: torch.Tensor) -> None:
-        """Put in the state at the frame's start, each [R, N, ...]."""
-        for name, value in (("x", x), ("v", v), ("F", F), *self._inner(C)):
+    def _set_state(self, state: State) -> None:
+        """Put in the state at the frame's start."""
+        for name, value in state.named().items():
             torch.index_select(value.flatten(0, 1), 0, self.order, out=self._launches.states[name][self._slot])
 
-    def write_state(self, out: tuple[torch.Tensor, ...], keep: bool) -> None:
-        """Write the state at the frame's end to x, v, F, C, each contiguous [R, N, ...]."""
+    def _write_state(self, out: State, keep: bool) -> None:
+        """Write the state at the frame's end."""
         slot = self._slot + (self.substeps if keep else 0)
-        x, v, F, C = out
-        for name, target in (("x", x), ("v", v), ("F", F), *self._inner(C)):
+        for name, target in out.named().items():
             target.flatten(0, 1).index_copy_(0, self.order, self._launches.states[name][slot])
 
-    def _inner(self, C: torch.Tensor) -> list[tuple[str, torch.Tensor]]:
-        """Affine velocity and, with viscosity, mean rate of deformation as views of [R, N, 3 or 6, 3]."""
-        return list(zip(("C", "rate"), C.split(3, dim=-2), strict=False))
-
-    def void(self, rollout: int) -> None:
+    def _void(self, rollout: int) -> None:
         """Take a rollout out of the kept frame, so that its adjoint is zero."""
         n, slots = self.particles, slice(self._slot, self._slot + self.substeps + 1)
         self._launches.states["x"][slots, rollout * n : (rollout + 1) * n] = torch.nan
         self._launches.momentum[slots, rollout * self.nodes : (rollout + 1) * self.nodes] = 0.0
 
-    def forward(self, keep: bool) -> None:
-        """All substeps of the frame; with `keep` everything that `backward` needs stays."""
-        launches = self._launches
-        self._run(f"forward, keep={keep}", lambda: launches.forward(self.substeps, keep))
-
-    def report(self) -> Int[Array, "rollouts 9"]:
-        """Wait for the frame, and what there is to know of it, see `report`."""
-        return self._report.cpu().numpy()
-
-    def backward(self, controllers: bool) -> None:
-        """Adjoint of the kept frame: the state's adjoints go from its end to its start; the parameters' grow.
-
-        With `controllers`, `controllers_adjoint` has that of the controller points then.
-        """
-        launches = self._launches
-        launches.prepare_backward(controllers)
-        if controllers:
-            self.model.controllers_bar.zero_()
-        self._run(f"backward, controllers={controllers}", lambda: launches.backward(self.substeps, controllers))
-
-    def controllers_adjoint(self) -> torch.Tensor:
-        """Adjoint of the controller points of the frame that `backward` went through last, shape [R, 2, C, 3]."""
-        return self.model.controllers_bar
-
-    def _run(self, name: str, launches) -> None:
+    def _run(self, name: str, launches: Callable[[], None]) -> None:
         """Launch one by one on the CPU, on a GPU as a CUDA graph captured when first needed."""
         if self.device == "cpu":
             launches()
@@ -257,28 +262,43 @@ class CudaStepper:
 
     # --- adjoints -----------------------------------------------------------------------------------------------
 
-    def clear_adjoints(self) -> None:
-        """Set all adjoints to zero."""
+    def begin_backward(self, spans: Sequence[Span], held: bool) -> None:
+        """Make room, and set all adjoints to zero, in the order of the last frame's particles."""
+        if not held and spans:
+            self.reserve(self.substeps + 1, max(span.nodes for span in spans))
         self.model.clear_bars()
         if self._launches is not None:
-            for bar in self._launches.node_bars.values():
-                bar.zero_()
+            self._launches.node_sums.zero_()
+        if spans:
+            self._use_order(spans[-1].order, adjoints=False)
 
-    def add_adjoints(self, x_bar: torch.Tensor | None, v_bar: torch.Tensor | None, F_bar: torch.Tensor | None) -> None:
+    def add_adjoints(self, x_bar: Tensor | None, v_bar: Tensor | None, F_bar: Tensor | None) -> None:
         """Add derivatives of the loss by the state where the adjoint stands now, each [R, N, ...]."""
         for name, bar in (("x", x_bar), ("v", v_bar), ("F", F_bar)):
             if bar is not None:
-                self.model.bars[name] += bar.flatten(0, 1)[self.order]
+                self.model.state_bars[name] += bar.flatten(0, 1)[self.order]
 
-    def gradients(self) -> dict[str, torch.Tensor]:
+    def backward(self, span: Span, start: State, led: bool) -> Tensor | None:
+        """Adjoint of a frame; see `stepper.Stepper`."""
+        self._use_order(span.order, adjoints=True)
+        self._start_frame(span, span.kept)
+        launches, self._fresh = self._launches, True
+        if span.kept is None:
+            self._set_state(start)
+            self._run("forward, keep=True", lambda: launches.forward(self.substeps, True))
+        for rollout in np.flatnonzero(~span.alive):
+            self._void(rollout)
+        launches.prepare_backward(led)
+        self.model.controllers_bar.zero_()
+        self._run(f"backward, controllers={led}", lambda: launches.backward(self.substeps, led))
+        return self.model.controllers_bar.transpose(0, 1) if led else None
+
+    def gradients(self) -> dict[str, Tensor]:
         """Adjoints of the parameters in use by name, with an axis of rollouts."""
-        return self.model.gradients(self.order, self._node_bars())
+        return self.model.gradients(self.order, self._node_sums())
 
-    def _node_bars(self) -> dict[str, torch.Tensor]:
-        """Adjoints by name of what acts on nodes, each [R, ...]."""
+    def _node_sums(self) -> Float[Tensor, "rollouts sums"]:
+        """Adjoints of what nodes of a rollout share."""
         if self._launches is None:
-            return {
-                name: torch.zeros(self.rollouts, *size).to(self._lattice)
-                for name, size in self.model.node_shapes.items()
-            }
-        return {name: bar.unflatten(0, (self.rollouts, -1)).sum(1) for name, bar in self._launches.node_bars.items()}
+            return torch.zeros(self.rollouts, NODE_SUMS.count).to(self._lattice)
+        return self._launches.node_sums.unflatten(1, (self.rollouts, -1)).sum(2).T

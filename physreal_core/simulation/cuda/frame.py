@@ -1,0 +1,146 @@
+"""What the fused kernels are given and leave, and the kernels, of all rollouts of a body."""
+
+import functools
+from pathlib import Path
+from types import SimpleNamespace
+
+import warp as wp
+
+from physreal_core.native import native_module
+from physreal_core.simulation.config import SimulationConfig
+from physreal_core.simulation.layout import Structure
+from physreal_core.simulation.step_layout import LAWS_FOLDER, law_headers, layout_text, material_arguments, term_bits
+
+FRAME = Structure(
+    "Frame",
+    """
+    # P particles and R rollouts; particles of one rollout follow each other, in an order of the stepper's
+    Index particles  of one rollout
+    Index rollouts
+    Index stride  P
+    Index nodes  of a rollout that there is room for
+    Index clamps
+    Index has_ground
+    Index controller_points
+    Index latent_elastic_size
+    Index latent_plastic_size
+    Index weights_elastic
+    Index weights_plastic
+    Index weight_rows  copies of a network's weights' adjoint in each rollout
+    S offset:3  of the lattice [m]
+    S cell
+    S mass_floor
+    S touching
+    S grip_softening
+    S beta_elastic
+    S beta_plastic
+    S strain_scale
+
+    # What a frame does not change
+    const S* timing  dt, 1 / substeps, frame rate, share of the mean rate of deformation that a substep keeps
+    const int* box  [R, 6] origin and count of the nodes
+    const int* first  [1] number of the frame's first slot
+    const int* caller  [P] the caller's number of the particle within its rollout
+    const S* constants  [constant_rows, P]
+    const S* network_elastic  [R, weights]
+    const S* network_plastic
+    const S* gravity  [R, 3]
+    const S* friction  [R]
+    const S* friction_law  [R, 3]
+    const S* grip_stiffness  [R]
+    const S* grip_damping  [R]
+    const S* numbers  [R, NUMBERS]
+    const S* clamp_lower  [clamps, 3]
+    const S* clamp_upper
+    const int* bond_begin  [P]
+    const int* bond_end  [P]
+    const int* grip_controller  [B]
+    const S* grip_weight  [B]
+    const S* grip_rest_length  [B]
+    const S* controllers  [R, 2, points, 3] at both ends of the frame
+
+    # States by slot, and grids: (momentum, mass) by slot
+    S* x  [slots, P, 3]
+    S* v  [slots, P, 3]
+    S* F  [slots, P, 3, 3]
+    S* C  [slots, P, 3, 3] affine velocity
+    S* rate  [slots, P, 3, 3] mean rate of deformation, with viscosity
+    S* momentum  [slots, R * nodes, 4]
+    S* velocity  [R * nodes, 4]
+    Index* report  [R, 9] see report.h
+
+    # Adjoints: of the state where the backward pass stands, of the nodes by turns, and those that grow
+    S* x_bar  [P, 3]
+    S* v_bar
+    S* F_bar  [P, 3, 3]
+    S* C_bar
+    S* rate_bar
+    S* node_bar  [2, R * nodes, 4]
+    S* bars  [bar_rows, P]
+    S* network_elastic_bar  [R * weight_rows, weights]
+    S* network_plastic_bar
+    S* particle_sums  [PARTICLE_SUMS, P]
+    S* node_sums  [NODE_SUMS, R * nodes]
+    S* controllers_bar  [R, 2, points, 3]
+    """,
+)
+INTEGERS = wp.types.vector(5, wp.int32)
+HALVES = ((True, True), (True, False), (False, True))
+"""Arriving, leaving."""
+
+
+@functools.cache
+def step_kernels(config: SimulationConfig, gripped: bool, led: bool | None) -> SimpleNamespace:
+    """Kernels of a configuration; each takes up to five integers and the frame, as so many bytes.
+
+    Args:
+        config: laws, residuals, terms and scalar type.
+        gripped: whether there are bonds.
+        led: None for the forward pass: `Frame`, `start`, `update`, `forward` by halves. Else for the adjoint, whether that of
+            the controller points is asked for: `turn`, `backward` by halves.
+    """
+    scalar = "float" if config.dtype == "float32" else "double"
+    flags = ("true" if config.terms else "false", term_bits(config.terms), _cpp(gripped), _cpp(bool(led)))
+    arguments = ", ".join([scalar, *map(str, flags), material_arguments(config)])
+    name = "".join(c if c.isalnum() else "_" for c in arguments.replace("physreal::", ""))
+    text = f'#include "number.h"\n{layout_text(FRAME)}{law_headers(config)}'
+    module = native_module(
+        f"physreal_rollouts_{'forward' if led is None else 'backward'}_{name}",
+        Path(__file__).parent / "step.h",
+        LAWS_FOLDER,
+        preamble=text,
+        cuda=True,
+    )
+    frame_type = wp.types.vector(-(-FRAME.dtype(config.dtype).itemsize // 8), wp.uint64)
+
+    def kernel(name: str, entry: str, integers: int) -> wp.Kernel:
+        given = ", ".join(["frame", "thread", *(f"i[{n}]" for n in range(integers))])
+        step = f"const auto& frame = *(const physreal::Frame<{scalar}>*)&bytes; physreal::Step<{arguments}>::{entry}({given});"
+
+        @wp.func_native(step)
+        def call(i: INTEGERS, bytes: frame_type, thread: int): ...
+
+        def run(i: INTEGERS, bytes: frame_type):
+            call(i, bytes, wp.tid())
+
+        run.__name__ = run.__qualname__ = name
+        return wp.kernel(run, module=module)
+
+    def halves(name: str, integers: int) -> dict[tuple[bool, bool], wp.Kernel]:
+        return {
+            half: kernel(f"{name}_{''.join(str(int(b)) for b in half)}", f"template {name}<{_cpp(half[0])}, {_cpp(half[1])}>", integers)
+            for half in HALVES
+        }
+
+    if led is not None:
+        return SimpleNamespace(turn=kernel("turn", "turn", 3), backward=halves("backward", 1))
+    return SimpleNamespace(
+        Frame=frame_type,
+        start=kernel("start", "start", 0),
+        update=kernel("update", "update", 2),
+        forward=halves("forward", 5),
+    )
+
+
+def _cpp(flag: bool) -> str:
+    return "true" if flag else "false"

@@ -1,8 +1,8 @@
-"""Does the fast form on CUDA give the plain form's states and gradients on the CPU? `python -m benchmarks.agreement`
+"""Does the step on CUDA give the states and gradients of that on the CPU? `python -m benchmarks.agreement`
 
 Prints relative differences and exits with 1 above the tolerances. The CPU's numbers are computed on the spot with
 `--live`, or come from a file, so that a GPU machine needs no CPU compiler; `--write` makes that file anew. With
-`--device cpu` it is the CPU's fast form that is compared.
+`--device cpu` it is the CPU of now that is compared with the file.
 """
 
 from __future__ import annotations
@@ -144,9 +144,9 @@ def random_loss(states: States) -> torch.Tensor:
 
 
 def reference(name: str, dtype: str, live: bool) -> dict[str, np.ndarray]:
-    """The CPU's numbers of the plain form: computed now, or as `--write` left them (float64, for both widths)."""
+    """The CPU's numbers: computed now, or as `--write` left them (float64, for both widths)."""
     if live:
-        return run(CASES[name], "cpu", dtype, "plain")
+        return run(CASES[name], "cpu", dtype)
     with np.load(REFERENCE) as stored:
         return {key.split("/")[1]: stored[key].astype(float) for key in stored.files if key.split("/")[0] == name}
 
@@ -158,11 +158,11 @@ def differences(name: str, device: str, dtype: str, live: bool) -> dict[str, flo
 
 
 def write() -> None:
-    """Store the CPU's float64 numbers of the plain form."""
+    """Store the CPU's float64 numbers."""
     arrays = {
         f"{name}/{key}": value
         for name, case in CASES.items()
-        for key, value in run(case, "cpu", "float64", "plain").items()
+        for key, value in run(case, "cpu", "float64").items()
     }
     REFERENCE.parent.mkdir(exist_ok=True)
     np.savez_compressed(REFERENCE, **arrays)

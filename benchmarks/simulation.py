@@ -2,7 +2,8 @@
 
 Every implementation runs the same scene (benchmarks/scene.py) in a process of its own, round after round in turn, so
 that a busy machine hits all alike. `--sweep` adds how cost grows with particles, substeps and frames; `--quick`
-compares ours with the Warp tape alone, within 50 s on two cores. Peers that are not installed are left out with a line.
+compares ours with the Warp tape alone, within 50 s on two cores; `--before FOLDER` with an earlier checkout of this project.
+Peers that are not installed are left out with a line.
 """
 
 from __future__ import annotations
@@ -19,7 +20,7 @@ from statistics import median
 from benchmarks.scene import Scene
 from benchmarks.workers import Job, Unavailable, Worker
 
-OURS, TAPE = "ours", "Warp tape"
+OURS, BEFORE, TAPE = "ours", "ours before", "Warp tape"
 WORK = ("forward", "forward_backward")
 TURN = 0.5  # s; short runs are repeated for so long when it is an implementation's turn
 QUICK_UNTIL = 28.0  # s after the start no new round begins
@@ -34,19 +35,20 @@ Times = dict[str, list[tuple[float, float]]]
 """Wall and processor time [s] of each run, by kind of work."""
 
 
-def jobs(device: str, warp_mpm: str) -> list[Job]:
+def earlier(before: Path | None, threads: tuple[int, ...]) -> list[Job]:
+    """Ours as it was in another checkout, if there is one."""
+    return [] if before is None else [Job(BEFORE, "ours", t, checkout=before.resolve()) for t in threads]
+
+
+def jobs(device: str, warp_mpm: str, before: Path | None) -> list[Job]:
     """All implementations for a device, ours first."""
     path = {"path": warp_mpm}
     if device != "cpu":
-        return [
-            Job(OURS, "ours"),
-            Job("ours, plain kernels", "ours", options={"kernels": "plain"}),
-            Job("warp-mpm", "warp_mpm", options=path),
-        ]
+        return [Job(OURS, "ours"), *earlier(before, (1,)), Job("warp-mpm", "warp_mpm", options=path)]
     both = [(OURS, "ours"), ("plain C++", "plain_cpp"), ("Taichi mpm3d", "taichi_mpm3d"), ("Genesis", "genesis")]
     return [
         *(Job(label, module, threads) for threads in (1, 2) for label, module in both),
-        Job("ours, plain kernels", "ours", options={"kernels": "plain"}),
+        *earlier(before, (1, 2)),
         Job(TAPE, "warp_tape"),
         Job("Warp tape, Newton's rotation", "warp_tape", options={"rotation": "newton"}),
         Job("warp-mpm", "warp_mpm", options=path),
@@ -185,7 +187,7 @@ def rate_tables(rows: list[dict], device: str) -> None:
 
 def memory_table(device: str, scene: Scene) -> dict[str, list[int | None]]:
     """Peak memory of forward + backward of everything that is differentiable, over the length of the rollout."""
-    wanted = [Job(OURS, "ours"), Job("ours, plain kernels", "ours", options={"kernels": "plain"})]
+    wanted = [Job(OURS, "ours")]
     if device == "cpu":
         wanted += [Job(OURS, "ours", 2), Job(TAPE, "warp_tape")]
     scenes = [replace(scene, frames=frames) for frames in MEMORY_FRAMES]
@@ -281,11 +283,11 @@ def machine(device: str) -> str:
 # --- what is run ----------------------------------------------------------------------------------------------------
 
 
-def quick(scene: Scene, began: float) -> dict:
+def quick(scene: Scene, began: float, before: Path | None) -> dict:
     """Ours against the tape on one thread, as many rounds as fit."""
-    rows = run([Job(OURS, "ours"), Job(TAPE, "warp_tape")], scene, "cpu", 5, began + QUICK_UNTIL)
+    rows = run([Job(OURS, "ours"), Job(TAPE, "warp_tape"), *earlier(before, (1,))], scene, "cpu", 5, began + QUICK_UNTIL)
     rate_tables(rows, "cpu")
-    ours, tape = rows
+    ours, tape = rows[:2]
     ratio = faster(tape, ours, "forward_backward", "processor")
     print(f"forward + backward, tape's time over ours: {ratio:.3g}")
     by_count = {what: {str(scene.particles): ours[what]["processor"]} for what in WORK}
@@ -297,17 +299,19 @@ def quick(scene: Scene, began: float) -> dict:
     }  # fmt: skip
 
 
-def full(scene: Scene, device: str, rounds: int, warp_mpm: str) -> dict:
+def full(scene: Scene, device: str, rounds: int, warp_mpm: str, before: Path | None, rates_only: bool) -> dict:
     """Rates, memory, contact and batch; on CUDA the rates at several sizes."""
     by_size = {}
     for particles in (scene.particles,) if device == "cpu" else RATED:
         print(f"## {particles} particles, {scene.substeps} substeps")
-        by_size[particles] = run(jobs(device, warp_mpm), replace(scene, particles=particles), device, rounds)
+        by_size[particles] = run(jobs(device, warp_mpm, before), replace(scene, particles=particles), device, rounds)
         rate_tables(by_size[particles], device)
     result = {"rows": {str(n): rows for n, rows in by_size.items()}, "substeps": scene.substeps}
     for what in WORK:
         ours = {str(n): rows[0][what][basis(rows[0], device)] for n, rows in by_size.items()}
         result[f"{what}_mpss"] = ours
+    if rates_only:
+        return result
     result["memory_bytes"] = memory_table(device, scene)
     result["contact_slower"] = contact_table(scene, device, rounds)
     result["batch_faster"] = batch_table(scene, device, rounds)
@@ -321,6 +325,8 @@ def main() -> None:
     parser.add_argument("--quick", action="store_true", help="ours against the Warp tape, one thread, within 50 s")
     parser.add_argument("--sweep", action="store_true", help="how cost grows with particles, substeps and frames")
     parser.add_argument("--warp-mpm", default="", metavar="PATH", help="a checkout of the public warp-mpm repository")
+    parser.add_argument("--before", type=Path, metavar="FOLDER", help="an earlier checkout of this project, measured in turn")
+    parser.add_argument("--rates-only", action="store_true", help="no memory, contact and batches")
     parser.add_argument("--particles", type=int, default=20_000)
     parser.add_argument("--frames", type=int, help="of 50 substeps; 2 on the CPU, 8 on CUDA if not given")
     parser.add_argument("--rounds", type=int, default=5, help="measurements of each implementation")
@@ -328,10 +334,10 @@ def main() -> None:
     args = parser.parse_args()
     print(f"{machine(args.device)}\n", flush=True)
     if args.quick:
-        result = quick(Scene(args.particles, frames=1, substeps_per_frame=50), began)
+        result = quick(Scene(args.particles, frames=1, substeps_per_frame=50), began, args.before)
     else:
         frames = args.frames or (2 if args.device == "cpu" else 8)
-        result = full(Scene(args.particles, frames), args.device, args.rounds, args.warp_mpm)
+        result = full(Scene(args.particles, frames), args.device, args.rounds, args.warp_mpm, args.before, args.rates_only)
         if args.sweep:
             result["sweeps"] = sweeps(args.device, rounds=2)
     if args.json:

@@ -29,13 +29,13 @@ def body() -> Body:
     return Body((index + 0.5) * SPACING, np.full(count, SPACING**3), np.full(count, DENSITY), SPACING)
 
 
-def scene(terms: tuple[str, ...], device: str, kernels: str) -> tuple[Simulator, torch.Tensor]:
+def scene(terms: tuple[str, ...], device: str) -> tuple[Simulator, torch.Tensor]:
     """The block, held at one end by two points that lift and swing it; their path [T, 2, 3]."""
     block = body()
     held = np.flatnonzero(block.x0[:, 0] < SPACING)
     points = np.array([[-SPACING, 0.03, 0.05], [-SPACING, 0.09, 0.05]])
     lengths = np.linalg.norm(block.x0[held] - points[held % 2], axis=1)
-    config = SimulationConfig(fps=FPS, terms=terms, device=device, kernels=kernels)
+    config = SimulationConfig(fps=FPS, terms=terms, device=device)
     simulator = Simulator(block, config, Grip(held, held % 2, np.ones(len(held)), lengths))
     time = torch.arange(FRAMES + 1) / FPS
     lift = torch.stack([0.05 * torch.sin(6.0 * time), torch.zeros_like(time), 0.1 * time], 1)
@@ -52,9 +52,9 @@ def parameters(terms: tuple[str, ...], rollouts: int) -> Parameters:
     return Parameters(E, torch.tensor(0.3), friction_coefficient=torch.tensor(0.4), **grip, **given)
 
 
-def rate(rollouts: int, terms: tuple[str, ...], device: str, kernels: str, gradient: bool, rounds: int) -> float:
+def rate(rollouts: int, terms: tuple[str, ...], device: str, gradient: bool, rounds: int) -> float:
     """Millions of particle-substeps per second."""
-    simulator, points = scene(terms, device, kernels)
+    simulator, points = scene(terms, device)
     given, best = parameters(terms, rollouts), float("inf")
     substeps = simulator.substeps(Parameters(given.youngs_modulus[0], given.poissons_ratio))
     for attempt in range(rounds + 1):
@@ -76,17 +76,15 @@ def main() -> None:
     parser = argparse.ArgumentParser(description=__doc__)
     parser.add_argument("--device", default="cuda:0")
     parser.add_argument("--rollouts", type=int, nargs="+", default=[64, 256])
-    parser.add_argument("--plain", type=int, default=4, help="rollouts of the plain kernels, 0 for none")
     parser.add_argument("--rounds", type=int, default=2)
     args = parser.parse_args()
     card = torch.cuda.get_device_name(args.device) if args.device.startswith("cuda") else "CPU"
-    print(f"{card}, 1200 particles, {FRAMES} frames\n\n| rollouts | terms | kernels | forward | forward + backward |")
-    print("|--:|---|---|--:|--:|")
-    wanted = [(n, name, "fast") for n in args.rollouts for name in TERMS]
-    wanted += [(args.plain, name, "plain") for name in TERMS if args.plain]
-    for rollouts, name, kernels in wanted:
-        found = [rate(rollouts, TERMS[name], args.device, kernels, g, args.rounds) for g in (False, True)]
-        print(f"| {rollouts} | {name} | {kernels} | {found[0]:.0f} | {found[1]:.0f} |", flush=True)
+    print(f"{card}, 1200 particles, {FRAMES} frames\n\n| rollouts | terms | forward | forward + backward |")
+    print("|--:|---|--:|--:|")
+    for rollouts in args.rollouts:
+        for name, terms in TERMS.items():
+            found = [rate(rollouts, terms, args.device, gradient, args.rounds) for gradient in (False, True)]
+            print(f"| {rollouts} | {name} | {found[0]:.1f} | {found[1]:.1f} |", flush=True)
 
 
 if __name__ == "__main__":

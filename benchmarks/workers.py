@@ -41,6 +41,7 @@ class Job:
         options: what the adapter's `make` takes beyond scene, device and threads.
         contact: run the scene with ground, grip and differing stiffness.
         rollouts: as many of the scene at once.
+        checkout: folder of the project whose code runs; this one if None.
     """
 
     label: str
@@ -49,6 +50,7 @@ class Job:
     options: dict[str, Any] = field(default_factory=dict)
     contact: bool = False
     rollouts: int = 1
+    checkout: Path | None = None
 
 
 class Worker:
@@ -57,7 +59,11 @@ class Worker:
     def __init__(self, job: Job, scene: Scene, device: str) -> None:
         self.job, self.scene = job, replace(scene, contact=job.contact, rollouts=job.rollouts)
         command = [sys.executable, "-m", "benchmarks.workers"]
-        self._process = subprocess.Popen(command, cwd=ROOT, stdin=subprocess.PIPE, stdout=subprocess.PIPE, text=True)
+        root = str(job.checkout or ROOT)
+        paths = os.pathsep.join([root, *filter(None, [os.environ.get("PYTHONPATH")])])
+        self._process = subprocess.Popen(
+            command, cwd=root, env=os.environ | {"PYTHONPATH": paths}, stdin=subprocess.PIPE, stdout=subprocess.PIPE, text=True
+        )
         spec = {"scene": asdict(self.scene), "device": device, "module": job.module, "threads": job.threads}
         self._send(spec | {"options": job.options})
 

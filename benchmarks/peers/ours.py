@@ -25,10 +25,9 @@ class Ours:
     Args:
         scene: what is simulated.
         device: "cpu" or "cuda:0".
-        kernels: "fast" or "plain", the form of the step.
     """
 
-    def __init__(self, scene: Scene, device: str, kernels: str) -> None:
+    def __init__(self, scene: Scene, device: str) -> None:
         self.scene, self.device = scene, device
         spacing = 0.5 * scene.cell
         x0 = scene.x0 - np.array([0.0, 0.0, scene.x0[:, 2].min() - 0.5 * spacing]) if scene.contact else scene.x0
@@ -37,7 +36,7 @@ class Ours:
         ground = 0.0 if scene.contact else None
         config = SimulationConfig(
             fps=1.0 / (scene.time_step * scene.substeps_per_frame), ground_height=ground, courant=courant(scene),
-            gravity=scene.gravity, device=device, kernels=kernels,
+            gravity=scene.gravity, device=device,
         )  # fmt: skip
         points, grip = gripped_top(x0, spacing) if scene.contact else (np.zeros((0, 3)), None)
         lift = 5e-4 * np.arange(scene.frames + 1)[:, None, None] * np.array([0.0, 0.0, 1.0])
@@ -94,10 +93,10 @@ class Ours:
         return {name: getattr(self.parameters, name).grad.cpu().numpy() for name in names}
 
 
-def make(scene: Scene, device: str, threads: int, kernels: str = "fast") -> Ours:
-    """The simulator over `scene`; the CPU's fast form runs on as many threads as torch does."""
+def make(scene: Scene, device: str, threads: int) -> Ours:
+    """The simulator over `scene`; on the CPU it runs on as many threads as torch does."""
     torch.set_num_threads(threads)
-    return Ours(scene, device, kernels)
+    return Ours(scene, device)
 
 
 def courant(scene: Scene) -> float:

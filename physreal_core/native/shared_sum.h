@@ -5,13 +5,6 @@
 // where neighbouring particles add to the same row.
 #pragma once
 
-// A loop that a GPU's compiler leaves as one: unrolled, a network's would be thousands of lines.
-#if defined(__CUDA_ARCH__)
-#define ONE_AT_A_TIME _Pragma("unroll 1")
-#else
-#define ONE_AT_A_TIME
-#endif
-
 namespace physreal {
 
 // to[i] += value[i] for i below COUNT.

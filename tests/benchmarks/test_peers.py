@@ -22,8 +22,8 @@ GRADIENTS_APART = {"youngs_modulus": 0.2, "poissons_ratio": 0.1, "initial_veloci
 
 
 @pytest.fixture(scope="module")
-def plain():
-    run = ours.make(SCENE, "cpu", threads=1, kernels="plain")
+def simulated():
+    run = ours.make(SCENE, "cpu", threads=1)
     run.forward_backward()
     return run
 
@@ -35,27 +35,27 @@ def tape():
     return run
 
 
-def test_the_scene_strains_and_takes_the_steps_it_says(plain):
-    singular = np.linalg.svd(plain._states.F[-1].detach(), compute_uv=False)
+def test_the_scene_strains_and_takes_the_steps_it_says(simulated):
+    singular = np.linalg.svd(simulated._states.F[-1].detach(), compute_uv=False)
     assert np.abs(singular - 1).max() > 0.005
-    assert plain.simulator.substeps(plain.parameters) == SCENE.substeps_per_frame
+    assert simulated.simulator.substeps(simulated.parameters) == SCENE.substeps_per_frame
     assert [lattice(n) for n in (20_000, 100_000, 1_000_000)] == [(25, 25, 32), (40, 50, 50), (100, 100, 100)]
 
 
-def test_the_block_stays_within_reach(plain):
+def test_the_block_stays_within_reach(simulated):
     first, count = SCENE.reach()
-    cells = plain.positions() / SCENE.cell
+    cells = simulated.positions() / SCENE.cell
     assert (cells - 0.5 >= first).all() and (cells + 1.5 < first + count).all()
 
 
 @pytest.mark.parametrize("rotation", ["svd", "newton"])
-def test_the_tape_and_its_gradient_are_near_ours(plain, rotation):
+def test_the_tape_and_its_gradient_are_near_ours(simulated, rotation):
     tape = warp_tape.make(SCENE, "cpu", threads=1, rotation=rotation)
     tape.forward_backward()
     tape.forward_backward()  # the second run must not add to the first
-    travel = np.abs(plain.positions() - SCENE.x0).max()
-    assert 5 * ROUNDING < np.abs(tape.positions() - plain.positions()).max() < APART * travel
-    for name, gradient in plain.gradients().items():
+    travel = np.abs(simulated.positions() - SCENE.x0).max()
+    assert 5 * ROUNDING < np.abs(tape.positions() - simulated.positions()).max() < APART * travel
+    for name, gradient in simulated.gradients().items():
         assert _error(tape.gradients()[name], gradient) < GRADIENTS_APART[name], name
 
 
@@ -101,12 +101,12 @@ def test_genesis_moves_particles_as_the_tape(tape):
         assert np.abs(peer.positions() - tape.positions()).max() < ROUNDING
 
 
-def test_rollouts_at_once_differ_by_their_stiffness(plain):
+def test_rollouts_at_once_differ_by_their_stiffness(simulated):
     batch = ours.make(replace(SCENE, rollouts=2), "cpu", threads=2)
     batch.forward_backward()
     softer, same = batch.positions()
-    assert np.abs(same - plain.positions()).max() < ROUNDING
-    assert np.abs(softer - plain.positions()).max() > 5 * ROUNDING
+    assert np.abs(same - simulated.positions()).max() < ROUNDING
+    assert np.abs(softer - simulated.positions()).max() > 5 * ROUNDING
     assert batch.gradients()["youngs_modulus"].shape == (2, 1)
 
 

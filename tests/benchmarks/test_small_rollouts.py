@@ -8,7 +8,7 @@ from physreal_core.simulation import Parameters
 
 @pytest.mark.parametrize("name", TERMS)
 def test_the_stiffest_rollout_takes_95_substeps(name):
-    simulator, controllers = scene(TERMS[name], "cpu", "fast")
+    simulator, controllers = scene(TERMS[name], "cpu")
     given = parameters(TERMS[name], 3)
     assert len(simulator.body.x0) == 1200 and controllers.shape == (61, 2, 3)
     assert simulator.substeps(Parameters(given.youngs_modulus[0], given.poissons_ratio)) == 95
@@ -17,4 +17,4 @@ def test_the_stiffest_rollout_takes_95_substeps(name):
 
 def test_a_rate_is_measured(monkeypatch):
     monkeypatch.setattr("benchmarks.small_rollouts.FRAMES", 1)
-    assert rate(1, TERMS["drag, density"], "cpu", "fast", gradient=False, rounds=1) > 0.01
+    assert rate(1, TERMS["drag, density"], "cpu", gradient=False, rounds=1) > 0.01

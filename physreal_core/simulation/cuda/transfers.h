@@ -19,7 +19,7 @@ struct Place {
     Place(const Vec3<S>& x, const S* offset, S cells_per_metre, const int* box) {
         int cell[3];
         inside = true;
-        for (int d = 0; d < 3; ++d) {
+        UNROLLED for (int d = 0; d < 3; ++d) {
             const S r = (x[d] - offset[d]) * cells_per_metre - S(box[d]);
             inside = inside && r >= S(0.5) && r < S(box[3 + d]) - S(1.5);
             cell[d] = int(r - S(0.5));
@@ -82,14 +82,14 @@ struct Field {
         const Vec4<S> bx = column(B, 0), by = column(B, 1), bz = column(B, 2);
         const Adder<S> adder(at.base);
         Vec4<S>* first = grid + at.base;
-        for (int i = 0; i < 3; ++i) {
+        UNROLLED for (int i = 0; i < 3; ++i) {
             const Vec4<S> qi = at.w[0][i] * q + at.dw[0][i] * ax + curvature<S>(i) * bx;
-            for (int j = 0; j < 3; ++j) {
+            UNROLLED for (int j = 0; j < 3; ++j) {
                 Vec4<S>* nodes = first + i * at.layer + j * at.row;
                 const Vec4<S> qj = at.w[1][j] * qi + at.w[0][i] * (at.dw[1][j] * ay + curvature<S>(j) * by);
                 const S wij = at.w[0][i] * at.w[1][j];
                 const Vec4<S> across = wij * az, bent = wij * bz;
-                for (int k = 0; k < 3; ++k)
+                UNROLLED for (int k = 0; k < 3; ++k)
                     adder.add(nodes + k, at.w[2][k] * qj + at.dw[2][k] * across + curvature<S>(k) * bent);
             }
         }
@@ -107,7 +107,7 @@ struct Derivatives {
     // grid: the rollout's first node.
     Derivatives(const V* grid, const Place<S>& at) {
         const V* first = grid + at.base;
-        for (int i = 0; i < 3; ++i) {
+        UNROLLED for (int i = 0; i < 3; ++i) {
             const Plane on(first + i * at.layer, at);
             const S w = at.w[0][i], dw = at.dw[0][i], c = curvature<S>(i);
             value += w * on.value, y += w * on.y, z += w * on.z, yy += w * on.yy;

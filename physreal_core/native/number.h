@@ -108,7 +108,9 @@ inline V max(V a, V b) {
 
 template <class S>
 constexpr S inverse_factorial(int n) {
-    return n == 0 ? S(1) : inverse_factorial<S>(n - 1) / S(n);
+    S value = 1;
+    for (int i = 2; i <= n; ++i) value /= S(i);
+    return value;
 }
 
 #if defined(__CUDA_ARCH__)

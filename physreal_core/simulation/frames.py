@@ -90,8 +90,8 @@ class Frames:
         self._start(parameters, record.substeps, state(0))
         travel, report = _travel(points), self._first_report(state(0))
         for frame in range(frames - 1):
-            span = Span(frame, None, points[frame : frame + 2], record.alive(frame))
-            report = self._advance(span, state(frame), state(frame + 1), travel[frame], report, record, keep, frames)
+            both, kept = points[frame : frame + 2], frames - 1 if keep else 0
+            report = self._advance(frame, state(frame), state(frame + 1), both, travel[frame], report, record, kept)
             if progress is not None:
                 progress(frame + 1, frames - 1)
             if all(record.failures):
@@ -122,8 +122,7 @@ class Frames:
             following = yield start
             both = torch.stack([points, following])[:, None]
             record = Record(substeps, start.C, start.rate, failures=[None])
-            span = Span(frame, None, both.to(self._x0), np.ones(1, dtype=bool))
-            report = self._advance(span, start, end, _travel(both)[0], report, record, keep=False, frames=2)
+            report = self._advance(frame, start, end, both.to(self._x0), _travel(both)[0], report, record, 0)
             if record.failures[0] is not None:
                 raise record.failures[0]
             points, frame = following, frame + 1
@@ -153,47 +152,47 @@ class Frames:
 
     def _advance(
         self,
-        span: Span,
+        frame: int,
         start: State,
         end: State,
+        points: Tensor,
         travel: Float[Array, " rollouts"],
         report: Report,
         record: Record,
-        keep: bool,
-        frames: int,
+        kept: int,
     ) -> Report:
         """Run one frame of all rollouts in boxes large enough.
 
         Args:
-            span: the frame, without boxes.
+            frame: its number.
             start, end: states there.
+            points: controller points [m] at both ends, shape [2, R, C, 3].
             travel: how far the fastest controller point of each rollout goes [m].
             report: on the frame before.
             record: gets the frame's span, and failures.
-            keep: whether a backward pass may follow.
-            frames: of the rollout; one more than those that run.
+            kept: frames of the rollout of which something may be kept for a backward pass; 0 for none.
 
         Returns:
             The report on it.
         """
-        stepper, last = self.stepper, report
+        stepper, motion = self.stepper, report
         margins = self._margins(report.speed, travel)
-        carries_on = span.frame > 0 and all(f is None or f.frame != span.frame - 1 for f in record.failures)
+        carries_on = frame > 0 and all(f is None or f.frame != frame - 1 for f in record.failures)
         for attempt in range(ATTEMPTS):
-            boxes, alive = self._place(span.frame, start.v, last, margins, record)
-            span = replace(span, boxes=boxes, alive=span.alive & alive)
-            if keep and span.frame == 0:
-                record.kept = stepper.keep_frames(record, frames - 1, span.nodes)
-            kept = keep and span.frame < record.kept and stepper.holder is record
-            span = replace(span, kept=span.frame if kept else None)
+            boxes, alive = self._place(frame, start.v, motion, margins, record)
+            span = Span(frame, boxes, points, alive)
+            if kept and frame == 0:
+                record.kept = stepper.keep_frames(record, kept, span.nodes)
+            if frame < record.kept and stepper.holder is record:
+                span = replace(span, kept=frame)
             report, ran = stepper.forward(span, start, end, carries_on and attempt == 0)
             again = self._judge(span, report, record, attempt == ATTEMPTS - 1)
             if not again.any():
                 break
             margins = np.where(again, 2.0 * margins + 4.0 * stepper.cell, margins)
-        if keep:
+        if kept:
             record.spans.append(ran.without_points())
-        failed = np.flatnonzero(~record.alive(span.frame))
+        failed = np.flatnonzero(~record.alive(frame))
         if len(failed):
             end.x[torch.as_tensor(failed, device=end.x.device)] = torch.nan  # which keeps them out of every grid
         return report

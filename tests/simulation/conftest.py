@@ -1,19 +1,31 @@
-"""Every test of the step runs on the fast form of it and on the plain one."""
-
-from dataclasses import replace
+"""Every test of the step runs on both forms of it, the vector C++ and the fused kernels, on the CPU."""
 
 import pytest
 
 from physreal_core.simulation import simulator as simulator_module
-from physreal_core.simulation.stepper import make_stepper
+from physreal_core.simulation.cuda import CudaStepper
+
+NATIVE, FUSED = "native", "fused"
 
 
-@pytest.fixture(params=["fast", "plain"])
-def kernels(request, monkeypatch):
-    """`SimulationConfig.kernels` of all simulators that the test makes."""
+def take_fused(monkeypatch: pytest.MonkeyPatch) -> None:
+    """All simulators that are made from here on take the fused form, whatever their device."""
+    monkeypatch.setattr(
+        simulator_module, "make_stepper", lambda *scene, rollouts=1, **_: CudaStepper(*scene, rollouts=rollouts)
+    )
 
-    def chosen(body, config, *rest, **options):
-        return make_stepper(body, replace(config, kernels=request.param), *rest, **options)
 
-    monkeypatch.setattr(simulator_module, "make_stepper", chosen)
+@pytest.fixture(params=[NATIVE, FUSED])
+def form(request, monkeypatch) -> str:
+    """The form of the step of all simulators that the test makes."""
+    if request.param == FUSED:
+        take_fused(monkeypatch)
     return request.param
+
+
+@pytest.fixture
+def fused(monkeypatch) -> None:
+    """All simulators that the test makes take the fused form."""
+    take_fused(monkeypatch)
+
+

@@ -49,6 +49,8 @@ def directional_errors(
 ) -> dict[str, tuple[float, float]]:
     """Adjoint and central-difference derivative of a loss along one random direction per parameter in `steps`.
 
+    The loss is linear in the states, so that theirs is taken of the states' difference: two sums would round it away.
+
     Args:
         steps: half the difference's width by parameter name, in the parameter's unit.
     """
@@ -61,8 +63,9 @@ def directional_errors(
         direction = torch.randn(value.shape, generator=generator, dtype=value.dtype)
         with torch.no_grad():
             ahead, behind = (
-                loss(simulator.rollout(replace(parameters, **{name: value + sign * step * direction}), controllers))
+                simulator.rollout(replace(parameters, **{name: value + sign * step * direction}), controllers)
                 for sign in (1, -1)
             )
-        results[name] = (float((tensors[name].grad * direction).sum()), float((ahead - behind) / (2 * step)))
+            moved = loss(States(ahead.x - behind.x, ahead.v - behind.v, ahead.F - behind.F))
+        results[name] = (float((tensors[name].grad * direction).sum()), float(moved / (2 * step)))
     return results

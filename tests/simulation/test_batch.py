@@ -16,8 +16,8 @@ def scene() -> tuple[Simulator, torch.Tensor]:
     return simulator, velocity
 
 
-def test_a_batch_is_its_single_rollouts(kernels):
-    """Also where they need different numbers of substeps."""
+def test_a_batch_is_its_single_rollouts():
+    """Also where they need different numbers of substeps; in the fused form all take the largest (cuda/test_step.py)."""
     simulator, velocity = scene()
     E = torch.tensor([[1e3], [2e3], [2e4]], requires_grad=True)
     nu = torch.tensor(0.3, requires_grad=True)
@@ -36,7 +36,7 @@ def test_a_batch_is_its_single_rollouts(kernels):
     assert torch.allclose(nu.grad, sums, rtol=1e-5)
 
 
-def test_a_failure_stays_with_its_rollout(kernels):
+def test_a_failure_stays_with_its_rollout(form):
     simulator, velocity = scene()
     velocity[1] *= 1e6
     parameters = Parameters(torch.tensor(2e3), torch.tensor(0.3), initial_velocity=velocity.requires_grad_())
@@ -48,7 +48,7 @@ def test_a_failure_stays_with_its_rollout(kernels):
     assert not velocity.grad[1].any() and velocity.grad[[0, 2]].all()
 
 
-def test_play_is_the_rollout(kernels):
+def test_play_is_the_rollout(form):
     simulator, velocity = scene()
     parameters = Parameters(torch.tensor(2e3), torch.tensor(0.3), initial_velocity=velocity[0])
     with torch.no_grad():

@@ -8,7 +8,7 @@ from physreal_core.simulation import Grip, Parameters, SimulationConfig, Simulat
 from physreal_core.simulation.grip_inertia import GripInertia
 from tests.simulation.scenes import block, directional_errors, random_loss, two_point_grip
 
-pytestmark = pytest.mark.usefixtures("kernels")
+pytestmark = pytest.mark.usefixtures("form")
 
 FRAMES = 31
 

@@ -12,6 +12,7 @@ import torch
 
 from physreal_core.errors import InputError
 from physreal_core.simulation import Body, Clamp, Parameters, PointLoad, SimulationConfig, Simulator
+from tests.simulation.conftest import take_fused
 from tests.simulation.scenes import block, directional_errors, random_loss, two_point_grip
 
 INPUTS = ("gravity", "density", "force", "initial_position", "initial_deformation")
@@ -85,14 +86,14 @@ def assert_close(found: dict[str, torch.Tensor], expected: dict[str, torch.Tenso
 # --- gradients ------------------------------------------------------------------------------------------------------
 
 
-def test_gradients(kernels):
+def test_gradients(form):
     simulator, parameters, controllers = scene()
     results = directional_errors(simulator, parameters, controllers, random_loss([1, 2, 3]), STEPS)
     for name, (adjoint, difference) in results.items():
         assert adjoint == pytest.approx(difference, rel=1e-5), name
 
 
-def test_gradient_by_the_controller_points(kernels):
+def test_gradient_by_the_controller_points(form):
     """Also by those at a frame between, which end one frame and begin the next."""
     simulator, parameters, controllers = scene()
     loss, points = random_loss([1, 2, 3]), controllers.clone().requires_grad_()
@@ -107,18 +108,19 @@ def test_gradient_by_the_controller_points(kernels):
         assert adjoint == pytest.approx(float((ahead - behind) / 2e-7), rel=1e-5)
 
 
-def test_two_threads_give_the_plain_forms_gradients():
+def test_two_threads_give_the_fused_forms_gradients(monkeypatch):
     """Sums in another order: 1e-16 each, grown over the substeps."""
     before = torch.get_num_threads()
     torch.set_num_threads(2)
-    fast, *rest = scene(counts=(8, 8, 8))
+    native, *rest = scene(counts=(8, 8, 8))
     torch.set_num_threads(before)
-    assert fast._stepper.threads == 2
-    plain, *_ = scene(counts=(8, 8, 8), kernels="plain")
-    assert_close(gradients(fast, *rest), gradients(plain, *rest), 1e-9)
+    assert native._stepper.threads == 2
+    take_fused(monkeypatch)
+    fused, *_ = scene(counts=(8, 8, 8))
+    assert_close(gradients(native, *rest), gradients(fused, *rest), 1e-9)
 
 
-def test_float32_gradients_agree_with_float64(kernels):
+def test_float32_gradients_agree_with_float64(form):
     """Rounding of 6e-8 a step; 5e-3 is the bound that the parameters of every rollout are held to, too."""
     exact, *rest = scene()
     single, *_ = scene(dtype="float32")
@@ -132,7 +134,7 @@ def bare(body: Body, **options) -> Simulator:
     return Simulator(body, SimulationConfig(**({"fps": 60, "dtype": "float64"} | options)))
 
 
-def test_given_inputs_are_the_bodys_and_the_configurations(kernels):
+def test_given_inputs_are_the_bodys_and_the_configurations(form):
     """Each input in turn against a scene of which it is part, to rounding; and all at once, left out."""
     body = block((4, 4, 3))
     count = len(body.x0)
@@ -160,7 +162,7 @@ def test_given_inputs_are_the_bodys_and_the_configurations(kernels):
     assert (ours.F - theirs.F).abs().max() < 1e-11
 
 
-def test_free_fall_under_given_gravity_and_force(kernels):
+def test_free_fall_under_given_gravity_and_force(form):
     """x0 + v0 t + a t (t + dt) / 2, a = g + f / m, the symplectic Euler sum, to rounding; m is the given one, too."""
     body = block((3, 4, 3), corner=(0.1, 0.2, 5.0))
     simulator = bare(body, ground_height=None, terms=("gravity", "force", "density"))
@@ -186,7 +188,7 @@ def hanging_bar(fps: int, **options) -> tuple[Simulator, float, np.ndarray]:
     return simulator, 2 * cells * spacing, body.x0[:, 2] < body.x0[:, 2].min() + 1e-9
 
 
-def test_twice_the_density_hangs_twice_as_deep(kernels):
+def test_twice_the_density_hangs_twice_as_deep(form):
     """The mean over two periods, which grow with the root of the density, is rho g l^2 / (2 E)."""
     E, fps = 4e4, 200
     simulator, length, end = hanging_bar(fps, terms=("density",))
@@ -202,7 +204,7 @@ def test_twice_the_density_hangs_twice_as_deep(kernels):
     assert stretch[1] == pytest.approx(2 * stretch[0], rel=0.02)
 
 
-def test_a_stretched_start_relaxes_to_the_bodys_own_shape(kernels):
+def test_a_stretched_start_relaxes_to_the_bodys_own_shape(form):
     """A bar held at its upper end that starts stretched by 4 % swings about its rest: both means are those of rest.
 
     The clamp takes hold to within a tenth of a cell, half a per cent of the length.
@@ -230,7 +232,7 @@ def test_a_stretched_start_relaxes_to_the_bodys_own_shape(kernels):
 # --- many rollouts, play, refusals ----------------------------------------------------------------------------------
 
 
-def test_a_batch_is_its_single_rollouts(kernels):
+def test_a_batch_is_its_single_rollouts(form):
     simulator, parameters, controllers = scene(dtype="float32")
     own = {
         "gravity": torch.tensor([[0.0, 0.0, -9.0], [1.0, 0.0, -9.0]]),
@@ -253,7 +255,7 @@ def test_a_batch_is_its_single_rollouts(kernels):
         assert torch.allclose(points.grad[r], alone_points.grad, rtol=1e-4)
 
 
-def test_play_starts_where_a_rollout_does(kernels):
+def test_play_starts_where_a_rollout_does(form):
     simulator, parameters, controllers = scene()
     states = simulator.rollout(parameters, controllers)
     player = simulator.play(parameters, controllers[0].clone().requires_grad_())

@@ -11,7 +11,7 @@ from scipy.optimize import curve_fit
 from physreal_core.simulation import Clamp, Parameters, SimulationConfig, Simulator, States
 from tests.simulation.scenes import block, directional_errors, random_loss, two_point_grip
 
-pytestmark = pytest.mark.usefixtures("kernels")
+pytestmark = pytest.mark.usefixtures("form")
 
 GRAVITY = 9.81
 

@@ -8,7 +8,7 @@ from physreal_core.simulation import Parameters, SimulationConfig, Simulator
 from tests.simulation.numpy_twin import Twin, grip_force
 from tests.simulation.scenes import block, two_point_grip
 
-pytestmark = pytest.mark.usefixtures("kernels")
+pytestmark = pytest.mark.usefixtures("form")
 
 
 def test_a_frame_agrees_with_numpy():

@@ -67,7 +67,7 @@ class BodyModel:
         self._adjoints()
 
     def _numbers(self, values: np.ndarray) -> Tensor:
-        return torch.as_tensor(np.asarray(values), dtype=self.types.torch_dtype, device=self.device).contiguous()
+        return torch.as_tensor(values, dtype=self.types.torch_dtype, device=self.device).contiguous()
 
     def _zeros(self, *shape: int, dtype: torch.dtype | None = None) -> Tensor:
         return torch.zeros(shape, dtype=dtype or self.types.torch_dtype, device=self.device)
@@ -89,7 +89,7 @@ class BodyModel:
             self._give(name, self._numbers(corner))
         self.box = self._give("box", self._zeros(self.rollouts, 6, dtype=torch.int32))
         self._timing = self._give("timing", self._zeros(4))
-        self._gravity = self._give("gravity", self._numbers([config.gravity] * self.rollouts))
+        self._gravity = self._give("gravity", self._numbers(np.array([config.gravity] * self.rollouts)))
 
     def _bonds(self, body: Body, grip: Grip | None) -> None:
         self.gripped = grip is not None and len(grip.particles) > 0

@@ -76,7 +76,7 @@ class NativeStepper:
         self._sharing = self.threads if rollouts == 1 else 1  # threads of one rollout
         self._body, self._start = body, self._numbers(body.x0)
         self._kept_bytes = KEPT_BYTES if kept_bytes is None else kept_bytes
-        self._slots = self._nodes = self._grid_numbers = 0
+        self.slots = self._nodes = self._grid_numbers = 0
         self.substeps: list[int] = []
         self.holder: object | None = None
         self._kept: list[Tensor] = []
@@ -190,8 +190,8 @@ class NativeStepper:
                 self._give(work, name, self._zeros(count, grids, self._nodes + 4, 4))
             self._give(work, "kind", self._zeros(count, self._nodes, dtype=torch.uint8))
             self._give(work, "cell_starts", self._zeros(count, self._nodes + 1, dtype=torch.int32))
-        if slots > self._slots:
-            self._slots, stride = slots, int(self._frames["stride"][0])
+        if slots > self.slots:
+            self.slots, stride = slots, int(self._frames["stride"][0])
             states = torch.empty(count, slots, self._state_rows, stride, dtype=self.types.torch_dtype)
             self._give(work, "state", states)
         if grid_numbers > self._grid_numbers:

@@ -3,8 +3,7 @@
 import pytest
 import torch
 
-from physreal_core.simulation import simulator as simulator_module
-from physreal_core.simulation.cuda.stepper import CudaStepper
+from tests.simulation.conftest import take_fused
 
 NO_GPU = pytest.mark.skipif(not torch.cuda.is_available(), reason="no CUDA device")
 
@@ -12,5 +11,5 @@ NO_GPU = pytest.mark.skipif(not torch.cuda.is_available(), reason="no CUDA devic
 @pytest.fixture(params=["cpu", pytest.param("cuda:0", marks=NO_GPU)])
 def device(request, monkeypatch) -> str:
     """A device on which every simulator takes the fused form."""
-    monkeypatch.setattr(simulator_module, "make_stepper", lambda *scene, **_: CudaStepper(*scene))
+    take_fused(monkeypatch)
     return request.param

@@ -1,4 +1,4 @@
-"""The fused form of the step held to the plain one: on the CPU everywhere, on a GPU where there is one."""
+"""The fused form of the step held to the native one: on the CPU everywhere, on a GPU where there is one."""
 
 import gc
 from dataclasses import replace
@@ -27,11 +27,11 @@ MATERIALS = [pytest.param(name, marks=pytest.mark.slow if name in SLOW else ()) 
 
 
 @pytest.mark.parametrize("name", MATERIALS)
-def test_values_and_gradients_are_the_plain_forms_to_rounding(name, device, monkeypatch):
+def test_values_and_gradients_are_the_native_forms_to_rounding(name, device, monkeypatch):
     """Both add in another order: 1e-16 a sum, grown over some fifty substeps to 1e-13."""
     ours = run(CASES[name], device, "float64")
     monkeypatch.undo()
-    assert worst(ours, run(CASES[name], device, "float64", "plain")) < 1e-11
+    assert worst(ours, run(CASES[name], "cpu", "float64")) < 1e-11
 
 
 def rollout(simulator: Simulator, leaves: dict, controllers: torch.Tensor) -> dict[str, np.ndarray]:
@@ -194,7 +194,7 @@ def test_a_rollout_in_a_huge_box_has_run_away(device):
     states = simulator.rollout_batch(at_speed(parameters, 0.0, 8.5, 1.0), torch.zeros(3, 0, 3))
     assert [failure is None for failure in states.failures] == [True, False, True]
     assert "runs away" in str(states.failures[1])
-    assert simulator._batch[1].stepper.nodes < 40**3
+    assert simulator._batch.stepper.nodes < 40**3
 
 
 def test_boxes_of_one_shape_are_small_enough_together(device):
@@ -202,13 +202,13 @@ def test_boxes_of_one_shape_are_small_enough_together(device):
     simulator, parameters = flying(device)
     simulator.rollout_batch(at_speed(parameters, 0.0, 0.1, 0.2, 0.3), torch.zeros(2, 0, 3))
     count = np.array([[390.0, 60, 10], [10, 50, 390], [20, 20, 20], [np.nan, 1, 1]])
-    assert simulator._batch[1]._fitting(count).tolist() == [False, True, True, False]
-    assert simulator._batch[1]._fitting(count[[1, 2, 2, 3]]).tolist() == [True, True, True, False]
+    assert simulator._batch.stepper.fitting(count)[0].tolist() == [False, True, True, False]
+    assert simulator._batch.stepper.fitting(count[[1, 2, 2, 3]])[0].tolist() == [True, True, True, False]
 
 
 def test_more_rollouts_than_the_arrays_hold_have_not_run_away(device, monkeypatch):
     simulator, parameters = flying(device)
-    monkeypatch.setattr("physreal_core.simulation.cuda.stepper.LARGEST_STRIDE", 10_000)
+    monkeypatch.setattr("physreal_core.simulation.cuda.stepper.MOST_NODES", 500)
     states = simulator.rollout_batch(at_speed(parameters, 0.0, 0.1, 0.2), torch.zeros(2, 0, 3))
     assert all("3 rollouts are too many" in str(failure) for failure in states.failures)
 

@@ -26,8 +26,8 @@ def worst(ours: dict[str, torch.Tensor], theirs: dict[str, torch.Tensor]) -> flo
 
 
 @pytest.mark.parametrize("term", [*TERMS, "all"])
-def test_a_term_is_the_plain_forms(term, device, monkeypatch):
-    """Compiled with all terms, of which the others are left out, against the plain form of this one alone.
+def test_a_term_is_the_native_forms(term, device, monkeypatch):
+    """Compiled with all terms, of which the others are left out, against the native form of this one alone.
 
     Both add in another order: 1e-16 a sum.
     """
@@ -37,13 +37,13 @@ def test_a_term_is_the_plain_forms(term, device, monkeypatch):
     given = {name: leaf for name, leaf in leaves.items() if TERM_OF.get(name, terms[0]) in terms}
     states, gradients = rollout(simulator, given, controllers)
     monkeypatch.undo()
-    plain, *_ = scene(Case(terms=terms), "cpu", "float64", "plain")
-    assert plain.substeps(Parameters(**given)) == simulator.substeps(Parameters(**given)) > 1
-    expected, expected_gradients = rollout(plain, given, controllers)
+    native, *_ = scene(Case(terms=terms), "cpu", "float64")
+    assert native.substeps(Parameters(**given)) == simulator.substeps(Parameters(**given)) > 1
+    expected, expected_gradients = rollout(native, given, controllers)
     assert worst(states, expected) < 1e-12
     assert worst(gradients, expected_gradients) < 1e-11
 
-    bare, *_ = scene(Case(), "cpu", "float64", "plain")
+    bare, *_ = scene(Case(), "cpu", "float64")
     without, _ = rollout(bare, {name: leaf for name, leaf in given.items() if name not in TERM_OF}, controllers)
     assert worst(states, without) > 1e-5, "the term has no effect in this scene"
 
@@ -78,7 +78,7 @@ def test_a_batch_gives_the_single_rollouts(device):
     batch = {name: torch.stack([own[name] for own in sets]).requires_grad_() for name in leaves}
     led = torch.stack(points).requires_grad_()
     states = simulator.rollout_batch(Parameters(**batch), led)
-    assert isinstance(simulator._batch[1].stepper, CudaStepper)
+    assert isinstance(simulator._batch.stepper, CudaStepper)
     assert states.failures == (None, None, None)
     sum(random_loss(States(states.x[r], states.v[r], states.F[r])) for r in range(3)).backward()
     for r, (last, gradients) in enumerate(alone):

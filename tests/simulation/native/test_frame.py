@@ -1,4 +1,4 @@
-"""The native form of a frame against the plain one, values and gradients, with everything that a body can have."""
+"""The native form of a frame against the fused one, values and gradients, with everything that a body can have."""
 
 from dataclasses import fields, replace
 
@@ -8,8 +8,9 @@ import torch
 
 from physreal_core.errors import SimulationError
 from physreal_core.simulation import Clamp, Parameters, PointLoad, SimulationConfig, Simulator
-from physreal_core.simulation.constitutive import ELASTIC_LAWS, PLASTIC_LAWS, ResidualConfig, initial_weights
+from physreal_core.simulation.laws import ELASTIC_LAWS, PLASTIC_LAWS, ResidualConfig, initial_weights
 from physreal_core.simulation.native.stepper import PARTICLES_PER_THREAD
+from tests.simulation.conftest import FUSED, NATIVE, take_fused
 from tests.simulation.scenes import block, random_loss, two_point_grip
 
 FRAMES = 3
@@ -86,9 +87,10 @@ MATERIALS += [{"residual": ResidualConfig(latent_size=2, hidden=6)}]
 
 @pytest.mark.parametrize("dtype", ["float64", "float32"])
 @pytest.mark.parametrize("material", MATERIALS, ids=lambda m: " ".join(map(str, m.values()))[:30])
-def test_equals_the_plain_form(material, dtype):
-    plain = states_and_gradients(*scene(kernels="plain", dtype=dtype, **material))
-    assert_equal(states_and_gradients(*scene(dtype=dtype, **material)), plain, dtype)
+def test_equals_the_fused_form(material, dtype, monkeypatch):
+    native = states_and_gradients(*scene(dtype=dtype, **material))
+    take_fused(monkeypatch)
+    assert_equal(native, states_and_gradients(*scene(dtype=dtype, **material)), dtype)
 
 
 def test_threads_change_nothing_but_rounding():
@@ -107,11 +109,13 @@ def test_same_threads_same_bits():
         assert all(torch.equal(got[name], wanted[name]) for name in wanted)
 
 
-def test_a_failure_is_the_plain_forms():
+def test_a_failure_is_the_fused_forms(monkeypatch):
     """Frame, substep and particle where an imploding block first has a state without a stress."""
     places = []
-    for kernels in ("fast", "plain"):
-        simulator, given, controllers = scene(kernels=kernels, dtype="float64")
+    for form in (NATIVE, FUSED):
+        if form == FUSED:
+            take_fused(monkeypatch)
+        simulator, given, controllers = scene(dtype="float64")
         body = simulator.body
         inwards = -1000.0 * torch.as_tensor(body.x0 - body.x0.mean(0))
         with pytest.raises(SimulationError, match="not finite") as raised:

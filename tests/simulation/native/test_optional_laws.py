@@ -1,4 +1,4 @@
-"""The native form of the optional laws against the plain one, all of them at once, values and gradients."""
+"""The native form of the optional laws against the fused one, all of them at once, values and gradients."""
 
 from dataclasses import fields, replace
 
@@ -7,6 +7,7 @@ import torch
 
 from physreal_core.simulation import Parameters
 from physreal_core.simulation.native import NativeStepper
+from tests.simulation.conftest import FUSED, NATIVE, take_fused
 from tests.simulation.native.test_frame import FRAMES, assert_equal, scene, states_and_gradients
 
 TERMS = ("drag", "adhesion", "obstacle", "viscosity", "stiffening", "fibres", "friction_law")
@@ -38,11 +39,13 @@ def with_laws(given: Parameters, count: int) -> Parameters:
 
 @pytest.mark.parametrize("dtype", ["float64", "float32"])
 @pytest.mark.parametrize("material", [{}, {"elastic_law": "hencky", "plastic_law": "von_mises"}])
-def test_native_is_plain(dtype, material):
+def test_native_is_fused(dtype, material, monkeypatch):
     results = []
-    for kernels in ("fast", "plain"):
-        simulator, given, controllers = scene(kernels=kernels, dtype=dtype, terms=TERMS, **material)
-        assert isinstance(simulator._stepper, NativeStepper) == (kernels == "fast")
+    for form in (NATIVE, FUSED):
+        if form == FUSED:
+            take_fused(monkeypatch)
+        simulator, given, controllers = scene(dtype=dtype, terms=TERMS, **material)
+        assert isinstance(simulator._stepper, NativeStepper) == (form == NATIVE)
         given = with_laws(given, len(simulator.body.x0))
         results.append(states_and_gradients(simulator, given, controllers))
     assert all(bool(gradient.any()) for gradient in results[1][1].values())

@@ -1,9 +1,9 @@
 """Speed of the rasterisers, forward and backward, each beside the others on the same scene.
 
 `python -m benchmarks.rendering [--device cuda:0] [--threads N] [--quick] [--json FILE]` prints one row per scene and backend: medians of
-interleaved rounds, and how many times faster our own is than the plain-torch tile reference, the Warp kernels and gsplat
-(where it is installed). Scene: a ball of Gaussians with a wide spread of sizes, shapes and opacities that fills most of the image's height. All
-outputs (RGB, depth, alpha) are drawn and carry a gradient to means, covariances, opacities and colours.
+interleaved rounds, and how many times faster our own is than the plain-torch tile reference and gsplat (where it is
+installed). Scene: a ball of Gaussians with a wide spread of sizes, shapes and opacities that fills most of the image's
+height. All outputs (RGB, depth, alpha) are drawn and carry a gradient to means, covariances, opacities and colours.
 """
 
 from __future__ import annotations
@@ -169,7 +169,7 @@ def main() -> None:
     print("|--:|--:|---|--:|--:|--:|--:|", flush=True)
     scenes = []
     for count, width, height in QUICK_SIZES if args.quick else CUDA_SIZES if cuda else CPU_SIZES:
-        names = [own, "warp", *peers]
+        names = [own, *peers]
         if not args.without_reference and count <= REFERENCE_LIMIT:
             names.append("reference")
         results = measure(names, count, (width, height), args.device, rounds)

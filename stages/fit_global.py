@@ -1,4 +1,7 @@
-"""Stage 1: a homogeneous expert material (Theta_1 = E, nu, mu_f) from a scan of E and the grip and a descent with a growing horizon."""
+"""Stage 1: a homogeneous expert material (Theta_1 = E, nu, mu_f) and the grip's stiffness and damping (eq. interaction_force).
+
+A scan of E and the grip's stiffness gives the start of a descent with a growing horizon; what has rate 0 is held.
+"""
 
 from physreal_core.fitting.curriculum import ScanConfig, start_from_scan, uniform_start
 from physreal_core.fitting.model import Model, uniform_model
@@ -11,7 +14,7 @@ VARIABLES = ("youngs_modulus", "poissons_ratio", "friction_coefficient", "grip_s
 
 
 def run(context: StageContext) -> None:
-    """Fits one material for the whole object to the observed frames."""
+    """Fits one material for the whole object, and the grip, to the observed frames."""
     params: FitGlobal = context.params
     problem = load_problem(context, params.masks if params.losses.mask > 0 else None)
     model = _initial_model(context)

@@ -1,4 +1,4 @@
-"""The three stages (paper, "Progressive Constitutive Optimization"): one material, then one per patch, then the residuals.
+"""The three stages (paper, "Progressive Constitutive Optimization"): one material with the grip, one per patch, the residuals.
 
 Each starts from the model before it and keeps the best iterate, so none ends worse on the objective than it began.
 """

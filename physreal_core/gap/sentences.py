@@ -7,6 +7,8 @@ from typing import TYPE_CHECKING
 import numpy as np
 from scipy import stats
 
+from physreal_core.array_types import Array, Bool, Float
+
 if TYPE_CHECKING:
     from physreal_core.gap.signatures import Signature
     from physreal_core.gap.where import Onset, Place, Where
@@ -39,13 +41,22 @@ def where_sentence(where: Where) -> str:
 
 
 def _agreement_sentence(where: Where) -> str:
-    sizes = where.sizes
+    """The test knows no effect and averages over a tenth of a second: an effect may be named beside it, and the words allow that."""
+    sizes, frames = where.sizes, len(where.frames)
     numerics = f" and {millimetres(sizes.numerics)} of numerical error" if sizes.numerics > 0 else ""
     floor = f"{millimetres(sizes.noise)} of noise{numerics}"
-    apart, chance = f"{millimetres(sizes.residual)} apart (RMS)", f"(p = {where.test.p_value:.2g})"
+    apart, chance = f"{millimetres(sizes.residual)} apart (RMS)", f"p = {where.test.p_value:.2g}"
+    if loud := int(_loud(where.frame_log10_p, frames).sum()):
+        return (
+            f"Simulation and measurement are {apart}. In {loud} of {frames} frames, each by itself, that is further than {floor} "
+            f"would explain; averaged over a tenth of a second it is not ({chance}), so it comes and goes faster than that."
+        )
+    test = f"({chance} in a test that knows no effect; the search, which knows their patterns, can see more)"
     if sizes.gap < 0.5 * sizes.residual:
-        return f"Simulation and measurement agree: they are {apart}, as {floor} would have it {chance}."
-    return f"Simulation and measurement are {apart}; with {floor} that may still be chance {chance}."
+        return f"Simulation and measurement agree: they are {apart}, as {floor} would have it {test}."
+    return (
+        f"Simulation and measurement are {apart}, more than {floor} would give on average, but not for certain {test}."
+    )
 
 
 def _when(onset: Onset | None, frames: int) -> str:
@@ -110,9 +121,14 @@ def _before(where: Where) -> str:
     if where.onset is None or where.onset.frame <= 2:
         return ""
     quiet = where.frame_log10_p[: where.onset.earliest]
-    if len(quiet) == 0 or (quiet < np.log10(0.01 / len(where.frames))).any():
+    if len(quiet) == 0 or _loud(quiet, len(where.frames)).any():
         return ""
     return "; nothing wrong before"
+
+
+def _loud(log10_p: Float[Array, " n"], frames: int) -> Bool[Array, " n"]:
+    """Which frames alone, among so many, would raise an alarm."""
+    return log10_p < np.log10(0.01 / frames)
 
 
 def quantity(size: float, deviation: float) -> str:

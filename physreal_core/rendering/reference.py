@@ -1,4 +1,4 @@
-"""Gaussian rasteriser in plain torch, tile by tile: the readable twin that the Warp kernels are held to."""
+"""Gaussian rasteriser in plain torch, tile by tile: the readable twin that the native and the CUDA one are held to."""
 
 from __future__ import annotations
 

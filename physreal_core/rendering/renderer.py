@@ -17,7 +17,6 @@ from physreal_core.rendering.gsplat_backend import gsplat_installed, rasterise_g
 from physreal_core.rendering.native_backend import NativeRun
 from physreal_core.rendering.reference import ALPHA_MIN, rasterise_reference
 from physreal_core.rendering.torch_function import rasterise_with
-from physreal_core.rendering.warp_backend import rasterise_warp
 
 
 @dataclass(frozen=True, eq=False)
@@ -57,10 +56,13 @@ def rasterise(
         T_world_camera: pose used instead of the camera's own, for pose gradients.
         background: RGB.
         backend: "auto", "native" (vector C++, CPU), "cuda" (CUDA; on the CPU for tests), "gsplat" (needs CUDA and the
-            package), "warp" (one kernel source for any device) or "reference" (plain torch, slow).
+            package) or "reference" (plain torch, any device, slow).
 
     Returns:
         Rendering in the dtype and on the device of `means` (float32 or float64).
+
+    Raises:
+        InputError: for shapes or types that do not fit, and for a backend that is unknown or cannot run there.
     """
     opacities, colours = _of_frames(means, covariances, opacities, colours)
     pose = camera.T_world_camera if T_world_camera is None else T_world_camera
@@ -130,10 +132,17 @@ def choose_backend(device: torch.device, dtype: torch.dtype, requested: str = "a
     Raises:
         InputError: for an unknown name or one that cannot run here.
     """
+    if requested not in ("auto", *_BACKENDS):
+        raise InputError(f"backend {requested!r}", where="rasterise", expected=f"one of auto, {', '.join(_BACKENDS)}")
+    if requested != "reference" and device.type not in ("cpu", "cuda"):
+        raise InputError(
+            f"Gaussians on {device}",
+            where="rasterise",
+            expected="the CPU or a CUDA device",
+            remedy='move them there, or draw with `backend="reference"`',
+        )
     if requested == "auto":
         return "cuda" if device.type == "cuda" else "native"
-    if requested not in _BACKENDS:
-        raise InputError(f"backend {requested!r}", where="rasterise", expected=f"one of auto, {', '.join(_BACKENDS)}")
     if requested == "native" and device.type != "cpu":
         raise InputError(f"native on {device}", where="rasterise", expected="the CPU", remedy="use `cuda` or `auto`")
     if requested == "gsplat" and not (device.type == "cuda" and dtype == torch.float32 and gsplat_installed()):
@@ -149,7 +158,6 @@ _BACKENDS = {
     "native": partial(rasterise_with, NativeRun),
     "cuda": partial(rasterise_with, CudaRun),
     "gsplat": _through_gsplat,
-    "warp": partial(_in_camera_frame, rasterise_warp),
     "reference": partial(_in_camera_frame, rasterise_reference),
 }
 

@@ -28,7 +28,7 @@ class FindGap(StageParameters):
     model_error: float = Field(
         0.0012,
         gt=0,
-        description="smooth error of the model, of a body whose shape the video gave and whose hold is guessed [m]; 0.0004 where both are known",
+        description="smooth error of the model, of a body whose pose a video gave and whose hold is guessed [m]; 0.0004 where both are known",
     )
     remainder: float = Field(
         0.03,

@@ -1,4 +1,4 @@
-"""Parameters of `fit_global` (Stage 1): the laws, where E, nu and mu_f start and may go, the objective and the descent."""
+"""Parameters of `fit_global` (Stage 1): the laws, where E, nu, mu_f and the grip start and may go, the objective, the descent."""
 
 from typing import Annotated, Literal
 
@@ -92,7 +92,7 @@ class Scan(StageParameters):
 
 
 class FitGlobal(StageParameters):
-    """Stage 1: one material for the whole object."""
+    """Stage 1: one material for the whole object, and the grip."""
 
     material: Material = Field(Material(), description="")
     youngs_modulus: YoungsModulus = Field(YoungsModulus(), description="E")

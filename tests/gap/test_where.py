@@ -96,6 +96,17 @@ def test_what_the_numerics_can_do_is_no_disagreement():
     assert where.sentence.startswith("Simulation and measurement agree")
 
 
+def test_a_fast_swing_that_the_lasting_test_averages_away_is_not_called_chance():
+    """Three frames a swing: nothing is left of it in a tenth of a second, and single frames show it."""
+    simulated = bar.bar(bar.times())
+    truth = simulated.copy()
+    truth[21:36, :, 0] += 0.0015 * np.sin(2 * np.pi * np.arange(15) / 3)[:, None]
+    where = find(truth, simulated)
+    assert not where.significant and where.test.p_value > 0.01
+    assert "In 10 of 60 frames, each by itself, that is further than 1.7 mm of noise would explain" in where.sentence
+    assert "comes and goes faster" in where.sentence and "agree" not in where.sentence
+
+
 def test_noise_larger_than_said_is_measured_and_no_disagreement():
     simulated = bar.bar(bar.times())
     comparison = bar.measure(simulated, simulated, noise=2 * bar.NOISE)

@@ -2,6 +2,7 @@
 
 import json
 from dataclasses import replace
+from pathlib import Path
 
 import numpy as np
 import pytest
@@ -12,7 +13,7 @@ trimesh = pytest.importorskip("trimesh")
 from data.rig import bar, case
 from data.rig.case import Case, make_case
 from data.rig.hidden.library import LIBRARY, OUTSIDE
-from data.rig.hidden.strengths import AMPLITUDES
+from data.rig.hidden.strengths import AMPLITUDES, STRENGTHS, TARGETS
 from data.rig.recording import MISSING, NOISE, seen
 from data.rig.truth import load_truth
 from physreal_core.effects import EFFECTS
@@ -131,3 +132,14 @@ def test_truth_speaks_of_the_coefficients_that_the_search_fits(name):
 def test_unknown_effect_is_an_input_error(tmp_path):
     with pytest.raises(InputError, match="no hidden effect named 'levitation'"):
         make_case(Case("levitation", "high", 0), tmp_path / "case", video=False)
+
+
+def test_the_sizes_of_hidden_effects_are_those_that_the_page_states():
+    """And those that the amplitudes were measured for: what shifts the tracks in proportion has amplitudes in their ratio."""
+    weak, middle, high = (f"{1e3 * target:g}" for target in TARGETS)
+    assert f"{weak}, {middle} and {high} mm" in (Path(case.__file__).parent / "README.md").read_text()
+    for name in ("camera_drift", "depth_bias", "grip_offset"):
+        np.testing.assert_allclose(
+            np.divide(AMPLITUDES[name], AMPLITUDES[name][0]), np.divide(TARGETS, TARGETS[0]), rtol=0.02
+        )
+    assert len(STRENGTHS) == len(TARGETS)

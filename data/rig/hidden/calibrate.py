@@ -17,11 +17,10 @@ from data.rig import recording
 from data.rig.bar import MOTIONS, bar, run
 from data.rig.hidden.effect import NOTHING, Hidden
 from data.rig.hidden.library import LIBRARY
-from data.rig.hidden.strengths import AMPLITUDES
+from data.rig.hidden.strengths import AMPLITUDES, TARGETS
 from data.rig.scene import Scene
 from physreal_core.array_types import Array, Float
 
-TARGETS = (0.0012, 0.003, 0.007)  # [m]
 SPACING = 0.022  # [m], of the elements: coarse, since only sizes are asked for
 # Logarithms of the shares of the true modulus at which the elastic bar is simulated, and at which splines then know it.
 MODULI = np.arange(-0.96, 0.61, 0.06)

@@ -1,4 +1,4 @@
-"""Amplitudes at which a bar's tracks are about 1.2, 3 and 7 mm from those of any elastic bar (see `calibrate.py`).
+"""How large a hidden effect is: amplitudes at which a bar's tracks are about `TARGETS` from those of any elastic bar.
 
 Measured by `python -m data.rig.hidden.calibrate`; units are those of the amplitude of each effect in `library.py`. Below what
 the sizes ask for, lest it be another effect or object: at "high", drag gives 4 to 5 mm, wind 5, gravity 4, viscosity 4, payload 6,
@@ -9,6 +9,9 @@ meets late or buckles at.
 """
 
 STRENGTHS = ("weak", "middle", "high")
+
+TARGETS = (0.0012, 0.003, 0.007)
+"""Of each strength: root mean square distance of the tracks from those of the nearest elastic bar [m]."""
 
 AMPLITUDES: dict[str, tuple[float, float, float]] = {
     "linear_drag": (0.873, 3.24, 12),

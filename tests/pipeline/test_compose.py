@@ -7,7 +7,7 @@ import yaml
 
 from physreal_core.errors import InputError
 from pipeline.compose import CONF, compose, options_in, render
-from pipeline.config import load_parameters, validate_parameters
+from pipeline.config import load_parameters, stage_model, validate_parameters
 from pipeline.graph import STAGES
 from pipeline.project import CODE_ROOT
 
@@ -31,7 +31,7 @@ def test_every_knob_is_written_out_with_its_meaning():
     text = compose([])
     raw = yaml.safe_load(text)
     for name, stage in STAGES.items():
-        assert set(raw[name]) == set(stage.parameters_model().model_fields)
+        assert set(raw[name]) == set(stage_model(stage).model_fields)
     assert "  max_depth: 8.0  # farthest plausible depth; farther readings are dropped [m]\n" in text
     for sequence in raw["sequences"].values():
         assert set(STAGES) < set(sequence), "DVC needs every key that a stage depends on"

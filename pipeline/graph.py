@@ -3,7 +3,7 @@
 `physreal compose` writes from here, and from what each stage's module imports, what DVC is told (pipeline/dvc_files.py).
 """
 
-from collections.abc import Callable, Mapping
+from collections.abc import Callable, Iterable, Mapping
 from dataclasses import dataclass, field
 from typing import Any
 
@@ -60,6 +60,18 @@ Graph = Mapping[str, Stage]
 def graph_of(*stages: Stage) -> Graph:
     """Stages by name, in the order in which they run."""
     return {stage.name: stage for stage in stages}
+
+
+def made_from(stages: Iterable[str], graph: Graph) -> set[str]:
+    """`stages` and all whose outputs they read, directly or through others."""
+    found: set[str] = set()
+    waiting = list(stages)
+    while waiting:
+        if (name := waiting.pop()) not in found:
+            found.add(name)
+            stage = graph[name]
+            waiting += (*stage.upstream, *stage.fitted, *stage.predicted, *stage.of_model, *stage.of_companion)
+    return found
 
 
 FIT_STAGES = ("fit_global", "fit_patches", "add_effect", "fit_residual")
@@ -121,30 +133,29 @@ class Aggregate:
     plots: Mapping[str, Mapping[str, Any]] = field(default_factory=dict)
 
 
-AGGREGATES = (
-    Aggregate(
-        "summarise",
-        ("evaluate",),
-        outputs_in_git=("results/tables", "results/plots"),
-        metrics=("results/summary.json",),
-        plots={
-            "loss": {
-                "title": "Objective of the fits, mean over sequences",
-                "x": {"results/plots/loss.csv": "iteration"},
-                "y": {"results/plots/loss.csv": [stage for stage in FIT_STAGES if stage != "add_effect"]},
-            },
-            "track error": {
-                "title": "Track error per frame [m], mean over fitted sequences",
-                "x": {"results/plots/frames.csv": "frame"},
-                "y": {"results/plots/frames.csv": list(FIT_STAGES)},
-            },
+SUMMARISE = Aggregate(
+    "summarise",
+    ("evaluate",),
+    outputs_in_git=("results/tables", "results/plots"),
+    metrics=("results/summary.json",),
+    plots={
+        "loss": {
+            "title": "Objective of the fits, mean over sequences",
+            "x": {"results/plots/loss.csv": "iteration"},
+            "y": {"results/plots/loss.csv": [stage for stage in FIT_STAGES if stage != "add_effect"]},
         },
-    ),
-    Aggregate(
-        "report",
-        ("segment_and_track", "fit_pose", "sample_particles", "find_gap", *FIT_STAGES, "predict", "evaluate"),
-        files=("stages/report.html.jinja", "results/summary.json", "data/runs"),
-        outputs=("results/report.html",),
-        outputs_in_git=("results/pictures",),
-    ),
+        "track error": {
+            "title": "Track error per frame [m], mean over fitted sequences",
+            "x": {"results/plots/frames.csv": "frame"},
+            "y": {"results/plots/frames.csv": list(FIT_STAGES)},
+        },
+    },
 )
+REPORT = Aggregate(
+    "report",
+    ("segment_and_track", "fit_pose", "sample_particles", "find_gap", *FIT_STAGES, "predict", "evaluate"),
+    files=("stages/report.html.jinja", "results/summary.json", "data/runs"),
+    outputs=("results/report.html",),
+    outputs_in_git=("results/pictures",),
+)
+AGGREGATES = (SUMMARISE, REPORT)

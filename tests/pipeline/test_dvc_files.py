@@ -6,7 +6,7 @@ import pytest
 import yaml
 
 from pipeline.dvc_files import code_dependencies, dvc_files
-from pipeline.graph import STAGES, Aggregate, Stage, graph_of
+from pipeline.graph import FIT_STAGES, REPORT, STAGES, Aggregate, Stage, graph_of, made_from
 from pipeline.project import CODE_ROOT
 from pipeline.provenance import project_modules
 
@@ -123,6 +123,12 @@ def test_how_code_becomes_dependencies(tmp_path):
     assert code_dependencies("stages/bend.py", tmp_path) == [*code, *files, "physreal_core/native"]
     write(tmp_path, stages___shared="from physreal_core.large import part1, part2\nfrom physreal_core import cores")
     assert code_dependencies("stages/bend.py", tmp_path) == [*code, "physreal_core/large", "physreal_core/native"]
+
+
+def test_what_outputs_are_made_from_is_followed_through_the_graph():
+    assert made_from(["build_object"], STAGES) == {"build_object", "parse_video", "segment_and_track"}
+    assert {*FIT_STAGES, "find_gap", "predict", "build_object"} < made_from(["evaluate"], STAGES)
+    assert "rig" not in made_from(REPORT.reads, STAGES), "captures are nobody's output"
 
 
 def test_a_new_stage_needs_its_module_and_a_line_of_the_graph(tmp_path):

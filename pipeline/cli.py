@@ -8,7 +8,6 @@ import sys
 from collections.abc import Sequence
 from pathlib import Path
 
-from benchmarks.gap.command import add_arguments as add_benchmark_arguments
 from physreal_core.errors import InputError
 
 
@@ -27,11 +26,11 @@ def _parser() -> argparse.ArgumentParser:
     parser = argparse.ArgumentParser(prog="physreal", description="From one RGB-D video to a simulatable twin.")
     commands = parser.add_subparsers(required=True, metavar="command")
 
-    command = commands.add_parser("compose", help="write params.yaml from the option groups in pipeline/conf")
-    command.add_argument("options", nargs="*", help="group=option (fit_global=von_mises) or key=value")
-    command.add_argument(
-        "--check", action="store_true", help="write nothing; fail if params.yaml is not what they give"
+    command = commands.add_parser(
+        "compose", help="write params.yaml, by the options in pipeline/conf, and the dvc.yaml files"
     )
+    command.add_argument("options", nargs="*", help="group=option (fit_global=von_mises) or key=value")
+    command.add_argument("--check", action="store_true", help="write nothing; fail if a file is not what they give")
     command.set_defaults(command=_compose)
 
     command = commands.add_parser("check", help="validate params.yaml and the captures, without running anything")
@@ -65,11 +64,6 @@ def _parser() -> argparse.ArgumentParser:
     command.add_argument("--again", action="store_true", help="search anew, even if the result at hand is up to date")
     command.set_defaults(command=_gap)
 
-    command = commands.add_parser(
-        "gap-benchmark", help="how often the search is right, on captures with a hidden effect"
-    )
-    add_benchmark_arguments(command)
-
     command = commands.add_parser("run", help="run one stage on one sequence, without DVC")
     command.add_argument("stage")
     command.add_argument("sequence")
@@ -78,20 +72,23 @@ def _parser() -> argparse.ArgumentParser:
 
 
 def _compose(parsed: argparse.Namespace) -> int:
-    from pipeline.compose import compose, options_in
+    from pipeline.compose import composed_files, options_in
     from pipeline.project import Project
 
-    path = Project.find().parameters
-    if not parsed.check:
-        path.write_text(compose(parsed.options))
-        print(f"wrote {path}")
-        return 0
-    options = parsed.options or options_in(path)
+    project = Project.find()
+    options = parsed.options or (options_in(project.parameters) if parsed.check else [])
     command = " ".join(["physreal compose", *options])
-    if path.read_text() != compose(options):
-        print(f"{path} is not what `{command}` gives", file=sys.stderr)
+    files = composed_files(options, project)
+    stale = {path: text for path, text in files.items() if not path.is_file() or path.read_text() != text}
+    if parsed.check and stale:
+        names = ", ".join(str(path.relative_to(project.root)) for path in stale)
+        print(f"stale: {names}; run `{command}`", file=sys.stderr)
         return 1
-    print(f"{path} is what `{command}` gives")
+    for path, text in stale.items():
+        path.parent.mkdir(parents=True, exist_ok=True)
+        path.write_text(text)
+        print(f"wrote {path}")
+    print(f"{len(files)} files are what `{command}` gives")
     return 0
 
 

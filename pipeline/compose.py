@@ -1,4 +1,4 @@
-"""params.yaml out of the Hydra groups in pipeline/conf: every knob written out, its unit beside it.
+"""What `physreal compose` writes: params.yaml out of the Hydra groups in pipeline/conf, every knob with its unit; DVC's files.
 
 The only place that imports Hydra; stages read params.yaml and nothing else.
 """
@@ -11,6 +11,8 @@ from pydantic import BaseModel
 
 from physreal_core.errors import InputError
 from pipeline.config import Parameters, validate_parameters
+from pipeline.dvc_files import dvc_files
+from pipeline.project import CODE_ROOT, Project
 
 CONF = Path(__file__).parent / "conf"
 HEADER = """\
@@ -31,6 +33,14 @@ def compose(overrides: list[str], conf: Path = CONF) -> str:
     """
     raw = _compose_raw(overrides, conf) | {"composed_from": overrides}
     return render(validate_parameters(raw, "the composed parameters"))
+
+
+def composed_files(overrides: list[str], project: Project) -> dict[Path, str]:
+    """Path → text of all that `physreal compose` writes: params.yaml and, where the code lies, DVC's files."""
+    files = {project.parameters: compose(overrides)}
+    if project.root == CODE_ROOT:
+        files |= {project.root / name: text for name, text in dvc_files().items()}
+    return files
 
 
 def render(parameters: Parameters) -> str:
@@ -60,9 +70,20 @@ def _compose_raw(overrides: list[str], conf: Path) -> dict[str, Any]:
 
 
 def _as_hydra(override: str, conf: Path) -> str:
-    """A value may be given for any key, named in conf or not: validation, which knows all keys, comes after."""
+    """A value may be given for any key, named in conf or not: validation, which knows all keys, comes after.
+
+    Hydra takes `++key=value` for a key that may be new, and `+group=option` for a group that config.yaml does not choose.
+    """
     key, equals, _ = override.partition("=")
-    return f"++{override}" if equals and key[:1].isalpha() and not (conf / key).is_dir() else override
+    if not equals or not key[:1].isalpha() or key in _groups_chosen(conf):
+        return override
+    return f"+{override}" if (conf / key).is_dir() else f"++{override}"
+
+
+def _groups_chosen(conf: Path) -> set[str]:
+    """The groups of which config.yaml takes an option."""
+    defaults = yaml.safe_load((conf / "config.yaml").read_text())["defaults"]
+    return {group for entry in defaults if isinstance(entry, dict) for group in entry}
 
 
 def _lines(parameters: Parameters) -> list[str]:

@@ -1,36 +1,30 @@
-"""The stages, what each reads, and where the parameters of each are defined: the artifact contract's skeleton.
+"""The stages: what each reads, for which sequences it runs, what it leaves. The artifact contract's skeleton.
 
-`pipeline/<stage>/dvc.yaml` says the same to DVC; tests/pipeline/test_dvc_files.py holds the two together.
+`physreal compose` writes from here, and from what each stage's module imports, what DVC is told (pipeline/dvc_files.py).
 """
 
-import importlib
-import importlib.util
-from collections.abc import Callable, Mapping
-from dataclasses import dataclass
+from collections.abc import Callable, Iterable, Mapping
+from dataclasses import dataclass, field
+from typing import Any
 
-from pydantic import BaseModel
-
-
-def _from_config_module(stage: str) -> type[BaseModel]:
-    """The class of pipeline/config/<stage>.py, named as the stage is: fit_global → FitGlobal. No file: no parameters."""
-    if importlib.util.find_spec(f"pipeline.config.{stage}") is None:
-        return importlib.import_module("pipeline.config").StageParameters
-    class_name = "".join(word.capitalize() for word in stage.split("_"))
-    return getattr(importlib.import_module(f"pipeline.config.{stage}"), class_name)
+Files = Mapping[str, tuple[str, ...]]
+"""Stage → names of files in its output."""
 
 
 @dataclass(frozen=True)
 class Stage:
-    """One stage and what it reads.
+    """One stage: `stages/<name>.py`, run once for every sequence that has one of its roles.
 
     Attributes:
         upstream: stages whose output for the same sequence it reads.
         fitted: further ones where the sequence stands under `fits`.
         predicted: further ones where it stands under `predictions`.
         of_model: stages whose output for the sequence under `model_from` it reads.
-        of_companion: stages whose output it reads for the sequence's `companion`, where there is one.
+        of_companion: what it reads of the sequence's `companion`, where there is one.
         reads_capture: whether it reads the capture folder.
         makes_capture: whether its output is the capture folder.
+        files: what else it reads, as paths from the project's root.
+        roles: the blocks of params.yaml for whose sequences it runs. The first gives it its name in DVC.
         model: gives the class of its parameters; default: the one in pipeline/config/<name>.py.
     """
 
@@ -39,13 +33,25 @@ class Stage:
     fitted: tuple[str, ...] = ()
     predicted: tuple[str, ...] = ()
     of_model: tuple[str, ...] = ()
-    of_companion: tuple[str, ...] = ()
+    of_companion: Files = field(default_factory=dict)
     reads_capture: bool = False
     makes_capture: bool = False
-    model: Callable[[], type[BaseModel]] | None = None
+    files: tuple[str, ...] = ()
+    roles: tuple[str, ...] = ("sequences",)
+    model: Callable[[], type] | None = None
 
-    def parameters_model(self) -> type[BaseModel]:
-        return self.model() if self.model else _from_config_module(self.name)
+    def entry(self, role: str) -> str:
+        """Its name in its dvc.yaml for the sequences of a role: `evaluate`, and `evaluate_prediction` for a second role."""
+        return self.name if role == self.roles[0] else f"{self.name}_{role.removesuffix('s')}"
+
+    def target(self, role: str, sequence: str) -> str:
+        """What `dvc repro` is given to run it for a sequence of a role."""
+        return f"pipeline/{self.name}/dvc.yaml:{self.entry(role)}@{sequence}"
+
+    def inputs(self, role: str) -> tuple[str, ...]:
+        """Stages whose output it reads for the same sequence, where that has the given role."""
+        more = {"fits": self.fitted, "predictions": self.predicted}
+        return (*self.upstream, *more.get(role, ()))
 
 
 Graph = Mapping[str, Stage]
@@ -56,24 +62,100 @@ def graph_of(*stages: Stage) -> Graph:
     return {stage.name: stage for stage in stages}
 
 
+def made_from(stages: Iterable[str], graph: Graph) -> set[str]:
+    """`stages` and all whose outputs they read, directly or through others."""
+    found: set[str] = set()
+    waiting = list(stages)
+    while waiting:
+        if (name := waiting.pop()) not in found:
+            found.add(name)
+            stage = graph[name]
+            waiting += (*stage.upstream, *stage.fitted, *stage.predicted, *stage.of_model, *stage.of_companion)
+    return found
+
+
 FIT_STAGES = ("fit_global", "fit_patches", "add_effect", "fit_residual")
 _OBSERVED = ("parse_video", "segment_and_track", "fit_pose", "sample_particles")
 _TRACKED = ("parse_video", "segment_and_track", "sample_particles")
-
-PERCEPTION = ("parse_video", "segment_and_track")
+# Files and not folders: where there is no companion it is the sequence itself, whose folders are read as well,
+# and DVC takes no path twice.
+_TRACKED_FILES = {
+    "parse_video": ("capture.json",),
+    "segment_and_track": ("tracks.npz", "controllers.npz"),
+    "sample_particles": ("particles.npz",),
+}
+_PERCEIVED = ("sequences", "clips")
 
 STAGES: Graph = graph_of(
-    Stage("rig", makes_capture=True),
-    Stage("parse_video", reads_capture=True),
-    Stage("segment_and_track", ("parse_video",), reads_capture=True),
+    Stage("rig", makes_capture=True, roles=("rigged",)),
+    Stage("parse_video", reads_capture=True, roles=_PERCEIVED),
+    Stage("segment_and_track", ("parse_video",), reads_capture=True, files=("data/models",), roles=_PERCEIVED),
     Stage("build_object", ("parse_video", "segment_and_track"), reads_capture=True),
     Stage("fit_pose", ("parse_video", "segment_and_track", "build_object")),
     Stage("sample_particles", ("parse_video", "segment_and_track", "fit_pose")),
-    Stage("fit_global", _OBSERVED),
-    Stage("fit_patches", (*_OBSERVED, "fit_global")),
-    Stage("find_gap", (*_TRACKED, "fit_patches"), of_companion=_TRACKED),
-    Stage("add_effect", (*_TRACKED, "fit_patches", "find_gap"), of_companion=_TRACKED),
-    Stage("fit_residual", (*_OBSERVED, "fit_patches", "add_effect")),
-    Stage("predict", _OBSERVED, of_model=("fit_pose", "sample_particles", *FIT_STAGES)),
-    Stage("evaluate", _OBSERVED, fitted=FIT_STAGES, predicted=("predict",), reads_capture=True),
+    Stage("fit_global", _OBSERVED, roles=("fits",)),
+    Stage("fit_patches", (*_OBSERVED, "fit_global"), roles=("fits",)),
+    Stage("find_gap", (*_TRACKED, "fit_patches"), of_companion=_TRACKED_FILES, roles=("fits",)),
+    Stage("add_effect", (*_TRACKED, "fit_patches", "find_gap"), of_companion=_TRACKED_FILES, roles=("fits",)),
+    Stage("fit_residual", (*_OBSERVED, "fit_patches", "add_effect"), roles=("fits",)),
+    Stage("predict", _OBSERVED, of_model=("fit_pose", "sample_particles", *FIT_STAGES), roles=("predictions",)),
+    Stage(
+        "evaluate",
+        _OBSERVED,
+        fitted=FIT_STAGES,
+        predicted=("predict",),
+        reads_capture=True,
+        roles=("fits", "predictions"),
+    ),
 )
+
+PERCEPTION = tuple(name for name, stage in STAGES.items() if "clips" in stage.roles)
+
+
+@dataclass(frozen=True)
+class Aggregate:
+    """What runs once, over all sequences: `stages/<name>.py`.
+
+    Attributes:
+        reads: stages whose outputs it reads.
+        files: what else it reads, as paths from the project's root.
+        outputs: what it writes; those in git are small and not kept in DVC's cache.
+        metrics: what `dvc metrics` shows, in git too.
+        plots: what `dvc plots` draws, as DVC wants it.
+    """
+
+    name: str
+    reads: tuple[str, ...]
+    files: tuple[str, ...] = ()
+    outputs: tuple[str, ...] = ()
+    outputs_in_git: tuple[str, ...] = ()
+    metrics: tuple[str, ...] = ()
+    plots: Mapping[str, Mapping[str, Any]] = field(default_factory=dict)
+
+
+SUMMARISE = Aggregate(
+    "summarise",
+    ("evaluate",),
+    outputs_in_git=("results/tables", "results/plots"),
+    metrics=("results/summary.json",),
+    plots={
+        "loss": {
+            "title": "Objective of the fits, mean over sequences",
+            "x": {"results/plots/loss.csv": "iteration"},
+            "y": {"results/plots/loss.csv": [stage for stage in FIT_STAGES if stage != "add_effect"]},
+        },
+        "track error": {
+            "title": "Track error per frame [m], mean over fitted sequences",
+            "x": {"results/plots/frames.csv": "frame"},
+            "y": {"results/plots/frames.csv": list(FIT_STAGES)},
+        },
+    },
+)
+REPORT = Aggregate(
+    "report",
+    ("segment_and_track", "fit_pose", "sample_particles", "find_gap", *FIT_STAGES, "predict", "evaluate"),
+    files=("stages/report.html.jinja", "results/summary.json", "data/runs"),
+    outputs=("results/report.html",),
+    outputs_in_git=("results/pictures",),
+)
+AGGREGATES = (SUMMARISE, REPORT)

@@ -11,6 +11,7 @@ import yaml
 
 from physreal_core.errors import InputError
 from pipeline.config import read_parameters, unknown_key, validate_parameters
+from pipeline.graph import STAGES
 from pipeline.project import Project
 
 PACKAGE = "data.importers"
@@ -72,8 +73,8 @@ def add_sequence(name: str, role: str, project: Project) -> str:
     raw[home] = {**(raw.get(home) or {}), name: {}}
     raw[role] = {**(raw.get(role) or {}), name: {}}
     project.parameters.write_text(render(validate_parameters(raw, project.parameters.name)))
-    target = "segment_and_track/dvc.yaml:segment_and_track_clip" if role == "clips" else "evaluate/dvc.yaml:evaluate"
-    return f"entered {name} in params.yaml under {role}: {found}\nnext: dvc repro pipeline/{target}@{name}"
+    last = [stage for stage in STAGES.values() if role in stage.roles][-1]
+    return f"entered {name} in params.yaml under {role}: {found}\nnext: dvc repro {last.target(role, name)}"
 
 
 def _keywords(importer: ModuleType, options: list[str]) -> dict[str, Any]:

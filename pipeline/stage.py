@@ -117,10 +117,9 @@ class StageContext:
 
     @property
     def _upstream(self) -> tuple[str, ...]:
-        values, spec = self._parameters.values, self._spec
-        fitted = spec.fitted if self.sequence in values.fits else ()
-        predicted = spec.predicted if self.sequence in values.predictions else ()
-        return (*spec.upstream, *fitted, *predicted)
+        values = self._parameters.values
+        role = next((role for role in ("fits", "predictions") if self.sequence in getattr(values, role)), "sequences")
+        return self._spec.inputs(role)
 
     @cached_property
     def scratch(self) -> Path:
@@ -161,7 +160,7 @@ def checked_artifact(project: Project, parameters: Parameters, stage: str, seque
     """
     folder = project.artifact(stage, sequence)
     where = f"{stage} {sequence}"
-    rerun = f"run `dvc repro -f -s pipeline/{stage}/dvc.yaml:{stage}@{sequence}`"
+    rerun = f"run `dvc repro -f -s {_target(parameters, stage, sequence)}`"
     if not folder.is_dir():
         raise InputError(f"its output {folder} is missing", where=where, remedy=f"run `dvc repro` or {rerun}")
     record = read_provenance(folder)
@@ -178,6 +177,12 @@ def checked_artifact(project: Project, parameters: Parameters, stage: str, seque
         if source.is_dir() and digest_folder(source) != digest:
             raise InputError(f"its output was made from another version of {source}", where=where, remedy=rerun)
     return folder
+
+
+def _target(parameters: Parameters, stage: str, sequence: str) -> str:
+    spec = parameters.graph[stage]
+    role = next((role for role in spec.roles if sequence in getattr(parameters.values, role)), spec.roles[0])
+    return spec.target(role, sequence)
 
 
 def _input_folder(project: Project, name: str, sequence: str) -> Path:

@@ -2,7 +2,7 @@
 
 from physreal_core.errors import InputError
 from pipeline.config import Parameters, load_parameters
-from pipeline.graph import FIT_STAGES, PERCEPTION, STAGES
+from pipeline.graph import STAGES
 from pipeline.project import Project
 from pipeline.stage import checked_artifact
 
@@ -28,14 +28,11 @@ def print_status(project: Project | None = None) -> None:
 
 def stages_of(parameters: Parameters, sequence: str) -> list[str]:
     """The stages that a sequence goes through, by its roles in params.yaml."""
-    values = parameters.values
-    made = ["rig"] if sequence in values.rigged else []
-    if sequence in values.clips:
-        return [*made, *PERCEPTION]
-    if sequence in values.fits:
-        return [*made, *(name for name in STAGES if name not in ("rig", "predict"))]
-    before = list(STAGES)[list(STAGES).index("rig") + 1 : list(STAGES).index(FIT_STAGES[0])]
-    return [*made, *before, "predict", "evaluate"] if sequence in values.predictions else [*made, *before]
+    return [
+        name
+        for name, stage in parameters.graph.items()
+        if any(sequence in getattr(parameters.values, role) for role in stage.roles)
+    ]
 
 
 def _state(project: Project, parameters: Parameters, stage: str, sequence: str) -> str:

@@ -8,8 +8,9 @@ from physreal_core.perception.flow import DisFlow, GmFlow
 from physreal_core.perception.flow_tracker import FlowTracker
 from physreal_core.perception.hand_finder import HandFinder
 from physreal_core.perception.lifting import DepthNoise
-from physreal_core.perception.parsing import Networks, Settings, Video
+from physreal_core.perception.perceive import Networks, Video
 from physreal_core.perception.segmenter import Segmenter
+from physreal_core.perception.settings import PerceptionSettings
 from physreal_core.perception.tracker import Tracker
 from pipeline.config.segment_and_track import SegmentAndTrack
 from pipeline.models import default_folder, require
@@ -18,20 +19,10 @@ from stages._video import given_candidates
 _CLIP_KEYS = ("clip_image_onnx", "clip_text_onnx", "clip_tokenizer")
 
 
-def make_settings(params: SegmentAndTrack) -> Settings:
-    """The numbers of the parsing."""
-    return Settings(
-        keyframe_stride=params.keyframe_stride,
-        track_count=params.track_count,
-        hand_track_count=params.hand_track_count,
-        max_depth_edge=params.max_depth_edge,
-        max_stray=params.max_stray,
-        noise=DepthNoise(params.depth_noise, params.depth_noise_quadratic, params.pixel_noise),
-        controller_count=params.controller_count,
-        controller_reach=params.controller_reach,
-        controller_thickness=params.controller_thickness,
-        smoothing=params.controller_smoothing,
-    )
+def make_settings(params: SegmentAndTrack) -> PerceptionSettings:
+    """The numbers of the perception."""
+    noise = DepthNoise(params.depth_noise, params.depth_noise_quadratic, params.pixel_noise)
+    return params.as_settings(PerceptionSettings, noise=noise)
 
 
 def make_networks(params: SegmentAndTrack, video: Video, capture: Path) -> Networks:

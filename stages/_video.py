@@ -7,7 +7,7 @@ import numpy as np
 
 from physreal_core.array_types import Array, Bool, Float
 from physreal_core.errors import InputError
-from physreal_core.perception.parsing import Video
+from physreal_core.perception.perceive import Video
 from physreal_core.perception.tracker import Tracks
 from pipeline.capture import Capture
 from pipeline.frames import read_grey

@@ -61,13 +61,8 @@ def run(context: StageContext) -> None:
 
 def _search(context: StageContext, mesh: Mesh, observation: Observation) -> Alignment:
     p = context.params
-    settings = AlignmentSettings(
-        search=SearchSettings(p.restarts, p.population, p.generations, context.seed),
-        candidates=p.candidates,
-        coarse_iterations=p.coarse_iterations,
-        fine_iterations=p.fine_iterations,
-        rests=p.rests_on_plane,
-    )
+    search = p.as_settings(SearchSettings, seed=context.seed)
+    settings = p.as_settings(AlignmentSettings, search=search, rests=p.rests_on_plane)
     surface = sample_surface(mesh, p.surface_points, seed=context.seed)
     with context.progress("find the pose", settings.steps) as bar:
         return align(surface, observation, settings, on_step=bar.advance)

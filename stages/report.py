@@ -8,7 +8,7 @@ import jinja2
 import numpy as np
 
 from pipeline.capture import read_capture
-from pipeline.graph import FIT_STAGES, STAGES
+from pipeline.graph import FIT_STAGES, REPORT, STAGES, made_from
 from pipeline.provenance import read_provenance
 from pipeline.results import Results
 from pipeline.stage import exit_on_input_error
@@ -159,8 +159,9 @@ def _other_numbers(block: dict[str, Any]) -> dict[str, float]:
 
 
 def _provenance(results: Results, name: str) -> dict[str, str]:
-    """Stage → its provenance.json as text."""
-    stages = [stage for stage in stages_of(results.parameters, name) if not STAGES[stage].makes_capture]
+    """Stage → its provenance.json as text, of all that the report is made from."""
+    read = made_from(REPORT.reads, STAGES)
+    stages = [stage for stage in stages_of(results.parameters, name) if stage in read]
     return {stage: json.dumps(read_provenance(results.artifact(stage, name)), indent=1) for stage in stages}
 
 

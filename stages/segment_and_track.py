@@ -9,7 +9,7 @@ from pathlib import Path
 
 import numpy as np
 
-from physreal_core.perception.parsing import Parsed, Video, parse_video
+from physreal_core.perception.perceive import Perceived, Video, perceive
 from pipeline.capture import Capture, read_capture
 from pipeline.stage import StageContext, main
 from stages._networks import make_networks, make_settings
@@ -53,13 +53,13 @@ def _see(context: StageContext, parsed: Path, capture: Capture) -> None:
     networks = make_networks(context.params, video, context.capture)
     steps = 4 + (len(video.frames) - 2) // context.params.keyframe_stride + 1
     with context.progress("masks and tracks", steps) as progress:
-        result = parse_video(video, networks, make_settings(context.params), lambda step: progress.advance())
+        result = perceive(video, networks, make_settings(context.params), lambda step: progress.advance())
     result = _with_given_3d(context, video, result)
     with context.timed("writing"):
         _write(context, video, result, capture.fps)
 
 
-def _with_given_3d(context: StageContext, video: Video, result: Parsed) -> Parsed:
+def _with_given_3d(context: StageContext, video: Video, result: Perceived) -> Perceived:
     """3D tracks and controllers that the capture brings stand in for those that were measured."""
     from dataclasses import replace
 
@@ -80,7 +80,7 @@ def _with_given_3d(context: StageContext, video: Video, result: Parsed) -> Parse
     return result
 
 
-def _write(context: StageContext, video: Video, result: Parsed, fps: float) -> None:
+def _write(context: StageContext, video: Video, result: Perceived, fps: float) -> None:
     from physreal_core.perception.lifting import project
     from physreal_core.perception.overlay import draw_overlay, write_video
 

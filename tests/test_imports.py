@@ -1,8 +1,10 @@
-"""Imports run one way: the core knows neither pipeline nor stages, and its ground stands on four packages alone."""
+"""Imports run one way, and nothing leads back to itself; the core's ground stands on four packages alone."""
 
 import ast
 import subprocess
 import sys
+from collections.abc import Iterable
+from graphlib import TopologicalSorter
 from pathlib import Path
 
 import pytest
@@ -80,6 +82,75 @@ def _at_module_level(node: ast.AST):
         if not isinstance(child, (ast.FunctionDef, ast.AsyncFunctionDef)):
             yield child
             yield from _at_module_level(child)
+
+
+FLOORS = ("benchmarks", "stages", "data", "pipeline", "physreal_core")
+"""From the top floor down: each imports from those after it alone."""
+
+
+def dotted(path: Path) -> str:
+    """The name of a module, or of the package whose __init__ it is."""
+    return ".".join(path.relative_to(ROOT).with_suffix("").parts).removesuffix(".__init__")
+
+
+FILES = {dotted(path): path for floor in FLOORS for path in modules(floor)}
+
+
+def modules_imported(module: str) -> set[str]:
+    """The project's own modules that a module imports, at module level or inside a function."""
+    found = set()
+    for node in ast.walk(ast.parse(FILES[module].read_text())):
+        if isinstance(node, ast.Import):
+            found |= {alias.name for alias in node.names}
+        elif isinstance(node, ast.ImportFrom):
+            assert node.level == 0, f"{module}: an import from {'.' * node.level}, which would not be seen here"
+            full = [f"{node.module}.{alias.name}" for alias in node.names]
+            found |= {name if name in FILES else node.module for name in full}
+    return found & FILES.keys() - {module}
+
+
+IMPORTS = {module: modules_imported(module) for module in FILES}
+
+# The gap's sentences take their types from the module that calls them.
+ALLOWED_FOR_NOW = ("sentences", "where")
+
+
+def rises(module: str, imported: str) -> bool:
+    """Whether an import goes to a floor above the module's own."""
+    own, other = (FLOORS.index(name.partition(".")[0]) for name in (module, imported))
+    return other < own
+
+
+def test_floors_import_from_those_below():
+    pairs = {(module, name) for module, names in IMPORTS.items() for name in names}
+    assert len(pairs) > 1000
+    assert not {pair for pair in pairs if rises(*pair)}
+
+
+def room(module: str) -> str:
+    """The package that a module stands in: a floor, or a package of the core."""
+    parts = module.split(".")
+    in_core = parts[0] == "physreal_core" and any(name.startswith(f"{'.'.join(parts[:2])}.") for name in FILES)
+    return ".".join(parts[:2]) if in_core else parts[0]
+
+
+def assert_no_circle(pairs: Iterable[tuple[str, str]]) -> None:
+    graph = TopologicalSorter()
+    for one, other in pairs:
+        graph.add(one, other)
+    graph.prepare()  # CycleError, naming the circle
+
+
+def test_no_package_leads_back_to_itself():
+    rooms = {(room(module), room(name)) for module, names in IMPORTS.items() for name in names}
+    assert ("physreal_core.gap", "physreal_core.fitting") in rooms
+    assert_no_circle((one, other) for one, other in rooms if one != other)
+
+
+def test_no_module_leads_back_to_itself():
+    pairs = ((module, name) for module, names in IMPORTS.items() for name in names)
+    last = [(one, other) for one, other in pairs if (one.split(".")[-1], other.split(".")[-1]) != ALLOWED_FOR_NOW]
+    assert_no_circle(last)
 
 
 def test_the_core_imports_no_upper_floor():

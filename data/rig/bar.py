@@ -13,7 +13,8 @@ import numpy as np
 from data.rig.hidden.effect import NOTHING, Hidden
 from data.rig.scene import Material, Motion, Scene, View, mitten
 from data.rig.shapes import Block
-from data.rig.simulate import Trajectory, simulate
+from data.rig.simulate import simulate
+from data.rig.trajectory import Trajectory
 
 LENGTH, WIDTH, HEIGHT = 0.24, 0.044, 0.044  # [m]
 HELD = 0.045  # length of the end that the hand holds [m]

@@ -16,7 +16,8 @@ from data.rig.mesh import TetMesh
 from data.rig.render import HAND, OBJECT, Picture, Stage
 from data.rig.scene import Scene
 from data.rig.sensor import read_colour, read_depth
-from data.rig.simulate import Trajectory, simulate
+from data.rig.simulate import simulate
+from data.rig.trajectory import Trajectory
 from physreal_core.array_types import Array, Float
 
 _PRIOR_SHADE = 0.8  # vertex colours of the prior: the surface under a soft light

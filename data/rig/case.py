@@ -18,7 +18,7 @@ from data.rig.hidden.strengths import AMPLITUDES, STRENGTHS
 from data.rig.hidden.together import Together
 from data.rig.mesh import mesh_shape
 from data.rig.scene import Scene
-from data.rig.simulate import Trajectory
+from data.rig.trajectory import Trajectory
 from physreal_core.array_types import Array
 
 _SPREAD = 0.15  # amplitudes of one strength differ between seeds by up to this share

@@ -8,7 +8,7 @@ import numpy as np
 
 from data.rig.mesh import TetMesh
 from data.rig.scene import Scene, View
-from data.rig.simulate import Trajectory
+from data.rig.trajectory import Trajectory
 from physreal_core.array_types import Array, Bool, Float, Int
 
 POINTS, NOISE, MISSING, MEAN_RUN = 150, 0.001, 0.3, 5.0  # count; [m]; share; mean length of a hidden run [frames]

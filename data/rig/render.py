@@ -9,7 +9,7 @@ from data.rig import texture
 from data.rig.mesh import mesh_shape
 from data.rig.raycast import Raycaster, pixel_rays
 from data.rig.scene import Scene
-from data.rig.simulate import Trajectory
+from data.rig.trajectory import Trajectory
 from physreal_core.array_types import Array, Float, Int, UInt8
 
 BACKGROUND, OBJECT, HAND, TABLE = -1, 0, 1, 2

@@ -4,32 +4,14 @@ Independent of physreal_core: other method (FEM), other mesh, other integrator.
 """
 
 from collections.abc import Callable
-from dataclasses import dataclass
 
 import numpy as np
 
 from data.rig.hidden.effect import NOTHING, Hidden
-from data.rig.mesh import TetMesh
 from data.rig.scene import Scene
+from data.rig.trajectory import Trajectory
 from data.rig.world import World
-from physreal_core.array_types import Array, Float, Int
-
-
-@dataclass(frozen=True)
-class Trajectory:
-    """What truly happened.
-
-    Attributes:
-        mesh: the body, stress-free.
-        vertices: [T, V, 3] m, node positions at frame times.
-        hand: [T, 3] m, displacement of the hand since frame 0.
-        gripped: indices of the nodes that the hand holds.
-    """
-
-    mesh: TetMesh
-    vertices: Float[Array, "T V 3"]
-    hand: Float[Array, "T 3"]
-    gripped: Int[Array, " B"]
+from physreal_core.array_types import Array, Float
 
 
 def simulate(

@@ -7,8 +7,8 @@ import numpy as np
 
 from physreal_core.array_types import Array, Bool, Float, UInt8
 from physreal_core.errors import InputError
-from physreal_core.perception.association import intersection_over_union, signed_distance, spread_points
 from physreal_core.perception.colour import colour_mask, largest_part
+from physreal_core.perception.mask_geometry import intersection_over_union, signed_distance, spread_points
 from physreal_core.perception.segmenter import Candidates, Prompt
 
 

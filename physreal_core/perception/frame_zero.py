@@ -8,15 +8,7 @@ import numpy as np
 
 from physreal_core.array_types import Array, Bool, Float, UInt8
 from physreal_core.errors import InputError
-from physreal_core.perception.association import (
-    box_of,
-    choose_by_votes,
-    in_wide_enough_window,
-    make_prompts,
-    signed_distance,
-    spread_points,
-    window_around,
-)
+from physreal_core.perception.association import choose_by_votes
 from physreal_core.perception.chooser import (
     TargetChooser,
     fit_to_hint,
@@ -27,10 +19,16 @@ from physreal_core.perception.chooser import (
 )
 from physreal_core.perception.colour import largest_part
 from physreal_core.perception.hand_finder import Hand, HandFinder
+from physreal_core.perception.mask_geometry import box_of, signed_distance, spread_points
+from physreal_core.perception.prompting import Window, in_wide_enough_window, make_prompts, window_around
 from physreal_core.perception.segmenter import Candidates, Prompt, Segmenter, drop_duplicates, zoomed_candidates
+from physreal_core.perception.settings import AssociationSettings, WindowSettings
 
 _MAX_AREA = 0.5  # of the image: more is a table or a wall
 _UNTOUCHED = 0.02  # weight of what the hand does not touch: among many things one sounds right by chance
+_AROUND_THING = WindowSettings(margin=0.4)
+_AROUND_LANDMARKS = WindowSettings(margin=1.0, least=0.4)  # a hand reaches beyond its landmarks, and has an arm
+_LANDMARKS = AssociationSettings(tie=0.15)  # of 21 landmarks three may lie beside the hand
 
 
 @dataclass(frozen=True)
@@ -170,12 +168,12 @@ def _refined(image: Array, mask: Array, others: list[Array], segmenter: Segmente
         return mask
     inside = np.argwhere(signed_distance(mask) >= 1)[:, ::-1].astype(np.float32)
 
-    def choose(window: tuple[int, int, int, int]) -> Array | None:
+    def choose(window: Window) -> Array | None:
         found = _sane(zoomed_candidates(segmenter, image, make_prompts(mask, others), window))
         best = choose_by_votes(found, inside, np.zeros((0, 2)), expected=mask)
         return None if best is None else largest_part(found.masks[best])
 
-    chosen = in_wide_enough_window(choose, window_around(mask, 0.4))
+    chosen = in_wide_enough_window(choose, window_around(mask, _AROUND_THING))
     return mask if chosen is None else chosen
 
 
@@ -192,12 +190,12 @@ def _mask_of_hand(image: Array, hand: Hand, segmenter: Segmenter) -> Choice | No
     u0, v0, u1, v1 = (int(np.clip(x, 0, n - 1)) for x, n in zip(box, (*image.shape[1::-1],) * 2, strict=True))
     seed[v0 : v1 + 1, u0 : u1 + 1] = True
 
-    def choose(window: tuple[int, int, int, int]) -> Array | None:
+    def choose(window: Window) -> Array | None:
         found = _sane(zoomed_candidates(segmenter, image, prompts, window))
-        best = choose_by_votes(found, hand.points, np.zeros((0, 2)), tie=0.15)
+        best = choose_by_votes(found, hand.points, np.zeros((0, 2)), settings=_LANDMARKS)
         return None if best is None else found.masks[best]
 
-    mask = in_wide_enough_window(choose, window_around(seed, 1.0, 0.4))
+    mask = in_wide_enough_window(choose, window_around(seed, _AROUND_LANDMARKS))
     return None if mask is None else Choice(mask, f"hand found, presence {hand.presence:.2f}")
 
 

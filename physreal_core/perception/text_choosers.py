@@ -7,7 +7,7 @@ import numpy as np
 
 from physreal_core.array_types import Array, Bool, Float, UInt8
 from physreal_core.errors import InputError
-from physreal_core.perception.association import box_of
+from physreal_core.perception.mask_geometry import box_of
 from physreal_core.perception.session import open_session
 from physreal_core.perception.text_encoder import TextEncoder
 

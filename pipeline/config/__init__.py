@@ -6,7 +6,14 @@ derived from `StageParameters`; nothing else has to be registered.
 
 from pipeline.config._base import StageParameters
 from pipeline.config._errors import as_input_error, unknown_key
-from pipeline.config._parameters import Parameters, Prediction, load_parameters, read_parameters, validate_parameters
+from pipeline.config._parameters import (
+    Parameters,
+    Prediction,
+    load_parameters,
+    read_parameters,
+    stage_model,
+    validate_parameters,
+)
 
 __all__ = [
     "Parameters",
@@ -15,6 +22,7 @@ __all__ = [
     "as_input_error",
     "load_parameters",
     "read_parameters",
+    "stage_model",
     "unknown_key",
     "validate_parameters",
 ]

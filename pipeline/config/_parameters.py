@@ -1,5 +1,7 @@
 """params.yaml as typed blocks. Reading is light: yaml and pydantic, nothing numerical."""
 
+import importlib
+import importlib.util
 from dataclasses import dataclass
 from functools import cached_property
 from pathlib import Path
@@ -11,7 +13,7 @@ from pydantic import BaseModel, Field, StringConstraints, ValidationError, creat
 from physreal_core.errors import InputError
 from pipeline.config._base import StageParameters
 from pipeline.config._errors import as_input_error, unknown_key
-from pipeline.graph import PERCEPTION, STAGES, Graph
+from pipeline.graph import PERCEPTION, STAGES, Graph, Stage
 
 Name = Annotated[str, StringConstraints(pattern=r"^[A-Za-z0-9][A-Za-z0-9_-]*$")]
 
@@ -45,6 +47,20 @@ class _Header(StageParameters):
     )
 
 
+def stage_model(stage: Stage) -> type[BaseModel]:
+    """The class of a stage's parameters: the one that the stage names, else that of pipeline/config/<stage>.py.
+
+    It is named as the stage is, fit_global → FitGlobal. A stage without such a file has no parameters.
+    """
+    if stage.model:
+        return stage.model()
+    module = f"pipeline.config.{stage.name}"
+    if importlib.util.find_spec(module) is None:
+        return StageParameters
+    class_name = "".join(word.capitalize() for word in stage.name.split("_"))
+    return getattr(importlib.import_module(module), class_name)
+
+
 def parameters_model(graph: Graph = STAGES) -> type[BaseModel]:
     """The model of the whole file: the sequences with their roles, and one block per stage of `graph`."""
     overrides = {name: (dict[str, Any], Field(default_factory=dict)) for name in graph}
@@ -62,7 +78,7 @@ def parameters_model(graph: Graph = STAGES) -> type[BaseModel]:
         for name, (model, text) in roles.items()
     }
     for name, stage in graph.items():
-        model = stage.parameters_model()
+        model = stage_model(stage)
         fields[name] = (model, Field(default_factory=model, description=_first_line(model)))
     validators = {"companions": field_validator("fits", mode="before")(_with_companions)}
     return create_model("ParametersFile", __base__=_Header, __validators__=validators, **fields)
@@ -112,7 +128,7 @@ class Parameters:
 
     def stage(self, stage: str, sequence: str) -> Any:
         """The parameters of `stage` for `sequence`: the stage's block with the sequence's own values laid over it."""
-        model = self.graph[stage].parameters_model()
+        model = stage_model(self.graph[stage])
         own = getattr(self.sequence(sequence), stage, {})
         merged = _overlay(self.raw.get(stage) or {}, own)
         try:

@@ -51,6 +51,11 @@ class SegmentAndTrack(StageParameters):
     )
     track_count: int = Field(400, ge=10, description="points tracked on the object, about")
     hand_track_count: int = Field(200, ge=4, description="points tracked on the controller, about")
+    hand_reach: float = Field(
+        0.25,
+        gt=0,
+        description="the controller is tracked within this distance of the object [share of the image's diagonal]",
+    )
     max_round_trip: float = Field(1.0, gt=0, description="flow there and back misses by more: the point is lost [px]")
     min_likeness: float = Field(
         0.75, gt=0, lt=1, description="patch correlation with frame 0 that recognises a lost point (0 to 1)"

@@ -3,19 +3,12 @@
 import numpy as np
 import pytest
 
-from physreal_core.perception.association import (
-    Thing,
-    choose_by_votes,
-    count_votes,
-    follow_masks,
-    intersection_over_union,
-    make_prompts,
-    signed_distance,
-    spread_points,
-    window_around,
-)
+from physreal_core.perception.association import Thing, choose_by_votes, count_votes, follow_masks
 from physreal_core.perception.flow_tracker import FlowTracker
+from physreal_core.perception.mask_geometry import intersection_over_union, signed_distance, spread_points
+from physreal_core.perception.prompting import make_prompts, window_around
 from physreal_core.perception.segmenter import Candidates
+from physreal_core.perception.settings import AssociationSettings, WindowSettings
 from physreal_core.perception.tracker import Tracks
 from tests.perception.scene import FilmSegmenter, film
 
@@ -129,6 +122,15 @@ def test_prompts_ask_in_several_ways_and_say_what_is_not_meant():
 def test_window_holds_the_mask(margin: float):
     mask = np.zeros((100, 160), bool)
     mask[40:50, 60:75] = True
-    u0, v0, u1, v1 = window_around(mask, margin)
+    u0, v0, u1, v1 = window_around(mask, WindowSettings(margin=margin))
     assert mask[v0:v1, u0:u1].sum() == mask.sum()
     assert (u1 - u0) * (v1 - v0) < mask.size
+
+
+def test_which_votes_count_as_equal_is_a_setting():
+    """Nine of ten voters lie in both masks, the tenth in the wider one alone; the narrower has the better score."""
+    candidates = _candidates(_box(0, 0, 9, 9), _box(0, 0, 10, 9), scores=(0.9, 0.8))
+    voters = np.array([[u, 4.0] for u in range(10)], np.float32)
+    nobody = np.zeros((0, 2), np.float32)
+    assert choose_by_votes(candidates, voters, nobody) == 1
+    assert choose_by_votes(candidates, voters, nobody, settings=AssociationSettings(tie=0.1)) == 0

@@ -8,8 +8,9 @@ from physreal_core.perception.flow import GmFlow
 from physreal_core.perception.flow_tracker import FlowTracker
 from physreal_core.perception.onnx_candidates import GivenCandidates, OnnxCandidates
 from physreal_core.perception.onnx_tracker import OnnxTracker
-from physreal_core.perception.parsing import Networks, Settings, Video, parse_video
+from physreal_core.perception.perceive import Networks, Video, perceive
 from physreal_core.perception.session import open_session
+from physreal_core.perception.settings import PerceptionSettings
 from tests.perception.scene import HEIGHT, T_WORLD_CAMERA, WIDTH, K, film
 
 onnx = pytest.importorskip("onnx", reason="the tiny networks are made with the package onnx")
@@ -97,7 +98,7 @@ def test_the_whole_parsing_runs_with_own_networks(tmp_path):
     )
     hints = {"object": {"colour": "teal"}, "controller": {"box": [80, 23, 104, 55]}}
     video = Video(scene.frames, scene.depth.astype(np.float32), K, T_WORLD_CAMERA, hints=hints)
-    parsed = parse_video(video, networks, Settings(keyframe_stride=2, track_count=60, hand_track_count=60))
+    parsed = perceive(video, networks, PerceptionSettings(keyframe_stride=2, track_count=60, hand_track_count=60))
     union = (parsed.object_masks | scene.objects).sum()
     assert (parsed.object_masks & scene.objects).sum() > 0.9 * union
     assert np.allclose(parsed.tracks.points - parsed.tracks.points[0], scene.motion[:, None], atol=1e-3)

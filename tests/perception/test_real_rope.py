@@ -6,15 +6,16 @@ from pathlib import Path
 import numpy as np
 import pytest
 
-from physreal_core.perception.association import signed_distance
 from physreal_core.perception.flow import DisFlow, GmFlow
 from physreal_core.perception.flow_tracker import FlowTracker
 from physreal_core.perception.lifting import project
+from physreal_core.perception.mask_geometry import signed_distance
 from physreal_core.perception.mediapipe_hands import MediaPipeHands
 from physreal_core.perception.onnx_tracker import inside_masks
 from physreal_core.perception.overlay import draw_overlay, write_video
-from physreal_core.perception.parsing import Networks, Settings, Video, parse_video
+from physreal_core.perception.perceive import Networks, Video, perceive
 from physreal_core.perception.sam2 import Sam2Segmenter
+from physreal_core.perception.settings import PerceptionSettings
 from pipeline.models import check_files
 from tests.conftest import ROOT
 
@@ -62,7 +63,7 @@ def test_hands_are_found_in_every_tenth_frame_and_nothing_else(networks, clip):
 
 
 def test_rope_and_hand_have_a_mask_in_every_frame_and_tracks_stay_on_the_rope(networks, clip, real_data, tmp_path):
-    parsed = parse_video(clip, networks, Settings(keyframe_stride=7))
+    parsed = perceive(clip, networks, PerceptionSettings(keyframe_stride=7))
     assert parsed.report["chosen_by"]["object"] == "what the hand touches"
     folder = real_data / "phystwin_single_lift_rope"
     rope, hand = (_projected(folder, n, clip) for n in ("visible_rope_centre.csv", "hand_centre.csv"))

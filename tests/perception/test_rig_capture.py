@@ -6,8 +6,9 @@ import numpy as np
 import pytest
 
 from physreal_core.perception.flow_tracker import FlowTracker
-from physreal_core.perception.parsing import Networks, Settings, Video, parse_video
+from physreal_core.perception.perceive import Networks, Video, perceive
 from physreal_core.perception.sam2 import Sam2Segmenter
+from physreal_core.perception.settings import PerceptionSettings
 from pipeline.models import check_files
 from tests.conftest import ROOT
 
@@ -62,7 +63,7 @@ def test_plush_lift_against_its_truth():
         pytest.skip(f"SAM 2 is not in {MODELS} (run `physreal models`)")
     video = _video()
     segmenter = Sam2Segmenter(MODELS / "sam2_encoder.ort", MODELS / "sam2_decoder.onnx")
-    parsed = parse_video(video, Networks(segmenter, FlowTracker()), Settings(keyframe_stride=8))
+    parsed = perceive(video, Networks(segmenter, FlowTracker()), PerceptionSettings(keyframe_stride=8))
     truth = Truth(video)
     overlaps = []
     for t in range(0, len(video.frames), 6):

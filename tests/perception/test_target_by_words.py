@@ -7,7 +7,7 @@ import pytest
 
 from physreal_core.errors import InputError
 from physreal_core.perception.frame_zero import find_object
-from physreal_core.perception.parsing import Video
+from physreal_core.perception.perceive import Video
 from physreal_core.perception.segmenter import Candidates
 from physreal_core.perception.text_choosers import ClipChooser, ConseChooser, masked_crops
 from physreal_core.perception.text_encoder import TextEncoder

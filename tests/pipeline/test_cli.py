@@ -75,6 +75,20 @@ def test_compose_check_sees_an_edit(project):
     assert run(project, "compose", "--check") == 0
 
 
+def test_compose_check_names_a_dvc_file_that_the_code_has_left_behind(project, monkeypatch, capsys):
+    monkeypatch.setattr("pipeline.compose.CODE_ROOT", project.root)
+    assert run(project, "compose", "--check") == 1
+    assert run(project, "compose") == 0
+    assert run(project, "compose", "--check") == 0
+    for name in ("pipeline/find_gap/dvc.yaml", "dvc.yaml"):
+        assert (project.root / name).read_text() == (CODE_ROOT / name).read_text()
+    left = project.root / "pipeline/find_gap/dvc.yaml"
+    left.write_text(left.read_text().replace("- stages/_gap.py\n", ""))
+    capsys.readouterr()
+    assert run(project, "compose", "--check") == 1
+    assert capsys.readouterr().err == "stale: pipeline/find_gap/dvc.yaml; run `physreal compose`\n"
+
+
 def test_import_writes_the_capture_and_enters_it(project, tmp_path, capsys):
     source = tmp_path / "recording"
     (source / "color").mkdir(parents=True)

@@ -1,13 +1,16 @@
 """params.yaml is what the option groups give: complete, validated, with meanings; and a wrong choice is named."""
 
+from dataclasses import dataclass, replace
 from pathlib import Path
 
 import pytest
 import yaml
+from pydantic import Field
 
 from physreal_core.errors import InputError
 from pipeline.compose import CONF, compose, options_in, render
-from pipeline.config import load_parameters, validate_parameters
+from pipeline.config import StageParameters, load_parameters, stage_model, validate_parameters
+from pipeline.config.segment_and_track import SegmentAndTrack
 from pipeline.graph import STAGES
 from pipeline.project import CODE_ROOT
 
@@ -31,7 +34,7 @@ def test_every_knob_is_written_out_with_its_meaning():
     text = compose([])
     raw = yaml.safe_load(text)
     for name, stage in STAGES.items():
-        assert set(raw[name]) == set(stage.parameters_model().model_fields)
+        assert set(raw[name]) == set(stage_model(stage).model_fields)
     assert "  max_depth: 8.0  # farthest plausible depth; farther readings are dropped [m]\n" in text
     for sequence in raw["sequences"].values():
         assert set(STAGES) < set(sequence), "DVC needs every key that a stage depends on"
@@ -57,3 +60,44 @@ def test_a_wrong_choice_is_named(option, words):
     with pytest.raises(InputError) as raised:
         compose([option])
     assert words in str(raised.value)
+
+
+@dataclass(frozen=True)
+class Bending:
+    """Settings of an imagined core."""
+
+    stiffness: float = 1.0
+    steps: int = 3
+
+
+@dataclass(frozen=True)
+class Core:
+    """The same, with settings within."""
+
+    count: int = 5
+    noise: float = 0.1
+    bending: Bending = Bending()
+
+
+def test_a_parameter_reaches_the_setting_of_its_name():
+    class Block(StageParameters):
+        stiffness: float = Field(2.0, description="")
+
+    class Parameters(StageParameters):
+        count: int = Field(7, description="")
+        noise: float = Field(0.5, description="")
+        elsewhere: str = Field("", description="of no setting's name: the stage reads it itself")
+        bending: Block = Field(Block(), description="")
+
+    assert Parameters().as_settings(Core) == Core(7, 0.5, Bending(2.0, 3))
+    assert Parameters(count=8).as_settings(Core, noise=0.2) == Core(8, 0.2, Bending(2.0, 3))
+
+
+def test_the_parameters_of_perception_begin_where_the_core_does():
+    from physreal_core.perception.settings import DEFAULTS
+    from stages._networks import make_settings
+
+    assert make_settings(SegmentAndTrack()) == DEFAULTS
+    assert make_settings(SegmentAndTrack(track_count=50, controller_smoothing=0.0)) == replace(
+        DEFAULTS, track_count=50, controller_smoothing=0.0
+    )

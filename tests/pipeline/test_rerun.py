@@ -9,22 +9,34 @@ from pathlib import Path
 
 import pytest
 
+from pipeline.dvc_files import dvc_files
+from pipeline.graph import Aggregate
 from pipeline.project import CODE_ROOT
 from tests.pipeline import toy
 
-STAGES = {"load": ["data/captures/${item.seq}"], "descend": ["data/artifacts/load/${item.seq}"]}
-STAGES["tell"] = ["data/artifacts/descend/${item.seq}"]
 PARAMETERS = {
     "seed": 0,
     "load": {"points": 30},
     "descend": {"iterations": 60},
     "tell": {"digits": 3},
-    "sequences": {name: {stage: {} for stage in STAGES} for name in ("a", "b")},
+    "sequences": {name: {stage: {} for stage in toy.GRAPH} for name in ("a", "b")},
+    "fits": {},
+    "predictions": {},
 }
+ALL = Aggregate("all", ("tell",), outputs=("all.txt",))
+STAGE = """
+from tests.pipeline import toy
+if __name__ == "__main__":
+    toy.main("{name}", toy.{name}, toy.GRAPH)
+"""
+AGGREGATE = """
+from pathlib import Path
+Path("all.txt").write_text("".join(file.read_text() for file in sorted(Path("data/artifacts/tell").glob("*/words.txt"))))
+"""
 
 
 class Repository:
-    """A git and DVC repository with two sequences and three stages, laid out as the project's own."""
+    """A git and DVC repository with two sequences and three stages, its DVC files written as the project's own are."""
 
     def __init__(self, root: Path) -> None:
         self.root = root
@@ -32,36 +44,24 @@ class Repository:
             (root / "data/captures" / name).mkdir(parents=True)
             (root / "data/captures" / name / "slope.txt").write_text(slope)
         self.write_parameters(PARAMETERS)
-        for stage, inputs in STAGES.items():
-            self._write_stage(stage, inputs)
-        aggregate = {
-            "cmd": "cat data/artifacts/tell/*/words.txt > all.txt",
-            "deps": ["data/artifacts/tell"],
-            "outs": ["all.txt"],
-        }
-        (root / "dvc.yaml").write_text(json.dumps({"stages": {"all": aggregate}}))
+        (root / "stages").mkdir()
+        (root / "stages" / "__init__.py").touch()
+        (root / "stages" / "all.py").write_text(AGGREGATE)
+        for name in toy.GRAPH:
+            (root / "stages" / f"{name}.py").write_text(STAGE.format(name=name))
+        for name, text in dvc_files(toy.GRAPH, (ALL,), root).items():
+            (root / name).parent.mkdir(parents=True, exist_ok=True)
+            (root / name).write_text(text)
         subprocess.run(["git", "init", "-q"], cwd=root, check=True)
         self.dvc("init", "-q")
         self.dvc("config", "core.analytics", "false")
-
-    def _write_stage(self, stage: str, inputs: list[str]) -> None:
-        (self.root / "pipeline" / stage).mkdir(parents=True)
-        block = {
-            "wdir": "../..",
-            "matrix": {"seq": "${sequences}"},
-            "cmd": f"{sys.executable} {toy.__file__} {stage} ${{item.seq}}",
-            "params": ["seed", stage, f"sequences.${{item.seq}}.{stage}"],
-            "deps": inputs,
-            "outs": [f"data/artifacts/{stage}/${{item.seq}}", f"data/runs/{stage}/${{item.seq}}.json"],
-        }
-        text = json.dumps({"vars": ["../../params.yaml"], "stages": {stage: block}})
-        (self.root / "pipeline" / stage / "dvc.yaml").write_text(text)
 
     def write_parameters(self, values: dict) -> None:
         (self.root / "params.yaml").write_text(json.dumps(values))
 
     def dvc(self, *arguments: str, **environment: str) -> subprocess.CompletedProcess:
-        env = {**os.environ, **environment, "PYTHONPATH": str(CODE_ROOT)}
+        path = os.pathsep.join([str(Path(sys.executable).parent), os.environ["PATH"]])
+        env = {**os.environ, **environment, "PYTHONPATH": str(CODE_ROOT), "PATH": path}
         command = [sys.executable, "-m", "dvc", *arguments]
         return subprocess.run(command, cwd=self.root, env=env, capture_output=True, text=True, check=False)
 

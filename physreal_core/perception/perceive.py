@@ -8,16 +8,19 @@ import numpy as np
 
 from physreal_core.array_types import Array, Bool, Float, UInt8
 from physreal_core.errors import InputError
-from physreal_core.perception.association import Thing, follow_masks, signed_distance
+from physreal_core.perception.association import Thing, follow_masks
 from physreal_core.perception.chooser import TargetChooser
 from physreal_core.perception.controllers import ControllerMotion, move_controllers, pick_controllers, with_depth
 from physreal_core.perception.flow import pixel_grid, round_trip_error, sample
 from physreal_core.perception.flow_tracker import FlowTracker
 from physreal_core.perception.frame_zero import Choice, find_controllers, find_object
 from physreal_core.perception.hand_finder import HandFinder
-from physreal_core.perception.lifting import DepthNoise, LiftedTracks, depth_at, lift_tracks
+from physreal_core.perception.lifting import LiftedTracks, depth_at, lift_tracks
+from physreal_core.perception.mask_geometry import distance_to, large_parts, signed_distance
 from physreal_core.perception.onnx_tracker import inside_masks
+from physreal_core.perception.queries import background_queries, hand_queries, spread_over
 from physreal_core.perception.segmenter import Segmenter
+from physreal_core.perception.settings import PerceptionSettings
 from physreal_core.perception.support import without_support
 from physreal_core.perception.tracker import Tracker, Tracks
 
@@ -56,23 +59,7 @@ class Networks:
 
 
 @dataclass(frozen=True)
-class Settings:
-    """Numbers of the parsing; see pipeline/config/segment_and_track.py for what they mean."""
-
-    keyframe_stride: int = 5
-    track_count: int = 400
-    hand_track_count: int = 200
-    max_depth_edge: float = 0.02
-    max_stray: float = 0.02
-    noise: DepthNoise = field(default_factory=DepthNoise)
-    controller_count: int = 30
-    controller_reach: float = 0.05
-    controller_thickness: float = 0.05
-    smoothing: float = 0.5
-
-
-@dataclass(frozen=True)
-class Parsed:
+class Perceived:
     """Masks [T, H, W], tracks and their lift, controller motion (None without depth), and a report of how it went."""
 
     object_masks: Bool[Array, "T H W"]
@@ -83,47 +70,47 @@ class Parsed:
     report: dict[str, Any]
 
 
-def parse_video(
-    video: Video, networks: Networks, settings: Settings, tick: Callable[[str], None] = lambda step: None
-) -> Parsed:
+def perceive(
+    video: Video, networks: Networks, settings: PerceptionSettings, tick: Callable[[str], None] = lambda step: None
+) -> Perceived:
     """Everything that the video says about the object and what moves it.
 
     Args:
+        video: the frames and what is known of them.
+        networks: what does the seeing.
+        settings: the numbers.
         tick: called with the name of the step whenever a part of the work is done.
 
     Raises:
         InputError: no controller found, an empty object mask in frame 0, masks of another size.
     """
-    frames, report = video.frames, {}
-    choices = _frame_zero(video, networks, tick)
-    if "object" not in video.masks:
-        choices["object"] = replace(choices["object"], mask=_standing(video, choices["object"].mask, 0, settings))
+    report: dict[str, Any] = {}
+    choices = _frame_zero(video, networks, settings, tick)
     report["chosen_by"] = {name: choice.how for name, choice in choices.items()}
     tracker = networks.tracker or networks.flow
     first = {name: choice.mask for name, choice in choices.items()}
     masks = _all_masks(video, networks, settings, tracker, first, report, tick)
     hands = [name for name in first if name != "object"]
-    queries = {name: _queries(name, {n: m[0] for n, m in masks.items()}, settings) for name in first}
-    tracks = video.tracks or _tracks_on(masks["object"], tracker, frames, queries["object"])
+    queries = _queries({name: mask[0] for name, mask in masks.items()}, settings)
+    tracks = video.tracks or _tracks_on(masks["object"], tracker, video.frames, queries["object"], settings)
     tick("tracks")
     lifted = lift(video, tracks, settings)
-    if video.depth is not None:  # a depth that jumps is an occlusion or a loss
-        tracks = Tracks(tracks.points, tracks.visible & ~_jumped(video.depth, tracks, lifted, settings))
     controllers = None
-    if video.depth is not None:
+    if video.depth is None:
+        report["controller"] = "no depth: controller points cannot be placed in 3D"
+    else:  # a depth that jumps is an occlusion or a loss
+        tracks = Tracks(tracks.points, tracks.visible & ~_jumped(video.depth, tracks, lifted, settings))
         motions = [_controller(video, masks, n, queries[n], len(hands), tracker, settings) for n in hands]
         controllers = _together(motions)
         report["controller_interpolated_frames"] = controllers.interpolated
-    else:
-        report["controller"] = "no depth: controller points cannot be placed in 3D"
     report["visible_share_per_frame"] = (
         [round(float(v), 4) for v in tracks.visible.mean(1)] if tracks.visible.size else []
     )
     hand_masks = np.any([masks[n] for n in hands], axis=0) if hands else np.zeros_like(masks["object"])
-    return Parsed(masks["object"], hand_masks, tracks, lifted, controllers, report)
+    return Perceived(masks["object"], hand_masks, tracks, lifted, controllers, report)
 
 
-def lift(video: Video, tracks: Tracks, settings: Settings) -> LiftedTracks:
+def lift(video: Video, tracks: Tracks, settings: PerceptionSettings) -> LiftedTracks:
     """Tracks to 3D; without depth nothing is known."""
     if video.depth is None:
         shape = tracks.visible.shape
@@ -141,25 +128,33 @@ def lift(video: Video, tracks: Tracks, settings: Settings) -> LiftedTracks:
     )
 
 
-def motion_map(frames: Sequence[Array], flow_between: Callable[[int, int], Array]) -> Float[Array, "H W"]:
-    """How far [px] each pixel of frame 0 gets from its place in the video along the flow, until it is lost."""
+def motion_map(
+    frames: Sequence[Array], flow_between: Callable[[int, int], Array], round_trip: float
+) -> Float[Array, "H W"]:
+    """How far [px] each pixel of frame 0 gets from its place in the video along the flow, until it is lost.
+
+    A pixel is lost where the flow there and back misses by `round_trip` [px] or more.
+    """
     height, width = frames[0].shape[:2]
     start = pixel_grid(height, width)
     where, farthest, held = start.copy(), np.zeros((height, width)), np.ones((height, width), bool)
     for t in range(1, len(frames)):
         forward = flow_between(t - 1, t)
         # Table that something sweeps over would be carried along: it misses itself there and back.
-        held &= sample(round_trip_error(forward, flow_between(t, t - 1)), where) < 1.0
+        held &= sample(round_trip_error(forward, flow_between(t, t - 1)), where) < round_trip
         where = where + sample(forward, where)
         farthest = np.where(held, np.maximum(farthest, np.linalg.norm(where - start, axis=-1)), farthest)
     return farthest
 
 
-def _frame_zero(video: Video, networks: Networks, tick: Callable[[str], None]) -> dict[str, Choice]:
+def _frame_zero(
+    video: Video, networks: Networks, settings: PerceptionSettings, tick: Callable[[str], None]
+) -> dict[str, Choice]:
     """The object's mask and the controllers' in frame 0; "object" first."""
     image, given = video.frames[0], video.masks
     if "controller" in given:
-        hands = [Choice(part, "given masks/controller") for part in _large_parts(given["controller"][0])]
+        parts = large_parts(given["controller"][0], settings.least_part, settings.least_part_share)
+        hands = [Choice(part, "given masks/controller") for part in parts]
         if not hands:
             raise InputError(
                 "no controller found", where="masks/controller, frame 0", expected="a mask that is not empty"
@@ -181,8 +176,9 @@ def _frame_zero(video: Video, networks: Networks, tick: Callable[[str], None]) -
             _needed(networks.segmenter),
             description=video.description,
             chooser=networks.chooser,
-            motion=motion_map(video.frames, _flow_between(video, networks)),
+            motion=motion_map(video.frames, _flow_between(video, networks), settings.still_round_trip),
         )
+        target = replace(target, mask=_standing(video, target.mask, 0, settings))
     tick("object in frame 0")
     names = ["controller"] if len(hands) == 1 else [f"controller {i}" for i in range(len(hands))]
     return {"object": target} | dict(zip(names, hands, strict=True))
@@ -191,7 +187,7 @@ def _frame_zero(video: Video, networks: Networks, tick: Callable[[str], None]) -
 def _all_masks(
     video: Video,
     networks: Networks,
-    settings: Settings,
+    settings: PerceptionSettings,
     tracker: Tracker,
     first: Mapping[str, Array],
     report: dict[str, Any],
@@ -202,10 +198,11 @@ def _all_masks(
         parts = _split_between(video.masks["controller"], [first[n] for n in hands])
         return {"object": video.masks["object"], **dict(zip(hands, parts, strict=True))}
     things = [
-        Thing(n, first[n], tracker.track(video.frames, spread_over(first[n], settings.track_count))) for n in first
+        Thing(name, mask, tracker.track(video.frames, spread_over(mask, settings.track_count, settings.queries)))
+        for name, mask in first.items()
     ]
     still = replace(networks.flow, anchored=False)  # what stands still does not drift
-    background = still.track(video.frames, _background_queries(np.any(list(first.values()), axis=0)))
+    background = still.track(video.frames, background_queries(np.any(list(first.values()), axis=0), settings.queries))
     tick("votes")
     masks, unanswered = follow_masks(
         video.frames,
@@ -214,6 +211,7 @@ def _all_masks(
         _needed(networks.segmenter),
         _flow_between(video, networks),
         stride=settings.keyframe_stride,
+        settings=settings.association,
         tick=lambda: tick("keyframe"),
     )
     report["keyframes_without_vote"] = {n: frames for n, frames in unanswered.items() if frames}
@@ -225,7 +223,7 @@ def _all_masks(
     return masks
 
 
-def _standing(video: Video, mask: Array, t: int, settings: Settings) -> Array:
+def _standing(video: Video, mask: Array, t: int, settings: PerceptionSettings) -> Array:
     """The object's mask in frame t without its shadow and table, where depth can tell."""
     if video.depth is None:
         return mask
@@ -239,14 +237,14 @@ def _controller(
     queries: Array,
     hand_count: int,
     tracker: Tracker,
-    settings: Settings,
+    settings: PerceptionSettings,
 ) -> ControllerMotion:
     surfaces = {n: _surface(video, masks[n][0], settings) for n in ("object", name)}
-    count = max(settings.controller_count // hand_count, 3)
+    count = max(settings.controller_count // hand_count, settings.least_controllers)
     face = pick_controllers(surfaces[name], surfaces["object"], count, settings.controller_reach)
     start = with_depth(face, video.T_world_camera[:3, 3], settings.controller_thickness)
-    lifted = lift(video, _tracks_on(masks[name], tracker, video.frames, queries), settings)
-    return move_controllers(start, lifted.points, lifted.valid, smoothing=settings.smoothing)
+    lifted = lift(video, _tracks_on(masks[name], tracker, video.frames, queries, settings), settings)
+    return move_controllers(start, lifted.points, lifted.valid, smoothing=settings.controller_smoothing)
 
 
 def _together(motions: Sequence[ControllerMotion]) -> ControllerMotion:
@@ -254,7 +252,7 @@ def _together(motions: Sequence[ControllerMotion]) -> ControllerMotion:
     return ControllerMotion(np.concatenate([m.points for m in motions], 1), motions[0].poses, interpolated)
 
 
-def _surface(video: Video, mask: Array, settings: Settings) -> Float[Array, "P 3"]:
+def _surface(video: Video, mask: Array, settings: PerceptionSettings) -> Float[Array, "P 3"]:
     """World points of a mask of frame 0 with trustworthy depth."""
     pixels = np.argwhere(mask)[:, ::-1].astype(np.float64)
     visible = np.ones((1, len(pixels)), bool)
@@ -266,63 +264,30 @@ def _surface(video: Video, mask: Array, settings: Settings) -> Float[Array, "P 3
     return lifted.points[0][lifted.valid[0]]
 
 
-def _tracks_on(masks: Array, tracker: Tracker, frames: Sequence[Array], queries: Array) -> Tracks:
-    """Tracks that are only seen on their own mask (two pixels of tolerance)."""
-    near = np.stack([signed_distance(m) > -2 for m in masks])
+def _tracks_on(
+    masks: Array, tracker: Tracker, frames: Sequence[Array], queries: Array, settings: PerceptionSettings
+) -> Tracks:
+    """Tracks that are only seen on their own mask, or nearly so."""
+    near = np.stack([signed_distance(mask) > -settings.mask_tolerance for mask in masks])
     tracks = tracker.track(frames, queries, ~near)
     return Tracks(tracks.points, tracks.visible & inside_masks(tracks.points, near))
 
 
-def _jumped(depth: Array, tracks: Tracks, lifted: LiftedTracks, settings: Settings) -> Array:
+def _jumped(depth: Array, tracks: Tracks, lifted: LiftedTracks, settings: PerceptionSettings) -> Array:
     """Visible points that have a depth reading which does not fit their neighbours' motion."""
     z = np.stack([depth_at(d, p, settings.max_depth_edge) for d, p in zip(depth, tracks.points, strict=True)])
     return tracks.visible & (z > 0) & ~lifted.valid
 
 
-def _queries(name: str, first: Mapping[str, Array], settings: Settings) -> Float[Array, "J 2"]:
-    mask = first[name]
-    if name == "object":
-        return spread_over(mask, settings.track_count)
-    reach = 0.25 * np.hypot(*mask.shape)  # the part of the hand near the object moves as the grip does
-    near = mask & (signed_distance_far(first["object"]) < reach)
-    return spread_over(near if near.sum() >= 50 else mask, settings.hand_track_count)
-
-
-def signed_distance_far(mask: Bool[Array, "H W"]) -> Float[Array, "H W"]:
-    """Distance [px] to a mask, 0 on it."""
-    import cv2
-
-    return cv2.distanceTransform((~mask).astype(np.uint8), cv2.DIST_L2, 5)
-
-
-def spread_over(mask: Bool[Array, "H W"], count: int) -> Float[Array, "J 2"]:
-    """About `count` pixels (u, v), evenly spread over a mask a pixel away from its edge."""
-    inner = signed_distance(mask) > 1.5
-    inner = inner if inner.sum() >= 20 else mask
-    pixels = np.argwhere(inner)[:, ::-1]
-    if len(pixels) <= count:
-        return pixels.astype(np.float32)
-    cell = np.sqrt(len(pixels) / count)
-    cells = np.floor(pixels / cell).astype(int)
-    centre = np.abs((pixels + 0.5) / cell - cells - 0.5).sum(1)
-    order = np.lexsort((centre, cells[:, 0], cells[:, 1]))
-    keep = np.r_[True, (np.diff(cells[order], axis=0) != 0).any(1)]
-    return pixels[order][keep].astype(np.float32)
-
-
-def _background_queries(things: Bool[Array, "H W"]) -> Float[Array, "J 2"]:
-    """Points off the things: a grid over the image, denser in their neighbourhood."""
-    away = signed_distance_far(things)
-    near = 0.12 * np.hypot(*things.shape)
-    return np.concatenate([spread_over((away > 3) & (away < near), 600), spread_over(away > near, 200)])
-
-
-def _large_parts(mask: Array) -> list[Array]:
-    import cv2
-
-    _, labels, stats, _ = cv2.connectedComponentsWithStats(mask.astype(np.uint8), connectivity=8)
-    areas = stats[1:, cv2.CC_STAT_AREA]
-    return [labels == 1 + i for i in range(len(areas)) if areas[i] >= max(30, 0.1 * areas.max())]
+def _queries(masks: Mapping[str, Array], settings: PerceptionSettings) -> dict[str, Float[Array, "J 2"]]:
+    """Which pixels of frame 0 are tracked, by name of the thing whose mask [H, W] they lie on."""
+    thing, own = masks["object"], settings.queries
+    hands = {
+        name: hand_queries(mask, thing, settings.hand_track_count, settings.hand_reach, own)
+        for name, mask in masks.items()
+        if name != "object"
+    }
+    return {"object": spread_over(thing, settings.track_count, own), **hands}
 
 
 def _split_between(masks: Array, first: Sequence[Array]) -> list[Array]:
@@ -332,7 +297,7 @@ def _split_between(masks: Array, first: Sequence[Array]) -> list[Array]:
     parts = [np.zeros_like(masks) for _ in first]
     before = list(first)
     for t, mask in enumerate(masks):
-        nearest = np.argmin([signed_distance_far(b) for b in before], axis=0)
+        nearest = np.argmin([distance_to(b) for b in before], axis=0)
         for i, part in enumerate(parts):
             part[t] = mask & (nearest == i)
             before[i] = part[t] if part[t].any() else before[i]

@@ -1,0 +1,129 @@
+"""The numbers of the perception, each with its meaning and unit. A number of `PerceptionSettings` that also stands in
+params.yaml, under `segment_and_track`, has the same name there."""
+
+from dataclasses import dataclass, field
+
+from physreal_core.perception.lifting import DepthNoise
+
+
+@dataclass(frozen=True)
+class WindowSettings:
+    """The part of the image that a segmenter is shown, so that a small thing is seen large."""
+
+    margin: float = 0.15
+    """Widening around what is looked for, on each side [share of its size]."""
+    least: float = 0.3
+    """Least side of a window [share of the image's side]."""
+    whole: float = 0.7
+    """A window of a larger area than this is the whole image [share of the image's area]."""
+    wider: float = 0.5
+    """Widening around a mask that its window cut off, on each side [share of its size]."""
+    widenings: int = 3
+    """How often a window is widened at most."""
+    cut: int = 2
+    """A window cuts a mask off where more of the mask's pixels than this lie on a side within the image [px]."""
+
+
+@dataclass(frozen=True)
+class PromptSettings:
+    """How a segmenter is asked for a thing."""
+
+    points: int = 6
+    """Points on the thing, where points alone are given."""
+    points_in_box: int = 3
+    """Points on the thing, where a box is given too."""
+    points_off: int = 2
+    """Points on each other thing, which say what is not meant."""
+    margin: float = 0.03
+    """Widening of the box around the expected mask, on each side [share of its size]."""
+    margin_of_tracks: float = 0.06
+    """Widening of the box around the visible tracks, on each side [share of its size]."""
+
+
+@dataclass(frozen=True)
+class AssociationSettings:
+    """How one mask per frame is chosen by the votes of the tracks (eq. mask_tracking) and carried in between."""
+
+    tie: float = 0.03
+    """Candidates this near to the most votes count as equal [share of the voters]."""
+    unlike: float = 0.3
+    """Among equals a score counts this + IoU times, IoU being the likeness to the expected mask (0 to 1)."""
+    carried_score: float = 0.3
+    """Score of the mask that the flow carried to a keyframe, among the network's own (0 to 1)."""
+    least_voters: int = 3
+    """With fewer visible tracks a thing is not voted on: the carried mask stands."""
+    near: float = 6.0
+    """Pixels this near to a visible track may belong to its thing in any case [px]."""
+    near_spacings: float = 3.0
+    """And those within so many spacings of the tracks, where that is more."""
+    spacing_neighbours: int = 3
+    """The tracks' spacing is the median distance to the nearest so many, counting the track itself."""
+    keyframes_back: int = 3
+    """Keyframes that say once more what belongs to a thing in frame 0."""
+    agreement: float = 0.5
+    """A pixel of frame 0 belongs to a thing if more than this share of them, and of frame 0's own mask, say so."""
+    window: WindowSettings = field(default_factory=WindowSettings)
+    prompts: PromptSettings = field(default_factory=PromptSettings)
+
+
+@dataclass(frozen=True)
+class QuerySettings:
+    """Which pixels of frame 0 are tracked."""
+
+    rim: float = 1.5
+    """Tracked points lie farther than this within their mask's edge [px]."""
+    least_inner: int = 20
+    """A mask with fewer pixels than this within the rim is used up to its edge [px]."""
+    least_near: int = 50
+    """A hand with fewer pixels than this within `hand_reach` of the object is tracked as a whole [px]."""
+    background_gap: float = 3.0
+    """Points of the background lie farther than this from all things [px]."""
+    background_near: float = 0.12
+    """Up to this distance from the things, the background is tracked more densely [share of the image's diagonal]."""
+    background_near_count: int = 600
+    """Points tracked there, about."""
+    background_far_count: int = 200
+    """Points tracked on the rest of the background, about."""
+
+
+@dataclass(frozen=True)
+class PerceptionSettings:
+    """The numbers of `perceive.perceive`."""
+
+    keyframe_stride: int = 5
+    """Masks are proposed and voted on every so many frames [frames]."""
+    track_count: int = 400
+    """Points tracked on the object, about."""
+    hand_track_count: int = 200
+    """Points tracked on the controller, about."""
+    hand_reach: float = 0.25
+    """The controller is tracked within this distance of the object [share of the image's diagonal]."""
+    mask_tolerance: float = 2.0
+    """A track may lie this far outside its thing's mask and still count as seen [px]."""
+    still_round_trip: float = 1.0
+    """A pixel's motion is followed until the flow there and back misses by this much [px]."""
+    max_depth_edge: float = 0.02
+    """Depth spread in 3 x 3 pixels beyond which a point is on an edge, not lifted [m]."""
+    max_stray: float = 0.02
+    """Motion unlike the neighbours' by more is a misreading or an occlusion [m]."""
+    noise: DepthNoise = field(default_factory=DepthNoise)
+    """Of depth readings and of tracks."""
+    controller_count: int = 30
+    """Controller points on all hands' seen faces."""
+    least_controllers: int = 3
+    """Controller points on each hand's seen face, at least."""
+    controller_reach: float = 0.05
+    """They lie on the hand within this distance of the object [m]."""
+    controller_thickness: float = 0.05
+    """Of the hand behind its seen face, where further points stand for it [m]."""
+    controller_smoothing: float = 0.5
+    """Standard deviation of the temporal smoothing of the hand's motion [frames]."""
+    least_part: int = 30
+    """A part of a given controller mask with fewer pixels is no hand [px]."""
+    least_part_share: float = 0.1
+    """Nor is one with a smaller share of the largest part's pixels."""
+    association: AssociationSettings = field(default_factory=AssociationSettings)
+    queries: QuerySettings = field(default_factory=QuerySettings)
+
+
+DEFAULTS = PerceptionSettings()

@@ -106,10 +106,7 @@ def _entry(stage: Stage, role: str, code: list[str]) -> dict[str, Any]:
         "params": ["seed", stage.name, *told, f"{home}.{SEQUENCE}.{stage.name}"],
         "deps": [*code, *_data(stage, role)],
         # DVC deletes outputs that do not persist before a stage runs, and a capture may be somebody's own.
-        "outs": [
-            {output: {"persist": True}} if stage.makes_capture else output,
-            f"data/runs/{stage.name}/{SEQUENCE}.json",
-        ],
+        "outs": [{output: {"persist": True}} if stage.makes_capture else output],
     }
     return {"foreach": f"${{{role}}}", "do": body}
 

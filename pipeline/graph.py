@@ -154,7 +154,7 @@ SUMMARISE = Aggregate(
 REPORT = Aggregate(
     "report",
     ("segment_and_track", "fit_pose", "sample_particles", "find_gap", *FIT_STAGES, "predict", "evaluate"),
-    files=("stages/report.html.jinja", "results/summary.json", "data/runs"),
+    files=("stages/report.html.jinja", "results/summary.json"),
     outputs=("results/report.html",),
     outputs_in_git=("results/pictures",),
 )

@@ -107,22 +107,6 @@ def write_frame_strip(video: Path, path: Path, count: int = 6) -> None:
     cv2.imwrite(str(path), np.concatenate([frames[index] for index in chosen]), [cv2.IMWRITE_JPEG_QUALITY, 82])
 
 
-def time_bars(seconds: dict[str, dict[str, float]]) -> str:
-    """Horizontal bars: seconds per stage, one colour per sequence."""
-    sequences = list(dict.fromkeys(name for parts in seconds.values() for name in parts))
-    figure, axes = pyplot.subplots(figsize=(8, 0.32 * len(seconds) + 0.9))
-    left = np.zeros(len(seconds))
-    for index, sequence in enumerate(sequences):
-        widths = np.array([parts.get(sequence, 0.0) for parts in seconds.values()])
-        colour = list(COLOURS.values())[index % len(COLOURS)]
-        axes.barh(list(seconds), widths, left=left, label=sequence, color=colour, alpha=0.85)
-        left += widths
-    axes.invert_yaxis()
-    axes.set(xlabel="seconds")
-    axes.legend(frameon=False)
-    return _svg(figure)
-
-
 def _svg(figure: pyplot.Figure) -> str:
     stream = io.BytesIO()
     figure.savefig(stream, format="svg", metadata={"Date": None})

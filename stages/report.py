@@ -1,4 +1,4 @@
-"""Stage report: one self-contained HTML page with videos, curves, tables, where the time went and what it was made from."""
+"""Stage report: one self-contained HTML page with videos, curves, tables and what it was made from."""
 
 import json
 from pathlib import Path
@@ -19,7 +19,6 @@ from stages._report_pictures import (
     frame_errors,
     loss_curves,
     material_field,
-    time_bars,
     write_frame_strip,
 )
 
@@ -35,7 +34,6 @@ def run(results: Results) -> Path:
     page = environment.from_string(TEMPLATE.read_text()).render(
         sequences=[describe_sequence(results, name) for name in results.sequences],
         tables=tables(results),
-        time=describe_time(results),
         fit_stages=FIT_STAGES,
         shown=SHOWN,
         seed=results.parameters.seed,
@@ -75,26 +73,6 @@ def describe_sequence(results: Results, name: str) -> dict[str, Any]:
         "pose": _embedded(results.artifact("fit_pose", name) / "overlay.png"),
         "others": {stage: _other_numbers(results.metrics[name].get(stage, {})) for stage in FIT_STAGES},
         "provenance": _provenance(results, name),
-    }
-
-
-def describe_time(results: Results) -> dict[str, Any]:
-    """Seconds and peak memory per stage and sequence, as the stages recorded them."""
-    records = [
-        json.loads(path.read_text())
-        for sequence in results.sequences
-        for stage in stages_of(results.parameters, sequence)
-        if (path := results.project.record(stage, sequence)).is_file()
-    ]
-    seconds: dict[str, dict[str, float]] = {stage: {} for stage in STAGES}
-    for record in records:
-        seconds[record["stage"]][record["sequence"]] = record["seconds"]
-    seconds = {stage: parts for stage, parts in seconds.items() if parts}
-    return {
-        "records": sorted(records, key=lambda record: list(STAGES).index(record["stage"])),
-        "total": sum(record["seconds"] for record in records),
-        "peak": max((record["peak_memory_mb"] for record in records), default=0.0),
-        "bars": time_bars(seconds) if seconds else None,
     }
 
 

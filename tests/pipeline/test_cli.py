@@ -121,6 +121,15 @@ def test_status_and_run_name_what_is_missing(project, capsys):
     assert "did you mean fit_global?" in capsys.readouterr().err
 
 
+def test_status_says_what_a_run_took(project, capsys):
+    record = project.record("parse_video", "plush_lift")
+    record.parent.mkdir(parents=True)
+    record.write_text(json.dumps({"seconds": 123.44, "peak_memory_mb": 567.8}))
+    assert run(project, "status") == 0
+    said = capsys.readouterr().out
+    assert "123.4" in said and "568" in said and "2.1 minutes" in said
+
+
 def test_threads_follow_the_quota(tmp_path):
     (tmp_path / "cpu.max").write_text("100000 100000\n")
     assert available_cores(tmp_path / "cpu.max") == 1

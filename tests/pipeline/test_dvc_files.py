@@ -71,7 +71,7 @@ def test_parameters_and_outputs(stage):
         assert {"seed", stage} <= set(entry["params"])
         assert any(key.endswith(f".{stage}") for key in entry["params"]), name
         where = "data/captures" if STAGES[stage].makes_capture else f"data/artifacts/{stage}"
-        assert output_names(entry) == [f"{where}/${{key}}", f"data/runs/{stage}/${{key}}.json"]
+        assert output_names(entry) == [f"{where}/${{key}}"], "a run's record differs each time"
         assert entry["cmd"] == f"python -m stages.{stage} ${{key}}"
         assert entry["wdir"] == "../.."
 

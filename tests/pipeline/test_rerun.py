@@ -52,6 +52,7 @@ class Repository:
         for name, text in dvc_files(toy.GRAPH, (ALL,), root).items():
             (root / name).parent.mkdir(parents=True, exist_ok=True)
             (root / name).write_text(text)
+        (root / ".gitignore").write_text("/data/artifacts/\n/data/runs/\n/all.txt\n.scratch/\n__pycache__/\n")
         subprocess.run(["git", "init", "-q"], cwd=root, check=True)
         self.dvc("init", "-q")
         self.dvc("config", "core.analytics", "false")
@@ -114,13 +115,28 @@ def test_the_same_result_stops_the_chain(repository):
 
 def test_killed_under_dvc_and_started_again(repository):
     whole = (repository.root / "data/artifacts/descend/a/coefficients.npy").read_bytes()
-    forget(repository, "data/artifacts/descend/a", "data/runs/descend/a.json", ".dvc/cache")
+    forget(repository, "data/artifacts/descend/a", ".dvc/cache")
     code, _ = repository.repro(PHYSREAL_KILL_AT="33")
     assert code != 0
     assert not (repository.root / "data/artifacts/descend/a").exists()
     code, ran = repository.repro()
     assert code == 0 and "descend@a" in ran
     assert (repository.root / "data/artifacts/descend/a/coefficients.npy").read_bytes() == whole
+
+
+def test_a_first_run_in_a_clone_changes_no_tracked_file(repository, tmp_path):
+    """A lock holds what a stage made, not how long it took: the same result leaves the tree clean."""
+    git = ("git", "-c", "user.name=tests", "-c", "user.email=tests@localhost")
+    subprocess.run([*git, "add", "-A"], cwd=repository.root, check=True)
+    subprocess.run([*git, "commit", "-qm", "all"], cwd=repository.root, check=True)
+    subprocess.run(["git", "clone", "-q", repository.root, tmp_path / "clone"], check=True)
+    clone = Repository.__new__(Repository)
+    clone.root = tmp_path / "clone"
+    code, ran = clone.repro()
+    assert code == 0 and len(ran) == 7
+    assert (clone.root / "data/runs/load/a.json").is_file()
+    status = subprocess.run(["git", "status", "--short"], cwd=clone.root, capture_output=True, text=True, check=True)
+    assert status.stdout == ""
 
 
 def test_a_clone_without_data_sees_whether_the_lock_is_fresh(repository):

@@ -35,7 +35,7 @@ def main() -> None:
     arguments = parser.parse_args()
     capture, artifacts = arguments.data / "captures" / arguments.sequence, arguments.data / "artifacts"
     observation = read_first_frame(
-        artifacts / "parse_video" / arguments.sequence, artifacts / "segment_and_track" / arguments.sequence / "masks"
+        artifacts / "parse_video" / arguments.sequence, artifacts / "segment_and_track" / arguments.sequence
     )
     prior, T_world_prior = load_mesh(capture / "shape_prior.glb"), np.load(capture / "truth.npz")["T_world_prior"]
     if arguments.colourless:

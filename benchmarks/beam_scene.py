@@ -16,6 +16,7 @@ from physreal_core.geometry import Mesh, farthest_points, fill_mesh, load_mesh, 
 from physreal_core.rendering import bind
 from physreal_core.simulation import Body, Clamp
 from pipeline.capture import Capture, read_capture
+from pipeline.products.given_tracks import GivenTracks3d
 from stages._problem import carry_payloads
 
 FITTED, AGAIN, LOADED = "gravity_V2_a", "gravity_V2_b", ("load52_V2_a", "load52_V2_b")
@@ -67,8 +68,8 @@ def experiment_of(recording: Path, cut: Cut = Cut()) -> Experiment:
         import_capture(recording, imported, duration=cut.duration)
         capture = read_capture(imported)
         mesh = load_mesh(imported / "shape_prior.glb")
-        tracks = {name: array[:: cut.every] for name, array in np.load(imported / "tracks3d.npz").items()}
-    problem, patches = _problem(capture, mesh, tracks, cut)
+        given = vars(GivenTracks3d.load(imported))
+    problem, patches = _problem(capture, mesh, {name: array[:: cut.every] for name, array in given.items()}, cut)
     return Experiment(problem, _elastic(problem.body.x0[patches]))
 
 

@@ -7,7 +7,7 @@ import numpy as np
 import torch
 
 from physreal_core.errors import InputError
-from physreal_core.fitting.model import load_model
+from physreal_core.fitting.model_file import read_model_file
 from physreal_core.geometry.mesh import Mesh
 from physreal_core.geometry.surface import scatter
 from physreal_core.rendering import Binding, Camera, Gaussians, bind, carry_points, render_carried
@@ -173,7 +173,8 @@ class Replay:
     @staticmethod
     def mean_modulus(folder: Path) -> float:
         """Young's modulus [Pa], mean over the patches, which lie evenly in the body."""
-        return float(load_model(folder).fields["youngs_modulus"].numpy().mean())
+        _, fields = read_model_file(folder)
+        return float(fields["youngs_modulus"].numpy().mean())
 
 
 def side_by_side(

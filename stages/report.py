@@ -101,11 +101,12 @@ def describe_time(results: Results) -> dict[str, Any]:
 
 def _field(results: Results, name: str) -> dict[str, Any] | None:
     """Young's modulus over the particles, from the patches of the last expert stage."""
-    from physreal_core.fitting.model import load_model
+    from physreal_core.fitting.model_file import read_model_file
 
     if results.model_from(name):
         return None
-    patches = load_model(results.model("fit_patches", name)).fields["youngs_modulus"].numpy()
+    _, fields = read_model_file(results.model("fit_patches", name))
+    patches = fields["youngs_modulus"].numpy()
     particles = Particles.load(results.artifact("sample_particles", name))
     modulus = (patches[particles.patch_neighbours] * particles.patch_weights).sum(axis=1)
     picture = material_field(particles.x0, modulus / 1e3, "Young's modulus [kPa]")

@@ -25,7 +25,9 @@ def run(context: StageContext) -> None:
     gaussians = bind(placed.gaussians.means, x0, params.binding_neighbours)
     controllers = Controllers.load(perceived).points
     grip = bind_grip(x0, controllers, spacing=params.spacing, **params.grip.model_dump())
-    ids, points0 = _tracks_on(placed.mesh, MeasuredTracks.load(perceived), params.track_distance)
+    measured = MeasuredTracks.load(perceived)
+    ids = tracks_on(placed.mesh, measured.points3d[0], measured.valid3d[0], params.track_distance)
+    points0 = measured.points3d[0, ids].astype(float)
     tracks = bind(points0, x0, params.binding_neighbours)
     Particles(
         x0=x0,
@@ -50,16 +52,20 @@ def run(context: StageContext) -> None:
     print(f"{len(x0)} particles, {len(ids)} tracks, {held} particles held by {len(grip.weights)} bonds")
 
 
-def _tracks_on(mesh: Mesh, tracks: MeasuredTracks, reach: float) -> tuple[np.ndarray, np.ndarray]:
-    """Tracks [J] seen in 3D in frame 0 within `reach` [m] of the surface, and where they are there [J, 3] m."""
+def tracks_on(mesh: Mesh, points0: np.ndarray, valid: np.ndarray, reach: float) -> np.ndarray:
+    """Tracks that are known in frame 0 and lie there within `reach` [m] of the surface.
+
+    Args:
+        mesh: world frame [m].
+        points0: [J, 3] m, in frame 0; valid: [J].
+    """
     from scipy.spatial import cKDTree
 
-    points = tracks.points3d[0].astype(float)
-    known = np.flatnonzero(tracks.valid3d[0] & np.isfinite(points).all(axis=1))
+    points = points0.astype(float)
+    known = np.flatnonzero(valid & np.isfinite(points).all(axis=1))
     surface = np.concatenate([mesh.vertices, sample_surface(mesh, 2000, oversampling=1).points])
     distance, _ = cKDTree(surface).query(points[known]) if len(known) else (np.empty(0), None)
-    ids = known[distance < reach]
-    return ids, points[ids]
+    return known[distance < reach]
 
 
 if __name__ == "__main__":

@@ -11,7 +11,7 @@ import numpy as np
 
 from data.rig import recording
 from data.rig.bar import MOTIONS, bar, run
-from data.rig.capture import film, true_arrays
+from data.rig.capture import film, simulated_truth
 from data.rig.hidden.effect import Hidden
 from data.rig.hidden.library import maker
 from data.rig.hidden.strengths import AMPLITUDES, STRENGTHS
@@ -20,6 +20,7 @@ from data.rig.mesh import mesh_shape
 from data.rig.scene import Scene
 from data.rig.simulate import Trajectory
 from physreal_core.array_types import Array
+from pipeline.products.truth import CaptureTruth
 
 _SPREAD = 0.15  # amplitudes of one strength differ between seeds by up to this share
 
@@ -92,13 +93,12 @@ def _write_tracks(folder: Path, scene: Scene, trajectory: Trajectory, case: Case
     ideal = recording.ideal(scene, trajectory, random)
     measured = case.hidden.record(ideal, scene.motion)
     recording.write(folder, scene, measured, recording.at_frame_zero(trajectory), random)
-    np.savez_compressed(
-        folder / "truth.npz",
-        **true_arrays(scene, trajectory, mesh_shape(scene.hand, 0.012), np.eye(4)),
+    CaptureTruth(
+        **simulated_truth(scene, trajectory, mesh_shape(scene.hand, 0.012), np.eye(4)),
         **_hidden_truth(case),
         clean_tracks=ideal.tracks.astype(np.float32),
         clean_controllers=ideal.controllers.astype(np.float32),
-    )
+    ).save(folder)
 
 
 def _hidden_truth(case: Case) -> dict[str, Array | str]:

@@ -5,12 +5,14 @@ import json
 import zipfile
 from collections.abc import Sequence
 from pathlib import Path
-from typing import Any, ClassVar, Self
+from typing import Any, ClassVar, TypeVar
 
 import numpy as np
 
 from physreal_core.array_types import Array
 from physreal_core.errors import InputError
+
+File = TypeVar("File", bound="ArrayFile")
 
 
 class ArrayFile:
@@ -38,7 +40,7 @@ class ArrayFile:
         (np.savez_compressed if self.COMPRESSED else np.savez)(folder / self.FILE, **arrays)
 
     @classmethod
-    def load(cls, folder: Path) -> Self:
+    def load(cls: type[File], folder: Path) -> File:  # noqa: PYI019, beartype takes no Self at a method
         """Read the file in `folder`.
 
         Raises:
@@ -47,7 +49,7 @@ class ArrayFile:
         return cls.read(folder / cls.FILE)
 
     @classmethod
-    def read(cls, path: Path) -> Self:
+    def read(cls: type[File], path: Path) -> File:  # noqa: PYI019
         """Read a file that lies under another name. Raises as `load` does."""
         return cls(**cls.arrays(path))
 

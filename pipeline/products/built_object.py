@@ -2,7 +2,7 @@
 
 from dataclasses import dataclass
 from pathlib import Path
-from typing import Literal, Self
+from typing import Literal
 
 import numpy as np
 
@@ -54,7 +54,7 @@ class BuiltObject:
         write_record(folder / FACTS, facts)
 
     @classmethod
-    def load(cls, folder: Path) -> Self:
+    def load(cls, folder: Path) -> "BuiltObject":
         """Read the three files, InputError where one or a key is missing."""
         facts = read_facts(folder)
         return cls(

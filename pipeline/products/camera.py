@@ -2,7 +2,6 @@
 
 from dataclasses import dataclass
 from pathlib import Path
-from typing import Self
 
 import numpy as np
 
@@ -38,7 +37,7 @@ class RecordedCamera:
         write_record(folder / FILE, plain)
 
     @classmethod
-    def load(cls, folder: Path) -> Self:
+    def load(cls, folder: Path) -> "RecordedCamera":
         """Read camera.json, InputError where it or a key is missing."""
         record = read_record(folder / FILE, _KEYS, run_again("parse_video"))
         matrices = {

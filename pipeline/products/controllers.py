@@ -2,7 +2,6 @@
 
 from dataclasses import dataclass
 from pathlib import Path
-from typing import Self
 
 from physreal_core.array_types import Array, Float
 from pipeline.products._files import ArrayFile, check_points, run_again
@@ -23,7 +22,7 @@ class Controllers(ArrayFile):
     points: Float[Array, "T C 3"]
 
     @classmethod
-    def read(cls, path: Path) -> Self:
+    def read(cls, path: Path) -> "Controllers":
         """Read the file, InputError also for points of another shape."""
         arrays = cls.arrays(path)
         check_points(arrays, "points", path, 3)

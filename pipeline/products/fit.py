@@ -3,7 +3,7 @@
 import dataclasses
 from dataclasses import dataclass
 from pathlib import Path
-from typing import Any, Self
+from typing import Any
 
 from pipeline.products._files import read_record, write_record
 
@@ -72,7 +72,7 @@ class Fit:
         write_record(folder / FILE, {"values": self.values, **(plain["descent"] or {}), **further})
 
     @classmethod
-    def load(cls, folder: Path) -> Self:
+    def load(cls, folder: Path) -> "Fit":
         """Read fit.json, InputError where it or its values are missing."""
         record = read_record(folder / FILE, ("values",), "run the fit stage again")
         names = [field.name for field in dataclasses.fields(Descent)]

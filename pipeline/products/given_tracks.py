@@ -2,7 +2,6 @@
 
 from dataclasses import dataclass
 from pathlib import Path
-from typing import Self
 
 from physreal_core.array_types import Array, Bool, Float
 from pipeline.products._files import ArrayFile, check_points
@@ -29,7 +28,7 @@ class GivenTracks3d(ArrayFile):
     sigma3d: Float[Array, "T J"] | None = None
 
     @classmethod
-    def read(cls, path: Path) -> Self:
+    def read(cls, path: Path) -> "GivenTracks3d":
         """Read the file, InputError also for points of another shape."""
         arrays = cls.arrays(path)
         check_points(arrays, "points3d", path, 3)
@@ -55,7 +54,7 @@ class GivenTracks2d(ArrayFile):
     visible: Bool[Array, "T J"] | None = None
 
     @classmethod
-    def read(cls, path: Path) -> Self:
+    def read(cls, path: Path) -> "GivenTracks2d":
         """Read the file, InputError also for points of another shape."""
         arrays = cls.arrays(path)
         check_points(arrays, "points2d", path, 2)

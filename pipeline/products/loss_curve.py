@@ -4,7 +4,7 @@ import csv
 from collections.abc import Sequence
 from dataclasses import dataclass
 from pathlib import Path
-from typing import Any, Self
+from typing import Any
 
 from physreal_core.errors import InputError
 
@@ -33,7 +33,7 @@ class LossCurve:
             )
 
     @classmethod
-    def load(cls, folder: Path) -> Self:
+    def load(cls, folder: Path) -> "LossCurve":
         """Read loss.csv, InputError where there is none; all values are floats."""
         if not (folder / FILE).is_file():
             raise InputError(f"there is no {FILE}", where=str(folder), remedy="run the fit stage again")

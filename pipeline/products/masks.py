@@ -3,7 +3,7 @@
 from collections.abc import Iterable
 from dataclasses import dataclass
 from pathlib import Path
-from typing import Literal, Self
+from typing import Literal
 
 import numpy as np
 
@@ -35,7 +35,7 @@ class Masks:
                 cv2.imwrite(str(frame_file(mask_folder(folder, role), frame)), mask.astype(np.uint8) * 255)
 
     @classmethod
-    def load(cls, folder: Path, frames: Iterable[int]) -> Self:
+    def load(cls, folder: Path, frames: Iterable[int]) -> "Masks":
         """The masks of some frames, in that order; InputError where an image is missing or cannot be read."""
         numbers = [int(frame) for frame in frames]
         return cls(*(np.stack([read_mask(folder, role, t) for t in numbers]) for role in ROLES))

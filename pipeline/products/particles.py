@@ -22,7 +22,7 @@ class Particles(ArrayFile):
         gaussian_neighbours, gaussian_weights: [G, M], particles that carry each Gaussian.
         track_ids: [J], tracks that lie on the object in frame 0, as numbered in `MeasuredTracks`.
         track_points0: [J, 3] m, where they are in frame 0.
-        track_neighbours, track_weights: [J, M], particles that carry each track.
+        track_neighbours, track_weights: [J, L], particles that carry each track.
         grip_particles, grip_controllers: [B], a held particle and the controller point that holds it.
         grip_weights: [B], those of one particle sum to 1.
         grip_rest_lengths: [B] m.
@@ -42,8 +42,8 @@ class Particles(ArrayFile):
     gaussian_weights: Float[Array, "G M"]
     track_ids: Int[Array, " J"]
     track_points0: Float[Array, "J 3"]
-    track_neighbours: Int[Array, "J M"]
-    track_weights: Float[Array, "J M"]
+    track_neighbours: Int[Array, "J L"]
+    track_weights: Float[Array, "J L"]
     grip_particles: Int[Array, " B"]
     grip_controllers: Int[Array, " B"]
     grip_weights: Float[Array, " B"]

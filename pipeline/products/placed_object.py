@@ -2,7 +2,7 @@
 
 from dataclasses import dataclass, field
 from pathlib import Path
-from typing import Any, Self
+from typing import Any
 
 import numpy as np
 
@@ -48,7 +48,7 @@ class PlacedObject:
         write_record(folder / POSE, {**pose, **self.notes})
 
     @classmethod
-    def load(cls, folder: Path) -> Self:
+    def load(cls, folder: Path) -> "PlacedObject":
         """Read the three files, InputError where one or a key is missing."""
         record = read_record(folder / POSE, (*_MATRICES, "scale"), run_again("fit_pose"))
         matrices = {name: np.array(record.pop(name), dtype=np.float64) for name in _MATRICES}

@@ -3,7 +3,7 @@
 import dataclasses
 from dataclasses import dataclass, field
 from pathlib import Path
-from typing import Any, Self
+from typing import Any
 
 from pipeline.products._files import read_record, run_again, write_record
 
@@ -39,7 +39,7 @@ class Quality:
         write_record(folder / FILE, dataclasses.asdict(self))
 
     @classmethod
-    def load(cls, folder: Path) -> Self:
+    def load(cls, folder: Path) -> "Quality":
         """Read quality.json, InputError where it or a key is missing."""
         names = [entry.name for entry in dataclasses.fields(cls)]
         record = read_record(folder / FILE, names, run_again("parse_video"))

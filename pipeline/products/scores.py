@@ -5,7 +5,7 @@ import dataclasses
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass
 from pathlib import Path
-from typing import Any, Self
+from typing import Any
 
 from physreal_core.errors import InputError
 from physreal_core.evaluation.scores import FrameScores
@@ -43,7 +43,7 @@ class Scores:
                     writer.writerow([stage, "observed" if row.frame < self.observed else "future", *shown])
 
     @classmethod
-    def load(cls, folder: Path) -> Self:
+    def load(cls, folder: Path) -> "Scores":
         """Read both files, InputError where one is missing."""
         metrics = read_record(folder / METRICS, (), run_again("evaluate"))
         if not (folder / FRAMES).is_file():

@@ -124,7 +124,7 @@ def _masks(
 ) -> MaskObservations:
     """Silhouettes of `config.frames` observed frames, evenly spaced, the last one among them, frame 0 not."""
     frames = np.unique(np.linspace(0, observed - 1, config.frames + 1).round().astype(int)[1:])
-    seen = Masks.load(context.input("segment_and_track"), frames)
+    seen = Masks.load(context.input("segment_and_track"), frames.tolist())
     hidden = np.stack([_dilated(hand, config.hidden_margin) for hand in seen.controller])
     coverage, known = reduce_masks(torch.from_numpy(seen.object), torch.from_numpy(hidden), config.reduction)
     cut = Camera(

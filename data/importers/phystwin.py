@@ -18,9 +18,10 @@ from data.importers.images import read_depth
 from data.importers.safe_pickle import load_pickle
 from physreal_core.array_types import Array, Bool, Float
 from physreal_core.errors import InputError
-from pipeline.frames import read_grey
+from pipeline.frames import frame_file, read_grey
 from pipeline.products.controllers import Controllers
 from pipeline.products.given_tracks import GivenTracks2d, GivenTracks3d
+from pipeline.products.masks import mask_folder
 from pipeline.products.truth import CaptureTruth
 
 Z_UP = np.diag([1.0, -1.0, -1.0])  # from their world to ours: half a turn about x
@@ -125,7 +126,7 @@ def _write_masks(source: Path, folder: Path, camera: int, labels: dict[str, str]
         for frame in range(frames) if keys else ():
             paths = [_need(source / "mask" / str(camera) / key / f"{frame}.png") for key in keys]
             union = np.any([read_grey(path) > 0 for path in paths], axis=0)
-            write_image(folder / "masks" / role / f"{frame:06d}.png", union.astype(np.uint8) * 255)
+            write_image(frame_file(mask_folder(folder, role), frame), union.astype(np.uint8) * 255)
 
 
 def _write_tracks(source: Path, folder: Path, camera: int) -> None:

@@ -19,14 +19,14 @@ class Descent:
     Attributes:
         objective: the least; None where it never was finite.
         iterations: steps taken.
-        ended_early: whether it stopped before the last step.
+        ended_early: why it stopped before the last step; None where it did not.
         observed_frames, fitted_frames: frames that the fit may see, and those it was fitted on in the end.
         particles, patches: how many.
     """
 
     objective: float | None
     iterations: int
-    ended_early: bool
+    ended_early: str | None
     observed_frames: int
     fitted_frames: int
     particles: int

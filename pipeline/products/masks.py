@@ -37,8 +37,8 @@ class Masks:
     @classmethod
     def load(cls, folder: Path, frames: Iterable[int]) -> "Masks":
         """The masks of some frames, in that order; InputError where an image is missing or cannot be read."""
-        numbers = [int(frame) for frame in frames]
-        return cls(*(np.stack([read_mask(folder, role, t) for t in numbers]) for role in ROLES))
+        numbers = list(frames)
+        return cls(*(np.stack([read_mask(folder, role, frame) for frame in numbers]) for role in ROLES))
 
 
 def mask_folder(folder: Path, role: Role) -> Path:

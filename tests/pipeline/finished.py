@@ -138,7 +138,7 @@ def _fit(context: StageContext) -> None:
         Fit(values).save(context.output)
         save_added(context.output, AFTER)
         return
-    descent = Descent(np.exp(-11 / 5), 11, False, OBSERVED, OBSERVED, particles=27, patches=2)
+    descent = Descent(np.exp(-11 / 5), 11, None, OBSERVED, OBSERVED, particles=27, patches=2)
     Fit(values, descent, residual=share, residual_without_effect=replace(share, stress_share=0.11)).save(context.output)
     LossCurve([{"iteration": k, "total": np.exp(-k / 5)} for k in range(12)]).save(context.output)
     with context.timed("descent"):

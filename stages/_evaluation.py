@@ -12,7 +12,6 @@ from physreal_core.geometry.mesh import Mesh
 from physreal_core.geometry.surface import scatter
 from physreal_core.rendering import Binding, Camera, Gaussians, bind, carry_points, render_carried
 from pipeline.capture import Capture, read_capture
-from pipeline.products.camera import RecordedCamera
 from pipeline.products.images import FrameImages
 from pipeline.products.masks import Masks
 from pipeline.products.particles import Particles
@@ -21,6 +20,7 @@ from pipeline.products.rollout import Rollout
 from pipeline.products.tracks import MeasuredTracks
 from pipeline.products.truth import CaptureTruth
 from pipeline.stage import StageContext
+from stages._camera import load_camera
 
 Array = np.ndarray
 _MEASURED, _SIMULATED = (255, 255, 255), (255, 60, 60)
@@ -102,7 +102,7 @@ def load_sequence(context: StageContext) -> Sequence:
         track_points0=particles.track_points0.astype(np.float64),
         surface=surface,
         spacing=spacing,
-        camera=_camera(RecordedCamera.load(video)) if is_video else None,
+        camera=load_camera(video) if is_video else None,
         gaussians=placed.gaussians if is_video else None,
         images=FrameImages(video),
         perceived=perceived,
@@ -114,10 +114,6 @@ def scattered(mesh: Mesh, count: int, seed: int) -> tuple[Array, float]:
     """Points all over the mesh [m], and the side of the square that each would have to itself [m]."""
     face, weights = scatter(mesh, count, seed=seed)
     return np.einsum("pck,pc->pk", mesh.corners[face], weights), float(np.sqrt(mesh.area / count))
-
-
-def _camera(view: RecordedCamera) -> Camera:
-    return Camera(view.K, view.T_world_camera, view.width, view.height)
 
 
 def _truth(capture: Path) -> CaptureTruth | None:

@@ -13,13 +13,13 @@ from physreal_core.rendering import Binding, Camera
 from physreal_core.simulation import Body, Clamp, Grip, PointLoad
 from pipeline.capture import Capture, read_capture
 from pipeline.config._fitting import Masks as MaskParameters
-from pipeline.products.camera import RecordedCamera
 from pipeline.products.controllers import Controllers
 from pipeline.products.gaussians import load_gaussians
 from pipeline.products.masks import Masks
 from pipeline.products.particles import Particles
 from pipeline.products.tracks import MeasuredTracks
 from pipeline.stage import StageContext
+from stages._camera import load_camera
 
 
 def load_problem(
@@ -49,7 +49,7 @@ def load_problem(
             remedy="rerun segment_and_track",
         )
     body, loads = carry_payloads(_body(particles), capture)
-    camera = _camera(RecordedCamera.load(video)) if capture.kind == "video" else None
+    camera = load_camera(video) if capture.kind == "video" else None
     observed = capture.observed(frame_count).train[1]
     return Problem(
         body=body,
@@ -93,10 +93,6 @@ def _body(particles: Particles) -> Body:
     return Body(particles.x0, particles.volume, particles.density, particles.spacing)
 
 
-def _camera(view: RecordedCamera) -> Camera:
-    return Camera(view.K, view.T_world_camera, view.width, view.height)
-
-
 def _grip(particles: Particles) -> Grip | None:
     if len(particles.grip_particles) == 0:
         return None
@@ -113,10 +109,19 @@ def _tracks(tracks: MeasuredTracks, particles: Particles, camera: Camera | None)
     ids = particles.track_ids
     if len(ids) == 0:
         return None
-    names = ("points3d", "valid3d", "sigma3d", *(("points2d", "visible") if camera is not None else ()))
-    chosen = {name: torch.from_numpy(getattr(tracks, name)[:, ids]) for name in names}
-    binding = Binding(particles.track_neighbours, particles.track_weights)
-    return TrackObservations(torch.from_numpy(particles.track_points0), binding, **chosen)
+
+    def chosen(array: np.ndarray) -> torch.Tensor:
+        return torch.from_numpy(array[:, ids])
+
+    pixels = {} if camera is None else {"points2d": chosen(tracks.points2d), "visible": chosen(tracks.visible)}
+    return TrackObservations(
+        points0=torch.from_numpy(particles.track_points0),
+        binding=Binding(particles.track_neighbours, particles.track_weights),
+        points3d=chosen(tracks.points3d),
+        valid3d=chosen(tracks.valid3d),
+        sigma3d=chosen(tracks.sigma3d),
+        **pixels,
+    )
 
 
 def _masks(

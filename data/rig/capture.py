@@ -73,7 +73,7 @@ def film(
     (draft / "capture.json").write_text(json.dumps(describe(scene, hints), indent=1) + "\n")
     T_world_prior = random_similarity(random)
     _write_prior(draft / "shape_prior.glb", trajectory, T_world_prior)
-    CaptureTruth(**simulated_truth(scene, trajectory, stage.hand, T_world_prior), **further_truth).save(draft)
+    replace(simulated_truth(scene, trajectory, stage.hand, T_world_prior), **further_truth).save(draft)
     shutil.rmtree(destination, ignore_errors=True)
     draft.rename(destination)
 
@@ -143,23 +143,23 @@ def _write_prior(path: Path, trajectory: Trajectory, T_world_prior: Float[Array,
 
 def simulated_truth(
     scene: Scene, trajectory: Trajectory, hand: TetMesh, T_world_prior: Float[Array, "4 4"]
-) -> dict[str, Array | float]:
-    """What the simulation knows, as of `CaptureTruth`; `hand` is the hand's mesh at frame 0."""
+) -> CaptureTruth:
+    """What the simulation knows; `hand` is the hand's mesh at frame 0."""
     material = scene.material
-    return {
-        "youngs_modulus": material.youngs_modulus,
-        "poissons_ratio": material.poissons_ratio,
-        "density": material.density,
-        "friction_coefficient": material.friction_coefficient,
-        "damping": material.damping,
-        "rest_vertices": trajectory.mesh.vertices.astype(np.float32),
-        "tets": trajectory.mesh.tets.astype(np.int32),
-        "faces": trajectory.mesh.faces.astype(np.int32),
-        "vertices": trajectory.vertices.astype(np.float32),
-        "gripped": trajectory.gripped.astype(np.int32),
-        "hand": trajectory.hand.astype(np.float32),
-        "hand_vertices": hand.vertices.astype(np.float32),
-        "hand_faces": hand.faces.astype(np.int32),
-        "T_world_prior": T_world_prior,
-        "fps": scene.fps,
-    }
+    return CaptureTruth(
+        youngs_modulus=material.youngs_modulus,
+        poissons_ratio=material.poissons_ratio,
+        density=material.density,
+        friction_coefficient=material.friction_coefficient,
+        damping=material.damping,
+        rest_vertices=trajectory.mesh.vertices.astype(np.float32),
+        tets=trajectory.mesh.tets.astype(np.int32),
+        faces=trajectory.mesh.faces.astype(np.int32),
+        vertices=trajectory.vertices.astype(np.float32),
+        gripped=trajectory.gripped.astype(np.int32),
+        hand=trajectory.hand.astype(np.float32),
+        hand_vertices=hand.vertices.astype(np.float32),
+        hand_faces=hand.faces.astype(np.int32),
+        T_world_prior=T_world_prior,
+        fps=scene.fps,
+    )

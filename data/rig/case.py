@@ -2,7 +2,7 @@
 
 import json
 import shutil
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from functools import cached_property
 from pathlib import Path
 from typing import Literal
@@ -20,7 +20,6 @@ from data.rig.mesh import mesh_shape
 from data.rig.scene import Scene
 from data.rig.simulate import Trajectory
 from physreal_core.array_types import Array
-from pipeline.products.truth import CaptureTruth
 
 _SPREAD = 0.15  # amplitudes of one strength differ between seeds by up to this share
 
@@ -93,12 +92,10 @@ def _write_tracks(folder: Path, scene: Scene, trajectory: Trajectory, case: Case
     ideal = recording.ideal(scene, trajectory, random)
     measured = case.hidden.record(ideal, scene.motion)
     recording.write(folder, scene, measured, recording.at_frame_zero(trajectory), random)
-    CaptureTruth(
-        **simulated_truth(scene, trajectory, mesh_shape(scene.hand, 0.012), np.eye(4)),
-        **_hidden_truth(case),
-        clean_tracks=ideal.tracks.astype(np.float32),
-        clean_controllers=ideal.controllers.astype(np.float32),
-    ).save(folder)
+    truth = simulated_truth(scene, trajectory, mesh_shape(scene.hand, 0.012), np.eye(4))
+    clean = {"clean_tracks": ideal.tracks, "clean_controllers": ideal.controllers}
+    clean = {name: points.astype(np.float32) for name, points in clean.items()}
+    replace(truth, **_hidden_truth(case), **clean).save(folder)
 
 
 def _hidden_truth(case: Case) -> dict[str, Array | str]:

@@ -61,7 +61,7 @@ def descend(
 
 
 def _follow(bar: Any, live: Path) -> Callable[[History], None]:
-    """Advances the bar and rewrites the live curve in a folder; a run that goes on from a checkpoint starts the bar there."""
+    """Advances the bar and rewrites the curve in `live`; a run that goes on from a checkpoint starts the bar there."""
     started = False
 
     def after(history: History) -> None:
@@ -80,7 +80,7 @@ def _follow(bar: Any, live: Path) -> Callable[[History], None]:
 
 
 def write_fit(context: StageContext, objective: Objective, model: Model, result: DescentResult, **notes: Any) -> None:
-    """Model, loss curve, fit.json with `notes` as of `Fit`, and the rollout over the whole interval, observed and future."""
+    """Model, loss curve, `Fit` with `notes`, and the rollout over the whole interval, observed and future."""
     save_model(context.output, model)
     LossCurve(result.history).save(context.output)
     with context.timed("rollout"):

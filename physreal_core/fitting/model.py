@@ -160,7 +160,7 @@ def save_model(folder: Path, model: Model) -> None:
 
 
 def load_model(folder: Path) -> Model:
-    """The model in `folder`. Raises InputError where a file is missing, of another format, or holds what no model has."""
+    """The model in `folder`, InputError where a file is missing, of another format, or holds what no model has."""
     record, fields = read_model_file(folder)
     registered(record["effects"], where=f"{folder / RECORD}, effects")
     if unknown := sorted(set(fields) - set(UNITS)):

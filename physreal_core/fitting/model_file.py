@@ -1,6 +1,7 @@
 """The two files of a fitted model, named and read here alone; what their contents mean, `model.py` says.
 
-`model.safetensors` holds float64 tensors, so that the next stage starts from exactly this model; `model.json` beside it all else.
+`model.safetensors` holds float64 tensors, so that the next stage starts from exactly this model; `model.json` beside it
+holds all else.
 """
 
 import json

@@ -16,10 +16,10 @@ File = TypeVar("File", bound="ArrayFile")
 
 
 class ArrayFile:
-    """Base of a frozen dataclass whose fields are the arrays of one .npz, under the same names and in the same order.
+    """Base of a frozen dataclass whose fields are the arrays of one .npz, by the same names and in the same order.
 
-    A field that defaults to None is absent from the file where it is None. Floating arrays are float32 on disk, integers int32;
-    a number is an array without dimensions.
+    A field that defaults to None is absent from the file where it is None. Floating arrays are float32 on disk,
+    integers int32; a number is an array without dimensions.
 
     Attributes:
         FILE: name of the file in the product's folder.

@@ -69,6 +69,6 @@ class BuiltObject:
 
 
 def read_facts(folder: Path) -> dict:
-    """object.json: what `BuiltObject` holds beside shape and appearance, and the mesh's extents, volume and wholeness."""
+    """object.json: what `BuiltObject` holds beside shape and appearance, and of the mesh extents and volume."""
     keys = ("source", "frame", "gaussians", "coloured", "T_object_prior")
     return read_record(folder / FACTS, keys, run_again("build_object"))

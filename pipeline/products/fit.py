@@ -1,4 +1,4 @@
-"""What a fit stage found and how, in numbers for the reader, the tables and the report; the model itself lies beside it."""
+"""What a fit stage found and how, in numbers for tables and report; the model itself lies beside it."""
 
 import dataclasses
 from dataclasses import dataclass
@@ -56,7 +56,7 @@ class Fit:
         descent: None where nothing descended (add_effect).
         scan: objectives of the scan before Stage 1's descent, in its order; None for the other stages.
         residual: of Stage 3's networks; None for the other stages.
-        residual_without_effect: the same of networks fitted beside the model without the named effect, where that was done.
+        residual_without_effect: the same of networks fitted without the named effect, where that was done.
     """
 
     values: dict[str, dict[str, Any]]

@@ -56,7 +56,7 @@ def save_added(folder: Path, added: Added) -> None:
 
 
 def load_added(folder: Path) -> Added:
-    """What `save_added` wrote, without the fields, which are the model's. InputError where the file or a key is missing."""
+    """What `save_added` wrote, without the model's fields. InputError where the file or a key is missing."""
     record = read_record(
         folder / ADDED, ("adopted", "effects", "before", "after", "runner_up"), run_again("add_effect")
     )

@@ -1,4 +1,4 @@
-"""The object's appearance: gaussians.ply of build_object (in the object's frame) and of fit_pose (world frame, frame 0)."""
+"""The object's appearance: gaussians.ply of build_object (object's frame) and of fit_pose (world, frame 0)."""
 
 from pathlib import Path
 

@@ -38,5 +38,5 @@ class FrameImages:
         return read_colour(frame_file(self.folder / COLOUR, frame))
 
     def depth(self, frame: int) -> Array | None:
-        """Depth [H, W] of one frame along the camera's z, uint16 in mm, 0 = no reading; None where the capture has none."""
+        """Depth [H, W] of one frame along z, uint16 in mm, 0 = no reading; None where the capture has none."""
         return read_depth(frame_file(self.folder / DEPTH, frame), ANY_DEPTH) if self.has_depth else None

@@ -16,8 +16,8 @@ class LossCurve:
     """loss.csv of a fit stage.
 
     Attributes:
-        rows: column → value, where it applies. `iteration`; `horizon` [frames]; `rejected` steps; `total`, the objective; its
-            terms, unweighted; means of the variables in the units of `physreal_core.fitting.model.UNITS`.
+        rows: column → value, where it applies. `iteration`; `horizon` [frames]; `rejected` steps; `total`, the
+            objective; its terms, unweighted; means of the variables in the units of `fitting.model.UNITS`.
     """
 
     rows: Sequence[dict[str, Any]]

@@ -8,9 +8,9 @@ from pipeline.products._files import ArrayFile, run_again
 
 @dataclass(frozen=True)
 class Particles(ArrayFile):
-    """particles.npz of sample_particles. N particles, K patches, G Gaussians, J tracks, B bonds; world frame at frame 0.
+    """particles.npz of sample_particles: N particles, K patches, G Gaussians, J tracks, B bonds.
 
-    What is bound follows the particles `*_neighbours` with `*_weights` that sum to 1.
+    World frame, at frame 0. What is bound follows the particles `*_neighbours` with `*_weights` that sum to 1.
 
     Attributes:
         x0: [N, 3] m.

@@ -13,8 +13,8 @@ class Rollout(ArrayFile):
     Attributes:
         x: [T, N, 3] m, world.
         F: [T, N, 3, 3], deformation gradients.
-        x_seen: [T, N, 3] m, where the measurement sees what truly is at x; None where it sees it there. Only a model with an
-            effect of the measurement (a camera that drifts) has it.
+        x_seen: [T, N, 3] m, where the measurement sees what truly is at x; None where it sees it there. Only a model
+            with an effect of the measurement (a camera that drifts) has it.
     """
 
     FILE = "rollout.npz"

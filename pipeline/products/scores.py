@@ -21,7 +21,7 @@ class Scores:
     """metrics.json and frames.csv of evaluate, by fit stage. SI units; IoU is 0 to 1.
 
     Attributes:
-        metrics: `observed` and `future`, as `IntervalScores.to_json` gives them, and what is told beside them (`tip`, `truth`).
+        metrics: `observed` and `future`, as `IntervalScores.to_json` gives them; beside them `tip` and `truth`.
         frames: scores of every frame.
         observed: frames [0, observed) were seen by the fits.
     """

@@ -1,4 +1,4 @@
-"""What is known of a capture by construction, or by annotation, beside what was measured; for scores alone, never for a fit."""
+"""What is known of a capture by construction or by annotation; for scores alone, never for a fit."""
 
 from dataclasses import dataclass
 from typing import ClassVar
@@ -9,7 +9,7 @@ from pipeline.products._files import ArrayFile
 
 @dataclass(frozen=True)
 class CaptureTruth(ArrayFile):
-    """truth.npz of a capture; None is what its maker does not know. World frame; the types of arrays stay as they are given.
+    """truth.npz of a capture; None is what its maker does not know. World frame; arrays keep their types.
 
     Attributes:
         youngs_modulus, poissons_ratio, density, friction_coefficient, damping: [Pa], 1, [kg/m3], 1, [s].

@@ -1,4 +1,4 @@
-"""What stages hand each other: written and read back as it was, one clear error for what is missing, file names in one place."""
+"""What stages hand each other: read back as it was written, one clear error for what is missing, names in one place."""
 
 import ast
 import dataclasses

@@ -1,4 +1,4 @@
-"""Common to all tests: shapes of arrays checked in the core and in products, real recordings where they are to be had."""
+"""Common to all tests: shapes of arrays checked in the core and in products, real recordings where there are any."""
 
 import importlib.util
 import os

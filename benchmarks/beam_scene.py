@@ -16,6 +16,7 @@ from physreal_core.geometry import Mesh, farthest_points, fill_mesh, load_mesh, 
 from physreal_core.rendering import bind
 from physreal_core.simulation import Body, Clamp
 from pipeline.capture import Capture, read_capture
+from pipeline.products.given_tracks import GivenTracks3d
 from stages._problem import carry_payloads
 
 FITTED, AGAIN, LOADED = "gravity_V2_a", "gravity_V2_b", ("load52_V2_a", "load52_V2_b")
@@ -67,20 +68,20 @@ def experiment_of(recording: Path, cut: Cut = Cut()) -> Experiment:
         import_capture(recording, imported, duration=cut.duration)
         capture = read_capture(imported)
         mesh = load_mesh(imported / "shape_prior.glb")
-        tracks = {name: array[:: cut.every] for name, array in np.load(imported / "tracks3d.npz").items()}
+        tracks = GivenTracks3d.load(imported)
     problem, patches = _problem(capture, mesh, tracks, cut)
     return Experiment(problem, _elastic(problem.body.x0[patches]))
 
 
-def _problem(capture: Capture, mesh: Mesh, tracks: dict[str, np.ndarray], cut: Cut) -> tuple[Problem, np.ndarray]:
+def _problem(capture: Capture, mesh: Mesh, tracks: GivenTracks3d, cut: Cut) -> tuple[Problem, np.ndarray]:
     """The problem, and the particles in the middle of its patches."""
     x0, volume = fill_mesh(mesh, cut.spacing)
     body, loads = carry_payloads(Body(x0, volume, np.full(len(x0), capture.density), cut.spacing), capture)
     patches = farthest_points(x0, cut.patches)
     neighbours, weights = patch_weights(x0, patches)
-    frames, fps = len(tracks["points3d"]), capture.fps / cut.every
-    observed = {name: torch.from_numpy(np.ascontiguousarray(array)) for name, array in tracks.items()}
-    points0 = observed["points3d"][0].double()
+    measured = (tracks.points3d, tracks.valid3d, tracks.sigma3d)
+    observed = [torch.from_numpy(np.ascontiguousarray(array[:: cut.every])) for array in measured]
+    frames, fps, points0 = len(observed[0]), capture.fps / cut.every, observed[0][0].double()
     problem = Problem(
         body=body,
         fps=fps,
@@ -90,7 +91,7 @@ def _problem(capture: Capture, mesh: Mesh, tracks: dict[str, np.ndarray], cut: C
         patch_weights=torch.from_numpy(weights),
         clamps=tuple(Clamp(clamp.lower, clamp.upper) for clamp in capture.clamps),
         loads=loads,
-        tracks=TrackObservations(points0, bind(points0, torch.from_numpy(x0), BINDING_NEIGHBOURS), **observed),
+        tracks=TrackObservations(points0, bind(points0, torch.from_numpy(x0), BINDING_NEIGHBOURS), *observed),
     )
     return problem, patches
 

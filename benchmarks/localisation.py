@@ -25,6 +25,7 @@ TOLERANCE = np.array([3.0, 0.005, 0.02])  # degrees, m, relative scale
 
 
 def main() -> None:
+    from pipeline.products.truth import CaptureTruth
     from stages._observation import read_first_frame  # reads images with OpenCV, which a bare GPU machine lacks
 
     parser = argparse.ArgumentParser(description=__doc__)
@@ -35,9 +36,9 @@ def main() -> None:
     arguments = parser.parse_args()
     capture, artifacts = arguments.data / "captures" / arguments.sequence, arguments.data / "artifacts"
     observation = read_first_frame(
-        artifacts / "parse_video" / arguments.sequence, artifacts / "segment_and_track" / arguments.sequence / "masks"
+        artifacts / "parse_video" / arguments.sequence, artifacts / "segment_and_track" / arguments.sequence
     )
-    prior, T_world_prior = load_mesh(capture / "shape_prior.glb"), np.load(capture / "truth.npz")["T_world_prior"]
+    prior, T_world_prior = load_mesh(capture / "shape_prior.glb"), CaptureTruth.load(capture).T_world_prior
     if arguments.colourless:
         prior = Mesh(prior.vertices, prior.faces)
     print("| pose | rotation [deg] | translation [mm] | scale [%] | loss | CPU [s] | within |")

@@ -10,18 +10,20 @@ from __future__ import annotations
 
 import argparse
 import itertools
-import json
 import os
 import re
 import subprocess
 import sys
 from pathlib import Path
 from statistics import median
-from typing import Any
+from typing import TYPE_CHECKING
+
+if TYPE_CHECKING:
+    from physreal_core.gap import GapReport
 
 ROOT = Path(__file__).resolve().parent.parent
 SCORES = ("track_error", "cd_l1_oneway", "cd_l2_twoway", "iou", "psnr")
-Scores = dict[str, dict[str, dict[str, float]]]
+Metrics = dict[str, dict[str, dict[str, float]]]
 
 
 def run_seed(folder: Path, seed: int, sequence: str, recorded: bool) -> Path:
@@ -54,7 +56,7 @@ def _environment() -> dict[str, str]:
     return {**os.environ, "PYTHONPATH": str(ROOT)}
 
 
-def table(found: dict[int, Scores]) -> str:
+def table(found: dict[int, Metrics]) -> str:
     """Markdown: a row per fit stage, interval and seed, with a median row under each group."""
     columns = (*SCORES, "sag / true sag")
     lines = ["| stage | interval | seed | " + " | ".join(columns) + " |", "|---|---|---|" + "--:|" * len(columns)]
@@ -66,19 +68,15 @@ def table(found: dict[int, Scores]) -> str:
     return "\n".join(lines)
 
 
-def answers(found: dict[int, dict[str, Any]]) -> str:
+def answers(found: dict[int, GapReport]) -> str:
     """Markdown: a row per seed with the verdict on it, and the probabilities of what is in its class and of nothing."""
     lines = ["| seed | verdict | probability | members | `none` |", "|--:|---|--:|---|--:|"]
     for seed, report in found.items():
-        verdict, own = report["verdict"], {_name(c): c["probability"] for c in report["candidates"]}
-        members = ", ".join(f"{(name := ' + '.join(names))} {own[name]:.2f}" for names in verdict["members"] if names)
-        none = own.get("", 0.0)
-        lines.append(f"| {seed} | {verdict['kind']} | {verdict['probability']:.2f} | {members} | {none:.2f} |")
+        verdict, own = report.verdict, {candidate.names: candidate.probability for candidate in report.candidates}
+        members = ", ".join(f"{' + '.join(names)} {own[names]:.2f}" for names in verdict.members if names)
+        none = own.get((), 0.0)
+        lines.append(f"| {seed} | {verdict.kind} | {verdict.probability:.2f} | {members} | {none:.2f} |")
     return "\n".join(lines)
-
-
-def _name(candidate: dict[str, Any]) -> str:
-    return " + ".join(effect["name"] for effect in candidate["effects"])
 
 
 def _row(scores: dict, interval: str) -> list[float]:
@@ -92,6 +90,9 @@ def _cells(row: list[float]) -> str:
 
 def main() -> None:
     """Run the seeds and print both tables."""
+    from pipeline.products.gap import load_gap  # the benchmarks' modules can be imported where there is no pipeline
+    from pipeline.products.scores import Scores
+
     parser = argparse.ArgumentParser(description=__doc__.splitlines()[0])
     parser.add_argument("folder", type=Path)
     parser.add_argument("--seeds", type=int, nargs="+", default=[0, 1, 2])
@@ -101,10 +102,8 @@ def main() -> None:
     folder, sequence = arguments.folder.resolve(), arguments.sequence
     folders = {seed: run_seed(folder, seed, sequence, arguments.recorded) for seed in arguments.seeds}
 
-    def read(stage: str, file: str) -> dict[int, Any]:
-        return {s: json.loads((own / stage / sequence / file).read_text()) for s, own in folders.items()}
-
-    print(table(read("evaluate", "metrics.json")), answers(read("find_gap", "gap.json")), sep="\n\n")
+    scores = {seed: Scores.load(own / "evaluate" / sequence).metrics for seed, own in folders.items()}
+    print(table(scores), answers({s: load_gap(own / "find_gap" / sequence) for s, own in folders.items()}), sep="\n\n")
 
 
 if __name__ == "__main__":

@@ -3,10 +3,12 @@
 Use: `from physreal_core.array_types import Array, Bool, Float, Int, Tensor` and write `Float[Tensor, "particles 3"]`.
 """
 
-from typing import Any
+from typing import TYPE_CHECKING, Any
 
 import numpy as np
-from torch import Tensor
+
+if TYPE_CHECKING:
+    from torch import Tensor
 
 Array = np.ndarray
 
@@ -23,3 +25,12 @@ except ImportError:
     Bool = Float = Int = UInt8 = _Unchecked
 
 __all__ = ["Array", "Bool", "Float", "Int", "Tensor", "UInt8"]
+
+
+def __getattr__(name: str) -> Any:
+    """torch's `Tensor`, on first use: who annotates numpy arrays alone shall not wait for torch."""
+    if name != "Tensor":
+        raise AttributeError(f"module {__name__!r} has no attribute {name!r}")
+    from torch import Tensor
+
+    return Tensor

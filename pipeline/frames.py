@@ -7,13 +7,14 @@ from pathlib import Path
 
 import numpy as np
 
+from physreal_core.array_types import Array
 from physreal_core.errors import InputError
 from pipeline.capture import Capture, read_capture
+from pipeline.products.given_tracks import GivenTracks3d
 
-Array = np.ndarray  # physreal_core.array_types would bring torch along
-
+COLOUR, DEPTH = "color", "depth"  # folders of images
 IMAGE_KINDS = (".png", ".jpg", ".jpeg")
-DEPTH = "one 16-bit channel, depth in millimetres, 0 = no reading"
+DEPTH_FORMAT = "one 16-bit channel, depth in millimetres, 0 = no reading"
 PNG_START, PNG_END = b"\x89PNG", b"IEND\xaeB`\x82"
 
 
@@ -40,14 +41,19 @@ def list_frames(folder: Path) -> FrameFiles:
     Raises:
         InputError: there are none, a number is missing in between, or colour and depth differ in number.
     """
-    depth = _numbered(folder / "depth", (".png",))
-    colour = _numbered(folder / "color", IMAGE_KINDS)
+    depth = _numbered(folder / DEPTH, (".png",))
+    colour = _numbered(folder / COLOUR, IMAGE_KINDS)
     if not colour and (folder / "color.mp4").is_file():
         return FrameFiles([folder / "color.mp4"], depth)
     if not colour:
         raise InputError("there are no frames", where=str(folder), expected="color/000000.png ... or color.mp4")
     _same_count(folder, len(colour), len(depth))
     return FrameFiles(colour, depth)
+
+
+def frame_file(folder: Path, frame: int) -> Path:
+    """The image of one frame in a folder of images."""
+    return folder / f"{frame:06d}.png"
 
 
 def read_frames(
@@ -81,7 +87,7 @@ def read_frames(
             raise InputError(
                 "no reading at all",
                 where=str(files.depth[0]),
-                expected=DEPTH,
+                expected=DEPTH_FORMAT,
                 remedy="start where the sensor sees; metres rounded to whole numbers are lost, convert them before",
             )
         yield colour, depth
@@ -110,10 +116,10 @@ def read_depth(path: Path, plausible: tuple[float, float]) -> Array:
     """
     image = _decode(path)
     if not image.mode.startswith("I"):
-        raise InputError(f"a depth image of mode {image.mode}", where=str(path), expected=DEPTH)
+        raise InputError(f"a depth image of mode {image.mode}", where=str(path), expected=DEPTH_FORMAT)
     values = np.asarray(image)
     if values.min() < 0 or values.max() > 65535:
-        raise InputError(f"depth values up to {values.max()}", where=str(path), expected=DEPTH)
+        raise InputError(f"depth values up to {values.max()}", where=str(path), expected=DEPTH_FORMAT)
     depth = values.astype(np.uint16)
     readings = depth[depth > 0]
     if readings.size == 0:
@@ -123,7 +129,7 @@ def read_depth(path: Path, plausible: tuple[float, float]) -> Array:
         raise InputError(
             f"median depth {median:g}, read as millimetres {median / 1000:g} m",
             where=str(path),
-            expected=f"between {plausible[0]} m and {plausible[1]} m: {DEPTH}",
+            expected=f"between {plausible[0]} m and {plausible[1]} m: {DEPTH_FORMAT}",
             remedy="convert the unit, or widen parse_video.min_depth / max_depth in params.yaml",
         )
     return depth
@@ -146,14 +152,7 @@ def count_track_frames(folder: Path) -> int:
     Raises:
         InputError: the file is missing or holds no `points3d` of shape [frames, points, 3].
     """
-    path = folder / "tracks3d.npz"
-    if not path.is_file():
-        raise InputError("there is no tracks3d.npz", where=str(folder), remedy="a capture of kind tracks needs one")
-    with np.load(path, allow_pickle=False) as arrays:
-        shape = arrays["points3d"].shape if "points3d" in arrays else None
-    if shape is None or len(shape) != 3 or shape[2] != 3 or 0 in shape:
-        raise InputError(f"points3d has the shape {shape}", where=str(path), expected="[frames, points, 3] in metres")
-    return shape[0]
+    return len(GivenTracks3d.load(folder).points3d)
 
 
 def _numbered(folder: Path, suffixes: tuple[str, ...]) -> list[Path]:

@@ -1,50 +1,55 @@
 """What find_gap and add_effect found, in sentences and tables: for the terminal, the report and the tables of results."""
 
-import json
+from __future__ import annotations
+
 from dataclasses import dataclass
 from pathlib import Path
-from typing import Any
+from typing import TYPE_CHECKING
 
 from pipeline.table import Table
+
+if TYPE_CHECKING:  # the core is heavy for those who only ask what can be done
+    from physreal_core.gap.report import Added, Candidate, Disagreement, FittedEffect, GapReport, Verdict
 
 SHOWN_ANSWERS = 8
 
 
 @dataclass(frozen=True)
 class GapSummary:
-    """One sequence's gap.json and gap_after.json.
+    """What is missing in one sequence's model.
 
     Attributes:
-        gap, after: their contents.
+        gap, after: what find_gap answered, and what add_effect made of it.
         interactions: the sequence and its companion.
     """
 
-    gap: dict[str, Any]
-    after: dict[str, Any]
+    gap: GapReport
+    after: Added
     interactions: tuple[str, ...]
 
     @classmethod
-    def read(cls, found: Path, added: Path, interactions: tuple[str, ...]) -> "GapSummary":
+    def read(cls, found: Path, added: Path, interactions: tuple[str, ...]) -> GapSummary:
         """From the folders of find_gap and add_effect."""
-        gap, after = (json.loads(path.read_text()) for path in (found / "gap.json", added / "gap_after.json"))
-        return cls(gap, after, interactions)
+        from pipeline.products.gap import load_added, load_gap
+
+        return cls(load_gap(found), load_added(added), interactions)
 
     @property
-    def verdict(self) -> dict[str, Any]:
-        return self.gap["verdict"]
+    def verdict(self) -> Verdict:
+        return self.gap.verdict
 
     @property
     def sentences(self) -> list[str]:
         """Where, what, what became of it, and what to film next."""
-        where = [f"{name}: {w['sentence']}" for name, w in zip(self.interactions, self.gap["where"], strict=True)]
-        what_next = self.verdict["next_motion"]
-        return [*where, self.verdict["sentence"], self._adopted(), *([f"Next: {what_next}."] if what_next else [])]
+        where = [f"{name}: {w['sentence']}" for name, w in zip(self.interactions, self.gap.where, strict=True)]
+        what_next = self.verdict.next_motion
+        return [*where, self.verdict.sentence, self._adopted(), *([f"Next: {what_next}."] if what_next else [])]
 
     def _adopted(self) -> str:
-        if self.after["adopted"]:
-            names = " and ".join(effect["name"] for effect in self.after["effects"])
-            return f"In the model from now on: {names}; of the held-out gap it closes {self.after['closed']:.0%}."
-        if self.after["after"]:
+        if self.after.adopted:
+            names = " and ".join(effect.name for effect in self.after.effects)
+            return f"In the model from now on: {names}; of the held-out gap it closes {self.after.closed:.0%}."
+        if self.after.after:
             return "Not adopted: on frames that the fit never saw, the gap does not shrink."
         return "The model stays as it was."
 
@@ -53,9 +58,9 @@ class GapSummary:
         return [self._answers(), self._before_after()]
 
     def _answers(self) -> Table:
-        fitted = [candidate for candidate in self.gap["candidates"] if candidate["gain"] is not None]
+        fitted = [candidate for candidate in self.gap.candidates if candidate.gain is not None]
         rows = [
-            [_name(c), f"{c['probability']:.0%}", f"{c['gain']:.1f}", f"{c['held_out']:.1f}", _sizes(c["effects"])]
+            [_name(c), f"{c.probability:.0%}", f"{c.gain:.1f}", f"{c.held_out:.1f}", _sizes(c.effects)]
             for c in fitted[:SHOWN_ANSWERS]
         ]
         caption = "Answers that were fitted, the most probable first; gains over no effect."
@@ -63,32 +68,32 @@ class GapSummary:
 
     def _before_after(self) -> Table:
         names = ("before", "after", "runner_up")
-        entries = {name: _by_interval(self.after[name]) for name in names}
+        entries = {name: _by_interval(getattr(self.after, name)) for name in names}
         rows = [
             [
                 self.interactions[interaction],
                 interval.replace("_", " "),
                 *(_cell(entries[name].get((interaction, interval))) for name in names),
-                _millimetres(before["floor"]),
-                _millimetres(_get(self.after["numerical_floor"], interaction)),
+                _millimetres(before.floor),
+                _millimetres(_get(self.after.numerical_floor, interaction)),
             ]
             for (interaction, interval), before in entries["before"].items()
         ]
-        rival = " + ".join(self.after["runner_up_names"]) or "none fitted"
+        rival = " + ".join(self.after.runner_up_names) or "none fitted"
         caption = f"Root mean square distance of the tracks, and in units of sensor noise; runner-up: {rival}."
         headings = ["interaction", "frames", "before [mm]", "after [mm]", "runner-up [mm]"]
         return Table(caption, [*headings, "sensor floor [mm]", "numerical floor [mm]"], rows)
 
 
-def _by_interval(disagreements: list[dict[str, Any]]) -> dict[tuple[int, str], dict[str, Any]]:
-    return {(entry["interaction"], entry["interval"]): entry for entry in disagreements}
+def _by_interval(disagreements: tuple[Disagreement, ...]) -> dict[tuple[int, str], Disagreement]:
+    return {(entry.interaction, entry.interval): entry for entry in disagreements}
 
 
-def _cell(entry: dict[str, Any] | None) -> str:
-    return "" if entry is None else f"{1e3 * entry['rms']:.2f} ({entry['noise_units']:.1f})"
+def _cell(entry: Disagreement | None) -> str:
+    return "" if entry is None else f"{1e3 * entry.rms:.2f} ({entry.noise_units:.1f})"
 
 
-def _get(values: list[float], index: int) -> float | None:
+def _get(values: tuple[float, ...], index: int) -> float | None:
     return values[index] if index < len(values) else None
 
 
@@ -96,16 +101,16 @@ def _millimetres(metres: float | None) -> str:
     return "" if metres is None else f"{1e3 * metres:.2f}"
 
 
-def _name(candidate: dict[str, Any]) -> str:
-    return " + ".join(effect["name"] for effect in candidate["effects"]) or "none"
+def _name(candidate: Candidate) -> str:
+    return " + ".join(candidate.names) or "none"
 
 
-def _sizes(effects: list[dict[str, Any]]) -> str:
-    return ", ".join(_size(effect, name) for effect in effects for name in effect["values"])
+def _sizes(effects: tuple[FittedEffect, ...]) -> str:
+    return ", ".join(_size(effect, name) for effect in effects for name in effect.values)
 
 
-def _size(effect: dict[str, Any], name: str) -> str:
-    unit = "" if effect["units"][name] == "1" else f" {effect['units'][name]}"
-    interval = effect["intervals"].get(name)
+def _size(effect: FittedEffect, name: str) -> str:
+    unit = "" if effect.units[name] == "1" else f" {effect.units[name]}"
+    interval = effect.intervals.get(name)
     within = f" ({interval[0]:.3g} to {interval[1]:.3g})" if interval else ""
-    return f"{name} {effect['values'][name]:.3g}{unit}{within}"
+    return f"{name} {effect.values[name]:.3g}{unit}{within}"

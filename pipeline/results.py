@@ -1,17 +1,23 @@
 """What the stages have left behind, read back for the tables and the report."""
 
-import csv
-import json
+from __future__ import annotations
+
 from dataclasses import dataclass
 from functools import cached_property
 from pathlib import Path
-from typing import Any
+from typing import TYPE_CHECKING, Any
 
 from pipeline.config import Parameters, load_parameters
 from pipeline.gap_summary import GapSummary
 from pipeline.graph import FIT_STAGES
+from pipeline.products import loss_curve
+from pipeline.products.fit import Fit, ResidualShare
+from pipeline.products.loss_curve import LossCurve
 from pipeline.project import Project
 from pipeline.stage import checked_artifact
+
+if TYPE_CHECKING:  # brings scipy along
+    from pipeline.products.scores import Scores
 
 METRICS = ("track_error", "cd_l1_oneway", "cd_l2_twoway", "iou", "psnr")
 INTERVALS = ("observed", "future")
@@ -31,7 +37,7 @@ class Results:
     parameters: Parameters
 
     @classmethod
-    def open(cls, project: Project | None = None) -> "Results":
+    def open(cls, project: Project | None = None) -> Results:
         project = project or Project.find()
         return cls(project, load_parameters(project.parameters))
 
@@ -60,19 +66,19 @@ class Results:
 
     @cached_property
     def metrics(self) -> dict[str, dict[str, Any]]:
-        """Sequence → what evaluate's metrics.json says."""
-        return {
-            name: json.loads((self.artifact("evaluate", name) / "metrics.json").read_text()) for name in self.sequences
-        }
+        """Sequence → metrics of its models, as of `Scores.metrics`."""
+        return {name: dict(self.evaluated(name).metrics) for name in self.sequences}
+
+    def evaluated(self, sequence: str) -> Scores:
+        """What evaluate said of a sequence's models."""
+        from pipeline.products.scores import Scores
+
+        return Scores.load(self.artifact("evaluate", sequence))
 
     def scores(self, sequence: str, fit_stage: str, interval: str) -> dict[str, float]:
         """The benchmark's numbers in SI units; those that do not apply are absent."""
         found = self.metrics[sequence].get(fit_stage, {}).get(interval, {})
         return {name: found[name] for name in METRICS if found.get(name) is not None}
-
-    def frames(self, sequence: str) -> list[dict[str, str]]:
-        """The rows of evaluate's frames.csv."""
-        return read_csv(self.artifact("evaluate", sequence) / "frames.csv")
 
     def gap(self, sequence: str) -> GapSummary | None:
         """What is missing in a fitted sequence's model; None for a predicted one."""
@@ -82,22 +88,21 @@ class Results:
         interactions = (sequence,) if companion == sequence else (sequence, companion)
         return GapSummary.read(self.artifact("find_gap", sequence), self.artifact("add_effect", sequence), interactions)
 
-    def residual(self, sequence: str) -> dict[str, Any]:
-        """What Stage 3's networks do, `with` and `without` the named effect as far as they were fitted so; from fit.json."""
+    def fit(self, fit_stage: str, sequence: str) -> Fit:
+        """What a fit stage found on a fitted sequence."""
+        return Fit.load(self.artifact(fit_stage, sequence))
+
+    def residual(self, sequence: str) -> dict[str, ResidualShare]:
+        """What Stage 3's networks do, `with` and `without` the named effect as far as they were fitted so."""
         if self.model_from(sequence):
             return {}
-        fit = json.loads((self.artifact("fit_residual", sequence) / "fit.json").read_text())
-        kinds = {"with": "residual", "without": "residual_without_effect"}
-        return {kind: fit[key] for kind, key in kinds.items() if key in fit}
+        fit = self.fit("fit_residual", sequence)
+        shares = {"with": fit.residual, "without": fit.residual_without_effect}
+        return {kind: share for kind, share in shares.items() if share is not None}
 
-    def losses(self, sequence: str) -> dict[str, list[dict[str, str]]]:
-        """Fit stage → the rows of its loss.csv, for those that descend on it; empty for a predicted sequence."""
+    def losses(self, sequence: str) -> dict[str, LossCurve]:
+        """Fit stage → its loss curve, for those that descend; empty for a predicted sequence."""
         if self.model_from(sequence):
             return {}
-        files = {stage: self.artifact(stage, sequence) / "loss.csv" for stage in FIT_STAGES}
-        return {stage: read_csv(path) for stage, path in files.items() if path.is_file()}
-
-
-def read_csv(path: Path) -> list[dict[str, str]]:
-    with path.open(newline="") as file:
-        return list(csv.DictReader(file))
+        folders = {stage: self.artifact(stage, sequence) for stage in FIT_STAGES}
+        return {s: LossCurve.load(folder) for s, folder in folders.items() if (folder / loss_curve.FILE).is_file()}

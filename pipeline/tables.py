@@ -1,9 +1,9 @@
 """Tables of results: scores averaged as the benchmark does, and what the models were missing."""
 
 from collections.abc import Iterable
-from typing import Any
 
 from pipeline.graph import FIT_STAGES
+from pipeline.products.fit import ResidualShare
 from pipeline.results import IMAGE_METRICS, INTERVALS, METRICS, Results
 from pipeline.table import Table
 
@@ -107,10 +107,10 @@ def _gaps(results: Results) -> Table:
     rows = [
         [
             sequence,
-            gap.verdict["kind"],
-            " or ".join(" + ".join(names) for names in gap.verdict["members"] if names),
-            f"{gap.verdict['probability']:.2f}",
-            f"{gap.after['closed']:.0%}" if gap.after["adopted"] else "not adopted" if gap.after["after"] else "",
+            gap.verdict.kind,
+            " or ".join(" + ".join(names) for names in gap.verdict.members if names),
+            f"{gap.verdict.probability:.2f}",
+            f"{gap.after.closed:.0%}" if gap.after.adopted else "not adopted" if gap.after.after else "",
             *(_stress_share(results.residual(sequence).get(kind)) for kind in ("with", "without")),
         ]
         for sequence in results.sequences
@@ -121,6 +121,6 @@ def _gaps(results: Results) -> Table:
     return Table("What the fitted models were missing, and what it leaves to the networks.", [*headings, *shares], rows)
 
 
-def _stress_share(residual: dict[str, Any] | None) -> str:
+def _stress_share(residual: ResidualShare | None) -> str:
     """The networks' share of the expert's stress as text, empty where they were not fitted."""
-    return "" if residual is None or residual["stress_share"] is None else f"{100 * residual['stress_share']:.1f}"
+    return "" if residual is None or residual.stress_share is None else f"{100 * residual.stress_share:.1f}"

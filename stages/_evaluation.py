@@ -5,24 +5,22 @@ from pathlib import Path
 
 import numpy as np
 import torch
-from safetensors.numpy import load_file
 
 from physreal_core.errors import InputError
-from physreal_core.geometry.mesh import Mesh, load_mesh
+from physreal_core.fitting.model_file import read_model_file
+from physreal_core.geometry.mesh import Mesh
 from physreal_core.geometry.surface import scatter
-from physreal_core.rendering import (
-    Binding,
-    Camera,
-    Gaussians,
-    bind,
-    carry_points,
-    load_camera,
-    load_gaussians,
-    render_carried,
-)
+from physreal_core.rendering import Binding, Camera, Gaussians, bind, carry_points, render_carried
 from pipeline.capture import Capture, read_capture
-from pipeline.frames import read_colour, read_depth
+from pipeline.products.images import FrameImages
+from pipeline.products.masks import Masks
+from pipeline.products.particles import Particles
+from pipeline.products.placed_object import PlacedObject
+from pipeline.products.rollout import Rollout
+from pipeline.products.tracks import MeasuredTracks
+from pipeline.products.truth import CaptureTruth
 from pipeline.stage import StageContext
+from stages._camera import load_camera
 
 Array = np.ndarray
 _MEASURED, _SIMULATED = (255, 255, 255), (255, 60, 60)
@@ -47,13 +45,14 @@ class Sequence:
         tracks3d: [T, J, 3] m, NaN where unknown; tracks_valid [T, J]; track_points0 [J, 3] m, those on the object.
         surface: points all over the mesh [m], shape [S, 3]; spacing: their mean distance from one another [m].
         gaussians: appearance model, None without a camera.
-        truth: contents of truth.npz, empty for a capture without.
+        images, perceived: frames of parse_video, and segment_and_track's output with the masks.
+        truth: None for a capture whose true motion is not known.
     """
 
     capture: Capture
     frame_count: int
     observed: int
-    particles: dict[str, Array]
+    particles: Particles
     tracks3d: Array
     tracks_valid: Array
     track_points0: Array
@@ -61,9 +60,9 @@ class Sequence:
     spacing: float
     camera: Camera | None
     gaussians: Gaussians | None
-    video: Path
-    masks: Path
-    truth: dict[str, Array]
+    images: FrameImages
+    perceived: Path
+    truth: CaptureTruth | None
 
     @property
     def K(self) -> Array:
@@ -75,28 +74,23 @@ class Sequence:
 
     def measured(self, frame: int) -> Measured:
         """Reads one frame."""
-        name = f"{frame:06d}.png"
-        depth = self.video / "depth" / name
+        depth, masks = self.images.depth(frame), Masks.load(self.perceived, [frame])
         return Measured(
-            colour=read_colour(self.video / "color" / name).astype(np.float64) / 255,
-            depth=read_depth(depth, (0.0, np.inf)).astype(np.float64) / 1000 if depth.is_file() else None,
-            mask=read_colour(self.masks / "object" / name)[..., 0] > 127,
-            hand=read_colour(self.masks / "controller" / name)[..., 0] > 127,
+            colour=self.images.colour(frame).astype(np.float64) / 255,
+            depth=None if depth is None else depth.astype(np.float64) / 1000,
+            mask=masks.object[0],
+            hand=masks.controller[0],
         )
 
 
 def load_sequence(context: StageContext) -> Sequence:
     """Reads what does not depend on a model. truth.npz is read here and in no fit."""
     video, perceived = context.input("parse_video"), context.input("segment_and_track")
-    posed = context.input("fit_pose")
-    capture = read_capture(video)
-    with np.load(context.input("sample_particles") / "particles.npz") as file:
-        particles = dict(file)
-    with np.load(perceived / "tracks.npz") as file:
-        tracks3d = file["points3d"][:, particles["track_ids"]].astype(np.float64)
-        valid = file["valid3d"][:, particles["track_ids"]] & np.isfinite(tracks3d).all(axis=-1)
-    surface, spacing = scattered(load_mesh(posed / "mesh.glb"), context.params.surface_points, context.seed)
-    truth = context.capture / "truth.npz"
+    capture, placed = read_capture(video), PlacedObject.load(context.input("fit_pose"))
+    particles, tracks = Particles.load(context.input("sample_particles")), MeasuredTracks.load(perceived)
+    tracks3d = tracks.points3d[:, particles.track_ids].astype(np.float64)
+    valid = tracks.valid3d[:, particles.track_ids] & np.isfinite(tracks3d).all(axis=-1)
+    surface, spacing = scattered(placed.mesh, context.params.surface_points, context.seed)
     is_video = capture.kind == "video"
     return Sequence(
         capture=capture,
@@ -105,14 +99,14 @@ def load_sequence(context: StageContext) -> Sequence:
         particles=particles,
         tracks3d=tracks3d,
         tracks_valid=valid,
-        track_points0=particles["track_points0"].astype(np.float64),
+        track_points0=particles.track_points0.astype(np.float64),
         surface=surface,
         spacing=spacing,
-        camera=load_camera(video / "camera.json") if is_video else None,
-        gaussians=load_gaussians(posed / "gaussians.ply") if is_video else None,
-        video=video,
-        masks=perceived / "masks",
-        truth=_read_truth(truth) if truth.is_file() else {},
+        camera=load_camera(video) if is_video else None,
+        gaussians=placed.gaussians if is_video else None,
+        images=FrameImages(video),
+        perceived=perceived,
+        truth=_truth(context.capture),
     )
 
 
@@ -122,10 +116,10 @@ def scattered(mesh: Mesh, count: int, seed: int) -> tuple[Array, float]:
     return np.einsum("pck,pc->pk", mesh.corners[face], weights), float(np.sqrt(mesh.area / count))
 
 
-def _read_truth(path: Path) -> dict[str, Array]:
-    with np.load(path, allow_pickle=False) as file:
-        truth = dict(file)
-    return truth if "vertices" in truth else {}
+def _truth(capture: Path) -> CaptureTruth | None:
+    """What is known of the true motion, None where that is nothing."""
+    truth = CaptureTruth.load(capture) if (capture / CaptureTruth.FILE).is_file() else None
+    return None if truth is None or truth.vertices is None else truth
 
 
 class Replay:
@@ -136,28 +130,25 @@ class Replay:
     """
 
     def __init__(self, sequence: Sequence, folder: Path, device: str = "cpu") -> None:
-        with np.load(folder / "rollout.npz") as file:
-            x, F, seen = (
-                torch.from_numpy(file[name]).double() for name in ("x", "F", "x_seen" if "x_seen" in file else "x")
-            )
-        if len(x) != sequence.frame_count or x.shape[1] != len(sequence.particles["x0"]):
+        rollout, particles = Rollout.load(folder), sequence.particles
+        x, F, seen = (torch.from_numpy(array).double() for array in (rollout.x, rollout.F, rollout.seen))
+        if len(x) != sequence.frame_count or x.shape[1] != len(particles.x0):
             raise InputError(
                 f"{len(x)} frames of {x.shape[1]} particles",
-                where=str(folder / "rollout.npz"),
-                expected=f"{sequence.frame_count} frames of {len(sequence.particles['x0'])} particles",
-                remedy="run the fit stage again",
+                where=str(folder / rollout.FILE),
+                expected=f"{sequence.frame_count} frames of {len(particles.x0)} particles",
+                remedy=rollout.REMEDY,
             )
         self.sequence, self.device, self.x, self.F, self.seen = sequence, device, x, F, seen
-        self.x0 = torch.from_numpy(sequence.particles["x0"]).double()
-        self.surface, self.tracks = self.bind(sequence.surface), self._stored("track")
-        self.gaussians = self._stored("gaussian").to(device) if sequence.gaussians else None
+        self.x0 = torch.from_numpy(particles.x0).double()
+        self.surface = self.bind(sequence.surface)
+        self.tracks = Binding(particles.track_neighbours, particles.track_weights)
+        drawn = Binding(particles.gaussian_neighbours, particles.gaussian_weights)
+        self.gaussians = drawn.to(device) if sequence.gaussians else None
 
     def bind(self, points: Array) -> Binding:
         """Points [m] of frame 0 bound to the particles around them."""
-        return bind(points, self.x0, self.sequence.particles["gaussian_neighbours"].shape[1] or 8)
-
-    def _stored(self, name: str) -> Binding:
-        return Binding(self.sequence.particles[f"{name}_neighbours"], self.sequence.particles[f"{name}_weights"])
+        return bind(points, self.x0, self.sequence.particles.gaussian_neighbours.shape[1] or 8)
 
     def carry(self, frame: int, points0: Array, binding: Binding) -> Array:
         """Where points [m] of frame 0 are seen at `frame` [m]."""
@@ -178,7 +169,8 @@ class Replay:
     @staticmethod
     def mean_modulus(folder: Path) -> float:
         """Young's modulus [Pa], mean over the patches, which lie evenly in the body."""
-        return float(load_file(folder / "model.safetensors")["youngs_modulus"].mean())
+        _, fields = read_model_file(folder)
+        return float(fields["youngs_modulus"].numpy().mean())
 
 
 def side_by_side(

@@ -1,13 +1,10 @@
 """What the three fit stages share: the descent with its bar and live loss curve, and the files a fit writes."""
 
-import csv
-import json
 import math
 from collections.abc import Callable
 from pathlib import Path
 from typing import Any
 
-import numpy as np
 import torch
 
 from physreal_core.fitting.curriculum import History, fit_material
@@ -18,6 +15,9 @@ from physreal_core.fitting.objective import Objective
 from physreal_core.fitting.problem import Problem
 from physreal_core.fitting.variables import TRANSFORMS, Variable
 from pipeline.config._base import StageParameters
+from pipeline.products.fit import Descent, Fit
+from pipeline.products.loss_curve import LossCurve
+from pipeline.products.rollout import Rollout
 from pipeline.stage import StageContext
 
 
@@ -53,7 +53,7 @@ def descend(
             start,
             config,
             checkpoint=context.scratch / label / "checkpoint.safetensors",
-            on_iteration=_follow(bar, context.scratch / label / "loss.csv"),
+            on_iteration=_follow(bar, context.scratch / label),
         )
     for part, seconds in objective.stopwatch.stop().items():
         context.count(f"{label}: {part}", seconds)
@@ -61,7 +61,7 @@ def descend(
 
 
 def _follow(bar: Any, live: Path) -> Callable[[History], None]:
-    """Advances the bar and rewrites the live curve; a run that goes on from a checkpoint starts the bar there."""
+    """Advances the bar and rewrites the curve in `live`; a run that goes on from a checkpoint starts the bar there."""
     started = False
 
     def after(history: History) -> None:
@@ -74,50 +74,36 @@ def _follow(bar: Any, live: Path) -> Callable[[History], None]:
             (f", tracks {1e3 * row[name]:.2f} mm" for name in ("track_error", "settled_error") if name in row), ""
         )
         bar.advance(note=f"loss {row['total']:.4f}{error}")
-        write_history(live, history)
+        LossCurve(history).save(live)
 
     return after
 
 
-def write_history(path: Path, history: History) -> None:
-    """The loss curve, one row per evaluation; terms are unweighted, means of variables in the units of `UNITS`."""
-    columns = list(dict.fromkeys(name for row in history for name in row))
-    with path.open("w", newline="") as handle:
-        writer = csv.DictWriter(handle, columns, restval="")
-        writer.writeheader()
-        writer.writerows(
-            {name: f"{v:.9g}" if isinstance(v, float) else v for name, v in row.items()} for row in history
-        )
-
-
 def write_fit(context: StageContext, objective: Objective, model: Model, result: DescentResult, **notes: Any) -> None:
-    """Model, loss curve, fit.json, and the rollout over the whole interval, observed and future."""
+    """Model, loss curve, `Fit` with `notes`, and the rollout over the whole interval, observed and future."""
     save_model(context.output, model)
-    write_history(context.output / "loss.csv", result.history)
+    LossCurve(result.history).save(context.output)
     with context.timed("rollout"):
-        write_rollout(context.output / "rollout.npz", objective, model)
-    record = {
-        "values": summary(model),
-        "objective": finite_or_none(result.total),
-        "iterations": len(result.history) - 1,
-        "ended_early": result.ended_early,
-        "observed_frames": objective.problem.observed,
-        "fitted_frames": objective.full_horizon,
-        "particles": len(objective.problem.body.x0),
-        "patches": model.patch_count,
-        **notes,
-    }
-    (context.output / "fit.json").write_text(json.dumps(record, indent=1) + "\n")
+        roll_out(objective, model).save(context.output)
+    descent = Descent(
+        objective=finite_or_none(result.total),
+        iterations=len(result.history) - 1,
+        ended_early=result.ended_early,
+        observed_frames=objective.problem.observed,
+        fitted_frames=objective.full_horizon,
+        particles=len(objective.problem.body.x0),
+        patches=model.patch_count,
+    )
+    Fit(summary(model), descent, **notes).save(context.output)
 
 
-def write_rollout(path: Path, objective: Objective, model: Model) -> None:
-    """x [T,N,3] m and F [T,N,3,3] of the whole interval, float32; beside them, where an effect of the model is one of the
-    measurement (a camera that drifts), x_seen [T,N,3] m: where the measurement sees what truly is at x."""
+def roll_out(objective: Objective, model: Model) -> Rollout:
+    """The whole interval, observed and future."""
     with torch.no_grad():
         states = objective.rollout(model.fields, objective.problem.frame_count)
         seen = objective.rollouts.seen(states.x)
-    arrays = {"x": states.x, "F": states.F} | ({} if seen is states.x else {"x_seen": seen})
-    np.savez(path, **{name: tensor.float().cpu().numpy() for name, tensor in arrays.items()})
+    x, F, x_seen = (tensor.float().cpu().numpy() for tensor in (states.x, states.F, seen))
+    return Rollout(x, F, None if seen is states.x else x_seen)
 
 
 def summary(model: Model) -> dict[str, dict[str, Any]]:

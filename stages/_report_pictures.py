@@ -30,12 +30,11 @@ def embed(path: Path) -> str:
     return _uri(path.read_bytes(), MEDIA[path.suffix])
 
 
-def loss_curves(losses: dict[str, list[dict[str, str]]]) -> str:
+def loss_curves(losses: dict[str, list[float]]) -> str:
     """The objective over iterations of every fit stage, one after the other."""
     figure, axes = pyplot.subplots(figsize=(5.2, 2.7))
     start = 0
-    for stage, rows in losses.items():
-        values = [float(row["total"]) for row in rows if row["total"]]
+    for stage, values in losses.items():
         axes.plot(range(start, start + len(values)), values, color=COLOURS[stage], label=stage, lw=1.6)
         start += len(values)
     axes.set(xlabel="evaluation", ylabel="objective", yscale="log")
@@ -43,17 +42,15 @@ def loss_curves(losses: dict[str, list[dict[str, str]]]) -> str:
     return _svg(figure)
 
 
-def frame_errors(frames: list[dict[str, str]], metric: str, label: str, scale: float) -> str | None:
-    """A score per frame and fit stage, the future frames shaded; None where the score does not apply."""
-    rows = [row for row in frames if row.get(metric)]
-    if not rows:
+def frame_errors(curves: dict[str, dict[int, float]], label: str, observed: int) -> str | None:
+    """A score per frame, by fit stage, the frames from `observed` on shaded; None where there is none."""
+    if not any(curves.values()):
         return None
     figure, axes = pyplot.subplots(figsize=(5.2, 2.7))
     for stage, colour in COLOURS.items():
-        pairs = [(int(row["frame"]), scale * float(row[metric])) for row in rows if row["stage"] == stage]
-        if pairs:
-            axes.plot(*zip(*pairs, strict=True), color=colour, label=stage, lw=1.6)
-    future = [int(row["frame"]) for row in rows if row["interval"] == "future"]
+        if curve := curves.get(stage):
+            axes.plot(list(curve), list(curve.values()), color=colour, label=stage, lw=1.6)
+    future = [frame for curve in curves.values() for frame in curve if frame >= observed]
     if future:
         axes.axvspan(min(future), max(future), color="#64748b", alpha=0.12, lw=0)
         axes.text(min(future), axes.get_ylim()[1], " future", va="top", color="#475569")

@@ -1,7 +1,6 @@
 """Stage add_effect: the named effect goes into Stage 2's model, if the gap shrinks where its fit never looked."""
 
 import dataclasses
-import json
 
 from physreal_core.fitting.losses import LossConfig
 from physreal_core.fitting.model import Model, load_model, save_model
@@ -13,17 +12,19 @@ from physreal_core.gap.experiment import Trial
 from physreal_core.gap.interaction import locate
 from physreal_core.gap.report import Added, GapReport
 from pipeline.config.find_gap import FindGap
+from pipeline.products.fit import Fit
+from pipeline.products.gap import load_gap, save_added
 from pipeline.provenance import read_provenance
 from pipeline.stage import StageContext, main
-from stages._fit import summary, write_rollout
-from stages._gap import interactions, load_report, settings_of, teller
+from stages._fit import roll_out, summary
+from stages._gap import interactions, settings_of, teller
 from stages._gap_pictures import write_before_after, write_gap_timeline
 
 
 def run(context: StageContext) -> None:
     """The model with the effect in it, its rollout, and gap_after.json; where nothing is adopted, the model as it was."""
     baseline = load_model(context.input("fit_patches"))
-    report = load_report(context.input("find_gap"))
+    report = load_gap(context.input("find_gap"))
     with context.timed("read"):
         experiments = interactions(context, baseline)
     with context.timed("fit"):
@@ -32,11 +33,11 @@ def run(context: StageContext) -> None:
         added = add_effect(experiments, report, settings, teller(context), context.params.effects or None)
     model = with_effects(baseline, added, _probability(report, added))
     save_model(context.output, model)
-    (context.output / "gap_after.json").write_text(json.dumps(added.as_record(), indent=1) + "\n")
-    (context.output / "fit.json").write_text(json.dumps({"values": summary(model)}, indent=1) + "\n")
+    save_added(context.output, added)
+    Fit(summary(model)).save(context.output)
     with context.timed("rollout"):
         objective = Objective(experiments[0].problem, model, LossConfig(), device=context.params.device)
-        write_rollout(context.output / "rollout.npz", objective, model)
+        roll_out(objective, model).save(context.output)
     if added.adopted:
         with context.timed("figures"):
             _draw(context, Evidence(experiments[:1], Trial(report.fields), settings), report, added)

@@ -1,6 +1,5 @@
 """build_object: mesh and Gaussians of the object in a canonical frame, from a shape prior or from frame 0."""
 
-import json
 from dataclasses import replace
 from pathlib import Path
 
@@ -16,11 +15,11 @@ from physreal_core.geometry import (
     mesh_from_view,
     require_closed,
     sample_surface,
-    save_mesh,
     surface_gaussians,
 )
-from physreal_core.rendering import Gaussians, load_gaussians, save_gaussians
+from physreal_core.rendering import Gaussians, load_gaussians
 from pipeline.capture import read_capture
+from pipeline.products.built_object import BuiltObject
 from pipeline.stage import StageContext, main
 from stages._observation import first_frame
 
@@ -47,19 +46,8 @@ def run(context: StageContext) -> None:
     else:
         gaussians, drawn = _moved(gaussians, T), "prior"
         mesh = mesh if mesh.colours is not None else _coloured_by(mesh, gaussians)
-    save_mesh(context.output / "object.glb", mesh)
-    save_gaussians(context.output / "gaussians.ply", gaussians)
-    facts = {
-        "source": source,
-        "frame": "world" if source == "frame 0" else "canonical",
-        "gaussians": drawn,
-        "coloured": mesh.colours is not None,
-        "watertight": mesh.open_edges() == 0,
-        "volume": mesh.volume,
-        "extents": np.ptp(mesh.vertices, axis=0).tolist(),
-        "T_object_prior": T.tolist(),
-    }
-    (context.output / "object.json").write_text(json.dumps(facts, indent=1) + "\n")
+    frame = "world" if source == "frame 0" else "canonical"
+    BuiltObject(mesh, gaussians, source, frame, drawn, mesh.colours is not None, T).save(context.output)
 
 
 def canonical_frame(mesh: Mesh) -> np.ndarray:

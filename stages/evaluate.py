@@ -1,6 +1,5 @@
 """Stage evaluate: every model's rollout against the measurement, frame by frame, observed and future."""
 
-import json
 from pathlib import Path
 from typing import Any
 
@@ -22,9 +21,9 @@ from physreal_core.evaluation import (
     track_errors,
     vertex_errors,
     windowed_mean,
-    write_frames_csv,
 )
 from physreal_core.perception.overlay import write_video
+from pipeline.products.scores import Scores
 from pipeline.stage import StageContext, main
 from stages._evaluation import Measured, Replay, Sequence, load_sequence, side_by_side
 
@@ -48,8 +47,7 @@ def run(context: StageContext) -> None:
         if sequence.truth:
             metrics[stage]["truth"] = _against_truth(sequence, replay, folder, context.params)
         table[stage] = scores
-    (context.output / "metrics.json").write_text(json.dumps(metrics, indent=1) + "\n")
-    write_frames_csv(context.output / "frames.csv", table, sequence.observed)
+    Scores(metrics, table, sequence.observed).save(context.output)
 
 
 def _score_frames(sequence: Sequence, replay: Replay, params: Any, bar: Any) -> tuple[list[FrameScores], list]:
@@ -113,20 +111,20 @@ def _tip_deflection(sequence: Sequence, replay: Replay, frames: int) -> dict[str
 def _against_truth(sequence: Sequence, replay: Replay, folder: Path, params: Any) -> dict[str, Any]:
     """Vertex error [m] over both intervals, and the static deflection's equivalent of the fitted modulus [Pa]."""
     truth = sequence.truth
-    true = truth["vertices"][: sequence.frame_count].astype(np.float64)
+    true = truth.vertices[: sequence.frame_count].astype(np.float64)
     binding = replay.bind(true[0])
     ours = np.stack([replay.carry_truly(t, true[0], binding) for t in range(len(true))])
     errors = vertex_errors(ours, true)
     spans = {"observed": errors[1 : sequence.observed], "future": errors[sequence.observed :]}
     block: dict[str, Any] = {name: {"vertex_error": float(e.mean())} for name, e in spans.items() if len(e)}
-    if {"E", "hand", "gripped"} <= truth.keys():
+    if all(known is not None for known in (truth.youngs_modulus, truth.hand, truth.gripped)):
         free = np.ones(true.shape[1], bool)
-        free[truth["gripped"]] = False
-        hand = truth["hand"][: len(true)]
+        free[truth.gripped] = False
+        hand = truth.hand[: len(true)]
         sag, true_sag = (mean_sag(v, hand, params.settled_frames, free) for v in (ours, true))
         youngs_modulus = replay.mean_modulus(folder)
         block["statics"] = {"sag": sag, "true_sag": true_sag, "youngs_modulus": youngs_modulus}
-        block["statics"]["true_youngs_modulus"] = float(truth["E"])
+        block["statics"]["true_youngs_modulus"] = truth.youngs_modulus
         if true_sag >= params.min_sag:
             block["statics"]["equivalent_youngs_modulus"] = equivalent_modulus(youngs_modulus, sag, true_sag)
     return block

@@ -7,8 +7,9 @@ from physreal_core.gap.adding import trial_of
 from physreal_core.gap.experiment import Experiment
 from physreal_core.gap.report import GapReport
 from physreal_core.gap.search import Search
+from pipeline.products.gap import save_gap
 from pipeline.stage import StageContext, main
-from stages._gap import interactions, save_report, settings_of, teller
+from stages._gap import interactions, settings_of, teller
 from stages._gap_pictures import write_before_after, write_gap_map, write_gap_timeline, write_probabilities
 
 
@@ -19,7 +20,7 @@ def run(context: StageContext) -> None:
     with context.timed("search"):
         search = Search(experiments, settings_of(context.params, context.seed), teller(context))
         report = search.report()
-    save_report(context.output, report)
+    save_gap(context.output, report)
     with context.timed("figures"):
         _draw(context, experiments[0], report, search.predictions[0])
     print(report.where[0]["sentence"], report.verdict.sentence, sep="\n")

@@ -3,12 +3,15 @@
 A scan of E and the grip's stiffness gives the start of a descent with a growing horizon; what has rate 0 is held.
 """
 
+import torch
+
 from physreal_core.fitting.curriculum import ScanConfig, start_from_scan, uniform_start
 from physreal_core.fitting.model import Model, uniform_model
 from pipeline.config.fit_global import FitGlobal
+from pipeline.products.particles import Particles
 from pipeline.stage import StageContext, main
 from stages._fit import descend, finite_or_none, objective_of, variables_of, write_fit
-from stages._problem import load_problem, patch_positions
+from stages._problem import load_problem
 
 VARIABLES = ("youngs_modulus", "poissons_ratio", "friction_coefficient", "grip_stiffness", "grip_damping")
 
@@ -31,7 +34,7 @@ def run(context: StageContext) -> None:
 def _initial_model(context: StageContext) -> Model:
     params: FitGlobal = context.params
     return uniform_model(
-        patch_positions(context.input("sample_particles") / "particles.npz"),
+        torch.from_numpy(Particles.load(context.input("sample_particles")).patch_positions).double(),
         {name: getattr(params, name).initial for name in VARIABLES},
         elastic_law=params.material.elastic_law,
         plastic_law=params.material.plastic_law,

@@ -1,7 +1,5 @@
 """fit_pose: where the object lies in frame 0 and how large it is (eq. localization_loss), and its colours."""
 
-import json
-
 import numpy as np
 import torch
 
@@ -15,48 +13,44 @@ from physreal_core.geometry import (
     SurfacePoints,
     align,
     edge_inset,
-    load_mesh,
     paint,
     sample_surface,
-    save_mesh,
 )
-from physreal_core.rendering import Gaussians, load_gaussians, render, rotation_matrices, save_gaussians
+from physreal_core.rendering import Gaussians, render, rotation_matrices
 from pipeline.capture import read_capture
+from pipeline.products.built_object import BuiltObject
+from pipeline.products.placed_object import PlacedObject
 from pipeline.stage import StageContext, main
 from stages._observation import first_frame
 
 
 def run(context: StageContext) -> None:
     """Find the pose (unless the set-up gives it), colour the Gaussians from frame 0, write mesh, Gaussians, overlay."""
-    built = context.input("build_object")
-    facts = json.loads((built / "object.json").read_text())
-    mesh, gaussians = load_mesh(built / "object.glb"), load_gaussians(built / "gaussians.ply")
+    built = BuiltObject.load(context.input("build_object"))
+    mesh, gaussians = built.mesh, built.gaussians
     capture = read_capture(context.input("parse_video"))
     observation = first_frame(context) if capture.kind == "video" else None
-    record: dict = {"found_by": "known"}
-    if facts["frame"] == "world":
-        pose, record = Similarity.identity(), {"found_by": "built in the world frame"}
+    notes: dict = {"found_by": "known"}
+    if built.frame == "world":
+        pose, notes = Similarity.identity(), {"found_by": "built in the world frame"}
     elif capture.T_world_object is not None or observation is None:
         T_world_prior = np.eye(4) if capture.T_world_object is None else capture.T_world_object
-        pose = Similarity.from_matrix(T_world_prior @ np.linalg.inv(facts["T_object_prior"]))
+        pose = Similarity.from_matrix(T_world_prior @ np.linalg.inv(built.T_object_prior))
     else:
         found = _search(context, mesh, observation)
         pose = found.pose
-        record = {"found_by": "search", "loss": found.loss, "candidate_losses": list(found.candidate_losses)}
+        notes = {"found_by": "search", "loss": found.loss, "candidate_losses": list(found.candidate_losses)}
     mesh = mesh.transformed(pose.matrix)
     gaussians = gaussians.transformed(torch.as_tensor(pose.rotation), torch.as_tensor(pose.translation), pose.scale)
     if observation is not None:
-        if facts["gaussians"] == "surface":
-            gaussians, seen = _painted(context, gaussians, observation, facts["coloured"])
-            record["seen_share"] = round(float(seen.mean()), 4)
-        record |= _judge(context, gaussians, observation)
-    T = pose.matrix
-    T[:3, :3] /= pose.scale
-    T_world_prior = pose.matrix @ np.asarray(facts["T_object_prior"])
-    record = {"T_world_object": T.tolist(), "scale": pose.scale, "T_world_prior": T_world_prior.tolist(), **record}
-    save_mesh(context.output / "mesh.glb", mesh)
-    save_gaussians(context.output / "gaussians.ply", gaussians)
-    (context.output / "pose.json").write_text(json.dumps(record, indent=1) + "\n")
+        if built.gaussians_from == "surface":
+            gaussians, seen = _painted(context, gaussians, observation, built.coloured)
+            notes["seen_share"] = round(float(seen.mean()), 4)
+        notes |= _judge(context, gaussians, observation)
+    T_world_object = pose.matrix
+    T_world_object[:3, :3] /= pose.scale
+    T_world_prior = pose.matrix @ built.T_object_prior
+    PlacedObject(mesh, gaussians, T_world_object, pose.scale, T_world_prior, notes).save(context.output)
 
 
 def _search(context: StageContext, mesh: Mesh, observation: Observation) -> Alignment:

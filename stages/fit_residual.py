@@ -3,8 +3,6 @@
 Where an effect was named, the networks are fitted once more without it, to say how much less it leaves them to do.
 """
 
-from typing import Any
-
 from physreal_core.fitting.curriculum import NETWORK_FIELDS, patch_start, with_residual
 from physreal_core.fitting.descent import DescentResult
 from physreal_core.fitting.model import Model, load_model
@@ -13,6 +11,7 @@ from physreal_core.fitting.problem import Problem
 from physreal_core.fitting.share import residual_share
 from physreal_core.simulation.laws.residual_config import ResidualConfig
 from pipeline.config.fit_residual import FitResidual, Rate
+from pipeline.products.fit import ResidualShare
 from pipeline.stage import StageContext, main
 from stages._fit import descend, finite_or_none, objective_of, variables_of, write_fit
 from stages._problem import load_problem
@@ -24,11 +23,11 @@ def run(context: StageContext) -> None:
     problem = load_problem(context, params.masks if params.losses.mask > 0 else None)
     named = load_model(context.input("add_effect"))
     objective, model, result = _fit(context, problem, named)
-    shares = {"residual": _share(objective, model, result)}
+    share, share_without = _share(objective, model, result), None
     if named.effects and params.compare:
         without = load_model(context.input("fit_patches"))
-        shares["residual_without_effect"] = _share(*_fit(context, problem, without, "fit without the effect"))
-    write_fit(context, objective, model, result, **shares)
+        share_without = _share(*_fit(context, problem, without, "fit without the effect"))
+    write_fit(context, objective, model, result, residual=share, residual_without_effect=share_without)
 
 
 def _fit(
@@ -41,14 +40,14 @@ def _fit(
     return objective, *descend(context, objective, model, variables, patch_start(model, variables), label)
 
 
-def _share(objective: Objective, model: Model, result: DescentResult) -> dict[str, Any]:
+def _share(objective: Objective, model: Model, result: DescentResult) -> ResidualShare:
     """What the networks do: their share of the stress, and the objective before and after them."""
     has_stress = objective.rollouts.config.elastic_residual is not None
-    return {
-        "stress_share": residual_share(objective.rollouts, model, objective.problem.observed) if has_stress else None,
-        "objective_before": next(row["total"] for row in result.history if row["horizon"] == objective.full_horizon),
-        "objective_after": finite_or_none(result.total),
-    }
+    return ResidualShare(
+        stress_share=residual_share(objective.rollouts, model, objective.problem.observed) if has_stress else None,
+        objective_before=next(row["total"] for row in result.history if row["horizon"] == objective.full_horizon),
+        objective_after=finite_or_none(result.total),
+    )
 
 
 def blocks_of(params: FitResidual) -> dict[str, Rate]:

@@ -1,6 +1,5 @@
 """Stage parse_video: reads and checks the capture, scales the frames, sets the world on the support plane."""
 
-import json
 from dataclasses import dataclass, field
 from pathlib import Path
 
@@ -9,19 +8,22 @@ import numpy as np
 from physreal_core.errors import InputError
 from pipeline.capture import Capture, Split, read_capture, write_capture
 from pipeline.frames import count_track_frames, list_frames, read_frames
+from pipeline.products.camera import RecordedCamera
+from pipeline.products.images import FrameImages
+from pipeline.products.quality import Quality
 from pipeline.stage import StageContext, main
 
 DARK, BRIGHT = 20, 235  # mean grey level beyond which a frame shows little
 
 
 @dataclass
-class Quality:
-    """What a reader should know of the frames before trusting results; one entry per frame."""
+class Judgement:
+    """What is told of the frames while they are read, as of `Quality`; one entry per frame."""
 
-    brightness: list[float] = field(default_factory=list)  # mean grey level, 0-255
-    sharpness: list[float] = field(default_factory=list)  # variance of the Laplacian, grey levels squared
-    depth_share: list[float] = field(default_factory=list)  # pixels with a usable reading
-    repeated: list[int] = field(default_factory=list)  # frames with the same pixels as the one before
+    brightness: list[float] = field(default_factory=list)
+    sharpness: list[float] = field(default_factory=list)
+    depth_share: list[float] = field(default_factory=list)
+    repeated: list[int] = field(default_factory=list)
 
     def warnings(self) -> list[str]:
         """Sentences for the report."""
@@ -40,7 +42,7 @@ def run(context: StageContext) -> None:
     """Frames at working size, camera.json, the normalised capture.json and quality.json."""
     capture = read_capture(context.capture)
     if capture.kind == "tracks":
-        _write(context, capture, count_track_frames(context.capture), Quality(), {})
+        _write(context, capture, count_track_frames(context.capture), Judgement(), {})
         return
     scale = min(1.0, context.params.max_width / capture.width)
     frames, quality, first_depth = _copy_frames(context, capture, scale)
@@ -80,27 +82,22 @@ def scale_capture(capture: Capture, scale: float) -> Capture:
     return capture.model_copy(update={"width": width, "height": height, "K": K, "hints": hints})
 
 
-def _copy_frames(context: StageContext, capture: Capture, scale: float) -> tuple[int, Quality, np.ndarray | None]:
+def _copy_frames(context: StageContext, capture: Capture, scale: float) -> tuple[int, Judgement, np.ndarray | None]:
     """Write the frames at working size; their number, their quality, and the first depth image [mm]."""
-    from PIL import Image
-
-    limits, quality = (context.params.min_depth, context.params.max_depth), Quality()
+    limits, quality = (context.params.min_depth, context.params.max_depth), Judgement()
     size = (round(capture.width * scale), round(capture.height * scale))
-    (context.output / "color").mkdir()
-    first_depth, before, count = None, None, 0
+    images, first_depth, before, count = FrameImages(context.output), None, None, 0
     total = context.params.max_frames or len(list_frames(context.capture).colour)
     with context.progress("read and scale frames", total) as bar:
         for colour, depth in read_frames(context.capture, capture, limits):
             small = _resize(colour, size, smooth=True)
-            Image.fromarray(small).save(context.output / "color" / f"{count:06d}.png", compress_level=3)
             _judge_colour(quality, small, before, count)
             before = small
             if depth is not None:
                 depth = _within(_resize(depth, size, smooth=False), limits)
                 quality.depth_share.append(round(float((depth > 0).mean()), 4))
-                (context.output / "depth").mkdir(exist_ok=True)
-                Image.fromarray(depth).save(context.output / "depth" / f"{count:06d}.png", compress_level=3)
                 first_depth = depth if first_depth is None else first_depth
+            images.save(count, small, depth)
             count += 1
             bar.advance()
             if count == context.params.max_frames:
@@ -124,7 +121,7 @@ def _within(depth: np.ndarray, limits: tuple[float, float]) -> np.ndarray:
     return np.where((metres >= limits[0]) & (metres <= limits[1]), depth, 0).astype(np.uint16)
 
 
-def _judge_colour(quality: Quality, colour: np.ndarray, before: np.ndarray | None, frame: int) -> None:
+def _judge_colour(quality: Judgement, colour: np.ndarray, before: np.ndarray | None, frame: int) -> None:
     grey = colour.mean(axis=2)
     laplacian = 4 * grey[1:-1, 1:-1] - grey[:-2, 1:-1] - grey[2:, 1:-1] - grey[1:-1, :-2] - grey[1:-1, 2:]
     quality.brightness.append(round(float(grey.mean()), 2))
@@ -170,18 +167,18 @@ def backproject(depth: np.ndarray, K: np.ndarray) -> np.ndarray:
     return np.stack([(u - K[0, 2]) / K[0, 0] * z, (v - K[1, 2]) / K[1, 1] * z, z], axis=1)
 
 
-def _write(context: StageContext, capture: Capture, frames: int, quality: Quality, plane: dict) -> None:
+def _write(context: StageContext, capture: Capture, frames: int, quality: Judgement, plane: dict) -> None:
     split = _split(capture, frames, context.params.max_frames, context.capture / "capture.json")
     capture = capture.model_copy(update={"frame_count": frames, "split": split})
     write_capture(context.output, capture)
-    camera = capture.model_dump(mode="json", include={"fps", "width", "height", "K", "T_world_camera", "frame_count"})
-    _write_json(context.output / "camera.json", camera)
+    RecordedCamera(
+        capture.fps, capture.width, capture.height, capture.K, capture.T_world_camera, capture.frame_count
+    ).save(context.output)
     warnings = quality.warnings()
     if plane.get("fitted") and (plane["tilt_deg"] > 3 or abs(plane["height_m"]) > 0.02):
         off = f"the support plane is {plane['tilt_deg']:.1f} deg and {plane['height_m']:.3f} m off z = 0"
         warnings.append(f"{off}; without T_world_camera in capture.json it defines the world")
-    facts = {"kind": capture.kind, "frames": frames, "support_plane": plane, "warnings": warnings, **vars(quality)}
-    _write_json(context.output / "quality.json", facts)
+    Quality(capture.kind, frames, plane, warnings, **vars(quality)).save(context.output)
     for warning in warnings:
         print(f"parse_video {context.sequence}: {warning}")
 
@@ -199,10 +196,6 @@ def _split(capture: Capture, frames: int, limit: int | None, file: Path) -> Spli
             remedy="change split in capture.json, or parse_video.max_frames in params.yaml",
         )
     return Split(train=split.train, test=(split.test[0], min(split.test[1], frames)))
-
-
-def _write_json(path: Path, value: dict) -> None:
-    path.write_text(json.dumps(value, indent=1) + "\n")
 
 
 if __name__ == "__main__":

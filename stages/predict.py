@@ -10,15 +10,16 @@ from physreal_core.fitting.model import load_model, save_model
 from physreal_core.fitting.objective import Objective
 from physreal_core.fitting.transfer import transfer_model
 from pipeline.graph import FIT_STAGES
+from pipeline.products.particles import Particles
 from pipeline.stage import StageContext, main
-from stages._fit import write_rollout
+from stages._fit import roll_out
 from stages._problem import load_problem
 
 
 def run(context: StageContext) -> None:
     """Rolls this sequence out with each fitted model of the sequence under `model_from`."""
     problem = load_problem(context)
-    source = np.load(context.model_input("sample_particles") / "particles.npz")["x0"].astype(np.float64)
+    source = Particles.load(context.model_input("sample_particles")).x0.astype(np.float64)
     for stage in FIT_STAGES:
         model = load_model(context.model_input(stage))
         model, neighbours, weights = transfer_model(model, source, problem.body.x0, problem.patch_neighbours.shape[1])
@@ -30,7 +31,7 @@ def run(context: StageContext) -> None:
         save_model(folder, model)
         with context.timed(f"rollout {stage}"):
             objective = Objective(placed, model, LossConfig(), device=context.params.device)
-            write_rollout(folder / "rollout.npz", objective, model)
+            roll_out(objective, model).save(folder)
 
 
 if __name__ == "__main__":

@@ -5,10 +5,11 @@ from pathlib import Path
 from typing import Any
 
 import jinja2
-import numpy as np
 
 from pipeline.capture import read_capture
 from pipeline.graph import FIT_STAGES, REPORT, STAGES, made_from
+from pipeline.products.particles import Particles
+from pipeline.products.quality import Quality
 from pipeline.provenance import read_provenance
 from pipeline.results import Results
 from pipeline.stage import exit_on_input_error
@@ -48,7 +49,7 @@ def run(results: Results) -> Path:
 def describe_sequence(results: Results, name: str) -> dict[str, Any]:
     """All that the page shows of one sequence; what does not apply to it is None."""
     parsed, evaluated = results.artifact("parse_video", name), results.artifact("evaluate", name)
-    losses, frames = results.losses(name), results.frames(name)
+    losses, scored = results.losses(name), results.evaluated(name)
     video, strip = evaluated / f"{FIT_STAGES[-1]}.mp4", results.project.results / "pictures" / f"{name}.jpg"
     if video.is_file():
         write_frame_strip(video, strip)
@@ -57,15 +58,15 @@ def describe_sequence(results: Results, name: str) -> dict[str, Any]:
         "capture": read_capture(parsed),
         "geometry": results.geometry(name),
         "model_from": results.model_from(name),
-        "warnings": json.loads((parsed / "quality.json").read_text())["warnings"],
+        "warnings": Quality.load(parsed).warnings,
         "scores": {
             stage: {part: results.scores(name, stage, part) for part in ("observed", "future")} for stage in FIT_STAGES
         },
         "videos": {stage: embed(path) for stage in FIT_STAGES if (path := evaluated / f"{stage}.mp4").is_file()},
         "strip": embed(strip) if video.is_file() else None,
-        "loss": loss_curves(losses) if losses else None,
-        "track_error": frame_errors(frames, "track_error", "track error [mm]", 1e3),
-        "iou": frame_errors(frames, "iou", "IoU [%]", 1e2),
+        "loss": loss_curves({stage: loss.of("total") for stage, loss in losses.items()}) if losses else None,
+        "track_error": frame_errors(scored.curves("track_error", 1e3), "track error [mm]", scored.observed),
+        "iou": frame_errors(scored.curves("iou", 1e2), "IoU [%]", scored.observed),
         "field": _field(results, name),
         "fits": _fits(results, name),
         "gap": _gap(results, name),
@@ -78,23 +79,23 @@ def describe_sequence(results: Results, name: str) -> dict[str, Any]:
 
 def _field(results: Results, name: str) -> dict[str, Any] | None:
     """Young's modulus over the particles, from the patches of the last expert stage."""
-    from safetensors.numpy import load_file
+    from physreal_core.fitting.model_file import read_model_file
 
     if results.model_from(name):
         return None
-    patches = load_file(results.model("fit_patches", name) / "model.safetensors")["youngs_modulus"]
-    with np.load(results.artifact("sample_particles", name) / "particles.npz") as particles:
-        modulus = (patches[particles["patch_neighbours"]] * particles["patch_weights"]).sum(axis=1)
-        picture = material_field(particles["x0"], modulus / 1e3, "Young's modulus [kPa]")
-        return {"picture": picture, "particles": len(modulus), "low": modulus.min(), "high": modulus.max()}
+    _, fields = read_model_file(results.model("fit_patches", name))
+    patches = fields["youngs_modulus"].numpy()
+    particles = Particles.load(results.artifact("sample_particles", name))
+    modulus = (patches[particles.patch_neighbours] * particles.patch_weights).sum(axis=1)
+    picture = material_field(particles.x0, modulus / 1e3, "Young's modulus [kPa]")
+    return {"picture": picture, "particles": len(modulus), "low": modulus.min(), "high": modulus.max()}
 
 
 def _fits(results: Results, name: str) -> dict[str, dict[str, Any]]:
-    """Fit stage → name of a quantity → its mean, range and unit, from fit.json."""
+    """Fit stage → name of a quantity → its mean, range and unit."""
     if results.model_from(name):
         return {}
-    files = {stage: results.artifact(stage, name) / "fit.json" for stage in FIT_STAGES}
-    return {stage: json.loads(path.read_text())["values"] for stage, path in files.items()}
+    return {stage: results.fit(stage, name).values for stage in FIT_STAGES}
 
 
 def _gap(results: Results, name: str) -> dict[str, Any] | None:

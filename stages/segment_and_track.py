@@ -5,15 +5,21 @@ make it. A capture of kind "tracks" has no images: its 3D tracks pass through.
 """
 
 import json
+from dataclasses import replace
 from pathlib import Path
 
 import numpy as np
 
 from physreal_core.perception.perceive import Perceived, Video, perceive
 from pipeline.capture import Capture, read_capture
+from pipeline.products.camera import RecordedCamera
+from pipeline.products.controllers import Controllers
+from pipeline.products.given_tracks import GivenTracks3d
+from pipeline.products.masks import Masks
+from pipeline.products.tracks import MeasuredTracks
 from pipeline.stage import StageContext, main
 from stages._networks import make_networks, make_settings
-from stages._video import given_controllers, given_tracks3d, load_video, write_masks
+from stages._video import given_controllers, given_tracks3d, load_video
 
 
 def run(context: StageContext) -> None:
@@ -27,22 +33,12 @@ def run(context: StageContext) -> None:
 
 
 def _pass_through(context: StageContext, parsed: Path, capture: Capture) -> None:
-    frames = json.loads((parsed / "camera.json").read_text())["frame_count"]
+    frames = RecordedCamera.load(parsed).frame_count
     points, valid, sigma = given_tracks3d(context.capture, frames, context.params.depth_noise)
-    count = points.shape[1]
+    pixels = np.full((*valid.shape, 2), np.nan, np.float32)
+    MeasuredTracks(pixels, valid, points, valid, sigma).save(context.output)
     controllers = given_controllers(context.capture, frames)
-    np.savez_compressed(
-        context.output / "tracks.npz",
-        points2d=np.full((frames, count, 2), np.nan, np.float32),
-        visible=valid,
-        points3d=points,
-        valid3d=valid,
-        sigma3d=sigma,
-    )
-    np.savez_compressed(
-        context.output / "controllers.npz",
-        points=np.zeros((frames, 0, 3), np.float32) if controllers is None else controllers,
-    )
+    Controllers(np.zeros((frames, 0, 3), np.float32) if controllers is None else controllers).save(context.output)
     report = {"kind": "tracks", "tracks": "given", "controllers": "none" if controllers is None else "given"}
     _write_report(context, report)
 
@@ -61,22 +57,20 @@ def _see(context: StageContext, parsed: Path, capture: Capture) -> None:
 
 def _with_given_3d(context: StageContext, video: Video, result: Perceived) -> Perceived:
     """3D tracks and controllers that the capture brings stand in for those that were measured."""
-    from dataclasses import replace
-
     from physreal_core.perception.controllers import ControllerMotion
     from physreal_core.perception.lifting import LiftedTracks, project
     from physreal_core.perception.tracker import Tracks
 
-    if (context.capture / "tracks3d.npz").is_file():
+    if (context.capture / GivenTracks3d.FILE).is_file():
         points, valid, sigma = given_tracks3d(context.capture, len(video.frames), context.params.depth_noise)
         pixels = project(points, video.K, video.T_world_camera)
         result = replace(result, lifted=LiftedTracks(points, valid, sigma), tracks=Tracks(pixels, valid))
-        result.report["tracks"] = "tracks3d.npz"
+        result.report["tracks"] = GivenTracks3d.FILE
     controllers = given_controllers(context.capture, len(video.frames))
     if controllers is not None:
         poses = np.tile(np.eye(4), (len(video.frames), 1, 1))
         result = replace(result, controllers=ControllerMotion(controllers, poses, []))
-        result.report["controller"] = "controllers.npz"
+        result.report["controller"] = Controllers.FILE
     return result
 
 
@@ -85,18 +79,11 @@ def _write(context: StageContext, video: Video, result: Perceived, fps: float) -
     from physreal_core.perception.overlay import draw_overlay, write_video
 
     output, frames = context.output, len(video.frames)
-    write_masks(output / "masks" / "object", result.object_masks)
-    write_masks(output / "masks" / "controller", result.controller_masks)
-    np.savez_compressed(
-        output / "tracks.npz",
-        points2d=result.tracks.points.astype(np.float32),
-        visible=result.tracks.visible,
-        points3d=result.lifted.points,
-        valid3d=result.lifted.valid,
-        sigma3d=result.lifted.sigma,
-    )
+    Masks(result.object_masks, result.controller_masks).save(output)
+    lifted = result.lifted
+    MeasuredTracks(result.tracks.points, result.tracks.visible, lifted.points, lifted.valid, lifted.sigma).save(output)
     controllers = np.zeros((frames, 0, 3), np.float32) if result.controllers is None else result.controllers.points
-    np.savez_compressed(output / "controllers.npz", points=controllers)
+    Controllers(controllers).save(output)
     pixels = project(controllers, video.K, video.T_world_camera)
     pictures = draw_overlay(
         video.frames,

@@ -43,22 +43,22 @@ Curves = dict[str, dict[int, list[float]]]  # fit stage â†’ iteration or frame â
 
 def _losses(results: Results) -> Curves:
     """The objective of every fitted sequence."""
-    rows = ((stage, row) for name in results.sequences for stage, loss in results.losses(name).items() for row in loss)
-    return _collect((stage, int(row["iteration"]), row["total"]) for stage, row in rows)
+    losses = [pair for name in results.sequences for pair in results.losses(name).items()]
+    return _collect((stage, int(row["iteration"]), row.get("total")) for stage, loss in losses for row in loss.rows)
 
 
 def _track_errors(results: Results) -> Curves:
     """The track error of every fitted sequence, per frame [m]."""
     fitted = (name for name in results.sequences if results.model_from(name) is None)
-    rows = (row for name in fitted for row in results.frames(name))
-    return _collect((row["stage"], int(row["frame"]), row["track_error"]) for row in rows)
+    scored = [pair for name in fitted for pair in results.evaluated(name).frames.items()]
+    return _collect((stage, score.frame, score.track_error) for stage, scores in scored for score in scores)
 
 
-def _collect(entries: Iterable[tuple[str, int, str]]) -> Curves:
+def _collect(entries: Iterable[tuple[str, int, float | None]]) -> Curves:
     curves: Curves = {stage: defaultdict(list) for stage in FIT_STAGES}
     for stage, at, value in entries:
-        if value:
-            curves[stage][at].append(float(value))
+        if value is not None:
+            curves[stage][at].append(value)
     return curves
 
 

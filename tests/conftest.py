@@ -1,4 +1,4 @@
-"""Common to all tests: shapes of arrays checked at every call of the core, real recordings where they are to be had."""
+"""Common to all tests: shapes of arrays checked in the core and in products, real recordings where there are any."""
 
 import importlib.util
 import os
@@ -10,8 +10,8 @@ ROOT = Path(__file__).resolve().parent.parent
 
 
 def _checked_modules() -> list[str]:
-    """The core's modules without Warp in them: Warp compiles a function's source and must find it undecorated."""
-    files = (ROOT / "physreal_core").rglob("*.py")
+    """Modules of core and products without Warp: it compiles the source of functions and must find them undecorated."""
+    files = [*(ROOT / "physreal_core").rglob("*.py"), *(ROOT / "pipeline" / "products").rglob("*.py")]
     plain = [file for file in files if file.stem != "__init__" and "import warp" not in file.read_text()]
     return [".".join(file.relative_to(ROOT).with_suffix("").parts) for file in plain]
 

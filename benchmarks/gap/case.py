@@ -11,7 +11,6 @@ import time
 import traceback
 from pathlib import Path
 
-import numpy as np
 import torch
 
 from benchmarks.gap.answer import answer, experiments_of
@@ -43,12 +42,13 @@ def capture(case: GapCase, own: Path, *, video: bool = False) -> None:
     if (own / "captures").is_dir():
         return
     from data.rig.case import Case, make_case
+    from pipeline.products.truth import CaptureTruth
 
     begun = time.perf_counter()
     draft = own / "captures.partial"
     make_case(Case(case.effect, case.strength, case.seed), draft, video=video)
     (own / "truth").mkdir(exist_ok=True)
-    for file in sorted(draft.glob("*/truth.npz")):
+    for file in sorted(draft.glob(f"*/{CaptureTruth.FILE}")):
         shutil.move(file, own / "truth" / f"{file.parent.name}.npz")
     draft.rename(own / "captures")
     write_json(own / "capture.json", {"seconds": time.perf_counter() - begun})
@@ -56,8 +56,9 @@ def capture(case: GapCase, own: Path, *, video: bool = False) -> None:
 
 def truth_of(own: Path) -> dict[str, dict[str, float]]:
     """True coefficients by effect, as the rig wrote them; for the score."""
-    with np.load(min((own / "truth").glob("*.npz")), allow_pickle=False) as file:
-        return json.loads(str(file["effect_values_json"]))
+    from pipeline.products.truth import CaptureTruth
+
+    return json.loads(CaptureTruth.read(min((own / "truth").glob("*.npz"))).effect_values_json)
 
 
 def _answer(own: Path, settings: GapSettings) -> None:

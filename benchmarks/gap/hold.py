@@ -7,7 +7,6 @@ friction, by the bonds' stiffness and by how many times the true modulus the bar
 import sys
 from pathlib import Path
 
-import numpy as np
 import torch
 
 from benchmarks.gap.answer import experiments_of
@@ -32,12 +31,14 @@ def distances(experiment: Experiment, youngs_modulus: float, friction: float, st
 
 
 def main() -> None:
+    from pipeline.products.truth import CaptureTruth
+
     own, case = Path(sys.argv[1]) / sys.argv[2], GapCase.named(sys.argv[2])
     own.mkdir(parents=True, exist_ok=True)
     capture(case, own)
     for motion, experiment in zip(sorted((own / "captures").iterdir()), experiments_of(own / "captures"), strict=True):
-        with np.load(own / "truth" / f"{motion.name}.npz") as truth:
-            modulus, friction = float(truth["E"]), float(truth["friction"])
+        truth = CaptureTruth.read(own / "truth" / f"{motion.name}.npz")
+        modulus, friction = truth.youngs_modulus, truth.friction_coefficient
         print(f"{motion.name}, mm by times the true modulus of {modulus:.3g} Pa", *RATIOS, sep="\t")
         for stiffness in STIFFNESSES:
             found = distances(experiment, modulus, friction, stiffness)

@@ -117,9 +117,16 @@ def tracks_on(mesh: Mesh, points0: Float[Array, "tracks 3"], known: Bool[Array, 
 
 def _problem(capture: Path, mesh: Mesh, x0: Array, volume: Array, spacing: float, patches: Array) -> Problem:
     """The measurements of one capture, bound to the particles."""
+    # Not at the top: the benchmarks' modules can be imported where there is no pipeline; these two need numpy alone.
+    from pipeline.products.controllers import Controllers
+    from pipeline.products.given_tracks import GivenTracks3d
+
     facts = _facts(capture)
-    measured = _arrays(capture / "tracks3d.npz", "points3d", "valid3d", "sigma3d")
-    controllers = _arrays(capture / "controllers.npz", "points")["points"].astype(np.float32)
+    measured, controllers = GivenTracks3d.load(capture), Controllers.load(capture).points.astype(np.float32)
+    if measured.valid3d is None or measured.sigma3d is None:
+        raise InputError(
+            "not all of its arrays are there", where=str(capture / measured.FILE), expected="valid3d, sigma3d"
+        )
     neighbours, weights = patch_weights(x0, patches)
     pairs = bind_within(x0, controllers[0], spacing=spacing)
     return Problem(
@@ -130,18 +137,18 @@ def _problem(capture: Path, mesh: Mesh, x0: Array, volume: Array, spacing: float
         patch_neighbours=torch.from_numpy(neighbours),
         patch_weights=torch.from_numpy(weights),
         grip=Grip(pairs.particles, pairs.controllers, pairs.weights, pairs.rest_lengths),
-        tracks=_observations(measured, mesh, x0),
+        tracks=_observations(measured.points3d, measured.valid3d, measured.sigma3d, mesh, x0),
         camera=Camera(*map(np.asarray, (facts["K"], facts["T_world_camera"])), facts["width"], facts["height"]),
         hand_seen=False,
     )
 
 
-def _observations(measured: dict[str, Array], mesh: Mesh, x0: Array) -> TrackObservations:
+def _observations(points: Array, valid: Array, sigma: Array, mesh: Mesh, x0: Array) -> TrackObservations:
     """The tracks that lie on the object, carried by the particles near them."""
-    points, valid = measured["points3d"].astype(np.float32), measured["valid3d"].astype(bool)
+    points = points.astype(np.float32)
     ids = tracks_on(mesh, points[0], valid[0])
     points0 = torch.from_numpy(points[0, ids])
-    chosen = (points[:, ids], valid[:, ids], measured["sigma3d"][:, ids].astype(np.float32))
+    chosen = (points[:, ids], valid[:, ids], sigma[:, ids].astype(np.float32))
     return TrackObservations(points0, bind(points[0, ids], x0, BINDING_NEIGHBOURS), *map(torch.from_numpy, chosen))
 
 
@@ -172,13 +179,3 @@ def _facts(capture: Path) -> dict:
             expected=f"{', '.join(needed)} of an object that is gripped and lies on the ground",
         )
     return facts
-
-
-def _arrays(path: Path, *names: str) -> dict[str, Array]:
-    """Arrays of an .npz, InputError where the file or one of them is missing."""
-    if not path.is_file():
-        raise InputError("no such file", where=str(path), remedy="see docs/captures.md")
-    with np.load(path, allow_pickle=False) as file:
-        if missing := [name for name in names if name not in file]:
-            raise InputError(f"no array {missing[0]!r}", where=str(path), expected=", ".join(names))
-        return {name: file[name] for name in names}

@@ -18,6 +18,7 @@ from benchmarks.gap.oracle import oracle_closed
 from benchmarks.gap.problems import GUESS
 from pipeline.compose import render
 from pipeline.config import load_parameters, read_parameters, validate_parameters
+from pipeline.products.gap import load_added, load_gap
 from pipeline.project import CODE_ROOT, Project
 
 SEEN = ("parse_video", "segment_and_track", "build_object", "fit_pose", "sample_particles")
@@ -86,10 +87,9 @@ def _answer(project: Project) -> dict[str, Any]:
             path = os.pathsep.join(filter(None, [str(CODE_ROOT), os.environ.get("PYTHONPATH")]))
             subprocess.run(command, cwd=project.root, env=os.environ | {"PYTHONPATH": path}, check=True)
         seconds[f"{stage} {sequence}"] = time.perf_counter() - begun
-    report, added = project.artifact("find_gap", first) / "gap.json", project.artifact("add_effect", first)
     return {
-        "report": read_json(report),
-        "added": read_json(added / "gap_after.json"),
+        "report": load_gap(project.artifact("find_gap", first)).as_record(),
+        "added": load_added(project.artifact("add_effect", first)).as_record(),
         "seconds": sum(seconds[f"{stage} {first}"] for stage in SEARCH),
         "seconds_by_stage": seconds,
     }

@@ -18,7 +18,11 @@ from data.importers.images import read_depth
 from data.importers.safe_pickle import load_pickle
 from physreal_core.array_types import Array, Bool, Float
 from physreal_core.errors import InputError
-from pipeline.frames import read_grey
+from pipeline.frames import frame_file, read_grey
+from pipeline.products.controllers import Controllers
+from pipeline.products.given_tracks import GivenTracks2d, GivenTracks3d
+from pipeline.products.masks import mask_folder
+from pipeline.products.truth import CaptureTruth
 
 Z_UP = np.diag([1.0, -1.0, -1.0])  # from their world to ours: half a turn about x
 
@@ -122,7 +126,7 @@ def _write_masks(source: Path, folder: Path, camera: int, labels: dict[str, str]
         for frame in range(frames) if keys else ():
             paths = [_need(source / "mask" / str(camera) / key / f"{frame}.png") for key in keys]
             union = np.any([read_grey(path) > 0 for path in paths], axis=0)
-            write_image(folder / "masks" / role / f"{frame:06d}.png", union.astype(np.uint8) * 255)
+            write_image(frame_file(mask_folder(folder, role), frame), union.astype(np.uint8) * 255)
 
 
 def _write_tracks(source: Path, folder: Path, camera: int) -> None:
@@ -131,17 +135,17 @@ def _write_tracks(source: Path, folder: Path, camera: int) -> None:
         with np.load(path, allow_pickle=False) as file:
             points, visible = file["tracks"][..., ::-1], file["visibility"]
         points, visible = points.reshape(-1, *points.shape[-2:]), visible.reshape(-1, visible.shape[-1])
-        np.savez(folder / "tracks2d.npz", points2d=points.astype(np.float32), visible=visible.astype(bool))
+        GivenTracks2d(points.astype(np.float32), visible.astype(bool)).save(folder)
     if (source / "final_data.pkl").is_file():
         points, seen = visible_points(load_pickle(source / "final_data.pkl"))
-        np.savez(folder / "tracks3d.npz", points3d=points.astype(np.float32), valid3d=seen)
+        GivenTracks3d(points.astype(np.float32), seen).save(folder)
 
 
 def _write_controllers(source: Path, folder: Path) -> None:
     if (source / "final_data.pkl").is_file():
         data = load_pickle(source / "final_data.pkl")
         points = turn_up(np.asarray(data["controller_points"], float))
-        np.savez(folder / "controllers.npz", points=points.astype(np.float32))
+        Controllers(points.astype(np.float32)).save(folder)
 
 
 def _write_shape(source: Path, folder: Path) -> bool:
@@ -169,7 +173,7 @@ def _write_truth(source: Path, folder: Path) -> None:
         for name in ("surface_points", "interior_points"):
             truth[name] = turn_up(np.asarray(data[name], float).reshape(-1, 3))
     if truth:
-        np.savez_compressed(folder / "truth.npz", **truth)
+        CaptureTruth(**truth).save(folder)
 
 
 def _json(path: Path, required: bool = False) -> dict:

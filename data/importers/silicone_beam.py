@@ -15,6 +15,7 @@ import numpy as np
 from data.importers._writing import first_part_observed, new_capture, rigid, write_description
 from physreal_core.array_types import Array, Float
 from physreal_core.errors import InputError
+from pipeline.products.given_tracks import GivenTracks3d
 
 LENGTH, WIDTH, AXIS_HEIGHT = 0.100, 0.030, 0.5  # [m]
 DENSITY = 1070.0  # [kg/m^3]
@@ -62,7 +63,7 @@ def import_capture(source: Path, destination: Path, *, duration: float | None = 
         _write_beam(source.with_name("beam.stl"), folder / "shape_prior.glb")
         valid = np.ones(points.shape[:2], bool)
         sigma = np.full(points.shape[:2], MARKER_NOISE, np.float32)
-        np.savez(folder / "tracks3d.npz", points3d=points.astype(np.float32), valid3d=valid, sigma3d=sigma)
+        GivenTracks3d(points.astype(np.float32), valid, sigma).save(folder)
         settled = world[-round(0.3 * fps) :, TIP].mean(axis=(0, 1)) - points[0].mean(axis=0)
         notes = {
             "source": source.name,

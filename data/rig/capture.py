@@ -19,6 +19,7 @@ from data.rig.sensor import read_colour, read_depth
 from data.rig.simulate import simulate
 from data.rig.trajectory import Trajectory
 from physreal_core.array_types import Array, Float
+from pipeline.products.truth import CaptureTruth
 
 _PRIOR_SHADE = 0.8  # vertex colours of the prior: the surface under a soft light
 
@@ -53,7 +54,7 @@ def film(
         destination: capture folder.
         seed: seeds sensor noise and the prior's pose.
         hidden: what the capture does not say of camera and table.
-        further_truth: more arrays for truth.npz.
+        further_truth: more of the truth, as of `CaptureTruth`.
         hint: how the object is named in frame 0. A click on a pattern may be taken to mean a part of it; a box is not.
     """
     destination = Path(destination)
@@ -73,8 +74,7 @@ def film(
     (draft / "capture.json").write_text(json.dumps(describe(scene, hints), indent=1) + "\n")
     T_world_prior = random_similarity(random)
     _write_prior(draft / "shape_prior.glb", trajectory, T_world_prior)
-    truth = true_arrays(scene, trajectory, stage.hand, T_world_prior)
-    np.savez_compressed(draft / "truth.npz", **truth, **further_truth)
+    replace(simulated_truth(scene, trajectory, stage.hand, T_world_prior), **further_truth).save(draft)
     shutil.rmtree(destination, ignore_errors=True)
     draft.rename(destination)
 
@@ -142,25 +142,25 @@ def _write_prior(path: Path, trajectory: Trajectory, T_world_prior: Float[Array,
     surface.export(path)
 
 
-def true_arrays(
+def simulated_truth(
     scene: Scene, trajectory: Trajectory, hand: TetMesh, T_world_prior: Float[Array, "4 4"]
-) -> dict[str, Array | float]:
-    """The fields of truth.npz that `Truth` reads; `hand` is the hand's mesh at frame 0."""
+) -> CaptureTruth:
+    """What the simulation knows; `hand` is the hand's mesh at frame 0."""
     material = scene.material
-    return {
-        "E": material.youngs_modulus,
-        "nu": material.poissons_ratio,
-        "density": material.density,
-        "friction": material.friction_coefficient,
-        "damping": material.damping,
-        "rest_vertices": trajectory.mesh.vertices.astype(np.float32),
-        "tets": trajectory.mesh.tets.astype(np.int32),
-        "faces": trajectory.mesh.faces.astype(np.int32),
-        "vertices": trajectory.vertices.astype(np.float32),
-        "gripped": trajectory.gripped.astype(np.int32),
-        "hand": trajectory.hand.astype(np.float32),
-        "hand_vertices": hand.vertices.astype(np.float32),
-        "hand_faces": hand.faces.astype(np.int32),
-        "T_world_prior": T_world_prior,
-        "fps": scene.fps,
-    }
+    return CaptureTruth(
+        youngs_modulus=material.youngs_modulus,
+        poissons_ratio=material.poissons_ratio,
+        density=material.density,
+        friction_coefficient=material.friction_coefficient,
+        damping=material.damping,
+        rest_vertices=trajectory.mesh.vertices.astype(np.float32),
+        tets=trajectory.mesh.tets.astype(np.int32),
+        faces=trajectory.mesh.faces.astype(np.int32),
+        vertices=trajectory.vertices.astype(np.float32),
+        gripped=trajectory.gripped.astype(np.int32),
+        hand=trajectory.hand.astype(np.float32),
+        hand_vertices=hand.vertices.astype(np.float32),
+        hand_faces=hand.faces.astype(np.int32),
+        T_world_prior=T_world_prior,
+        fps=scene.fps,
+    )

@@ -2,7 +2,7 @@
 
 import json
 import shutil
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from functools import cached_property
 from pathlib import Path
 from typing import Literal
@@ -11,7 +11,7 @@ import numpy as np
 
 from data.rig import recording
 from data.rig.bar import MOTIONS, bar, run
-from data.rig.capture import film, true_arrays
+from data.rig.capture import film, simulated_truth
 from data.rig.hidden.effect import Hidden
 from data.rig.hidden.library import maker
 from data.rig.hidden.strengths import AMPLITUDES, STRENGTHS
@@ -92,13 +92,10 @@ def _write_tracks(folder: Path, scene: Scene, trajectory: Trajectory, case: Case
     ideal = recording.ideal(scene, trajectory, random)
     measured = case.hidden.record(ideal, scene.motion)
     recording.write(folder, scene, measured, recording.at_frame_zero(trajectory), random)
-    np.savez_compressed(
-        folder / "truth.npz",
-        **true_arrays(scene, trajectory, mesh_shape(scene.hand, 0.012), np.eye(4)),
-        **_hidden_truth(case),
-        clean_tracks=ideal.tracks.astype(np.float32),
-        clean_controllers=ideal.controllers.astype(np.float32),
-    )
+    truth = simulated_truth(scene, trajectory, mesh_shape(scene.hand, 0.012), np.eye(4))
+    clean = {"clean_tracks": ideal.tracks, "clean_controllers": ideal.controllers}
+    clean = {name: points.astype(np.float32) for name, points in clean.items()}
+    replace(truth, **_hidden_truth(case), **clean).save(folder)
 
 
 def _hidden_truth(case: Case) -> dict[str, Array | str]:

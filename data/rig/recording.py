@@ -10,6 +10,8 @@ from data.rig.mesh import TetMesh
 from data.rig.scene import Scene, View
 from data.rig.trajectory import Trajectory
 from physreal_core.array_types import Array, Bool, Float, Int
+from pipeline.products.controllers import Controllers
+from pipeline.products.given_tracks import GivenTracks3d
 
 POINTS, NOISE, MISSING, MEAN_RUN = 150, 0.001, 0.3, 5.0  # count; [m]; share; mean length of a hidden run [frames]
 
@@ -45,15 +47,15 @@ def ideal(scene: Scene, trajectory: Trajectory, random: np.random.Generator) -> 
 
 
 def write(folder: Path, scene: Scene, recording: Recording, surface: TetMesh, random: np.random.Generator) -> None:
-    """capture.json, tracks3d.npz, controllers.npz and shape_prior.glb; `surface` is the object at frame 0."""
+    """capture.json, tracks, controller points and shape_prior.glb; `surface` is the object at frame 0."""
     import trimesh
 
     valid = seen(recording.tracks.shape[:2], random)
     measured = recording.tracks + random.normal(scale=NOISE, size=recording.tracks.shape)
     measured[~valid] = np.nan
     sigma = np.full(valid.shape, NOISE, np.float32)
-    np.savez_compressed(folder / "tracks3d.npz", points3d=measured.astype(np.float32), valid3d=valid, sigma3d=sigma)
-    np.savez_compressed(folder / "controllers.npz", points=recording.controllers.astype(np.float32))
+    GivenTracks3d(measured.astype(np.float32), valid, sigma).save(folder)
+    Controllers(recording.controllers.astype(np.float32)).save(folder)
     prior = trimesh.Trimesh(surface.vertices, surface.faces, process=False)
     prior.remove_unreferenced_vertices()
     prior.export(folder / "shape_prior.glb")

@@ -8,6 +8,26 @@ import numpy as np
 from data.rig.raycast import Raycaster, pixel_rays
 from physreal_core.array_types import Array, Bool, Float, Int
 from physreal_core.errors import InputError
+from pipeline.products.truth import CaptureTruth
+
+SIMULATED = (
+    "youngs_modulus",
+    "poissons_ratio",
+    "density",
+    "friction_coefficient",
+    "damping",
+    "rest_vertices",
+    "tets",
+    "faces",
+    "vertices",
+    "gripped",
+    "hand",
+    "hand_vertices",
+    "hand_faces",
+    "T_world_prior",
+    "fps",
+)
+"""What the rig knows of every capture, as of `CaptureTruth`."""
 
 
 @dataclass(frozen=True)
@@ -19,36 +39,8 @@ class SurfacePoints:
 
 
 @dataclass(frozen=True)
-class Truth:
-    """The contents of truth.npz.
-
-    Attributes:
-        youngs_modulus, poissons_ratio, density, friction_coefficient, damping: [Pa], 1, [kg/m^3], 1, [s].
-        rest_vertices: [V, 3] m, stress-free; in the world frame, where the object lay before it sank under its weight.
-        tets: [M, 4] and faces: [F, 3], vertex indices.
-        vertices: [T, V, 3] m, world.
-        gripped: vertices that the hand holds.
-        hand: [T, 3] m, displacement of the hand since frame 0.
-        hand_vertices: [H, 3] m at frame 0, and hand_faces [G, 3].
-        T_world_prior: takes shape_prior.glb (rotation, translation, scale) onto `rest_vertices`.
-        fps: frames per second.
-    """
-
-    youngs_modulus: float
-    poissons_ratio: float
-    density: float
-    friction_coefficient: float
-    damping: float
-    rest_vertices: Float[Array, "V 3"]
-    tets: Int[Array, "M 4"]
-    faces: Int[Array, "F 3"]
-    vertices: Float[Array, "T V 3"]
-    gripped: Int[Array, " B"]
-    hand: Float[Array, "T 3"]
-    hand_vertices: Float[Array, "H 3"]
-    hand_faces: Int[Array, "G 3"]
-    T_world_prior: Float[Array, "4 4"]
-    fps: float
+class Truth(CaptureTruth):
+    """Truth of a capture that the rig made: all that the simulation knows is there."""
 
     def attach(self, points: Float[Array, "P 3"], frame: int = 0) -> SurfacePoints:
         """The material points nearest to `points` [m, world] at `frame`."""
@@ -84,22 +76,16 @@ class Truth:
         return hits.distance > reach - tolerance
 
 
-_NAMES = {"youngs_modulus": "E", "poissons_ratio": "nu", "friction_coefficient": "friction"}
-
-
-def load_truth(path: Path) -> Truth:
-    """Reads truth.npz.
+def load_truth(capture: Path) -> Truth:
+    """The truth of a capture that the rig made.
 
     Raises:
-        InputError: the file is missing or lacks a field.
+        InputError: there is none, or it lacks what the rig writes.
     """
-    if not Path(path).is_file():
-        raise InputError("no truth.npz", where=str(path), remedy="only captures made by the rig have one")
-    fields = {}
-    with np.load(path, allow_pickle=False) as file:
-        for name in Truth.__dataclass_fields__:
-            key = _NAMES.get(name, name)
-            if key not in file:
-                raise InputError(f"no field {key!r}", where=str(path), remedy="make the capture again with the rig")
-            fields[name] = float(file[key]) if file[key].ndim == 0 else file[key]
-    return Truth(**fields)
+    truth = Truth.load(Path(capture))
+    if missing := [name for name in SIMULATED if getattr(truth, name) is None]:
+        key = truth.key(missing[0])
+        raise InputError(
+            f"no field {key!r}", where=str(capture / truth.FILE), remedy="make the capture again with the rig"
+        )
+    return truth

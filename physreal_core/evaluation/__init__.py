@@ -3,7 +3,7 @@
 from physreal_core.evaluation.distances import cd_l1_oneway, cd_l2_twoway, track_errors
 from physreal_core.evaluation.images import iou, on_black, psnr, ssim
 from physreal_core.evaluation.measured import lift_object, seen_points
-from physreal_core.evaluation.scores import FrameScores, IntervalScores, split_scores, write_frames_csv
+from physreal_core.evaluation.scores import FrameScores, IntervalScores, split_scores
 from physreal_core.evaluation.truth import equivalent_modulus, mean_sag, vertex_errors, windowed_mean
 
 __all__ = [
@@ -23,5 +23,4 @@ __all__ = [
     "track_errors",
     "vertex_errors",
     "windowed_mean",
-    "write_frames_csv",
 ]

@@ -1,11 +1,9 @@
-"""Scores per frame and per interval, and how they are written (JSON, CSV); a score that does not apply is absent."""
+"""Scores per frame and per interval; a score that does not apply is absent."""
 
 from __future__ import annotations
 
-import csv
-from collections.abc import Mapping, Sequence
+from collections.abc import Sequence
 from dataclasses import dataclass, fields
-from pathlib import Path
 
 import numpy as np
 
@@ -71,16 +69,3 @@ def split_scores(scores: Sequence[FrameScores], observed: int) -> dict[str, Inte
     count = 1 + max(score.frame for score in scores)
     intervals = {"observed": (1, observed), "future": (observed, count)}
     return {name: IntervalScores.over(scores, *span) for name, span in intervals.items() if span[0] < span[1]}
-
-
-def write_frames_csv(path: Path, scores: Mapping[str, Sequence[FrameScores]], observed: int) -> None:
-    """One row per model and frame; an empty cell where a score does not apply."""
-    names = [f.name for f in fields(FrameScores)]
-    with path.open("w", newline="") as file:
-        writer = csv.writer(file)
-        writer.writerow(["stage", "interval", *names])
-        for stage, rows in scores.items():
-            for row in rows:
-                cells = [getattr(row, name) for name in names]
-                shown = ["" if v is None else f"{v:.6g}" if isinstance(v, float) else v for v in cells]
-                writer.writerow([stage, "observed" if row.frame < observed else "future", *shown])

@@ -1,10 +1,6 @@
-"""The fitted twin's material: laws, patch-level parameters and residual networks, and the one place its file is read or written.
-
-A model is `model.safetensors` (float64, so that the next stage starts from exactly this one) and `model.json` beside it.
-"""
+"""The fitted twin's material: laws, patch-level parameters and residual networks."""
 
 import dataclasses
-import json
 from dataclasses import dataclass, field
 from pathlib import Path
 from typing import Any
@@ -15,11 +11,10 @@ from torch import Tensor
 from physreal_core.array_types import Float
 from physreal_core.effects import configured
 from physreal_core.errors import InputError
+from physreal_core.fitting.model_file import RECORD, TENSORS, read_model_file, write_model_file
 from physreal_core.fitting.named_effects import registered
 from physreal_core.simulation import Parameters, SimulationConfig
 from physreal_core.simulation.laws.residual_config import ResidualConfig
-
-FORMAT = 1
 
 UNITS = {
     "youngs_modulus": "Pa",
@@ -153,40 +148,23 @@ def particle_parameters(
 
 
 def save_model(folder: Path, model: Model) -> None:
-    """Writes `model.safetensors` and `model.json` into `folder`."""
-    from safetensors.torch import save_file
-
-    tensors = {name: tensor.contiguous() for name, tensor in sorted(model.fields.items())}
-    save_file(tensors, str(folder / "model.safetensors"))
+    """Writes the model's two files into `folder` (`model_file`)."""
     record = {
-        "format": FORMAT,
         "elastic_law": model.elastic_law,
         "plastic_law": model.plastic_law,
         "residual": None if model.residual is None else dataclasses.asdict(model.residual),
         "simulation": model.simulation,
         "effects": model.effects,
-        "tensors": {name: {"shape": list(t.shape), "unit": UNITS[name]} for name, t in tensors.items()},
     }
-    (folder / "model.json").write_text(json.dumps(record, indent=2) + "\n")
+    write_model_file(folder, record, model.fields, UNITS)
 
 
 def load_model(folder: Path) -> Model:
-    """The model in `folder`. Raises InputError where a file is missing, of another format, or the two disagree."""
-    from safetensors.torch import load_file
-
-    paths = [folder / name for name in ("model.json", "model.safetensors")]
-    for path in paths:
-        if not path.exists():
-            raise InputError("no such file", where=str(path), remedy="run the fit stage that writes this model")
-    record = json.loads(paths[0].read_text())
-    if record.get("format") != FORMAT:
-        raise InputError(f"format {record.get('format')}", where=str(paths[0]), expected=f"format {FORMAT}")
-    fields = load_file(str(paths[1]))
-    found = {name: list(tensor.shape) for name, tensor in fields.items()}
-    named = {name: entry["shape"] for name, entry in record["tensors"].items()}
-    registered(record["effects"], where=f"{paths[0]}, effects")
-    if found != named or not set(found) <= set(UNITS):
-        raise InputError(f"tensors {found}", where=str(paths[1]), expected=f"{named}, as model.json beside it says")
+    """The model in `folder`, InputError where a file is missing, of another format, or holds what no model has."""
+    record, fields = read_model_file(folder)
+    registered(record["effects"], where=f"{folder / RECORD}, effects")
+    if unknown := sorted(set(fields) - set(UNITS)):
+        raise InputError(f"tensors {unknown}", where=str(folder / TENSORS), expected=f"some of {', '.join(UNITS)}")
     residual = None if record["residual"] is None else _residual_config(record["residual"])
     laws = {name: record[name] for name in ("elastic_law", "plastic_law", "simulation", "effects")}
     return Model(fields=fields, residual=residual, **laws)

@@ -1,7 +1,7 @@
 """3D Gaussians: cameras, the appearance model and its file, binding to particles, and a differentiable rasteriser."""
 
 from physreal_core.rendering.binding import Binding, bind, carried_rotations, carry_gaussians, carry_points
-from physreal_core.rendering.camera import Camera, load_camera
+from physreal_core.rendering.camera import Camera
 from physreal_core.rendering.gaussians import Gaussians, quaternion_from_matrix, rotation_matrices
 from physreal_core.rendering.harmonics import colours_from_harmonics, harmonics_from_colours
 from physreal_core.rendering.ply import load_gaussians, save_gaussians
@@ -19,7 +19,6 @@ __all__ = [
     "choose_backend",
     "colours_from_harmonics",
     "harmonics_from_colours",
-    "load_camera",
     "load_gaussians",
     "quaternion_from_matrix",
     "rasterise",

@@ -2,10 +2,8 @@
 
 from __future__ import annotations
 
-import json
 from dataclasses import dataclass
 from functools import cached_property
-from pathlib import Path
 
 import torch
 
@@ -87,10 +85,3 @@ class Camera:
         x, y = (pixels[..., 0] - cx) / fx * depth, (pixels[..., 1] - cy) / fy * depth
         pose = self.T_world_camera.to(depth)
         return torch.stack([x, y, depth], dim=-1) @ pose[:3, :3].T + pose[:3, 3]
-
-
-def load_camera(path: Path) -> Camera:
-    """The camera in a JSON file with `K` [px], `T_world_camera` [m], `width` and `height` [px]."""
-    record = json.loads(path.read_text())
-    pose = torch.tensor(record["T_world_camera"], dtype=torch.float64)
-    return Camera(torch.tensor(record["K"], dtype=torch.float64), pose, record["width"], record["height"])

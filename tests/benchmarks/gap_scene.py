@@ -13,6 +13,8 @@ from physreal_core.array_types import Array
 from physreal_core.geometry import bind_within, fill_mesh, sample_surface, save_mesh
 from physreal_core.rendering import bind, carry_points
 from physreal_core.simulation import Body, Grip, Parameters, SimulationConfig, Simulator
+from pipeline.products.controllers import Controllers
+from pipeline.products.given_tracks import GivenTracks3d
 
 FRAMES, OBSERVED, FPS, DENSITY = 10, 7, 30.0, 500.0
 YOUNGS_MODULUS, NOISE, TRACKS = 1.5e5, 0.0005, 40  # Pa, m
@@ -36,8 +38,8 @@ def _write(capture: Path, stroke: Array, seed: int, pull: float) -> Array:
     valid[0] = True
     points = np.where(valid[..., None], truth + random.normal(0, NOISE, truth.shape), np.nan)
     sigma = np.full(valid.shape, NOISE, np.float32)
-    np.savez(capture / "tracks3d.npz", points3d=points.astype(np.float32), valid3d=valid, sigma3d=sigma)
-    np.savez(capture / "controllers.npz", points=controllers.astype(np.float32))
+    GivenTracks3d(points, valid, sigma).save(capture)
+    Controllers(controllers).save(capture)
     facts = {
         "kind": "tracks",
         "fps": FPS,

@@ -12,7 +12,8 @@ from physreal_core.errors import InputError
 from physreal_core.fitting import LossConfig, Objective
 from physreal_core.geometry import load_mesh
 from pipeline.config.sample_particles import SampleParticles
-from stages.sample_particles import _tracks
+from pipeline.products.given_tracks import GivenTracks3d
+from stages import sample_particles
 from tests.benchmarks.gap_scene import NOISE, OBSERVED, YOUNGS_MODULUS, write_captures
 
 CUT = Discretisation(particles=500, patches=4)
@@ -53,13 +54,13 @@ def test_numbers_and_choice_of_tracks_are_those_of_the_stage(folder):
     ours = problems.BINDING_NEIGHBOURS, problems.TRACK_DISTANCE
     assert ours == (stage.binding_neighbours, stage.track_distance)
     capture = folder / "press_drag"
-    mesh, measured = load_mesh(capture / "shape_prior.glb"), dict(np.load(capture / "tracks3d.npz"))
-    measured["points3d"][0, :5] += 0.05  # five that lie on something else
-    measured["valid3d"][0, 5:8] = False
-    x0 = problems_of(folder, CUT)["press_drag"].body.x0
-    expected = _tracks(measured, mesh, x0, stage.track_distance, stage.binding_neighbours)["track_ids"]
-    np.testing.assert_array_equal(tracks_on(mesh, measured["points3d"][0], measured["valid3d"][0]), expected)
-    assert 0 < len(expected) <= measured["valid3d"].shape[1] - 8
+    mesh, measured = load_mesh(capture / "shape_prior.glb"), GivenTracks3d.load(capture)
+    points0, valid = measured.points3d[0], measured.valid3d[0]
+    points0[:5] += 0.05  # five that lie on something else
+    valid[5:8] = False
+    expected = sample_particles.tracks_on(mesh, points0, valid, stage.track_distance)
+    np.testing.assert_array_equal(tracks_on(mesh, points0, valid), expected)
+    assert 0 < len(expected) <= len(valid) - 8
 
 
 def test_the_truth_is_not_needed_and_not_read(folder, tmp_path):

@@ -16,7 +16,9 @@ from benchmarks.gap.run import Run, card_share, core_share, environment, run_cas
 from benchmarks.gap.settings import load_settings
 from physreal_core.errors import InputError
 from physreal_core.simulation.cuda.stepper import CARD_SHARE
+from pipeline.products.gap import save_added, save_gap
 from pipeline.project import Project
+from tests.pipeline.finished import AFTER, GAP
 
 NONE, DRAG, WIND, SLOW = (GapCase(e, "high", 1) for e in ("none", "linear_drag", "wind", "gravity"))
 FAKE = "tests.benchmarks.gap_fake_case"
@@ -131,12 +133,14 @@ def test_a_case_from_rgbd_is_a_project_of_its_own_whose_stages_run_in_order(tmp_
         ran.append((name, sequence))
         output = Project.find(cwd).artifact(name, sequence)
         output.mkdir(parents=True)
-        for file in ("gap.json", "gap_after.json"):
-            (output / file).write_text(f'{{"from": "{name}"}}')
+        if name == "find_gap":
+            save_gap(output, GAP)
+        if name == "add_effect":
+            save_added(output, AFTER)
 
     monkeypatch.setattr(subprocess, "run", stage)
     found = rgbd._answer(project)
-    assert (found["report"], found["added"]) == ({"from": "find_gap"}, {"from": "add_effect"})
+    assert (found["report"], found["added"]) == (GAP.as_record(), AFTER.as_record())
     assert ran[: len(rgbd.SEEN)] == [(name, "press_drag") for name in rgbd.SEEN]
     assert ran[len(rgbd.SEEN) :] == [(name, "lift_swing") for name in rgbd.FITTED]
     rgbd._answer(project)

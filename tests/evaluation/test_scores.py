@@ -15,8 +15,8 @@ from physreal_core.evaluation import (
     split_scores,
     vertex_errors,
     windowed_mean,
-    write_frames_csv,
 )
+from pipeline.products.scores import Scores
 
 SCORES = [
     FrameScores(0, track_error=9.0, track_count=5, iou=0.0),
@@ -42,11 +42,13 @@ def test_intervals() -> None:
 
 
 def test_csv(tmp_path) -> None:
-    write_frames_csv(tmp_path / "frames.csv", {"fit_global": SCORES}, observed=3)
+    scores = Scores({"fit_global": {}}, {"fit_global": SCORES}, observed=3)
+    scores.save(tmp_path)
     rows = list(csv.DictReader((tmp_path / "frames.csv").open()))
     assert [row["interval"] for row in rows] == ["observed", "observed", "observed", "future"]
     assert rows[1]["stage"] == "fit_global" and float(rows[1]["cd_l1_oneway"]) == 0.002
     assert rows[3]["track_error"] == ""
+    assert Scores.load(tmp_path) == scores
 
 
 def test_vertex_errors() -> None:

@@ -11,10 +11,19 @@ from types import SimpleNamespace
 import numpy as np
 import pytest
 import torch
-from safetensors.numpy import save_file
 
 from physreal_core.errors import InputError
-from physreal_core.rendering import Camera, bind, load_gaussians, render_carried, save_gaussians
+from physreal_core.fitting.model import save_model, uniform_model
+from physreal_core.rendering import Camera, Gaussians, bind, render_carried
+from pipeline.products.camera import RecordedCamera
+from pipeline.products.images import FrameImages
+from pipeline.products.masks import Masks
+from pipeline.products.particles import Particles
+from pipeline.products.placed_object import PlacedObject
+from pipeline.products.rollout import Rollout
+from pipeline.products.scores import Scores
+from pipeline.products.tracks import MeasuredTracks
+from pipeline.products.truth import CaptureTruth
 
 FRAMES, OBSERVED, LIFT, SHEAR = 6, 4, 0.01, 0.04
 SHIFT = np.array([0.005, 0.0, 0.0])
@@ -55,19 +64,12 @@ class Context:
         yield
 
 
-def _write_png(path: Path, image: np.ndarray) -> None:
-    from PIL import Image
-
-    path.parent.mkdir(parents=True, exist_ok=True)
-    Image.fromarray(image).save(path)
-
-
 @pytest.fixture(scope="module")
 def context(tmp_path_factory) -> Context:
     trimesh = pytest.importorskip("trimesh")
     for package in ("plyfile", "PIL", "cv2", "imageio_ffmpeg"):
         pytest.importorskip(package)
-    from physreal_core.geometry.mesh import Mesh, load_mesh, save_mesh
+    from physreal_core.geometry.mesh import Mesh
     from physreal_core.geometry.surface import sample_surface, surface_gaussians
     from stages._evaluation import scattered
 
@@ -76,78 +78,88 @@ def context(tmp_path_factory) -> Context:
         (root / name).mkdir()
     box = trimesh.creation.box(bounds=[[0, -0.04, 0], [0.12, 0.04, 0.05]]).subdivide().subdivide()
     mesh = Mesh(np.asarray(box.vertices), np.asarray(box.faces), np.random.default_rng(0).random(box.vertices.shape))
-    save_mesh(root / "fit_pose" / "mesh.glb", mesh)
-    surface = sample_surface(mesh, 400, seed=0)
-    save_gaussians(root / "fit_pose" / "gaussians.ply", surface_gaussians(surface, inset=0.004))
+    gaussians = surface_gaussians(sample_surface(mesh, 400, seed=0), inset=0.004)
+    PlacedObject(mesh, gaussians, np.eye(4), 1.0, np.eye(4)).save(root / "fit_pose")
+    placed = PlacedObject.load(root / "fit_pose")
     x0 = np.stack(np.meshgrid(*(np.arange(a, b, 0.01) + 0.005 for a, b in ((0, 0.12), (-0.04, 0.04), (0, 0.05)))), -1)
     x0 = x0.reshape(-1, 3)
-    points = scattered(load_mesh(root / "fit_pose" / "mesh.glb"), 400, 0)[0]  # the very points that evaluate draws
-    _write_particles(root, x0, points)
+    points = scattered(placed.mesh, 400, 0)[0]  # the very points that evaluate draws
+    _write_particles(root, x0, points, placed.gaussians)
     carried, F = _motion(SHEAR)
     _write_capture(root, mesh.vertices, carried)
-    np.savez(
-        root / "segment_and_track" / "tracks.npz",
-        points3d=carried(points).astype(np.float32),
-        valid3d=np.ones((FRAMES, 400), bool),
-    )
-    _write_frames(root, x0, carried(x0), F)
+    seen, pixels = np.ones((FRAMES, 400), bool), np.full((FRAMES, 400, 2), np.nan)
+    tracks = MeasuredTracks(pixels, seen, carried(points), seen, np.full((FRAMES, 400), 0.001))
+    tracks.save(root / "segment_and_track")
+    _write_frames(root, x0, carried(x0), F, placed.gaussians)
     _write_model(root / "fit_global", x0, SHEAR, np.zeros(3))
     _write_model(root / "fit_patches", x0, 2 * SHEAR, SHIFT)
     return Context(root)
 
 
-def _write_particles(root: Path, x0: np.ndarray, points: np.ndarray) -> None:
-    gaussians = load_gaussians(root / "fit_pose" / "gaussians.ply")
-    arrays = {"x0": x0, "track_ids": np.arange(0, 400, 8), "track_points0": points[::8]}
-    for name, at in (("gaussian", gaussians.means), ("track", points[::8])):
-        binding = bind(at, x0)
-        arrays |= {f"{name}_neighbours": binding.neighbours.numpy(), f"{name}_weights": binding.weights.numpy()}
-    np.savez(root / "sample_particles" / "particles.npz", **arrays)
+def _write_particles(root: Path, x0: np.ndarray, points: np.ndarray, gaussians: Gaussians) -> None:
+    drawn, tracks, none = bind(gaussians.means, x0), bind(points[::8], x0), np.zeros(0)
+    Particles(
+        x0=x0,
+        volume=np.full(len(x0), 1e-6),
+        spacing=0.01,
+        density=np.full(len(x0), 300.0),
+        patches=np.array([0]),
+        patch_neighbours=np.zeros((len(x0), 1), int),
+        patch_weights=np.ones((len(x0), 1)),
+        gaussian_neighbours=drawn.neighbours.numpy(),
+        gaussian_weights=drawn.weights.numpy(),
+        track_ids=np.arange(0, 400, 8),
+        track_points0=points[::8],
+        track_neighbours=tracks.neighbours.numpy(),
+        track_weights=tracks.weights.numpy(),
+        grip_particles=none.astype(int),
+        grip_controllers=none.astype(int),
+        grip_weights=none,
+        grip_rest_lengths=none,
+    ).save(root / "sample_particles")
 
 
 def _write_capture(root: Path, vertices: np.ndarray, carried) -> None:
     pose = np.array([[1.0, 0, 0, 0.06], [0, -0.8, 0.6, -0.24], [0, -0.6, -0.8, 0.37], [0, 0, 0, 1]])
     described = CAMERA | {"T_world_camera": pose.tolist(), "frame_count": FRAMES}
-    (root / "parse_video" / "camera.json").write_text(json.dumps(described))
+    RecordedCamera(**described | {"K": np.array(CAMERA["K"]), "T_world_camera": pose}).save(root / "parse_video")
     split = {"train": [0, OBSERVED], "test": [OBSERVED, FRAMES]}
     (root / "parse_video" / "capture.json").write_text(json.dumps(described | {"kind": "video", "split": split}))
     hand = np.arange(FRAMES)[:, None] * [0, 0, LIFT]
-    truth = {"vertices": carried(vertices), "hand": hand, "gripped": np.flatnonzero(vertices[:, 0] == 0), "E": 5e4}
-    np.savez(root / "capture" / "truth.npz", **truth)
+    gripped = np.flatnonzero(vertices[:, 0] == 0)
+    CaptureTruth(youngs_modulus=5e4, vertices=carried(vertices), hand=hand, gripped=gripped).save(root / "capture")
 
 
-def _write_frames(root: Path, x0: np.ndarray, x: np.ndarray, F: np.ndarray) -> None:
+def _write_frames(root: Path, x0: np.ndarray, x: np.ndarray, F: np.ndarray, gaussians: Gaussians) -> None:
     """The film of the true motion, through the same renderer; a strip of the image is the hand."""
-    record = json.loads((root / "parse_video" / "camera.json").read_text())
-    camera = Camera(np.array(record["K"]), np.array(record["T_world_camera"]), 80, 60)
-    gaussians = load_gaussians(root / "fit_pose" / "gaussians.ply")
-    binding = bind(gaussians.means, x0)
+    view, images = RecordedCamera.load(root / "parse_video"), FrameImages(root / "parse_video")
+    camera = Camera(view.K, view.T_world_camera, 80, 60)
+    binding, objects = bind(gaussians.means, x0), []
+    hand = np.zeros((60, 80), bool)
+    hand[:, :10] = True
     for t in range(FRAMES):
         now, stretch = torch.from_numpy(x[t]).float(), torch.from_numpy(F[t]).float().expand(len(x0), 3, 3)
         out = render_carried(gaussians, binding, torch.from_numpy(x0).float(), now, stretch, camera)
-        hand = np.zeros((60, 80), bool)
-        hand[:, :10] = True
-        mask = (out.alpha.numpy() > 0) & ~hand
-        name = f"{t:06d}.png"
-        _write_png(root / "parse_video/color" / name, (out.rgb.clamp(0, 1).numpy() * 255).round().astype(np.uint8))
-        _write_png(root / "parse_video/depth" / name, (out.depth.numpy() * 1000).round().astype(np.uint16))
-        _write_png(root / "segment_and_track/masks/object" / name, mask.astype(np.uint8) * 255)
-        _write_png(root / "segment_and_track/masks/controller" / name, hand.astype(np.uint8) * 255)
+        objects.append((out.alpha.numpy() > 0) & ~hand)
+        colour, depth = out.rgb.clamp(0, 1).numpy() * 255, out.depth.numpy() * 1000
+        images.save(t, colour.round().astype(np.uint8), depth.round().astype(np.uint16))
+    Masks(np.stack(objects), np.tile(hand, (FRAMES, 1, 1))).save(root / "segment_and_track")
 
 
 def _write_model(folder: Path, x0: np.ndarray, shear: float, shift: np.ndarray) -> None:
     folder.mkdir()
     carried, F = _motion(shear, shift)
     F = np.broadcast_to(F[:, None], (FRAMES, len(x0), 3, 3))
-    np.savez(folder / "rollout.npz", x=carried(x0).astype(np.float32), F=F.astype(np.float32))
-    save_file({"youngs_modulus": np.array([3e4, 5e4])}, folder / "model.safetensors")
+    Rollout(carried(x0), F).save(folder)
+    model = uniform_model(torch.zeros(2, 3), {"youngs_modulus": 4e4}, elastic_law="fixed_corotated")
+    save_model(folder, model.with_fields(youngs_modulus=torch.tensor([3e4, 5e4])))
 
 
 def test_scores_of_a_known_motion(context: Context) -> None:
     from stages.evaluate import run
 
     run(context)
-    metrics = json.loads((context.output / "metrics.json").read_text())
+    metrics = Scores.load(context.output).metrics
     exact, off = metrics["fit_global"], metrics["fit_patches"]
     assert exact["observed"]["frames"] == [1, OBSERVED] and exact["future"]["frames"] == [OBSERVED, FRAMES]
     for interval in ("observed", "future"):
@@ -159,7 +171,7 @@ def test_scores_of_a_known_motion(context: Context) -> None:
         assert exact["truth"][interval]["vertex_error"] < 1e-6
         assert off[interval]["iou"] < 0.99 and off[interval]["psnr"] < exact[interval]["psnr"] - 10
     times = np.arange(1, OBSERVED)[:, None] / (FRAMES - 1)
-    tracks = np.load(context.root / "sample_particles" / "particles.npz")["track_points0"]
+    tracks = Particles.load(context.root / "sample_particles").track_points0
     errors = np.hypot(SHIFT[0], SHEAR * times * tracks[:, 0])
     assert off["observed"]["track_error"] == pytest.approx(errors.mean(), rel=1e-4)
     statics = off["truth"]["statics"]
@@ -185,13 +197,13 @@ def test_tracks_without_images(context: Context, tmp_path) -> None:
         run(context)
     finally:
         (context.root / "parse_video" / "capture.json").write_text(json.dumps(described))
-    metrics = json.loads((tmp_path / "metrics.json").read_text())
+    metrics = Scores.load(tmp_path).metrics
     assert set(metrics["fit_global"]["observed"]) == {"frames", "track_error"}
     assert metrics["fit_global"]["tip"]["error"] < 1e-6
     tip = metrics["fit_patches"]["tip"]
     weights = np.array([1, 3, 4, 3, 1]) / 12  # Hann over frames 1 to 5
     mean_time = weights @ np.arange(1, 6) / (FRAMES - 1)
-    tracks = np.load(context.root / "sample_particles" / "particles.npz")["track_points0"]
+    tracks = Particles.load(context.root / "sample_particles").track_points0
     down = SHEAR * mean_time * tracks[:, 0].mean()
     assert tip["error"] == pytest.approx(np.hypot(SHIFT[0], down), rel=1e-4)
     assert not list(tmp_path.glob("*.mp4"))
@@ -202,11 +214,10 @@ def test_what_is_seen_is_compared_with_the_measurement_and_what_is_with_the_trut
     from stages._evaluation import Replay, load_sequence
     from stages.evaluate import _against_truth
 
-    x0 = np.load(context.root / "sample_particles" / "particles.npz")["x0"]
+    x0 = Particles.load(context.root / "sample_particles").x0
     _write_model(tmp_path / "off", x0, SHEAR, SHIFT)
-    rollout = dict(np.load(tmp_path / "off" / "rollout.npz"))
-    right = np.load(context.root / "fit_global" / "rollout.npz")["x"]
-    np.savez(tmp_path / "off" / "rollout.npz", **rollout, x_seen=right)
+    off, right = Rollout.load(tmp_path / "off"), Rollout.load(context.root / "fit_global")
+    Rollout(off.x, off.F, x_seen=right.x).save(tmp_path / "off")
     sequence = load_sequence(context)
     replay = Replay(sequence, tmp_path / "off")
     seen = replay.carry(3, sequence.track_points0, replay.tracks)
@@ -218,6 +229,6 @@ def test_what_is_seen_is_compared_with_the_measurement_and_what_is_with_the_trut
 def test_rollout_of_another_body(context: Context, tmp_path) -> None:
     from stages._evaluation import Replay, load_sequence
 
-    np.savez(tmp_path / "rollout.npz", x=np.zeros((FRAMES, 3, 3)), F=np.zeros((FRAMES, 3, 3, 3)))
+    Rollout(np.zeros((FRAMES, 3, 3)), np.zeros((FRAMES, 3, 3, 3))).save(tmp_path)
     with pytest.raises(InputError, match="6 frames of 3 particles"):
         Replay(load_sequence(context), tmp_path)

@@ -18,6 +18,7 @@ from physreal_core.geometry import fill_mesh, load_mesh
 from physreal_core.rendering import bind
 from physreal_core.simulation import Body, Clamp
 from pipeline.capture import read_capture
+from pipeline.products.given_tracks import GivenTracks3d
 from stages._problem import carry_payloads
 
 pytestmark = pytest.mark.slow
@@ -33,7 +34,7 @@ def _problem(real_data, folder, recording: str) -> Problem:
         pytest.skip(f"no recording {source}")
     import_capture(source, folder)
     capture = json.loads((folder / "capture.json").read_text())
-    tracks = {name: torch.from_numpy(array) for name, array in np.load(folder / "tracks3d.npz").items()}
+    tracks = {name: torch.from_numpy(array) for name, array in vars(GivenTracks3d.load(folder)).items()}
     x0, volume = fill_mesh(load_mesh(folder / "shape_prior.glb"), SPACING)
     body, loads = carry_payloads(Body(x0, volume, np.full(len(x0), capture["density"]), SPACING), read_capture(folder))
     points0 = tracks["points3d"][0].double()

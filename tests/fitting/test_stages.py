@@ -9,7 +9,6 @@ import sys
 import time
 from pathlib import Path
 
-import cv2
 import numpy as np
 import pytest
 import yaml
@@ -17,9 +16,17 @@ import yaml
 from physreal_core.errors import InputError
 from physreal_core.fitting.model import load_model
 from physreal_core.fitting.problem import Problem
-from physreal_core.rendering import save_gaussians
+from pipeline.capture import capture_of, write_capture
 from pipeline.config import load_parameters
 from pipeline.graph import FIT_STAGES
+from pipeline.products.camera import RecordedCamera
+from pipeline.products.controllers import Controllers
+from pipeline.products.fit import Fit
+from pipeline.products.gaussians import save_gaussians
+from pipeline.products.masks import Masks
+from pipeline.products.particles import Particles
+from pipeline.products.rollout import Rollout
+from pipeline.products.tracks import MeasuredTracks
 from pipeline.project import Project
 from pipeline.provenance import digest_folder, write_provenance
 from pipeline.stage import run_stage
@@ -85,15 +92,15 @@ def write_artifacts(project: Project, sequence: str, given: Problem) -> None:
         shutil.rmtree(folder, ignore_errors=True)
         folder.mkdir(parents=True)
     camera = given.camera
-    shape = {"width": camera.width, "height": camera.height}
-    matrices = {"K": camera.K.tolist(), "T_world_camera": camera.T_world_camera.tolist()}
-    frames = {"fps": given.fps, "frame_count": given.frame_count}
-    split = {"train": [0, given.observed], "test": [given.observed, given.frame_count]}
-    (folders["parse_video"] / "camera.json").write_text(json.dumps({**shape, **matrices, **frames}))
-    (folders["parse_video"] / "capture.json").write_text(json.dumps({**shape, **matrices, **frames, "split": split}))
+    described = {"fps": given.fps, "width": camera.width, "height": camera.height}
+    described |= {"K": camera.K.numpy(), "T_world_camera": camera.T_world_camera.numpy()}
+    described["frame_count"] = given.frame_count
+    split = {"train": (0, given.observed), "test": (given.observed, given.frame_count)}
+    RecordedCamera(**described).save(folders["parse_video"])
+    write_capture(folders["parse_video"], capture_of({**described, "split": split}))
     _write_perception(folders["segment_and_track"], given)
-    save_gaussians(folders["fit_pose"] / "gaussians.ply", given.masks.gaussians)
-    _write_particles(folders["sample_particles"] / "particles.npz", given)
+    save_gaussians(folders["fit_pose"], given.masks.gaussians)
+    _particles(given).save(folders["sample_particles"])
     parameters = load_parameters(project.parameters)
     for stage, upstream in UPSTREAM.items():
         inputs = {name: digest_folder(folders[name]) for name in upstream}
@@ -103,38 +110,33 @@ def write_artifacts(project: Project, sequence: str, given: Problem) -> None:
 
 def _write_perception(folder: Path, given: Problem) -> None:
     tracks = given.tracks
-    names = ("points3d", "valid3d", "sigma3d", "points2d", "visible")
+    names = ("points2d", "visible", "points3d", "valid3d", "sigma3d")
     # one track more, off the object, as the tracker gives them
-    arrays = {name: getattr(tracks, name).numpy() for name in names}
-    arrays = {name: np.concatenate([array[:, :1], array], axis=1) for name, array in arrays.items()}
-    np.savez(folder / "tracks.npz", **{n: a.astype(np.float32) if a.dtype != bool else a for n, a in arrays.items()})
-    np.savez(folder / "controllers.npz", points=given.controllers.numpy().astype(np.float32))
-    masks = {
-        int(frame): coverage.numpy() for frame, coverage in zip(given.masks.frames, given.masks.coverage, strict=True)
-    }
-    for kind in ("object", "controller"):
-        (folder / "masks" / kind).mkdir(parents=True)
-        for frame in range(given.frame_count):
-            full = masks.get(frame, next(iter(masks.values()))) > 0.5 if kind == "object" else np.zeros((48, 64), bool)
-            cv2.imwrite(str(folder / "masks" / kind / f"{frame:06d}.png"), full.astype(np.uint8) * 255)
+    arrays = (getattr(tracks, name).numpy() for name in names)
+    MeasuredTracks(*(np.concatenate([array[:, :1], array], axis=1) for array in arrays)).save(folder)
+    Controllers(given.controllers.numpy()).save(folder)
+    known = {int(frame): cover.numpy() for frame, cover in zip(given.masks.frames, given.masks.coverage, strict=True)}
+    first = next(iter(known.values()))
+    objects = np.stack([known.get(frame, first) > 0.5 for frame in range(given.frame_count)])
+    Masks(objects, np.zeros_like(objects)).save(folder)
 
 
-def _write_particles(path: Path, given: Problem) -> None:
+def _particles(given: Problem) -> Particles:
     body, tracks, grip = given.body, given.tracks, given.grip
-    bindings = {"gaussian": given.masks.binding, "track": tracks.binding}
-    np.savez(
-        path,
-        x0=body.x0.astype(np.float32),
-        volume=body.volume.astype(np.float32),
+    return Particles(
+        x0=body.x0,
+        volume=body.volume,
         spacing=body.spacing,
-        density=scene.DENSITY,
+        density=body.density,
         patches=np.arange(0, len(body.x0), len(body.x0) // 4)[:4],
         patch_neighbours=given.patch_neighbours.numpy(),
-        patch_weights=given.patch_weights.numpy().astype(np.float32),
+        patch_weights=given.patch_weights.numpy(),
+        gaussian_neighbours=given.masks.binding.neighbours.numpy(),
+        gaussian_weights=given.masks.binding.weights.numpy(),
         track_ids=np.arange(1, 1 + tracks.points3d.shape[1]),
-        track_points0=tracks.points0.numpy().astype(np.float32),
-        **{f"{name}_neighbours": binding.neighbours.numpy() for name, binding in bindings.items()},
-        **{f"{name}_weights": binding.weights.numpy() for name, binding in bindings.items()},
+        track_points0=tracks.points0.numpy(),
+        track_neighbours=tracks.binding.neighbours.numpy(),
+        track_weights=tracks.binding.weights.numpy(),
         grip_particles=grip.particles,
         grip_controllers=grip.controllers,
         grip_weights=grip.weights,
@@ -143,27 +145,26 @@ def _write_particles(path: Path, given: Problem) -> None:
 
 
 def test_the_three_stages_follow_each_other_and_none_ends_worse(project):
-    objectives = {}
+    fits = {}
     for stage, run in RUNS.items():
         folder = run_stage(stage, "lift", run, project)
         if stage not in FITS:
             continue
         assert {path.name for path in folder.iterdir()} == FILES
-        rollout = np.load(folder / "rollout.npz")
-        assert rollout["x"].shape == (8, 42, 3) and rollout["F"].shape == (8, 42, 3, 3)
-        record = json.loads((folder / "fit.json").read_text())
-        assert record["values"]["youngs_modulus"]["unit"] == "Pa" and record["observed_frames"] == 6
-        objectives[stage] = record
+        rollout, fit = Rollout.load(folder), Fit.load(folder)
+        assert rollout.x.shape == (8, 42, 3) and rollout.F.shape == (8, 42, 3, 3)
+        assert fit.values["youngs_modulus"]["unit"] == "Pa" and fit.descent.observed_frames == 6
+        fits[stage] = fit
         phases = json.loads(project.record(stage, "lift").read_text())["phases"]
         parts = {name: seconds for name, seconds in phases.items() if name.startswith("fit: ")}
         assert parts["fit: simulation, forward"] > 0.0 and parts["fit: simulation, backward"] > 0.0
         # The parts are rounded to milliseconds, and the bar's last line is drawn after them.
         assert sum(parts.values()) == pytest.approx(phases["fit"], rel=0.05, abs=0.01)
-    modulus = objectives["fit_global"]["values"]["youngs_modulus"]
+    modulus = fits["fit_global"].values["youngs_modulus"]
     assert (
         modulus["min"] == modulus["max"] and 1.5e4 < modulus["mean"] < 6e4
     )  # the masks are coarse, the iterations few
-    assert objectives["fit_patches"]["objective"] <= objectives["fit_global"]["objective"] * 1.001
+    assert fits["fit_patches"].descent.objective <= fits["fit_global"].descent.objective * 1.001
     final = load_model(project.artifact("fit_residual", "lift"))
     assert final.residual.hidden == 4 and final.fields["network_elastic"].abs().sum() > 0
 
@@ -174,9 +175,7 @@ def test_predict_rolls_another_sequence_out_with_every_model(project):
             run_stage(stage, "lift", run, project)
     folder = run_stage("predict", "push", predict.run, project)
     for stage in FIT_STAGES:
-        given, taken = (
-            np.load(path / "rollout.npz")["x"] for path in (project.artifact(stage, "lift"), folder / stage)
-        )
+        given, taken = (Rollout.load(path).x for path in (project.artifact(stage, "lift"), folder / stage))
         # Same scene, so the same rollout, but for the registration of the patches.
         assert np.abs(given - taken).max() < 1e-3
 
@@ -201,8 +200,8 @@ def test_a_fit_killed_at_any_moment_and_rerun_writes_the_same_bytes(tmp_path):
 
 def test_artifacts_that_disagree_are_named(tmp_path):
     project = _project(tmp_path)
-    path = project.artifact("segment_and_track", "lift") / "controllers.npz"
-    np.savez(path, points=np.load(path)["points"][:-1])
+    folder = project.artifact("segment_and_track", "lift")
+    Controllers(Controllers.load(folder).points[:-1]).save(folder)
     _refresh(project, "lift")
     with pytest.raises(InputError, match="controllers over 7 frames, tracks over 8"):
         run_stage("fit_global", "lift", fit_global.run, project)

@@ -1,7 +1,6 @@
 """find_gap, add_effect and `physreal gap` on the artifacts of the tiny scene, in which a wind blows that the model does not know."""
 
 import dataclasses
-import json
 
 import numpy as np
 import pytest
@@ -13,10 +12,15 @@ from physreal_core.fitting.model import load_model, save_model
 from physreal_core.fitting.named_effects import effect_record
 from pipeline.cli import main
 from pipeline.gap_command import find_and_add
+from pipeline.products.fit import Fit
+from pipeline.products.gap import load_added, load_gap, save_gap
+from pipeline.products.particles import Particles
+from pipeline.products.rollout import Rollout
+from pipeline.products.tracks import MeasuredTracks
 from pipeline.project import Project
+from pipeline.provenance import read_provenance
 from pipeline.stage import run_stage
 from stages import add_effect, find_gap, fit_residual
-from stages._gap import load_report, save_report
 from tests.fitting import scene
 from tests.fitting.test_stages import write_artifacts
 
@@ -55,32 +59,32 @@ def project(tmp_path_factory) -> Project:
 
 
 def test_the_wind_is_named_and_added_and_the_model_carries_it_on(project):
-    report = load_report(project.artifact("find_gap", "lift"))
+    report = load_gap(project.artifact("find_gap", "lift"))
     assert report.verdict.names == ("wind",), report.verdict.sentence
     model = load_model(project.artifact("add_effect", "lift"))
     (wind,) = model.effects
     assert wind["values"]["y"] == pytest.approx(WIND["y"], rel=0.25) and wind["units"]["y"] == "m/s2"
     assert model.simulation_config(scene.FPS).terms == ("force",)
-    after = json.loads((project.artifact("add_effect", "lift") / "gap_after.json").read_text())
-    assert after["adopted"] and after["closed"] > 0.7
+    after = load_added(project.artifact("add_effect", "lift"))
+    assert after.adopted and after.closed > 0.7
     final = load_model(run_stage("fit_residual", "lift", fit_residual.run, project))
     assert final.effects == model.effects
 
 
 def test_the_networks_share_is_told_with_and_without_the_effect(project):
     folder = run_stage("fit_residual", "lift", fit_residual.run, project)
-    fit = json.loads((folder / "fit.json").read_text())
-    assert fit["residual"]["objective_before"] < 0.5 * fit["residual_without_effect"]["objective_before"]
-    for kind in ("residual", "residual_without_effect"):
-        assert 0.0 <= fit[kind]["stress_share"] < 0.2, "at most beta_elastic"
+    fit = Fit.load(folder)
+    assert fit.residual.objective_before < 0.5 * fit.residual_without_effect.objective_before
+    for share in (fit.residual, fit.residual_without_effect):
+        assert 0.0 <= share.stress_share < 0.2, "at most beta_elastic"
 
 
 def test_the_rollout_with_the_effect_is_nearer_to_what_is_to_come(project):
-    with np.load(project.artifact("sample_particles", "lift") / "particles.npz") as particles:
-        tracks, x0 = particles["track_points0"], particles["x0"]
-    measured = np.load(project.artifact("segment_and_track", "lift") / "tracks.npz")["points3d"][OBSERVED:, 1:]
+    particles = Particles.load(project.artifact("sample_particles", "lift"))
+    tracks, x0 = particles.track_points0, particles.x0
+    measured = MeasuredTracks.load(project.artifact("segment_and_track", "lift")).points3d[OBSERVED:, 1:]
     nearest = np.linalg.norm(tracks[:, None] - x0[None], axis=2).argmin(1)
-    x = np.load(project.artifact("add_effect", "lift") / "rollout.npz")["x"]
+    x = Rollout.load(project.artifact("add_effect", "lift")).x
     without = scene.simulate(
         scene.problem(scene.model(), frames=FRAMES, observed=OBSERVED, with_masks=False), scene.model()
     ).x.numpy()
@@ -102,9 +106,9 @@ def test_figures_and_files(project):
 
 
 def test_a_report_read_back_is_the_one_that_was_written(project, tmp_path):
-    report = load_report(project.artifact("find_gap", "lift"))
-    save_report(tmp_path, report)
-    again = load_report(tmp_path)
+    report = load_gap(project.artifact("find_gap", "lift"))
+    save_gap(tmp_path, report)
+    again = load_gap(tmp_path)
     assert again.as_record() == report.as_record()
     for ours, theirs in zip(report.candidates, again.candidates, strict=True):
         assert ours.fields.keys() == theirs.fields.keys()
@@ -135,7 +139,7 @@ def test_none_leaves_the_model_as_it_was(tmp_path):
         run_stage(stage, "lift", _stage_2, project)
     run_stage("find_gap", "lift", find_gap.run, project)
     folder = run_stage("add_effect", "lift", add_effect.run, project)
-    assert load_report(project.artifact("find_gap", "lift")).verdict.kind == "none"
+    assert load_gap(project.artifact("find_gap", "lift")).verdict.kind == "none"
     for name in ("model.json", "model.safetensors"):
         assert (folder / name).read_bytes() == (project.artifact("fit_patches", "lift") / name).read_bytes()
 
@@ -143,11 +147,10 @@ def test_none_leaves_the_model_as_it_was(tmp_path):
 def test_a_companion_is_the_second_interaction(tmp_path):
     project = _project(tmp_path, companion=True)
     run_stage("find_gap", "lift", find_gap.run, project)
-    report = load_report(project.artifact("find_gap", "lift"))
+    report = load_gap(project.artifact("find_gap", "lift"))
     assert len(report.where) == 2 and {entry.interaction for entry in report.baseline} == {0, 1}
     assert report.verdict.names == ("wind",)
     folder = run_stage("add_effect", "lift", add_effect.run, project)
-    after = json.loads((folder / "gap_after.json").read_text())
-    assert {entry["interaction"] for entry in after["after"]} == {0, 1}
-    provenance = json.loads((folder / "provenance.json").read_text())
+    assert {entry.interaction for entry in load_added(folder).after} == {0, 1}
+    provenance = read_provenance(folder)
     assert "push/sample_particles" in provenance["inputs"]

@@ -1,6 +1,5 @@
 """build_object → fit_pose → sample_particles on a tiny capture of known pose: from a prior, from the view, from tracks."""
 
-import json
 from contextlib import contextmanager, nullcontext
 from pathlib import Path
 from types import SimpleNamespace
@@ -9,11 +8,21 @@ import numpy as np
 import pytest
 
 from physreal_core.errors import InputError
-from physreal_core.geometry import Mesh, Similarity, load_mesh, pose_error, save_mesh
-from physreal_core.rendering import load_gaussians, save_gaussians
+from physreal_core.geometry import Mesh, Similarity, pose_error, save_mesh
+from physreal_core.rendering import save_gaussians
+from pipeline import capture as capture_files
+from pipeline.capture import capture_of
 from pipeline.config.build_object import BuildObject
 from pipeline.config.fit_pose import FitPose
 from pipeline.config.sample_particles import SampleParticles
+from pipeline.products.built_object import read_facts
+from pipeline.products.camera import RecordedCamera
+from pipeline.products.controllers import Controllers
+from pipeline.products.images import FrameImages
+from pipeline.products.masks import Masks
+from pipeline.products.particles import Particles
+from pipeline.products.placed_object import PlacedObject
+from pipeline.products.tracks import MeasuredTracks
 from stages import build_object, fit_pose, sample_particles
 from tests.geometry.scenes import blob, ellipsoid, look_at
 
@@ -51,39 +60,39 @@ def write_capture(root: Path, mesh: Mesh | None, **facts) -> Path:
         seen = look_at(mesh)
         view = {"width": seen.camera.width, "height": seen.camera.height, "K": seen.camera.K.tolist()}
         record |= {**view, "T_world_camera": seen.camera.T_world_camera.tolist()}
-        for name, image in {
-            "parse_video/color": (seen.rgb[..., ::-1] * 255).round().astype(np.uint8),
-            "parse_video/depth": (seen.depth * 1000).round().astype(np.uint16),
-            "segment_and_track/masks/object": seen.mask.astype(np.uint8) * 255,
-        }.items():
-            (root / name).mkdir(parents=True)
-            cv2.imwrite(str(root / name / "000000.png"), image)
+        colour, depth = (seen.rgb * 255).round().astype(np.uint8), (seen.depth * 1000).round().astype(np.uint16)
+        FrameImages(root / "parse_video").save(0, colour, depth)
+        Masks(seen.mask[None], np.zeros_like(seen.mask)[None]).save(root / "segment_and_track")
         points = seen.points()[::20]
     else:
         points = np.array([[0.08, 0, 0.03], [0, 0.05, 0.03], [0, 0, 0.2], [np.nan] * 3])
-    (root / "parse_video/capture.json").write_text(json.dumps(record))
-    (root / "parse_video/camera.json").write_text(json.dumps(record))
+    capture = capture_of(record)
+    capture_files.write_capture(root / "parse_video", capture)
+    view = capture.fps, capture.width, capture.height, capture.K, capture.T_world_camera
+    RecordedCamera(*view, frame_count=1).save(root / "parse_video")
     valid = np.isfinite(points).all(axis=1)
-    np.savez(root / "segment_and_track/tracks.npz", points3d=points[None].astype(np.float32), valid3d=valid[None])
+    pixels, sigma = np.full((1, len(points), 2), np.nan), np.full((1, len(points)), 0.001)
+    MeasuredTracks(pixels, valid[None], points[None], valid[None], sigma).save(root / "segment_and_track")
     hand = points[valid][:3] + [0, 0, 0.005] if mesh is not None else np.zeros((0, 3))
-    np.savez(root / "segment_and_track/controllers.npz", points=hand[None].astype(np.float32))
+    Controllers(hand[None]).save(root / "segment_and_track")
     return root
 
 
-def run_all(root: Path, build=None, pose=None, particles=None) -> dict:
+def run_all(root: Path, build=None, pose=None, particles=None) -> Particles:
     build_object.run(Context(root, "build_object", build or BuildObject(gaussians=800)))
     fit_pose.run(Context(root, "fit_pose", pose or FitPose()))
     sample_particles.run(Context(root, "sample_particles", particles or SampleParticles(density=200)))
-    return dict(np.load(root / "sample_particles/particles.npz"))
+    return Particles.load(root / "sample_particles")
 
 
-def check_particles(arrays: dict, mesh: Mesh) -> None:
-    count = len(arrays["x0"])
-    assert arrays["volume"].sum() == pytest.approx(mesh.volume, rel=0.01)
-    for name in ("patch", "gaussian", "track"):
-        np.testing.assert_allclose(arrays[f"{name}_weights"].sum(axis=1), 1, atol=1e-5)
-    assert arrays["gaussian_neighbours"].max() < count and arrays["patches"].max() < count
-    assert {a.dtype for a in arrays.values()} <= {np.dtype("float32"), np.dtype("int32")}
+def check_particles(found: Particles, mesh: Mesh) -> None:
+    count = len(found.x0)
+    assert found.volume.sum() == pytest.approx(mesh.volume, rel=0.01)
+    for weights in (found.patch_weights, found.gaussian_weights, found.track_weights):
+        np.testing.assert_allclose(weights.sum(axis=1), 1, atol=1e-5)
+    assert found.gaussian_neighbours.max() < count and found.patches.max() < count
+    arrays = [value for value in vars(found).values() if isinstance(value, np.ndarray)]
+    assert {a.dtype for a in arrays} <= {np.dtype("float32"), np.dtype("int32")}
 
 
 def test_from_a_prior_in_another_pose(tmp_path):
@@ -94,30 +103,30 @@ def test_from_a_prior_in_another_pose(tmp_path):
     short = FitPose(
         restarts=1, generations=50, candidates=1, coarse_iterations=50, fine_iterations=30, surface_points=1500
     )
-    arrays = run_all(root, pose=short)
-    pose = json.loads((root / "fit_pose/pose.json").read_text())
-    found = Similarity.from_matrix(np.array(pose["T_world_prior"]))
+    particles = run_all(root, pose=short)
+    placed = PlacedObject.load(root / "fit_pose")
+    found = Similarity.from_matrix(placed.T_world_prior)
     true = Similarity.from_matrix(np.linalg.inv(away.matrix))
     turn, shift, scale = pose_error(found, true, away.apply(body.centroid))
     assert turn < 3 and shift < 0.005 and scale < 0.02
-    check_particles(arrays, load_mesh(root / "fit_pose/mesh.glb"))
-    assert (arrays["density"] == 150).all()
-    assert len(arrays["track_ids"]) > 20 and len(arrays["grip_weights"]) > 0
-    assert pose["iou_frame0"] > 0.8
-    assert len(load_gaussians(root / "fit_pose/gaussians.ply")) == 800
+    check_particles(particles, placed.mesh)
+    assert (particles.density == 150).all()
+    assert len(particles.track_ids) > 20 and len(particles.grip_weights) > 0
+    assert placed.notes["iou_frame0"] > 0.8
+    assert len(placed.gaussians) == 800
     assert cv2.imread(str(root / "fit_pose/overlay.png")).shape == (360, 480, 3)
-    facts = json.loads((root / "build_object/object.json").read_text())
+    facts = read_facts(root / "build_object")
     assert facts["watertight"] and max(facts["extents"]) == pytest.approx(1)
 
 
 def test_built_from_the_view_stays_in_the_world(tmp_path):
     body = ellipsoid()
-    arrays = run_all(write_capture(tmp_path, body))
-    check_particles(arrays, load_mesh(tmp_path / "fit_pose/mesh.glb"))
-    assert arrays["volume"].sum() == pytest.approx(body.volume, rel=0.15)
-    centre = (arrays["x0"] * arrays["volume"][:, None]).sum(axis=0) / arrays["volume"].sum()
+    particles = run_all(write_capture(tmp_path, body))
+    check_particles(particles, PlacedObject.load(tmp_path / "fit_pose").mesh)
+    assert particles.volume.sum() == pytest.approx(body.volume, rel=0.15)
+    centre = (particles.x0 * particles.volume[:, None]).sum(axis=0) / particles.volume.sum()
     np.testing.assert_allclose(centre, body.centroid, atol=0.006)
-    assert (arrays["density"] == 200).all()
+    assert (particles.density == 200).all()
 
 
 def test_tracks_alone_take_the_known_pose(tmp_path):
@@ -126,11 +135,11 @@ def test_tracks_alone_take_the_known_pose(tmp_path):
     T[:3, 3] = 0.5, 0, -1
     root = write_capture(tmp_path, None, T_world_object=T.tolist())
     save_mesh(root / "capture/shape_prior.glb", body.transformed(np.linalg.inv(T)))
-    arrays = run_all(root)
-    check_particles(arrays, load_mesh(root / "fit_pose/mesh.glb"))
-    np.testing.assert_allclose(load_mesh(root / "fit_pose/mesh.glb").centroid, body.centroid, atol=1e-5)
-    assert arrays["track_ids"].tolist() == [0, 1]  # the third is far off, the fourth unknown
-    assert len(arrays["grip_weights"]) == 0
+    particles, placed = run_all(root), PlacedObject.load(root / "fit_pose")
+    check_particles(particles, placed.mesh)
+    np.testing.assert_allclose(placed.mesh.centroid, body.centroid, atol=1e-5)
+    assert particles.track_ids.tolist() == [0, 1]  # the third is far off, the fourth unknown
+    assert len(particles.grip_weights) == 0
     assert not (root / "fit_pose/overlay.png").exists()
 
 
@@ -144,9 +153,10 @@ def test_prior_of_gaussians_alone(tmp_path):
     save_gaussians(root / "capture/shape_prior.ply", gaussians)
     build_object.run(Context(root, "build_object", BuildObject(voxels_across=40)))
     fit_pose.run(Context(root, "fit_pose", FitPose()))
-    assert np.abs(load_mesh(root / "fit_pose/mesh.glb").colours - [0.2, 0.8, 0.1]).max() < 0.01
-    assert load_mesh(root / "fit_pose/mesh.glb").volume == pytest.approx(body.volume, rel=0.06)
-    means = load_gaussians(root / "fit_pose/gaussians.ply").means.numpy()
+    placed = PlacedObject.load(root / "fit_pose")
+    assert np.abs(placed.mesh.colours - [0.2, 0.8, 0.1]).max() < 0.01
+    assert placed.mesh.volume == pytest.approx(body.volume, rel=0.06)
+    means = placed.gaussians.means.numpy()
     np.testing.assert_allclose([means.min(0), means.max(0)], body.bounds, atol=0.002)
 
 
@@ -159,7 +169,7 @@ def test_open_prior_is_refused_and_closed_on_request(tmp_path):
     (root / "again").mkdir()
     context = Context(root, "closed", BuildObject(close_holes=True, gaussians=200))
     build_object.run(context)
-    assert json.loads((context.output / "object.json").read_text())["watertight"]
+    assert read_facts(context.output)["watertight"]
 
 
 def test_tracks_without_a_shape_are_refused(tmp_path):

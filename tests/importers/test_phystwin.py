@@ -15,6 +15,9 @@ from data.rig.scene import View
 from physreal_core.errors import InputError
 from pipeline.capture import read_capture
 from pipeline.frames import read_frames
+from pipeline.products.controllers import Controllers
+from pipeline.products.given_tracks import GivenTracks2d, GivenTracks3d
+from pipeline.products.truth import CaptureTruth
 
 FRAMES, WIDTH, HEIGHT = 4, 32, 24
 DOWN = np.diag([1.0, -1.0, -1.0, 1.0])  # our world to theirs
@@ -104,15 +107,15 @@ def test_everything_arrives_in_our_world(case, tmp_path):
     assert [int(depth[0, 0]) for _, depth in frames] == [700, 701, 702, 703]
     np.testing.assert_array_equal(frames[2][0], np.asarray(Image.open(case / "color" / "1" / "2.png")))
 
-    tracks2d = np.load(capture / "tracks2d.npz")
-    np.testing.assert_array_equal(tracks2d["points2d"][0, 0], [17, 3])  # (u, v)
-    tracks3d = np.load(capture / "tracks3d.npz")
-    np.testing.assert_allclose(tracks3d["points3d"][0, 0], [0.1, -0.2, 0.3], rtol=1e-6)
-    assert np.isnan(tracks3d["points3d"][2, 1]).all() and not tracks3d["valid3d"][2, 1]
-    assert tracks3d["valid3d"].sum() == 3 * FRAMES - 1
-    np.testing.assert_allclose(np.load(capture / "controllers.npz")["points"][0, 0], [0.0, -0.1, 0.2], atol=1e-7)
-    truth = np.load(capture / "truth.npz")
-    np.testing.assert_allclose(truth["gt_track_3d"][0, 0], [0.1, -0.2, 0.3])
+    tracks2d = GivenTracks2d.load(capture)
+    np.testing.assert_array_equal(tracks2d.points2d[0, 0], [17, 3])  # (u, v)
+    tracks3d = GivenTracks3d.load(capture)
+    np.testing.assert_allclose(tracks3d.points3d[0, 0], [0.1, -0.2, 0.3], rtol=1e-6)
+    assert np.isnan(tracks3d.points3d[2, 1]).all() and not tracks3d.valid3d[2, 1]
+    assert tracks3d.valid3d.sum() == 3 * FRAMES - 1
+    np.testing.assert_allclose(Controllers.load(capture).points[0, 0], [0.0, -0.1, 0.2], atol=1e-7)
+    truth = CaptureTruth.load(capture)
+    np.testing.assert_allclose(truth.gt_track_3d[0, 0], [0.1, -0.2, 0.3])
 
     mesh = trimesh.load(capture / "shape_prior.glb", force="mesh")
     np.testing.assert_allclose(mesh.bounds[:, 2], [0, 0.04], atol=1e-6)
@@ -125,7 +128,7 @@ def test_everything_arrives_in_our_world(case, tmp_path):
 def test_own_perception_when_asked_for(case, tmp_path):
     import_capture(case, tmp_path / "sloth", camera=1, results=False)
     assert not (tmp_path / "sloth" / "masks").exists()
-    assert not list((tmp_path / "sloth").glob("*tracks*")) and not (tmp_path / "sloth" / "controllers.npz").exists()
+    assert not list((tmp_path / "sloth").glob("*tracks*")) and not (tmp_path / "sloth" / Controllers.FILE).exists()
 
 
 def test_pickle_with_code_is_refused_and_leaves_nothing(case, tmp_path):

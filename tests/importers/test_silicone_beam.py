@@ -10,6 +10,7 @@ from data.rig.raycast import Raycaster
 from physreal_core.errors import InputError
 from pipeline.capture import read_capture
 from pipeline.frames import check_capture
+from pipeline.products.given_tracks import GivenTracks3d
 
 TILT = np.radians(6.6)
 RECORDED = np.array(
@@ -31,9 +32,9 @@ def recording(tmp_path):
 def test_recording_is_turned_into_the_beams_frame(recording, tmp_path):
     import_capture(recording, tmp_path / "beam", duration=0.3, split=0.5)
     capture = read_capture(tmp_path / "beam")
-    with np.load(tmp_path / "beam" / "tracks3d.npz") as tracks:
-        points = tracks["points3d"]
-        assert tracks["valid3d"].all() and (tracks["sigma3d"] > 0).all()
+    tracks = GivenTracks3d.load(tmp_path / "beam")
+    points = tracks.points3d
+    assert tracks.valid3d.all() and (tracks.sigma3d > 0).all()
     assert points.shape == (30, 3, 3) and capture.split.train == (0, 15)
     np.testing.assert_allclose(points[0], MOUNTS[:3] + [0, 0, AXIS_HEIGHT], atol=1e-6)
     np.testing.assert_allclose(points[5] - points[0], [[0, 0, -0.005]] * 3, atol=1e-6)
@@ -72,8 +73,7 @@ def test_real_recordings(real_data, tmp_path, name, load, sag):
     assert 1000 * -capture.notes["static_tip_displacement_m"][2] == pytest.approx(sag, abs=0.5)
     mesh = trimesh.load(tmp_path / "beam" / "shape_prior.glb", force="mesh")
     assert mesh.is_watertight
-    with np.load(tmp_path / "beam" / "tracks3d.npz") as tracks:
-        points = tracks["points3d"]
+    points = GivenTracks3d.load(tmp_path / "beam").points3d
     # The balls' centres stand 6 mm off the beam's surface.
     distance = Raycaster(np.asarray(mesh.vertices), np.asarray(mesh.faces)).closest(points[0]).distance
     np.testing.assert_allclose(distance, 0.006, atol=0.001)

@@ -10,6 +10,7 @@ from physreal_core.perception.perceive import Networks, Video, perceive
 from physreal_core.perception.sam2 import Sam2Segmenter
 from physreal_core.perception.settings import PerceptionSettings
 from pipeline.models import check_files
+from pipeline.products.truth import CaptureTruth
 from tests.conftest import ROOT
 
 pytestmark = pytest.mark.slow
@@ -33,9 +34,9 @@ class Truth:
     """What the camera really saw: labels by frame, and where the surface points under pixels of frame 0 go."""
 
     def __init__(self, video: Video) -> None:
-        self.file, self.video = np.load(CAPTURE / "truth.npz", allow_pickle=False), video
-        self.vertices, self.faces = self.file["vertices"].astype(float), self.file["faces"]
-        self.all_faces = np.concatenate([self.faces, self.file["hand_faces"] + self.vertices.shape[1]])
+        self.known, self.video = CaptureTruth.load(CAPTURE), video
+        self.vertices, self.faces = self.known.vertices.astype(float), self.known.faces
+        self.all_faces = np.concatenate([self.faces, self.known.hand_faces + self.vertices.shape[1]])
 
     def cast(self, t, pixels):
         """Triangle hit (-1: none) and corner weights under pixels [N, 2] of frame t."""
@@ -44,7 +45,7 @@ class Truth:
         K, T = self.video.K, self.video.T_world_camera
         rays = np.concatenate([(pixels - K[:2, 2]) / K[[0, 1], [0, 1]], np.ones((len(pixels), 1))], 1) @ T[:3, :3].T
         rays /= np.linalg.norm(rays, axis=1, keepdims=True)
-        points = np.concatenate([self.vertices[t], self.file["hand_vertices"] + self.file["hand"][t]])
+        points = np.concatenate([self.vertices[t], self.known.hand_vertices + self.known.hand[t]])
         hits = Raycaster(points, self.all_faces).cast(np.broadcast_to(T[:3, 3], rays.shape), rays)
         return hits.triangle, hits.weights
 
@@ -57,7 +58,7 @@ class Truth:
 
 
 def test_plush_lift_against_its_truth():
-    if not (CAPTURE / "truth.npz").is_file():
+    if not (CAPTURE / CaptureTruth.FILE).is_file():
         pytest.skip("the rig has not made plush_lift yet (run `dvc repro`)")
     if any(check_files("sam2", MODELS).values()):
         pytest.skip(f"SAM 2 is not in {MODELS} (run `physreal models`)")
@@ -81,5 +82,5 @@ def test_plush_lift_against_its_truth():
     assert np.median(error) < 0.0015 and np.quantile(error, 0.9) < 0.004  # seen: 0.8 mm and 2.0 mm
 
     moved = parsed.controllers.points - parsed.controllers.points[:1]
-    hand = truth.file["hand"] - truth.file["hand"][:1]
+    hand = truth.known.hand - truth.known.hand[:1]
     assert np.linalg.norm(moved - hand[:, None], axis=-1).max() < 0.003  # seen: 0.8 mm

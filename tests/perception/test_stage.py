@@ -7,6 +7,9 @@ import numpy as np
 import pytest
 
 from physreal_core.errors import InputError
+from pipeline.products.controllers import Controllers
+from pipeline.products.given_tracks import GivenTracks2d, GivenTracks3d
+from pipeline.products.tracks import MeasuredTracks
 from pipeline.project import Project
 from pipeline.stage import run_stage
 from stages.parse_video import run as parse
@@ -58,15 +61,15 @@ def test_given_masks_replace_the_networks(capture):
     for t in range(FRAMES):
         mask = cv2.imread(str(output / "masks" / "object" / f"{t:06d}.png"), cv2.IMREAD_GRAYSCALE)
         assert np.array_equal(mask, SCENE.objects[t].astype(np.uint8) * 255)
-    tracks = np.load(output / "tracks.npz")
-    shape = tracks["visible"].shape
+    tracks = MeasuredTracks.load(output)
+    shape = tracks.visible.shape
     assert shape[0] == FRAMES and shape[1] > 50
-    assert tracks["points2d"].shape == (*shape, 2) and tracks["points3d"].shape == (*shape, 3)
-    assert np.isnan(tracks["points3d"][~tracks["valid3d"]]).all()
-    moved = (tracks["points2d"] - tracks["points2d"][0] - SCENE.motion[:, None])[tracks["visible"]]
+    assert tracks.points2d.shape == (*shape, 2) and tracks.points3d.shape == (*shape, 3)
+    assert np.isnan(tracks.points3d[~tracks.valid3d]).all()
+    moved = (tracks.points2d - tracks.points2d[0] - SCENE.motion[:, None])[tracks.visible]
     # Flow is smooth across the disc's rim, where table and disc part: points there are off by up to a pixel.
     assert np.median(np.linalg.norm(moved, axis=1)) < 0.1 and np.quantile(np.linalg.norm(moved, axis=1), 0.9) < 0.8
-    controllers = np.load(output / "controllers.npz")["points"]
+    controllers = Controllers.load(output).points
     assert controllers.shape == (FRAMES, 3 * 30, 3) and np.isfinite(controllers).all()
     travelled = np.linalg.norm(controllers[-1] - controllers[0], axis=1)
     assert np.allclose(travelled, np.linalg.norm(SCENE.motion[-1]) * 0.52 / 140, atol=0.001)
@@ -95,12 +98,12 @@ def test_given_tracks_and_controllers_are_used(capture):
     _write(capture, "masks/controller", SCENE.hands)
     points = np.tile(0.01 * np.arange(FRAMES, dtype=np.float32)[:, None, None], (1, 5, 3))
     points[2, 3] = np.nan
-    np.savez(capture / "tracks3d.npz", points3d=points, valid3d=np.isfinite(points).all(-1))
-    np.savez(capture / "controllers.npz", points=np.ones((FRAMES, 3, 3), np.float32))
+    GivenTracks3d(points, np.isfinite(points).all(-1)).save(capture)
+    Controllers(np.ones((FRAMES, 3, 3), np.float32)).save(capture)
     output = segment(capture, segmenter="none")
-    tracks = np.load(output / "tracks.npz")
-    assert np.array_equal(tracks["points3d"], points, equal_nan=True) and not tracks["valid3d"][2, 3]
-    assert np.array_equal(np.load(output / "controllers.npz")["points"], np.ones((FRAMES, 3, 3)))
+    tracks = MeasuredTracks.load(output)
+    assert np.array_equal(tracks.points3d, points, equal_nan=True) and not tracks.valid3d[2, 3]
+    assert np.array_equal(Controllers.load(output).points, np.ones((FRAMES, 3, 3)))
 
 
 def test_given_2d_tracks_replace_the_tracker(capture):
@@ -108,10 +111,10 @@ def test_given_2d_tracks_replace_the_tracker(capture):
     _write(capture, "masks/controller", SCENE.hands)
     points = (np.array([[60.0, 45], [52, 40]])[None] + SCENE.motion[:, None]).astype(np.float32)
     visible = np.array([[1, 1], [1, 0], [1, 1], [1, 1]], bool)
-    np.savez(capture / "tracks2d.npz", points2d=points, visible=visible)
-    tracks = np.load(segment(capture, segmenter="none") / "tracks.npz")
-    assert np.allclose(tracks["points2d"], points, atol=1e-4)
-    assert np.array_equal(tracks["valid3d"], visible)
+    GivenTracks2d(points, visible).save(capture)
+    tracks = MeasuredTracks.load(segment(capture, segmenter="none"))
+    assert np.allclose(tracks.points2d, points, atol=1e-4)
+    assert np.array_equal(tracks.valid3d, visible)
 
 
 def test_a_capture_of_tracks_alone_passes_through(capture):
@@ -120,12 +123,12 @@ def test_a_capture_of_tracks_alone_passes_through(capture):
             file.unlink()
         (capture / name).rmdir()
     points = np.random.default_rng(0).random((6, 3, 3)).astype(np.float32)
-    np.savez(capture / "tracks3d.npz", points3d=points, valid3d=np.ones((6, 3), bool), sigma3d=np.full((6, 3), 0.002))
+    GivenTracks3d(points, np.ones((6, 3), bool), np.full((6, 3), 0.002)).save(capture)
     (capture / "capture.json").write_text(json.dumps({"kind": "tracks", "fps": 100.0}))
     output = segment(capture)
-    tracks = np.load(output / "tracks.npz")
-    assert np.array_equal(tracks["points3d"], points) and np.allclose(tracks["sigma3d"], 0.002)
-    assert np.load(output / "controllers.npz")["points"].shape == (6, 0, 3)
+    tracks = MeasuredTracks.load(output)
+    assert np.array_equal(tracks.points3d, points) and np.allclose(tracks.sigma3d, 0.002)
+    assert Controllers.load(output).points.shape == (6, 0, 3)
     assert not (output / "masks").exists() and not (output / "overlay.mp4").exists()
 
 

@@ -7,6 +7,9 @@ import pytest
 from PIL import Image
 
 from pipeline.capture import capture_of, read_capture
+from pipeline.products.given_tracks import GivenTracks3d
+from pipeline.products.images import FrameImages
+from pipeline.products.quality import Quality
 from pipeline.project import Project
 from pipeline.stage import run_stage
 from stages.parse_video import backproject, run, scale_capture
@@ -35,9 +38,9 @@ def test_a_given_pose_stays_and_is_compared_with_the_plane(tmp_path):
     write_capture(tmp_path / "data/captures/clip", T_world_camera=off.tolist())
     output = parse(tmp_path)
     np.testing.assert_array_equal(read_capture(output).T_world_camera, off)
-    quality = json.loads((output / "quality.json").read_text())
-    assert quality["support_plane"]["height_m"] == pytest.approx(0.1, abs=2e-3)
-    assert "off z = 0" in quality["warnings"][0]
+    quality = Quality.load(output)
+    assert quality.support_plane["height_m"] == pytest.approx(0.1, abs=2e-3)
+    assert "off z = 0" in quality.warnings[0]
 
 
 def test_scaling_keeps_rays():
@@ -56,7 +59,7 @@ def test_frames_are_scaled_and_depth_is_picked_not_mixed(tmp_path):
     stripes = np.where(np.arange(WIDTH) % 2, 500, 900).astype(np.uint16)[None].repeat(HEIGHT, 0)
     Image.fromarray(stripes).save(folder / "depth/000001.png")
     output = parse(tmp_path, parse_video={"max_width": 32})
-    depth = np.asarray(Image.open(output / "depth/000001.png"))
+    depth = FrameImages(output).depth(1)
     assert depth.shape == (24, 32) and set(np.unique(depth)) <= {500, 900}
 
 
@@ -64,7 +67,7 @@ def test_repeated_frames_are_named_and_the_default_split_is_seventy_percent(tmp_
     folder = write_capture(tmp_path / "data/captures/clip", frames=10)
     (folder / "color/000005.png").write_bytes((folder / "color/000004.png").read_bytes())
     output = parse(tmp_path)
-    assert "first: 5" in json.loads((output / "quality.json").read_text())["warnings"][0]
+    assert "first: 5" in Quality.load(output).warnings[0]
     split = read_capture(output).split
     assert (split.train, split.test) == ((0, 7), (7, 10))
 
@@ -73,7 +76,7 @@ def test_tracks_without_images(tmp_path):
     folder = tmp_path / "data/captures/clip"
     folder.mkdir(parents=True)
     (folder / "capture.json").write_text(json.dumps({"kind": "tracks", "fps": 100.0}))
-    np.savez(folder / "tracks3d.npz", points3d=np.zeros((20, 6, 3), np.float32))
+    GivenTracks3d(np.zeros((20, 6, 3))).save(folder)
     output = parse(tmp_path)
     assert read_capture(output).frame_count == 20
     assert not (output / "color").exists()

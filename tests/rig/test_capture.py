@@ -18,6 +18,7 @@ from data.rig.sensor import read_colour, read_depth
 from data.rig.truth import load_truth
 from physreal_core.errors import InputError
 from pipeline.capture import read_capture
+from pipeline.products.truth import CaptureTruth
 
 
 @pytest.fixture(scope="module")
@@ -54,7 +55,7 @@ def test_same_seed_same_files(capture, scene, tmp_path):
 
 
 def test_prior_comes_home(capture):
-    truth = load_truth(capture / "truth.npz")
+    truth = load_truth(capture)
     prior = trimesh.load(capture / "shape_prior.glb", force="mesh")
     assert prior.is_watertight
     home = prior.vertices @ truth.T_world_prior[:3, :3].T + truth.T_world_prior[:3, 3]
@@ -64,7 +65,7 @@ def test_prior_comes_home(capture):
 
 
 def test_truth_explains_the_pictures(capture):
-    truth, described = load_truth(capture / "truth.npz"), read_capture(capture)
+    truth, described = load_truth(capture), read_capture(capture)
     camera = (described.K, described.T_world_camera)
     for frame in range(3):
         body, hand = truth.masks(*camera, 160, 120, frame)
@@ -138,10 +139,10 @@ def test_motion_starts_and_stops_gently():
 
 def test_truth_missing_is_an_input_error(tmp_path):
     with pytest.raises(InputError, match=r"no truth\.npz"):
-        load_truth(tmp_path / "truth.npz")
-    np.savez(tmp_path / "truth.npz", E=1.0)
+        load_truth(tmp_path)
+    CaptureTruth(youngs_modulus=1.0).save(tmp_path)
     with pytest.raises(InputError, match="no field 'nu'"):
-        load_truth(tmp_path / "truth.npz")
+        load_truth(tmp_path)
 
 
 def test_capture_json_is_plain_json(capture):

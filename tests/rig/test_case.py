@@ -19,6 +19,9 @@ from data.rig.truth import load_truth
 from physreal_core.effects import EFFECTS
 from physreal_core.errors import InputError
 from pipeline.capture import read_capture
+from pipeline.products.controllers import Controllers
+from pipeline.products.given_tracks import GivenTracks3d
+from pipeline.products.truth import CaptureTruth
 
 
 @pytest.fixture(scope="module", autouse=True)
@@ -40,9 +43,9 @@ def test_layout(folder):
     for capture in folder.iterdir():
         described = read_capture(capture)
         assert (described.kind, described.fps, described.frame_count) == ("tracks", 30.0, 60)
-        tracks, controllers = np.load(capture / "tracks3d.npz"), np.load(capture / "controllers.npz")["points"]
-        assert tracks["points3d"].shape == (60, 150, 3) and len(controllers) == 60
-        truth = load_truth(capture / "truth.npz")
+        tracks, controllers = GivenTracks3d.load(capture), Controllers.load(capture)
+        assert tracks.points3d.shape == (60, 150, 3) and len(controllers.points) == 60
+        truth = load_truth(capture)
         prior = trimesh.load(capture / "shape_prior.glb", force="mesh")
         assert prior.is_watertight
         np.testing.assert_allclose(
@@ -52,12 +55,12 @@ def test_layout(folder):
 
 def test_noise_and_gaps_are_as_stated(folder):
     for capture in folder.iterdir():
-        tracks, clean = np.load(capture / "tracks3d.npz"), np.load(capture / "truth.npz")["clean_tracks"]
-        valid = tracks["valid3d"]
-        assert valid[0].all() and np.isnan(tracks["points3d"][~valid]).all()
-        error = (tracks["points3d"] - clean)[valid]
+        tracks, clean = GivenTracks3d.load(capture), CaptureTruth.load(capture).clean_tracks
+        valid = tracks.valid3d
+        assert valid[0].all() and np.isnan(tracks.points3d[~valid]).all()
+        error = (tracks.points3d - clean)[valid]
         assert error.std() == pytest.approx(NOISE, rel=0.03)  # of some 18 000 numbers: 0.5 %
-        np.testing.assert_allclose(tracks["sigma3d"], NOISE)
+        np.testing.assert_allclose(tracks.sigma3d, NOISE)
 
 
 def test_points_are_hidden_in_runs():
@@ -69,19 +72,19 @@ def test_points_are_hidden_in_runs():
 
 def test_truth_alone_names_the_effect(folder):
     for capture in folder.iterdir():
-        with np.load(capture / "truth.npz") as truth:
-            assert truth["effect_names"].tolist() == ["linear_drag"]
-            values = json.loads(str(truth["effect_values_json"]))["linear_drag"]
+        truth = CaptureTruth.load(capture)
+        assert truth.effect_names.tolist() == ["linear_drag"]
+        values = json.loads(truth.effect_values_json)["linear_drag"]
         low = AMPLITUDES["linear_drag"][2]
         assert 0.85 * low < values["rate"] < 1.17 * low
         assert "drag" not in (capture / "capture.json").read_text().replace("press_drag", "")
 
 
 def test_one_object_in_all_captures_of_a_seed(folder):
-    first, second = (np.load(capture / "truth.npz") for capture in sorted(folder.iterdir()))
-    for key in ("E", "density", "friction", "rest_vertices", "effect_values_json"):
-        assert np.array_equal(first[key], second[key])
-    assert not np.array_equal(first["hand"], second["hand"])
+    first, second = (CaptureTruth.load(capture) for capture in sorted(folder.iterdir()))
+    for name in ("youngs_modulus", "density", "friction_coefficient", "rest_vertices", "effect_values_json"):
+        assert np.array_equal(getattr(first, name), getattr(second, name))
+    assert not np.array_equal(first.hand, second.hand)
     assert bar.bar("lift_swing", 3).material != bar.bar("lift_swing", 4).material
 
 
@@ -103,9 +106,9 @@ def test_video_shows_what_tracks_would(monkeypatch, tmp_path):
     monkeypatch.setattr(case, "bar", brief)
     make_case(Case("payload", "high", 3), tmp_path / "case", video=True)
     for capture in (tmp_path / "case").iterdir():
-        described, truth = read_capture(capture), load_truth(capture / "truth.npz")
+        described, truth = read_capture(capture), load_truth(capture)
         assert described.kind == "video" and described.density == pytest.approx(truth.density)
-        assert np.load(capture / "truth.npz")["effect_names"].tolist() == ["payload"]
+        assert truth.effect_names.tolist() == ["payload"]
         body, hand = truth.masks(described.K, described.T_world_camera, 80, 60, 0)
         assert body.sum() > 100 and hand.sum() > 100
         u0, v0, u1, v1 = described.hints["object"].box.astype(int)

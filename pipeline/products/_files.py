@@ -1,0 +1,126 @@
+"""Arrays and records on disk: written plainly, read with one clear error for what is missing."""
+
+import dataclasses
+import json
+import zipfile
+from collections.abc import Sequence
+from pathlib import Path
+from typing import Any, ClassVar, TypeVar
+
+import numpy as np
+
+from physreal_core.array_types import Array
+from physreal_core.errors import InputError
+
+File = TypeVar("File", bound="ArrayFile")
+
+
+class ArrayFile:
+    """Base of a frozen dataclass whose fields are the arrays of one .npz, by the same names and in the same order.
+
+    A field that defaults to None is absent from the file where it is None. Floating arrays are float32 on disk,
+    integers int32; a number is an array without dimensions.
+
+    Attributes:
+        FILE: name of the file in the product's folder.
+        REMEDY: what to do where it is missing or incomplete.
+        COMPRESSED: whether the file is.
+        KEYS: names in the file of the fields that have another there.
+    """
+
+    FILE: ClassVar[str]
+    REMEDY: ClassVar[str]
+    COMPRESSED: ClassVar[bool] = False
+    KEYS: ClassVar[dict[str, str]] = {}
+
+    def save(self, folder: Path) -> None:
+        """Write the file into `folder`."""
+        fields = {self.key(field.name): getattr(self, field.name) for field in dataclasses.fields(self)}
+        arrays = {key: self.on_disk(np.asarray(value)) for key, value in fields.items() if value is not None}
+        (np.savez_compressed if self.COMPRESSED else np.savez)(folder / self.FILE, **arrays)
+
+    @classmethod
+    def load(cls: type[File], folder: Path) -> File:  # noqa: PYI019, beartype takes no Self at a method
+        """Read the file in `folder`.
+
+        Raises:
+            InputError: the file or an array in it is missing.
+        """
+        return cls.read(folder / cls.FILE)
+
+    @classmethod
+    def read(cls: type[File], path: Path) -> File:  # noqa: PYI019
+        """Read a file that lies under another name. Raises as `load` does."""
+        return cls(**cls.arrays(path))
+
+    @classmethod
+    def arrays(cls, path: Path) -> dict[str, Any]:
+        """What the file holds, by field; of an array without dimensions, the number."""
+        fields = {cls.key(field.name): field for field in dataclasses.fields(cls)}
+        needed = [key for key, field in fields.items() if field.default is dataclasses.MISSING]
+        arrays = read_arrays(path, needed, list(fields), cls.REMEDY)
+        return {fields[key].name: array if array.ndim else array.item() for key, array in arrays.items()}
+
+    @classmethod
+    def key(cls, field: str) -> str:
+        """The name in the file."""
+        return cls.KEYS.get(field, field)
+
+    @staticmethod
+    def on_disk(array: Array) -> Array:
+        """The array in the type that the file holds."""
+        kinds = {"f": np.float32, "i": np.int32, "u": np.int32}
+        return array.astype(kinds.get(array.dtype.kind, array.dtype), copy=False)
+
+
+def read_arrays(path: Path, needed: Sequence[str], known: Sequence[str], remedy: str) -> dict[str, Array]:
+    """The `known` arrays of an .npz that are there.
+
+    Raises:
+        InputError: the file is missing or unreadable, or lacks one of those that are `needed`.
+    """
+    expected = f"arrays {', '.join(needed)}"
+    if not path.is_file():
+        raise InputError(f"there is no {path.name}", where=str(path.parent), expected=expected, remedy=remedy)
+    try:
+        with np.load(path, allow_pickle=False) as file:
+            if missing := [name for name in needed if name not in file]:
+                raise InputError(f"no array {missing[0]!r}", where=str(path), expected=expected, remedy=remedy)
+            return {name: file[name] for name in known if name in file}
+    except (OSError, zipfile.BadZipFile) as error:
+        raise InputError(f"not readable as .npz: {error}", where=str(path), remedy=remedy) from None
+
+
+def check_points(arrays: dict[str, Any], name: str, path: Path, last: int) -> None:
+    """InputError unless the array `name` of the file has the shape [frames, points, last]."""
+    shape = np.shape(arrays[name])
+    if len(shape) != 3 or shape[0] == 0 or shape[2] != last:
+        raise InputError(f"{name} has the shape {shape}", where=str(path), expected=f"[frames, points, {last}]")
+
+
+def write_record(path: Path, record: dict[str, Any], default: Any = None) -> None:
+    """Write JSON; `default` turns what JSON does not know into what it does."""
+    path.write_text(json.dumps(record, indent=1, default=default) + "\n")
+
+
+def read_record(path: Path, needed: Sequence[str], remedy: str) -> dict[str, Any]:
+    """The JSON record in a file.
+
+    Raises:
+        InputError: the file is missing or no JSON, or lacks a key that is needed.
+    """
+    expected = f"keys {', '.join(needed)}" if needed else ""
+    if not path.is_file():
+        raise InputError(f"there is no {path.name}", where=str(path.parent), expected=expected, remedy=remedy)
+    try:
+        record = json.loads(path.read_text())
+    except json.JSONDecodeError as error:
+        raise InputError(f"not readable as JSON: {error}", where=str(path), remedy=remedy) from None
+    if missing := [key for key in needed if key not in record]:
+        raise InputError(f"no key {missing[0]!r}", where=str(path), expected=expected, remedy=remedy)
+    return record
+
+
+def run_again(stage: str) -> str:
+    """The remedy for a product of `stage`."""
+    return f"run {stage} again"

@@ -1,0 +1,47 @@
+"""The camera at working size, and how many frames it took."""
+
+from dataclasses import dataclass
+from pathlib import Path
+
+import numpy as np
+
+from physreal_core.array_types import Array, Float
+from pipeline.products._files import read_record, run_again, write_record
+
+FILE = "camera.json"
+_KEYS = ("fps", "width", "height", "K", "T_world_camera", "frame_count")
+
+
+@dataclass(frozen=True)
+class RecordedCamera:
+    """camera.json of parse_video; of a capture without images only the rate and the number of frames are known.
+
+    Attributes:
+        fps: frames per second.
+        width, height: [px].
+        K: [3, 3] px, pixel centres at integers.
+        T_world_camera: [4, 4], camera to world.
+        frame_count: number of frames.
+    """
+
+    fps: float
+    width: int | None
+    height: int | None
+    K: Float[Array, "3 3"] | None
+    T_world_camera: Float[Array, "4 4"] | None
+    frame_count: int
+
+    def save(self, folder: Path) -> None:
+        """Write camera.json."""
+        plain = {name: None if (value := getattr(self, name)) is None else np.asarray(value).tolist() for name in _KEYS}
+        write_record(folder / FILE, plain)
+
+    @classmethod
+    def load(cls, folder: Path) -> "RecordedCamera":
+        """Read camera.json, InputError where it or a key is missing."""
+        record = read_record(folder / FILE, _KEYS, run_again("parse_video"))
+        matrices = {
+            name: None if record[name] is None else np.array(record[name], dtype=np.float64)
+            for name in ("K", "T_world_camera")
+        }
+        return cls(**{name: record[name] for name in _KEYS} | matrices)

@@ -1,0 +1,81 @@
+"""What a fit stage found and how, in numbers for tables and report; the model itself lies beside it."""
+
+import dataclasses
+from dataclasses import dataclass
+from pathlib import Path
+from typing import Any
+
+from pipeline.products._files import read_record, write_record
+
+FILE = "fit.json"
+_SHARES = ("residual", "residual_without_effect")
+_FURTHER = ("scan", *_SHARES)
+
+
+@dataclass(frozen=True)
+class Descent:
+    """How a descent went.
+
+    Attributes:
+        objective: the least; None where it never was finite.
+        iterations: steps taken.
+        ended_early: why it stopped before the last step; None where it did not.
+        observed_frames, fitted_frames: frames that the fit may see, and those it was fitted on in the end.
+        particles, patches: how many.
+    """
+
+    objective: float | None
+    iterations: int
+    ended_early: str | None
+    observed_frames: int
+    fitted_frames: int
+    particles: int
+    patches: int
+
+
+@dataclass(frozen=True)
+class ResidualShare:
+    """What the residual networks do.
+
+    Attributes:
+        stress_share: their stress over the expert law's; None where they add no stress.
+        objective_before, objective_after: without and with them; None where it is not finite.
+    """
+
+    stress_share: float | None
+    objective_before: float | None
+    objective_after: float | None
+
+
+@dataclass(frozen=True)
+class Fit:
+    """fit.json of the fit stages and of add_effect.
+
+    Attributes:
+        values: name of a quantity → its `value`, or `mean`, `min` and `max`, and its `unit`.
+        descent: None where nothing descended (add_effect).
+        scan: objectives of the scan before Stage 1's descent, in its order; None for the other stages.
+        residual: of Stage 3's networks; None for the other stages.
+        residual_without_effect: the same of networks fitted without the named effect, where that was done.
+    """
+
+    values: dict[str, dict[str, Any]]
+    descent: Descent | None = None
+    scan: list[dict[str, Any]] | None = None
+    residual: ResidualShare | None = None
+    residual_without_effect: ResidualShare | None = None
+
+    def save(self, folder: Path) -> None:
+        """Write fit.json, leaving out what does not apply."""
+        plain = dataclasses.asdict(self)
+        further = {name: plain[name] for name in _FURTHER if plain[name] is not None}
+        write_record(folder / FILE, {"values": self.values, **(plain["descent"] or {}), **further})
+
+    @classmethod
+    def load(cls, folder: Path) -> "Fit":
+        """Read fit.json, InputError where it or its values are missing."""
+        record = read_record(folder / FILE, ("values",), "run the fit stage again")
+        names = [field.name for field in dataclasses.fields(Descent)]
+        descent = Descent(**{name: record[name] for name in names}) if names[0] in record else None
+        shares = {name: ResidualShare(**record[name]) for name in _SHARES if name in record}
+        return cls(record["values"], descent, record.get("scan"), **shares)

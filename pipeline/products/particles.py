@@ -1,0 +1,55 @@
+"""The object as material points, and what is bound to them: patches of the material, Gaussians, tracks, the grip."""
+
+from dataclasses import dataclass
+
+from physreal_core.array_types import Array, Float, Int
+from pipeline.products._files import ArrayFile, run_again
+
+
+@dataclass(frozen=True)
+class Particles(ArrayFile):
+    """particles.npz of sample_particles: N particles, K patches, G Gaussians, J tracks, B bonds.
+
+    World frame, at frame 0. What is bound follows the particles `*_neighbours` with `*_weights` that sum to 1.
+
+    Attributes:
+        x0: [N, 3] m.
+        volume: [N] m3.
+        spacing: mean distance between neighbours [m].
+        density: [N] kg/m3.
+        patches: [K], the particle in the middle of each patch.
+        patch_neighbours, patch_weights: [N, P], patches that each particle takes its material from.
+        gaussian_neighbours, gaussian_weights: [G, M], particles that carry each Gaussian.
+        track_ids: [J], tracks that lie on the object in frame 0, as numbered in `MeasuredTracks`.
+        track_points0: [J, 3] m, where they are in frame 0.
+        track_neighbours, track_weights: [J, L], particles that carry each track.
+        grip_particles, grip_controllers: [B], a held particle and the controller point that holds it.
+        grip_weights: [B], those of one particle sum to 1.
+        grip_rest_lengths: [B] m.
+    """
+
+    FILE = "particles.npz"
+    REMEDY = run_again("sample_particles")
+
+    x0: Float[Array, "N 3"]
+    volume: Float[Array, " N"]
+    spacing: float
+    density: Float[Array, " N"]
+    patches: Int[Array, " K"]
+    patch_neighbours: Int[Array, "N P"]
+    patch_weights: Float[Array, "N P"]
+    gaussian_neighbours: Int[Array, "G M"]
+    gaussian_weights: Float[Array, "G M"]
+    track_ids: Int[Array, " J"]
+    track_points0: Float[Array, "J 3"]
+    track_neighbours: Int[Array, "J L"]
+    track_weights: Float[Array, "J L"]
+    grip_particles: Int[Array, " B"]
+    grip_controllers: Int[Array, " B"]
+    grip_weights: Float[Array, " B"]
+    grip_rest_lengths: Float[Array, " B"]
+
+    @property
+    def patch_positions(self) -> Float[Array, "K 3"]:
+        """Where the patches lie at frame 0 [m]."""
+        return self.x0[self.patches]

@@ -1,0 +1,46 @@
+"""What a reader should know of the frames before trusting results."""
+
+import dataclasses
+from dataclasses import dataclass, field
+from pathlib import Path
+from typing import Any
+
+from pipeline.products._files import read_record, run_again, write_record
+
+FILE = "quality.json"
+
+
+@dataclass(frozen=True)
+class Quality:
+    """quality.json of parse_video.
+
+    Attributes:
+        kind: of the capture, video or tracks.
+        frames: how many.
+        support_plane: how well the plane fits and how far the world is from it; empty without depth.
+        warnings: sentences for the reader.
+        brightness: mean grey level of every frame, 0 to 255.
+        sharpness: variance of every frame's Laplacian [grey levels squared].
+        depth_share: share of every frame's pixels with a usable reading; empty without depth.
+        repeated: frames with the same pixels as the one before.
+    """
+
+    kind: str
+    frames: int
+    support_plane: dict[str, Any] = field(default_factory=dict)
+    warnings: list[str] = field(default_factory=list)
+    brightness: list[float] = field(default_factory=list)
+    sharpness: list[float] = field(default_factory=list)
+    depth_share: list[float] = field(default_factory=list)
+    repeated: list[int] = field(default_factory=list)
+
+    def save(self, folder: Path) -> None:
+        """Write quality.json."""
+        write_record(folder / FILE, dataclasses.asdict(self))
+
+    @classmethod
+    def load(cls, folder: Path) -> "Quality":
+        """Read quality.json, InputError where it or a key is missing."""
+        names = [entry.name for entry in dataclasses.fields(cls)]
+        record = read_record(folder / FILE, names, run_again("parse_video"))
+        return cls(**{name: record[name] for name in names})

@@ -1,0 +1,70 @@
+"""What is known of a capture by construction or by annotation; for scores alone, never for a fit."""
+
+from dataclasses import dataclass
+from typing import ClassVar
+
+from physreal_core.array_types import Array, Bool, Float, Int
+from pipeline.products._files import ArrayFile
+
+
+@dataclass(frozen=True)
+class CaptureTruth(ArrayFile):
+    """truth.npz of a capture; None is what its maker does not know. World frame; arrays keep their types.
+
+    Attributes:
+        youngs_modulus, poissons_ratio, density, friction_coefficient, damping: [Pa], 1, [kg/m3], 1, [s].
+        rest_vertices: [V, 3] m, stress-free, where the object lay before it sank under its weight.
+        tets: [M, 4] and faces: [F, 3], vertex indices.
+        vertices: [T, V, 3] m.
+        gripped: [B], vertices that the hand holds.
+        hand: [T, 3] m, displacement of the hand since frame 0.
+        hand_vertices: [H, 3] m at frame 0, and hand_faces: [G, 3].
+        T_world_prior: [4, 4], takes shape_prior.glb (rotation, translation, scale) onto `rest_vertices`.
+        fps: frames per second.
+        effect_names: what is hidden in the recording.
+        effect_values_json: its coefficients, effect → name → value, as JSON.
+        strength: how strong it is, in a word.
+        clean_tracks: [T, J, 3] m, the tracks without noise.
+        clean_controllers: [T, C, 3] m, the hand's points without error.
+        gt_track_3d: [T, A, 3] m, annotated points; NaN where not annotated.
+        object_points: [T, P, 3] m, points that several cameras saw; NaN where not seen.
+        object_visibilities, object_motions_valid: [T, P], seen, and tracked to the next frame.
+        surface_points, interior_points: [S, 3] m, of the annotators' object at frame 0.
+    """
+
+    FILE = "truth.npz"
+    REMEDY = "only captures made by the rig or imported with annotations have one"
+    COMPRESSED = True
+    KEYS: ClassVar[dict[str, str]] = {"youngs_modulus": "E", "poissons_ratio": "nu", "friction_coefficient": "friction"}
+
+    youngs_modulus: float | None = None
+    poissons_ratio: float | None = None
+    density: float | None = None
+    friction_coefficient: float | None = None
+    damping: float | None = None
+    rest_vertices: Float[Array, "V 3"] | None = None
+    tets: Int[Array, "M 4"] | None = None
+    faces: Int[Array, "F 3"] | None = None
+    vertices: Float[Array, "T V 3"] | None = None
+    gripped: Int[Array, " B"] | None = None
+    hand: Float[Array, "T 3"] | None = None
+    hand_vertices: Float[Array, "H 3"] | None = None
+    hand_faces: Int[Array, "G 3"] | None = None
+    T_world_prior: Float[Array, "4 4"] | None = None
+    fps: float | None = None
+    effect_names: Array | None = None
+    effect_values_json: str | None = None
+    strength: str | None = None
+    clean_tracks: Float[Array, "T J 3"] | None = None
+    clean_controllers: Float[Array, "T C 3"] | None = None
+    gt_track_3d: Float[Array, "_ A 3"] | None = None
+    object_points: Float[Array, "_ P 3"] | None = None
+    object_visibilities: Bool[Array, "_ P"] | None = None
+    object_motions_valid: Bool[Array, "_ P"] | None = None
+    surface_points: Float[Array, "_ 3"] | None = None
+    interior_points: Float[Array, "_ 3"] | None = None
+
+    @staticmethod
+    def on_disk(array: Array) -> Array:
+        """The array as it is."""
+        return array

@@ -8,7 +8,6 @@ import sys
 from collections.abc import Sequence
 from pathlib import Path
 
-from benchmarks.gap.command import add_arguments as add_benchmark_arguments
 from physreal_core.errors import InputError
 
 
@@ -64,11 +63,6 @@ def _parser() -> argparse.ArgumentParser:
     command.add_argument("sequence", help="a name under `fits` in params.yaml")
     command.add_argument("--again", action="store_true", help="search anew, even if the result at hand is up to date")
     command.set_defaults(command=_gap)
-
-    command = commands.add_parser(
-        "gap-benchmark", help="how often the search is right, on captures with a hidden effect"
-    )
-    add_benchmark_arguments(command)
 
     command = commands.add_parser("run", help="run one stage on one sequence, without DVC")
     command.add_argument("stage")

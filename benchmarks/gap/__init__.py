@@ -1,1 +1,1 @@
-"""Captures with a hidden effect, the search run on them, and its score: `physreal gap-benchmark`."""
+"""Captures with a hidden effect, the search run on them, and its score: `python -m benchmarks.gap`."""

@@ -1,12 +1,6 @@
-"""`python -m benchmarks.gap`: the same as `physreal gap-benchmark`."""
+"""`python -m benchmarks.gap`."""
 
-import argparse
-import sys
-
-from benchmarks.gap.command import add_arguments
+from benchmarks.gap.command import main
 
 if __name__ == "__main__":
-    parser = argparse.ArgumentParser(prog="physreal gap-benchmark")
-    add_arguments(parser)
-    parsed = parser.parse_args()
-    sys.exit(parsed.command(parsed))
+    main()

@@ -1,11 +1,38 @@
-"""`physreal gap-benchmark`, or `python -m benchmarks.gap` where the pipeline's packages are not: run cases, score them, write results."""
+"""`python -m benchmarks.gap`: run cases, score them, write results."""
 
 import argparse
+from collections.abc import Sequence
 from pathlib import Path
 
+from benchmarks.gap.calibration import calibrate
+from benchmarks.gap.cases import benchmark_cases, chosen
+from benchmarks.gap.results import write_results
+from benchmarks.gap.run import Run, run_cases
+from physreal_core.effects import EFFECTS
 
-def add_arguments(parser: argparse.ArgumentParser) -> None:
-    """The command's options."""
+
+def main(arguments: Sequence[str] | None = None) -> None:
+    """Run the command with `arguments`; default: those of the command line."""
+    parsed = _parser().parse_args(arguments)
+    folder = parsed.out / parsed.variant
+    settings = () if parsed.settings is None else (str(parsed.settings.resolve()),)
+    module = {"tracks_only": "benchmarks.gap.case", "rgbd": "benchmarks.gap.rgbd"}[parsed.variant]
+    how = Run(folder, parsed.jobs, module, settings, parsed.cards, parsed.minutes)
+    if parsed.calibrate:
+        print(calibrate(parsed.calibrate, parsed.seed, how))
+        return
+    cases = benchmark_cases(EFFECTS, variant=parsed.variant, seed=parsed.seed)
+    if parsed.list:
+        print("\n".join(case.name for case in chosen(cases, parsed.cases)))
+        return
+    if not parsed.score:
+        run_cases(chosen(cases, parsed.cases), how)
+    print(write_results(parsed.variant, parsed.seed, folder, cases, parsed.results))
+
+
+def _parser() -> argparse.ArgumentParser:
+    description = "How often the search is right, on captures with a hidden effect."
+    parser = argparse.ArgumentParser(prog="python -m benchmarks.gap", description=description)
     variant = parser.add_mutually_exclusive_group()
     variant.add_argument("--tracks-only", action="store_const", dest="variant", const="tracks_only", help="default")
     variant.add_argument(
@@ -22,29 +49,5 @@ def add_arguments(parser: argparse.ArgumentParser) -> None:
     parser.add_argument("--score", action="store_true", help="score what is there, run nothing")
     parser.add_argument("--list", action="store_true", help="list the cases and stop")
     parser.add_argument("--calibrate", type=int, metavar="N", help="run N further captures without an effect instead")
-    parser.set_defaults(variant="tracks_only", command=run)
-
-
-def run(parsed: argparse.Namespace) -> int:
-    """The command."""
-    from benchmarks.gap.calibration import calibrate
-    from benchmarks.gap.cases import benchmark_cases, chosen
-    from benchmarks.gap.results import write_results
-    from benchmarks.gap.run import Run, run_cases
-    from physreal_core.effects import EFFECTS
-
-    folder = parsed.out / parsed.variant
-    settings = () if parsed.settings is None else (str(parsed.settings.resolve()),)
-    module = {"tracks_only": "benchmarks.gap.case", "rgbd": "benchmarks.gap.rgbd"}[parsed.variant]
-    how = Run(folder, parsed.jobs, module, settings, parsed.cards, parsed.minutes)
-    if parsed.calibrate:
-        print(calibrate(parsed.calibrate, parsed.seed, how))
-        return 0
-    cases = benchmark_cases(EFFECTS, variant=parsed.variant, seed=parsed.seed)
-    if parsed.list:
-        print("\n".join(case.name for case in chosen(cases, parsed.cases)))
-        return 0
-    if not parsed.score:
-        run_cases(chosen(cases, parsed.cases), how)
-    print(write_results(parsed.variant, parsed.seed, folder, cases, parsed.results))
-    return 0
+    parser.set_defaults(variant="tracks_only")
+    return parser

@@ -13,7 +13,9 @@ from griffe2md import render_object_docs
 ROOT = Path(__file__).resolve().parents[1]
 HEAD = """# API of `physreal_core`
 
-This page is written from the docstrings by `python scripts/api_page.py`. Lengths are in metres, all units are SI. Shapes stand in brackets.
+This page is written from the docstrings by `python scripts/api_page.py`. All units are SI. Shapes stand in brackets: [T, N, 3]
+is T frames of N points in three coordinates. Import names from their package: `from physreal_core.simulation import Simulator`.
+The parts of `physreal_core.perception` are imported from its modules ([perception](perception.md)).
 """
 SHOWN = {
     "docstring_section_style": "list",

@@ -45,6 +45,7 @@ def api_page() -> str:
 def _section(package: griffe.Module) -> str:
     members = [str(name) for name in package.exports]
     text = render_object_docs(package, {**SHOWN, "members": members})
+    text = re.sub(r"^(\w+: [^=\n]+) = .{80,}$", r"\1", text, flags=re.MULTILINE)  # long values of constants
     return re.sub(r"<code>(.*?)</code>", lambda match: f"`{_plain(match[1])}`", text)
 
 

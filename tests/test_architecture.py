@@ -47,8 +47,8 @@ def reachable(arrows: set[tuple[str, str]]) -> set[tuple[str, str]]:
 
 
 def test_every_import_follows_the_arrows_and_every_arrow_is_an_import():
-    assert imports() <= reachable(drawn()), "an import that the drawing does not allow"
-    assert drawn() <= imports(), "an arrow without an import"
+    assert not imports() - reachable(drawn()), "imports that docs/architecture.md does not draw"
+    assert not drawn() - imports(), "arrows in docs/architecture.md without an import"
 
 
 def test_nothing_stands_on_itself():

@@ -15,14 +15,14 @@ FAMILIES = {
 HEAD = """# Effects that a simulation may be missing
 Written from the registry by `python -m physreal_core.effects.page > docs/effects.md`; a test holds it to be fresh.
 
-Each effect is a dormant term of the simulator, or of the observation: at its coefficients' dormant values the rollout is
-the baseline's. An *amplitude* switches the effect on; a *shape* (a place, a direction, a length) means nothing without
-one. Coefficients are in SI units, many of them relative to the object (per mass, over Young's modulus), so that their
-scales suit objects of any size. A scale is the size of a plainly visible effect, and the width of the prior.
+Each effect is a term of the simulator, or of the observation, that is switched off by default. At the *dormant* values of its
+coefficients the rollout is that of the model without it. An *amplitude* switches the effect on. A *shape* (a place, a direction, a
+length) means nothing without an amplitude. Coefficients are in SI units. Many are relative to the object (per mass, over Young's
+modulus), so their scales suit objects of any size. A *scale* is the size of a plainly visible effect, and the width of the prior.
+*Shows* says where and when an effect is visible. *Told apart by* names the motion that shows it best and distinguishes it from
+others.
 
-A new effect is one file in `physreal_core/effects/<family>/` (a subclass of `Effect` with its coefficients and `act`, or
-`observe` for the measurement) and one line in `registry.py`, and `VISIBLE` in `tests/effects/test_chain.py` wants a size
-at which to try it. What the simulator has to know for it is a term of `physreal_core/simulation/terms.py`.
+[CONTRIBUTING](../CONTRIBUTING.md) says how to add an effect: four files where it acts on what the simulator already takes.
 """
 
 

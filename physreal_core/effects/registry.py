@@ -61,3 +61,4 @@ EFFECTS: dict[str, Effect] = {
         FrameRate(),
     )
 }
+"""The library of effects, by name."""

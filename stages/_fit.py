@@ -114,10 +114,11 @@ def write_rollout(path: Path, objective: Objective, model: Model) -> None:
     """x [T,N,3] m and F [T,N,3,3] of the whole interval, float32; beside them, where an effect of the model is one of the
     measurement (a camera that drifts), x_seen [T,N,3] m: where the measurement sees what truly is at x."""
     with torch.no_grad():
-        states = objective.rollout(model.fields, objective.problem.frame_count)
+        frames = objective.problem.frame_count
+        states = objective.rollout(model.fields, frames)
         seen = objective.rollouts.seen(states.x)
     arrays = {"x": states.x, "F": states.F} | ({} if seen is states.x else {"x_seen": seen})
-    np.savez(path, **{name: tensor.float().cpu().numpy() for name, tensor in arrays.items()})
+    np.savez(path, **{name: tensor[:frames].float().cpu().numpy() for name, tensor in arrays.items()})
 
 
 def summary(model: Model) -> dict[str, dict[str, Any]]:

@@ -8,10 +8,10 @@ from physreal_core.fitting.model import Model, load_model, save_model
 from physreal_core.fitting.named_effects import effect_record
 from physreal_core.fitting.objective import Objective
 from physreal_core.gap.adding import add_effect, trial_of
-from physreal_core.gap.evidence import Evidence
-from physreal_core.gap.experiment import Trial
-from physreal_core.gap.interaction import locate
+from physreal_core.gap.interactions.interaction import Trial
+from physreal_core.gap.noise.evidence import Evidence
 from physreal_core.gap.report import Added, GapReport
+from physreal_core.gap.where.locate import locate
 from pipeline.config.find_gap import FindGap
 from pipeline.provenance import read_provenance
 from pipeline.stage import StageContext, main

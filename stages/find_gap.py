@@ -4,7 +4,7 @@ import numpy as np
 
 from physreal_core.fitting.model import load_model
 from physreal_core.gap.adding import trial_of
-from physreal_core.gap.experiment import Experiment
+from physreal_core.gap.interactions.experiment import Experiment
 from physreal_core.gap.report import GapReport
 from physreal_core.gap.search import Search
 from pipeline.stage import StageContext, main

@@ -17,7 +17,7 @@ from benchmarks.gap.run import Run, run_cases
 from physreal_core.array_types import Array
 from physreal_core.effects import EFFECTS
 from physreal_core.gap import GapSettings
-from physreal_core.gap.naming import chances, weighed
+from physreal_core.gap.answers.naming import chances, weighed
 
 TEMPERATURES = (1.0, 1.5, 2.0, 3.0, 4.0, 6.0, 8.0, 12.0, 16.0, 24.0)
 LOSSES = (0.0, 0.1, 0.25, 0.5, 1.0)  # of held-out frames

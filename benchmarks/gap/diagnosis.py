@@ -19,9 +19,9 @@ from benchmarks.gap.settings import load_settings
 from physreal_core.effects import EFFECTS, Effect
 from physreal_core.errors import InputError
 from physreal_core.gap.adding import Fits
-from physreal_core.gap.experiment import EffectValues
-from physreal_core.gap.least_squares import Fit, fit, together
-from physreal_core.gap.unknowns import Unknowns
+from physreal_core.gap.fits.least_squares import Fit, fit, together
+from physreal_core.gap.fits.unknowns import Unknowns
+from physreal_core.gap.interactions.interaction import EffectValues
 
 MODULI = (0.5, 0.7, 0.85, 1.0, 1.2, 1.4)
 """On the baseline's mean modulus, which may have bent to what it lacks: materials from which the fit begins, beside the baseline's;

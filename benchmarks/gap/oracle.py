@@ -11,7 +11,7 @@ from typing import Any
 
 from physreal_core.gap import Experiment, GapSettings
 from physreal_core.gap.adding import Fits
-from physreal_core.gap.disagreement import disagreements, held_out_gap
+from physreal_core.gap.answers.disagreement import disagreements, held_out_gap
 from physreal_core.gap.report import Disagreement
 
 

@@ -7,14 +7,14 @@ from dataclasses import dataclass
 
 import numpy as np
 
-from physreal_core.gap.disagreement import disagreements, held_out_gap
-from physreal_core.gap.evidence import Progress, fit_baseline
-from physreal_core.gap.experiment import Interaction, Trial
-from physreal_core.gap.least_squares import Fit
-from physreal_core.gap.naming import fitted_effects
-from physreal_core.gap.refits import Refits
+from physreal_core.gap.answers.disagreement import disagreements, held_out_gap
+from physreal_core.gap.answers.naming import fitted_effects
+from physreal_core.gap.fits.least_squares import Fit
+from physreal_core.gap.fits.refits import Refits
+from physreal_core.gap.fits.screening import Score, akin
+from physreal_core.gap.interactions.interaction import Interaction, Trial
+from physreal_core.gap.noise.evidence import Progress, fit_baseline
 from physreal_core.gap.report import Added, Candidate, GapReport
-from physreal_core.gap.screening import Score, akin
 from physreal_core.gap.search import candidates
 from physreal_core.gap.settings import GapSettings
 

@@ -9,17 +9,17 @@ import numpy as np
 
 from physreal_core.effects import EFFECTS, fits
 from physreal_core.errors import InputError
-from physreal_core.gap.disagreement import disagreements
-from physreal_core.gap.evidence import Progress, fit_baseline, unknown_scalars
-from physreal_core.gap.experiment import Interaction
-from physreal_core.gap.interaction import lead_on, locate
-from physreal_core.gap.least_squares import Fit
-from physreal_core.gap.naming import answer_of, candidates_of, probabilities, verdict_of, worth_of_a_second
-from physreal_core.gap.refits import Refits
+from physreal_core.gap.answers.disagreement import disagreements
+from physreal_core.gap.answers.naming import answer_of, candidates_of, probabilities, verdict_of, worth_of_a_second
+from physreal_core.gap.fits.least_squares import Fit
+from physreal_core.gap.fits.refits import Refits
+from physreal_core.gap.fits.screening import Score, go_together
+from physreal_core.gap.interactions.interaction import Interaction
+from physreal_core.gap.lead.lead import Lead
+from physreal_core.gap.noise.evidence import Progress, fit_baseline, unknown_scalars
 from physreal_core.gap.report import Candidate, FittedEffect, GapReport
-from physreal_core.gap.screening import Score, go_together
 from physreal_core.gap.settings import GapSettings
-from physreal_core.gap.unknown import Lead
+from physreal_core.gap.where.locate import lead_on, locate
 
 
 def find_gap(

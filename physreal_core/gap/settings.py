@@ -2,8 +2,8 @@
 
 from dataclasses import dataclass, field
 
-from physreal_core.gap.noise import ModelError
-from physreal_core.gap.unknowns import Priors
+from physreal_core.gap.fits.unknowns import Priors
+from physreal_core.gap.noise.model import ModelError
 
 
 @dataclass(frozen=True)

@@ -6,7 +6,7 @@ from benchmarks.gap.diagnosis import from_truth, main, told
 from physreal_core.errors import InputError
 from physreal_core.gap import GapSettings
 from physreal_core.gap.adding import Fits
-from physreal_core.gap.noise import ModelError
+from physreal_core.gap.noise.model import ModelError
 from tests.gap.linear import ANSWERS, LinearExperiment, register
 
 TRUTH = {"sink": {"amount": 0.6}}

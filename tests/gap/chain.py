@@ -5,8 +5,8 @@ from functools import cache
 import numpy as np
 from scipy.integrate import solve_ivp
 
-from physreal_core.gap.responses import Responses
-from physreal_core.gap.unknown import Scene
+from physreal_core.gap.lead.lead import Scene
+from physreal_core.gap.lead.responses import Responses
 
 FPS, FRAMES, MASSES, TRACKS, SIGMA, TRAIN = 30.0, 60, 6, 90, 0.001, 42
 GRAVITY = np.array([0.0, 0.0, -9.81])

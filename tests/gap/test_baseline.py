@@ -2,8 +2,8 @@
 
 import numpy as np
 
-from physreal_core.gap.evidence import _valleys
-from physreal_core.gap.least_squares import Data, fit, together
+from physreal_core.gap.fits.least_squares import Data, fit, together
+from physreal_core.gap.noise.evidence import _valleys
 from tests.gap.linear import ANSWERS, LinearExperiment, baseline
 
 
@@ -19,7 +19,7 @@ def test_a_fit_that_cannot_begin_is_never_the_best():
     experiment = LinearExperiment(ANSWERS, {})
     data = Data([experiment], [experiment.noise()])
     whole = baseline(experiment, data)
-    experiment.predict = lambda trials, frames=None, variant=None: np.full(
+    experiment.predict = lambda trials, frames=None, discretisation=None: np.full(
         (len(trials), frames or experiment.frames, len(experiment.points0), 3), np.nan
     )
     (failed,) = together([fit(whole.unknowns, data, whole.vector[None], 3)], data)

@@ -5,12 +5,12 @@ from types import SimpleNamespace
 import numpy as np
 import pytest
 
-from physreal_core.gap import least_squares
-from physreal_core.gap.least_squares import Data, Fit, fit, together
-from physreal_core.gap.naming import NINETY, fitted_effects
-from physreal_core.gap.screening import Screen, started
+from physreal_core.gap.answers.naming import NINETY, fitted_effects
+from physreal_core.gap.fits import least_squares
+from physreal_core.gap.fits.least_squares import Data, Fit, fit, together
+from physreal_core.gap.fits.screening import Screen, started
+from physreal_core.gap.fits.unknowns import Priors, Unknowns
 from physreal_core.gap.settings import GapSettings
-from physreal_core.gap.unknowns import Priors, Unknowns
 from tests.gap.linear import ANSWERS, LinearExperiment, baseline, register
 
 PRIORS = Priors()

@@ -4,7 +4,7 @@ import numpy as np
 import pytest
 
 from physreal_core.gap import GapSettings
-from physreal_core.gap.naming import chances, confirmed, weighed, worth_of_a_second
+from physreal_core.gap.answers.naming import chances, confirmed, weighed, worth_of_a_second
 
 LIBRARY = 27
 

@@ -7,7 +7,7 @@ import torch
 
 from physreal_core.fitting import Problem, TrackObservations, uniform_model
 from physreal_core.gap import Experiment, Trial
-from physreal_core.gap.numerics import VARIANTS, rerun_differences
+from physreal_core.gap.noise.reruns import VARIANTS, rerun_differences
 from physreal_core.geometry import patch_weights
 from physreal_core.rendering import bind
 from physreal_core.simulation import Body, Clamp

@@ -12,9 +12,9 @@ from physreal_core.effects import EFFECTS
 from physreal_core.effects.shape import PLACES, extent
 from physreal_core.fitting.transfer import transfer_model
 from physreal_core.gap import Experiment, GapSettings, Trial
-from physreal_core.gap.evidence import unknown_scalars
-from physreal_core.gap.experiment import starts_of
-from physreal_core.gap.screening import _plans
+from physreal_core.gap.fits.screening import _plans
+from physreal_core.gap.interactions.starts import starts_of
+from physreal_core.gap.noise.evidence import unknown_scalars
 from physreal_core.gap.search import candidates
 from physreal_core.simulation import Body, Grip
 from tests.fitting import scene

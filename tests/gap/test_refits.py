@@ -9,9 +9,9 @@ import pytest
 from physreal_core.effects import EFFECTS
 from physreal_core.gap import GapSettings
 from physreal_core.gap.adding import Fits
-from physreal_core.gap.least_squares import Data
-from physreal_core.gap.noise import ModelError
-from physreal_core.gap.refits import Refits
+from physreal_core.gap.fits.least_squares import Data
+from physreal_core.gap.fits.refits import Refits
+from physreal_core.gap.noise.model import ModelError
 from tests.gap.linear import ANSWERS, LinearExperiment, MadeUp, baseline, register
 
 NAMES = ("drift", "sink")

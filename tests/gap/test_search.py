@@ -6,7 +6,7 @@ import numpy as np
 import pytest
 
 from physreal_core.gap import GapSettings, Search
-from physreal_core.gap.noise import ModelError
+from physreal_core.gap.noise.model import ModelError
 from tests.gap.linear import ANSWERS, LinearExperiment, register
 
 SETTINGS = GapSettings(candidates=("drift", "sink"), shortlist=1, model_error=ModelError(rms=3e-4, moved=1e-4))

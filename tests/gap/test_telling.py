@@ -2,10 +2,10 @@
 
 import numpy as np
 
-from physreal_core.gap.least_squares import Data
-from physreal_core.gap.refits import Refits
+from physreal_core.gap.answers.telling import telling
+from physreal_core.gap.fits.least_squares import Data
+from physreal_core.gap.fits.refits import Refits
 from physreal_core.gap.settings import GapSettings
-from physreal_core.gap.telling import telling
 from tests.gap.linear import ANSWERS, LinearExperiment, baseline, register
 
 

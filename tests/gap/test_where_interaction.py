@@ -7,9 +7,9 @@ import pytest
 import torch
 
 from physreal_core.errors import InputError
-from physreal_core.gap.experiment import Experiment
-from physreal_core.gap.interaction import held_distance, locate
-from physreal_core.gap.noise import ModelError, Noise
+from physreal_core.gap.interactions.experiment import Experiment
+from physreal_core.gap.noise.model import ModelError, Noise
+from physreal_core.gap.where.locate import held_distance, locate
 from physreal_core.simulation import Clamp
 from tests.fitting import scene
 

@@ -7,12 +7,13 @@ import pytest
 import torch
 
 from physreal_core.errors import InputError
-from physreal_core.gap.evidence import Evidence
-from physreal_core.gap.experiment import Experiment, Trial
-from physreal_core.gap.interaction import force_scene, lead_on
-from physreal_core.gap.noise import ModelError, Noise
+from physreal_core.gap.interactions.experiment import Experiment
+from physreal_core.gap.interactions.interaction import Trial
+from physreal_core.gap.lead.lead import find_lead
+from physreal_core.gap.noise.evidence import Evidence
+from physreal_core.gap.noise.model import ModelError, Noise
 from physreal_core.gap.settings import GapSettings
-from physreal_core.gap.unknown import find_lead
+from physreal_core.gap.where.locate import force_scene, lead_on
 from physreal_core.simulation import Clamp
 from tests.fitting import scene
 

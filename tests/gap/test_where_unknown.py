@@ -7,8 +7,8 @@ import numpy as np
 import pytest
 
 from physreal_core.errors import InputError
-from physreal_core.gap.responses import free_responses
-from physreal_core.gap.unknown import find_lead, force_field
+from physreal_core.gap.lead.lead import find_lead, force_field
+from physreal_core.gap.lead.responses import free_responses
 from tests.gap import chain
 
 PLACE = np.array([0.3, -0.12, -0.1])

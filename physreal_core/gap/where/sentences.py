@@ -8,8 +8,8 @@ import numpy as np
 from scipy import stats
 
 if TYPE_CHECKING:
-    from physreal_core.gap.signatures import Signature
-    from physreal_core.gap.where import Onset, Place, Where
+    from physreal_core.gap.where.signatures import Signature
+    from physreal_core.gap.where.where import Onset, Place, Where
 
 _HALF_WIDTH = float(stats.norm.ppf(0.95))
 _MOTION_WORDS = {

@@ -16,8 +16,8 @@ from scipy.optimize import minimize
 
 from physreal_core.array_types import Array, Bool, Float
 from physreal_core.errors import InputError
-from physreal_core.gap.force_library import RegionMotion, Term, attraction, library, places_around, region_motion
-from physreal_core.gap.responses import Responses
+from physreal_core.gap.lead.force_library import RegionMotion, Term, attraction, library, places_around, region_motion
+from physreal_core.gap.lead.responses import Responses
 
 Whiten = Callable[[Float[Array, "C T J 3"]], Float[Array, "entries C"]]
 

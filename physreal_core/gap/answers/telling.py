@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import numpy as np
 
-from physreal_core.gap.least_squares import Data, Fit
+from physreal_core.gap.fits.least_squares import Data, Fit
 
 
 def telling(found: Fit, baseline: Fit, data: Data) -> tuple[float, ...]:

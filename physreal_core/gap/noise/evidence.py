@@ -8,12 +8,12 @@ import numpy as np
 
 from physreal_core.array_types import Array, Float
 from physreal_core.errors import InputError
-from physreal_core.gap.experiment import Interaction, Trial
-from physreal_core.gap.least_squares import Data, Fit, fit, together
-from physreal_core.gap.noise import Noise
-from physreal_core.gap.numerics import rerun_differences
+from physreal_core.gap.fits.least_squares import Data, Fit, fit, together
+from physreal_core.gap.fits.unknowns import Unknowns
+from physreal_core.gap.interactions.interaction import Interaction, Trial
+from physreal_core.gap.noise.model import Noise
+from physreal_core.gap.noise.reruns import rerun_differences
 from physreal_core.gap.settings import GapSettings
-from physreal_core.gap.unknowns import Unknowns
 
 Progress = Callable[[str], None]
 
@@ -105,7 +105,7 @@ class Evidence:
 
 def _surroundings(experiment: Interaction, trial: Trial, frames: int, reruns: bool) -> tuple[Array, Array, Array]:
     """The baseline's motion, the reruns' differences and the carried starting points of one experiment [m]."""
-    motion, carried = experiment.carried(trial, frames)
+    motion, carried = experiment.predict_with_start_sensitivity(trial, frames)
     return motion, rerun_differences(experiment, trial, motion) if reruns else np.zeros((0, *motion.shape)), carried
 
 

@@ -7,7 +7,7 @@ from collections.abc import Sequence
 import numpy as np
 
 from physreal_core.array_types import Array, Float
-from physreal_core.gap.experiment import Interaction
+from physreal_core.gap.interactions.interaction import Interaction
 from physreal_core.gap.report import Disagreement
 
 

@@ -14,7 +14,7 @@ import torch
 
 from physreal_core.array_types import Array, Bool, Float, Tensor
 from physreal_core.effects import EFFECTS
-from physreal_core.gap.experiment import EffectValues, Trial
+from physreal_core.gap.interactions.interaction import EffectValues, Trial
 
 POISSON_RANGE = (0.05, 0.48)
 LEVEL_CONTRAST = 1e-3

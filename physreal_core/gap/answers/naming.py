@@ -9,11 +9,11 @@ import numpy as np
 
 from physreal_core.array_types import Array, Float
 from physreal_core.effects import EFFECTS, Effect
-from physreal_core.gap.evidence import Evidence
-from physreal_core.gap.least_squares import Fit
+from physreal_core.gap.answers.telling import telling
+from physreal_core.gap.fits.least_squares import Fit
+from physreal_core.gap.noise.evidence import Evidence
 from physreal_core.gap.report import Candidate, FittedEffect, Verdict
 from physreal_core.gap.settings import GapSettings
-from physreal_core.gap.telling import telling
 
 NINETY = 1.6449  # standard deviations on either side that hold 90 % of a Gaussian
 

@@ -8,10 +8,10 @@ from typing import Any
 import numpy as np
 
 from physreal_core.array_types import Array, Bool, Float
-from physreal_core.gap.comparison import Agreement, Comparison, Sizes, agreement, frame_agreement
-from physreal_core.gap.phases import MOTIONS, Phases
-from physreal_core.gap.sentences import where_sentence
-from physreal_core.gap.signatures import Signature, signatures
+from physreal_core.gap.where.comparison import Agreement, Comparison, Sizes, agreement, frame_agreement
+from physreal_core.gap.where.phases import MOTIONS, Phases
+from physreal_core.gap.where.sentences import where_sentence
+from physreal_core.gap.where.signatures import Signature, signatures
 
 SIGNIFICANT = 0.01
 """Probability of an alarm where there is nothing."""

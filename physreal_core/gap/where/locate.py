@@ -11,14 +11,15 @@ from scipy.spatial import cKDTree
 
 from physreal_core.array_types import Array, Float, Tensor
 from physreal_core.effects import Setting
-from physreal_core.gap.comparison import Comparison
-from physreal_core.gap.evidence import Evidence
-from physreal_core.gap.experiment import Experiment, Interaction
-from physreal_core.gap.noise import Noise
-from physreal_core.gap.phases import label_phases, on_ground
-from physreal_core.gap.responses import step_responses
-from physreal_core.gap.unknown import Lead, Scene, find_lead
-from physreal_core.gap.where import Where, find_where
+from physreal_core.gap.interactions.experiment import Experiment
+from physreal_core.gap.interactions.interaction import Interaction
+from physreal_core.gap.lead.lead import Lead, Scene, find_lead
+from physreal_core.gap.lead.responses import step_responses
+from physreal_core.gap.noise.evidence import Evidence
+from physreal_core.gap.noise.model import Noise
+from physreal_core.gap.where.comparison import Comparison
+from physreal_core.gap.where.phases import label_phases, on_ground
+from physreal_core.gap.where.where import Where, find_where
 from physreal_core.geometry.patches import farthest_points, patch_weights
 
 

@@ -15,9 +15,9 @@ import numpy as np
 from scipy.special import log_ndtr
 
 from physreal_core.array_types import Array, Float
-from physreal_core.gap.experiment import Interaction, Trial
-from physreal_core.gap.noise import Noise
-from physreal_core.gap.unknowns import Unknowns
+from physreal_core.gap.fits.unknowns import Unknowns
+from physreal_core.gap.interactions.interaction import Interaction, Trial
+from physreal_core.gap.noise.model import Noise
 
 Predictions = list[Array]
 """Per experiment: [R, T, J, 3] m, the answers to R trials."""

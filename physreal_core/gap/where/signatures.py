@@ -8,7 +8,7 @@ from typing import Literal
 import numpy as np
 
 from physreal_core.array_types import Array, Bool, Float
-from physreal_core.gap.comparison import Comparison
+from physreal_core.gap.where.comparison import Comparison
 
 Kind = Literal["offset", "lag", "swing"]
 

@@ -15,9 +15,10 @@ import numpy as np
 
 from physreal_core.array_types import Array, Bool, Float
 from physreal_core.effects import EFFECTS, Effect
-from physreal_core.gap.experiment import EffectValues, Interaction, Trial, starts_of
-from physreal_core.gap.least_squares import Data, Fit, half_share
-from physreal_core.gap.unknowns import STEP, Priors, Unknowns
+from physreal_core.gap.fits.least_squares import Data, Fit, half_share
+from physreal_core.gap.fits.unknowns import STEP, Priors, Unknowns
+from physreal_core.gap.interactions.interaction import EffectValues, Interaction, Trial
+from physreal_core.gap.interactions.starts import starts_of
 from physreal_core.simulation import States
 
 DRAWS = 200

@@ -82,7 +82,7 @@ def step_responses(
     rollouts = Rollouts(problem, model, device=device)
     config = dataclasses.replace(rollouts.config, terms=tuple(sorted({*rollouts.config.terms, "force"})))
     simulator = Simulator(problem.body, config, problem.grip, problem.clamps, problem.loads)
-    base = rollouts.inputs(model.fields)
+    base = rollouts.inputs(model.fields, frames=problem.frame_count)
     share = torch.as_tensor(step * weights * problem.body.mass[:, None]).to(rollouts.dtype).to(device)
     pushes = torch.einsum("nr,ac->ranc", share, torch.eye(3, dtype=share.dtype, device=device)).flatten(0, 1)
     trials = [added(base, force=push) for push in (torch.zeros_like(pushes[0]), *pushes)]

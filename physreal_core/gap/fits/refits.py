@@ -14,11 +14,11 @@ from dataclasses import replace
 import numpy as np
 
 from physreal_core.effects import EFFECTS, Effect
-from physreal_core.gap.experiment import starts_instead_of, starts_kept_off
-from physreal_core.gap.least_squares import Data, Fit, Request, fit, together
-from physreal_core.gap.screening import LONGEST_SHIFT, Score, Screen, akin, started
+from physreal_core.gap.fits.least_squares import Data, Fit, Request, fit, together
+from physreal_core.gap.fits.screening import LONGEST_SHIFT, Score, Screen, akin, started
+from physreal_core.gap.fits.unknowns import Unknowns
+from physreal_core.gap.interactions.starts import starts_instead_of, starts_kept_off
 from physreal_core.gap.settings import GapSettings
-from physreal_core.gap.unknowns import Unknowns
 
 WORTH_A_SCREEN = 10.0
 """Gain of the contrast [nat] from which on the level baseline is screened too."""

@@ -17,11 +17,11 @@ def run(context: StageContext) -> None:
     with context.timed("read"):
         experiments = interactions(context, load_model(context.input("fit_patches")))
     with context.timed("search"):
-        search = Search(experiments, settings_of(context.params, context.seed), teller(context))
-        report = search.report()
+        found = Search(experiments, settings_of(context.params, context.seed), teller(context)).run()
+        report = found.report()
     save_report(context.output, report)
     with context.timed("figures"):
-        _draw(context, experiments[0], report, search.predictions[0])
+        _draw(context, experiments[0], report, found.predictions[0])
     print(report.where[0]["sentence"], report.verdict.sentence, sep="\n")
 
 

@@ -7,6 +7,7 @@ import numpy as np
 import torch
 
 from physreal_core.effects import EFFECTS, Coefficient, Effect, Setting
+from physreal_core.fitting.model import Model
 from physreal_core.gap.fits.least_squares import Data, Fit, fit, together
 from physreal_core.gap.fits.unknowns import Priors, Unknowns
 from physreal_core.gap.noise.model import ModelError, Noise
@@ -70,7 +71,7 @@ class LinearExperiment:
         self.valid = random.random((FRAMES, TRACKS)) > 0.1
         self.valid[0] = False
         self.sigma = np.full(self.valid.shape, SIGMA)
-        self.model = SimpleNamespace(fields=FIELDS, effects=[], elastic_law="hencky")
+        self.model = Model(elastic_law="hencky", plastic_law="identity", fields=FIELDS)
         body = Body(self.points0, np.ones(TRACKS), np.ones(TRACKS), 0.01)
         still = torch.zeros(FRAMES, 0, 3)
         self.setting = Setting(body, None, (), 30.0, (0.0, 0.0, -9.81), None, still)

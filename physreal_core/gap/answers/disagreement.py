@@ -1,4 +1,4 @@
-"""How far predictions are from measurements, in metres and in noise units, on training and on held-out frames."""
+"""Distances between predictions and measurements, in metres and in noise units, on training and on held-out frames."""
 
 from __future__ import annotations
 
@@ -16,12 +16,13 @@ def disagreements(
     predictions: Sequence[Float[Array, "frames tracks 3"]],
     fitted_on: int | None = None,
 ) -> tuple[Disagreement, ...]:
-    """Of all intervals; where `fitted_on` is given, every frame of the other interactions is held out.
+    """The disagreement in the training frames and in the held-out frames of every interaction, where anything was measured.
 
     Args:
         experiments: the measurements.
-        predictions: over all frames of each [m].
-        fitted_on: the interaction whose training frames the model has seen, None for all.
+        predictions: tracks over all frames of each [m].
+        fitted_on: number of the interaction whose training frames the model has seen; every frame of the others is then held
+            out. None where it has seen those of all.
     """
     found = []
     for number, (experiment, predicted) in enumerate(zip(experiments, predictions, strict=True)):
@@ -35,19 +36,19 @@ def disagreements(
 
 
 def _disagreement(number: int, interval: str, distance: Array, sigma: Array) -> Disagreement:
-    # a residual holds the sensor's error of its own frame and, carried along, that of frame 0
-    floor = float(np.sqrt(6.0 * (sigma**2).mean()))
+    # a residual contains the sensor's error of its own frame and, carried along, that of frame 0
+    noise_floor = float(np.sqrt(6.0 * (sigma**2).mean()))
     return Disagreement(
         interaction=number,
         interval=interval,
         metres=float(distance.mean()),
         rms=float(np.sqrt((distance**2).mean())),
         noise_units=float(np.sqrt((distance**2 / (6.0 * sigma**2)).mean())),
-        floor=floor,
+        floor=noise_floor,
     )
 
 
 def held_out_gap(disagreement: Sequence[Disagreement]) -> float:
-    """Mean square of the held-out distances above the sensor's floor [m2], over interactions."""
-    held = [max(d.rms**2 - d.floor**2, 0.0) for d in disagreement if d.interval == "held_out"]
-    return float(np.mean(held)) if held else 0.0
+    """Mean square of the held-out distances beyond the sensor's noise floor [m2], over interactions."""
+    held_out = [max(d.rms**2 - d.floor**2, 0.0) for d in disagreement if d.interval == "held_out"]
+    return float(np.mean(held_out)) if held_out else 0.0

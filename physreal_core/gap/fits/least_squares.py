@@ -1,8 +1,8 @@
-"""Regularised least squares on whitened residuals, many fits in lockstep so that all their rollouts run as one batch.
+"""Regularised nonlinear least squares on whitened residuals. Many fits run in lockstep, so that their rollouts form one batch.
 
-A fit is a generator: it yields the trials it needs and is sent their predictions, one array per experiment. Levenberg-Marquardt
-with tangents by secants for the effects' coefficients and Broyden's update for the baseline's, whose tangents change little. As in
-Powell's hybrid method (1970) a step that failed updates them, too, and only a second one in a row has them all taken anew.
+A fit is a generator: it yields the trials that it needs and is sent their predictions, one array per interaction. The method is
+Levenberg-Marquardt. Tangents of the effects' coefficients are secants; those of the baseline, which change little, follow Broyden's
+update. As in Powell's hybrid method (1970), a failed step updates them too, and only a second failure in a row renews them all.
 """
 
 from __future__ import annotations
@@ -20,24 +20,24 @@ from physreal_core.gap.interactions.interaction import Interaction, Trial
 from physreal_core.gap.noise.model import Noise
 
 Predictions = list[Array]
-"""Per experiment: [R, T, J, 3] m, the answers to R trials."""
+"""Tracks under R trials [m], one array of shape [R, T, J, 3] per interaction."""
 Request = Generator[list[Trial], Predictions, "Fit"]
 
-LONGEST_BASELINE, LONGEST_EFFECT = 0.5, 1.5  # steps, in free coordinates
-DAMPING = 0.3  # after a step that failed, at least; then ten times as much
-FINE = 0.2  # of a tangent's step, where plain ones lead no further
-SMALL_GAIN = 0.25  # [nat] expected of the next step, below which a fit has arrived
+LONGEST_BASELINE, LONGEST_EFFECT = 0.5, 1.5  # steps of the unknowns, in their coordinates
+DAMPING = 0.3  # least damping after a failed step; then ten times as much
+FINE = 0.2  # factor on the secants' steps, where plain ones lead no further
+SMALL_GAIN = 0.25  # [nat] expected of the next step, below which a fit has converged
 
 
 @dataclass(frozen=True)
 class Fit:
-    """Where a fit ended.
+    """The state of a fit.
 
     Args:
-        unknowns, vector: what was fitted, and the values.
-        residual, jacobian: whitened, of all experiments, shapes [n] and [n, P].
-        predicted: per experiment [T, J, 3] m over its training frames.
-        energy: minus the log posterior density, up to constants that all fits to the same data share.
+        unknowns, vector: what is fitted, and its values.
+        residual, jacobian: whitened, of all interactions, shapes [n] and [n, P].
+        predicted: tracks over the frames of the data [m], shape [T, J, 3], one per interaction.
+        energy: minus the log posterior density [nat], up to a constant that all fits to the same data share.
     """
 
     unknowns: Unknowns
@@ -49,37 +49,45 @@ class Fit:
 
     @property
     def hessian(self) -> Float[Array, "unknowns unknowns"]:
-        """Of the energy, Gauss-Newton."""
+        """Gauss-Newton Hessian of the energy."""
         return self.jacobian.T @ self.jacobian + self.unknowns.block.precision
 
     @property
     def covariance(self) -> Float[Array, "unknowns unknowns"]:
-        """Of the posterior (Laplace)."""
+        """Covariance of the posterior, by Laplace's approximation."""
         return np.linalg.inv(self.hessian)
 
     @property
     def log_evidence(self) -> float:
-        """Laplace's approximation, up to a constant that all fits to the same data share [nat].
+        """Log evidence by Laplace's approximation [nat], up to a constant that all fits to the same data share.
 
-        Of an amplitude of fixed sign the prior has one half, twice as dense, and the posterior what lies on that side.
+        An amplitude of fixed sign has half a Gaussian as its prior, twice as dense, and its posterior lies on that side alone.
         """
         block = self.unknowns.block
         occam = np.linalg.slogdet(block.precision)[1] - np.linalg.slogdet(self.hessian)[1]
-        reach = np.abs(self.vector - block.mean)[block.half] / np.sqrt(np.diag(self.covariance)[block.half])
-        return -self.energy + 0.5 * float(occam) + half_share(reach)
+        distance = np.abs(self.vector - block.mean)[block.one_sided]
+        deviation = np.sqrt(np.diag(self.covariance)[block.one_sided])
+        return -self.energy + 0.5 * float(occam) + one_sided_evidence(distance / deviation)
 
 
-def half_share(reach: Float[Array, " amplitudes"]) -> float:
-    """Log of what restricting amplitudes to one sign makes of the evidence, given how many of their posterior's standard
-    deviations they lie beyond zero: log 2 far beyond, nothing at zero [nat]."""
-    return float((np.log(2.0) + log_ndtr(reach)).sum())
+def one_sided_evidence(deviations: Float[Array, " amplitudes"]) -> float:
+    """Change of the log evidence by restricting amplitudes to one sign [nat]: log 2 far from zero, nothing at zero.
+
+    Args:
+        deviations: distances of the amplitudes from zero, in standard deviations of their posterior.
+    """
+    return float((np.log(2.0) + log_ndtr(deviations)).sum())
 
 
 class Data:
-    """Measurements of all experiments, as whitened residuals over the frames of their noise models.
+    """What fits compare with: the measurements of all interactions, over the frames of their noise models.
+
+    Args:
+        experiments: the interactions.
+        noises: a noise model of each.
 
     Attributes:
-        frames: how many there are of each experiment.
+        frames: number of frames of each interaction.
     """
 
     def __init__(self, experiments: Sequence[Interaction], noises: Sequence[Noise]) -> None:
@@ -87,16 +95,16 @@ class Data:
         self.frames = [noise.frames for noise in noises]
 
     def rows(self) -> list[slice]:
-        """Where each experiment's entries stand among the whitened residuals."""
+        """Entries of each interaction among the whitened residuals."""
         ends = np.cumsum([0, *(3 * int(noise.valid.sum()) for noise in self.noises)]).tolist()
         return [slice(first, end) for first, end in pairwise(ends)]
 
     def predict(self, trials: Sequence[Trial]) -> Predictions:
-        """Where the trials have the tracks [m], over these frames."""
+        """Tracks under some trials [m], over these frames."""
         return [e.predict(trials, frames) for e, frames in zip(self.experiments, self.frames, strict=True)]
 
     def residuals(self, predictions: Predictions) -> Float[Array, "entries trials"]:
-        """Whitened differences between predictions and measurements; not a number for a trial that failed."""
+        """Whitened differences between predictions and measurements, one column per trial; not a number where a trial failed."""
         parts = [
             noise.whiten(predicted - experiment.measured[: predicted.shape[1]])
             for experiment, noise, predicted in zip(self.experiments, self.noises, predictions, strict=True)
@@ -104,7 +112,7 @@ class Data:
         return np.concatenate(parts)
 
     def changes(self, predictions: Predictions, reference: Predictions) -> Float[Array, "entries trials"]:
-        """Whitened changes of predictions against a reference [T, J, 3] per experiment."""
+        """Whitened differences between predictions and a reference, which has one array [T, J, 3] per interaction."""
         parts = [n.whiten(p - r) for n, p, r in zip(self.noises, predictions, reference, strict=True)]
         return np.concatenate(parts)
 
@@ -112,7 +120,13 @@ class Data:
 def tangents(
     unknowns: Unknowns, vector: Float[Array, " unknowns"], columns: Sequence[int], share: float = 1.0
 ) -> tuple[list[Trial], Float[Array, " columns"]]:
-    """Trials a share of one step away along some unknowns, and the steps; a step that leaves the bounds goes the other way."""
+    """Trials of the secants along some unknowns, and their steps. A step that would leave the bounds goes the other way.
+
+    Args:
+        unknowns, vector: the point from which the steps go.
+        columns: indices of the unknowns that are moved.
+        share: factor on the steps.
+    """
     block, trials, steps = unknowns.block, [], []
     for column in columns:
         step = share * block.steps[column]
@@ -136,10 +150,13 @@ def fit(
 
     Args:
         unknowns: what is fitted.
-        data: what to.
-        starts: the first of equals is taken.
-        iterations: at most.
+        data: what it is fitted to.
+        starts: vectors; of equally good ones the first is taken.
+        iterations: largest number of steps.
         jacobians: whitened tangents of the first unknowns near each start, where they are known.
+
+    Returns:
+        A generator that yields trials, is sent their predictions, and returns the fit.
     """
     best = 0
     if len(starts) > 1:
@@ -162,14 +179,14 @@ def fit(
             found, old, failed, damping = following, True, False, 0.3 * damping
             if effects and gained > SMALL_GAIN:
                 found = yield from _renewed(found, effects, share, data)
-        elif old and not failed:  # its secant may do; all tangents cost more
+        elif old and not failed:  # Broyden's update may do; renewing all tangents costs more
             found, failed, damping = replace(found, jacobian=following.jacobian), True, max(10.0 * damping, DAMPING)
         elif old:
             found, old, failed = (yield from _renewed(found, everything, share, data)), False, False
             damping = max(damping, DAMPING)
         elif damping <= 1.0:
             damping = max(10.0 * damping, DAMPING)
-        elif effects and share == 1.0:  # where a body touches something, long secants do not point along it
+        elif effects and share == 1.0:  # at the onset of a contact, long secants are no tangents
             share, damping = FINE, 0.0
             found = yield from _renewed(found, effects, share, data)
         else:
@@ -180,7 +197,7 @@ def fit(
 def _begun(
     unknowns: Unknowns, data: Data, start: Array, known: Array | None
 ) -> Generator[list[Trial], Predictions, Fit]:
-    """A fit before its first step: tangents at the start, of the first unknowns those that are known."""
+    """A fit before its first step, with tangents at the start; those of the first unknowns may be known already."""
     fresh = range(0 if known is None else known.shape[1], len(unknowns))
     trials, steps = tangents(unknowns, start, fresh)
     predictions = yield [unknowns.trial(start), *trials]
@@ -195,7 +212,7 @@ def _begun(
 
 
 def _moved(found: Fit, step: Array, data: Data) -> Generator[list[Trial], Predictions, Fit]:
-    """The fit one step on, whether better or not, with Broyden's update of its tangents."""
+    """The fit after a step, better or not, with Broyden's update of its tangents."""
     vector = found.vector + step
     predictions = yield [found.unknowns.trial(vector)]
     residual = data.residuals(predictions)[:, 0]
@@ -208,7 +225,7 @@ def _moved(found: Fit, step: Array, data: Data) -> Generator[list[Trial], Predic
 
 
 def _renewed(found: Fit, columns: Sequence[int], share: float, data: Data) -> Generator[list[Trial], Predictions, Fit]:
-    """The fit with some columns of its tangents taken anew, by a share of their steps."""
+    """The fit with some of its tangents renewed, by a share of their steps."""
     trials, steps = tangents(found.unknowns, found.vector, columns, share)
     answers = yield trials
     J = found.jacobian.copy()
@@ -222,7 +239,7 @@ def _energy(unknowns: Unknowns, vector: Array, residual: Array) -> float:
 
 
 def _step(found: Fit, damping: float) -> tuple[Array, float]:
-    """A damped Gauss-Newton step that stays within the bounds, and the gain [nat] that the linear model expects of it."""
+    """A damped Gauss-Newton step within the bounds, and the decrease of the energy [nat] that the linear model expects."""
     unknowns, vector, block, H = found.unknowns, found.vector, found.unknowns.block, found.hessian
     gradient = found.jacobian.T @ found.residual + block.precision @ (vector - block.mean)
     free = np.ones(len(vector), dtype=bool)
@@ -241,19 +258,19 @@ def _step(found: Fit, damping: float) -> tuple[Array, float]:
 
 
 def _clipped(unknowns: Unknowns, vector: Array, step: Array) -> Array:
-    """The step within the bounds and not longer than the linear model is good for."""
+    """The step cut to the bounds, and to the length for which the linear model is good."""
     longest = np.where(np.arange(len(vector)) < unknowns.baseline, LONGEST_BASELINE, LONGEST_EFFECT)
     share = min(1.0, float(np.min(longest / np.maximum(np.abs(step), 1e-12))))
     return np.clip(vector + share * step, unknowns.block.lower, unknowns.block.upper) - vector
 
 
 def _finite(columns: Array) -> Array:
-    """Tangents of failed rollouts say nothing."""
+    """The tangents with zeros for those of failed rollouts."""
     return np.where(np.isfinite(columns).all(0), columns, 0.0)
 
 
 def together(requests: Sequence[Request], data: Data) -> list[Fit]:
-    """Runs fits to the same data in lockstep: each round, the trials of all that still go on are one batch per experiment."""
+    """Run fits to the same data in lockstep. In each round, the trials of all unfinished fits form one batch per interaction."""
     fits: list[Fit | None] = [None] * len(requests)
     wanted = {number: next(request) for number, request in enumerate(requests)}
     while wanted:

@@ -1,7 +1,7 @@
-"""The vector of unknowns of a fit: the baseline's material and, beside it, the coefficients of effects; with priors.
+"""The vector of unknowns of a fit: the baseline's material and the coefficients of effects, with their priors.
 
-Free coordinates are of order one: the logarithm of moduli and friction, the logit of Poisson's ratio within its range, an
-effect's coefficients in units of their scales. The priors are what makes freedom cost something.
+All coordinates are of order one: the logarithm of moduli and friction, the logit of Poisson's ratio within its range, and an
+effect's coefficients in units of their scales. The priors make each further unknown cost evidence (Occam's factor).
 """
 
 from __future__ import annotations
@@ -17,24 +17,24 @@ from physreal_core.effects import EFFECTS
 from physreal_core.gap.interactions.interaction import EffectValues, Trial
 
 POISSON_RANGE = (0.05, 0.48)
-LEVEL_CONTRAST = 1e-3
-"""Standard deviation of log E from patch to patch that stands for none."""
+NO_CONTRAST = 1e-3
+"""Standard deviation of log E from patch to patch that stands for one modulus everywhere."""
 
 STEP = 0.25
-"""Of an effect's tangent, in its coefficient's scale."""
+"""Step of the secant by which an effect's tangent is taken, in the coefficient's scale."""
 
 
 @dataclass(frozen=True)
 class Priors:
-    """Standard deviations in free coordinates.
+    """Standard deviations of the Gaussian priors, in the coordinates of the vector.
 
     Args:
-        modulus: of log E as a whole; the data know it well, so it hardly matters.
+        modulus: of log E as a whole. The data determine it well, so this prior hardly matters.
         contrast: of log E from patch to patch.
         poisson: of the logit of Poisson's ratio.
         friction: of log mu_f.
         grip: of log k_f.
-        coefficient: of an effect's coefficients, in their scales.
+        coefficient: of an effect's coefficients, in units of their scales.
     """
 
     modulus: float = 1.0
@@ -47,13 +47,13 @@ class Priors:
 
 @dataclass(frozen=True)
 class Scalar:
-    """A positive number of the whole baseline, by its logarithm.
+    """A positive number of the whole baseline, whose logarithm is an unknown.
 
     Args:
-        prior: name of its width in `Priors`.
-        step: of the tangent.
-        lower, upper: bounds.
-        factor: by which it may change.
+        prior: name of its standard deviation in `Priors`.
+        step: of the secant, in the logarithm.
+        lower, upper: bounds of the number.
+        factor: by which it may change from where it starts.
     """
 
     prior: str
@@ -67,18 +67,18 @@ SCALARS = {
     "friction_coefficient": Scalar("friction", 0.15, lower=1e-3, upper=3.0),
     "grip_stiffness": Scalar("grip", 0.15, factor=5.0),
 }
-"""Of the model's fields, beside the material."""
+"""Fields of the model that may be unknown beside the moduli and Poisson's ratio."""
 
 
 @dataclass(frozen=True)
 class Block:
-    """A run of unknowns with a Gaussian prior.
+    """Consecutive unknowns with a Gaussian prior.
 
     Args:
         mean, precision: of the prior, shapes [P] and [P, P].
         lower, upper: bounds, shape [P].
-        steps: of the tangents, shape [P]; the sign says to which side.
-        half: amplitudes whose sign physics fixes, shape [P]: their prior is half a Gaussian.
+        steps: of the secants, shape [P]; the sign gives the side.
+        one_sided: amplitudes whose sign physics fixes, shape [P]. Their prior is half a Gaussian.
     """
 
     mean: Float[Array, " unknowns"]
@@ -86,24 +86,27 @@ class Block:
     lower: Float[Array, " unknowns"]
     upper: Float[Array, " unknowns"]
     steps: Float[Array, " unknowns"]
-    half: Bool[Array, " unknowns"]
+    one_sided: Bool[Array, " unknowns"]
 
     def __len__(self) -> int:
         return len(self.mean)
 
 
 class Unknowns:
-    """Baseline unknowns and those of some effects as one vector.
+    """The unknowns of the baseline and of some effects, as one vector.
 
     Args:
-        fields: of the fitted baseline; where the fit starts and where the priors are centred.
+        fields: of the baseline. The fit starts there, and its priors are centred there.
         effects: names, in the order in which they act.
-        priors: their widths.
-        at: values of the effects' coefficients around which the prior of shapes is centred; dormant by default.
-        scalars: of `SCALARS`, those that are unknown and act.
+        priors: standard deviations.
+        at: coefficients of the effects where a fit starts; dormant by default. The priors of shapes are centred there.
+        scalars: names in `SCALARS` of the numbers that are unknown and act.
 
     Attributes:
-        places: where each effect's coefficients stand in the vector.
+        baseline: number of unknowns of the baseline; they come first.
+        patches: number of moduli; they are the first of those.
+        places: slice of each effect's coefficients in the vector.
+        block: priors, bounds and steps of all unknowns.
     """
 
     def __init__(
@@ -172,30 +175,30 @@ class Unknowns:
         )
 
     def place(self, scalar: str) -> int:
-        """Where a scalar stands in the vector."""
+        """Index of a scalar in the vector."""
         return self.patches + 1 + self.scalars.index(scalar)
 
     # --- vectors and values -------------------------------------------------------------------------------------
 
     def start(self) -> Float[Array, " unknowns"]:
-        """The baseline as it is given, every effect as `at` says."""
+        """The vector of the given baseline, with every effect as `at` says."""
         vector = self.block.mean.copy()
         vector[: self.patches] = self.fields["youngs_modulus"].log().numpy()
         return self.with_effects(vector, self.at)
 
-    def levelled(self) -> Unknowns:
-        """The same without contrast from patch to patch."""
-        priors = replace(self.priors, contrast=LEVEL_CONTRAST)
+    def without_contrast(self) -> Unknowns:
+        """The same unknowns under a prior that admits one modulus for all patches only."""
+        priors = replace(self.priors, contrast=NO_CONTRAST)
         return Unknowns(self.fields, self.effects, priors, self.at, self.scalars)
 
-    def level(self, vector: Float[Array, " unknowns"]) -> Float[Array, " unknowns"]:
+    def with_uniform_modulus(self, vector: Float[Array, " unknowns"]) -> Float[Array, " unknowns"]:
         """The vector with the mean of log E in all patches."""
         vector = vector.copy()
         vector[: self.patches] = vector[: self.patches].mean()
         return vector
 
     def with_effects(self, vector: Float[Array, " unknowns"], values: EffectValues) -> Float[Array, " unknowns"]:
-        """The vector with these coefficients put in."""
+        """The vector with these coefficients [SI] put in."""
         vector = vector.copy()
         for name, place in self.places.items():
             for position, c in enumerate(EFFECTS[name].coefficients, place.start):
@@ -218,7 +221,7 @@ class Unknowns:
         }
 
     def baseline_fields(self, vector: Float[Array, " unknowns"]) -> dict[str, Tensor]:
-        """The model's fields."""
+        """The material at a vector, as of `Model.fields`."""
         K = self.patches
         fields = dict(self.fields)
         fields["youngs_modulus"] = torch.from_numpy(np.exp(vector[:K]))
@@ -228,11 +231,11 @@ class Unknowns:
         return fields
 
     def trial(self, vector: Float[Array, " unknowns"]) -> Trial:
-        """The rollout at a vector."""
+        """The rollout to make at a vector."""
         return Trial(self.baseline_fields(vector), self.values(vector))
 
     def prior_energy(self, vector: Float[Array, " unknowns"]) -> float:
-        """Minus the logarithm of the prior, up to its norm."""
+        """Minus the logarithm of the prior, up to its normalisation [nat]."""
         d = vector - self.block.mean
         return 0.5 * float(d @ self.block.precision @ d)
 
@@ -258,4 +261,4 @@ def _joined(blocks: list[Block]) -> Block:
     def joined(name: str) -> Array:
         return np.concatenate([getattr(block, name) for block in blocks])
 
-    return Block(joined("mean"), precision, *(joined(name) for name in ("lower", "upper", "steps", "half")))
+    return Block(joined("mean"), precision, *(joined(name) for name in ("lower", "upper", "steps", "one_sided")))

@@ -10,12 +10,13 @@ from physreal_core.errors import InputError
 from physreal_core.gap.interactions.experiment import Experiment
 from physreal_core.gap.interactions.interaction import Trial
 from physreal_core.gap.lead.lead import find_lead
-from physreal_core.gap.noise.evidence import Evidence
+from physreal_core.gap.lead.preparation import departure_of, lead_on
+from physreal_core.gap.noise.measurements import Measurements
 from physreal_core.gap.noise.model import ModelError, Noise
 from physreal_core.gap.settings import GapSettings
-from physreal_core.gap.where.locate import force_scene, lead_on
 from physreal_core.simulation import Clamp
 from tests.fitting import scene
+from tests.gap.linear import ANSWERS, LinearExperiment
 
 FRAMES, TRAIN, DRAG = 30, 24, 1.0
 
@@ -56,7 +57,7 @@ def noise_of(experiment, predicted, frames):
 def seen(experiment, model):
     predicted = experiment.predict([Trial(model.fields)])[0]
     train, held_out = (noise_of(experiment, predicted, part) for part in (range(TRAIN), range(TRAIN, FRAMES)))
-    return force_scene(experiment, model.fields, predicted, train, held_out, regions=6)
+    return departure_of(experiment, model.fields, predicted, train, held_out, regions=6)
 
 
 def test_the_regions_share_every_track(seen):
@@ -65,7 +66,7 @@ def test_the_regions_share_every_track(seen):
 
 def test_convolution_with_the_responses_is_the_rollout_with_the_force(seen):
     predicted = seen.responses.displacement(-DRAG * seen.motion().velocity[None])[0]
-    departure = seen.departure[0]
+    departure = seen.displacement[0]
     size = np.sqrt((departure**2).mean())
     assert size > 1e-4
     # the bar bends by a sixth of its length while its responses are those of the first frames; its swing has nine frames
@@ -84,14 +85,14 @@ def test_responses_start_at_rest(seen):
 
 def test_the_searchs_evidence_leads_to_the_same_formula(experiment, model):
     trial = Trial(model.fields)
-    evidence = Evidence([experiment], trial, GapSettings(model_error=ModelError(rms=1e-6)), reruns=False)
-    lead = lead_on(evidence, model.fields, list(experiment.predict([trial])))
+    measurements = Measurements.around([experiment], trial, GapSettings(model_error=ModelError(rms=1e-6)), reruns=False)
+    lead = lead_on(measurements, model.fields, list(experiment.predict([trial])))
     assert lead.terms[0].term.formula == "-v" and lead.terms[0].explained > 0.9
     assert lead.explained_held_out > 0.8 and "in proportion to speed" in lead.sentence
 
 
 def test_a_search_without_our_simulator_has_no_lead(experiment, model):
-    evidence = Evidence([experiment], Trial(model.fields), GapSettings(), reruns=False)
-    evidence.experiments = [object()]
+    measurements = Measurements.around([experiment], Trial(model.fields), GapSettings(), reruns=False)
+    measurements = dataclasses.replace(measurements, experiments=[LinearExperiment(ANSWERS, {})])
     with pytest.raises(InputError, match="no interaction"):
-        lead_on(evidence, model.fields, list(experiment.predict([Trial(model.fields)])))
+        lead_on(measurements, model.fields, list(experiment.predict([Trial(model.fields)])))

@@ -7,7 +7,7 @@ import torch
 
 from physreal_core.fitting import Problem, TrackObservations, uniform_model
 from physreal_core.gap import Experiment, Trial
-from physreal_core.gap.noise.reruns import VARIANTS, rerun_differences
+from physreal_core.gap.noise.reruns import RERUNS, rerun_differences
 from physreal_core.geometry import patch_weights
 from physreal_core.rendering import bind
 from physreal_core.simulation import Body, Clamp
@@ -49,7 +49,7 @@ def test_a_clamped_body_is_not_turned_out_of_its_clamps():
     fall = np.linalg.norm(predicted - predicted[0], axis=-1).max()
     differences = rerun_differences(experiment, trial, predicted)
     # the law is its own and there is no ground to raise
-    left = [v for v in VARIANTS if v.turn == 0.0 and v.elastic_law != "hencky" and v.ground == 0.0]
+    left = [v for v in RERUNS if v.turn == 0.0 and v.elastic_law != "hencky" and v.ground == 0.0]
     assert len(differences) == len(left) == 3
     assert fall > 0.005 and np.linalg.norm(differences, axis=-1).max() < 0.3 * fall
     # whereas turned, it would leave them

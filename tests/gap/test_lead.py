@@ -7,7 +7,8 @@ import numpy as np
 import pytest
 
 from physreal_core.errors import InputError
-from physreal_core.gap.lead.lead import find_lead, force_field
+from physreal_core.gap.lead.departure import force_field
+from physreal_core.gap.lead.lead import find_lead
 from physreal_core.gap.lead.responses import free_responses
 from tests.gap import chain
 
@@ -44,7 +45,7 @@ def pulse(x, v, t):
     [(linear_drag, "-v", 0.5), (quadratic_drag, "-|v| v", 3.0), (turning_frame, "ez × v", -2.0)],
 )
 def test_a_force_of_velocity_is_found_with_its_number(force, formula, value):
-    lead = find_lead([chain.scene(force)])
+    lead = find_lead([chain.departure(force)])
     assert [fitted.term.formula for fitted in lead.terms] == [formula]
     # the measured velocity is smoothed over 0.2 s of a swing of 0.8 s
     assert lead.terms[0].coefficient == pytest.approx(value, rel=0.1)
@@ -52,7 +53,7 @@ def test_a_force_of_velocity_is_found_with_its_number(force, formula, value):
 
 
 def test_a_magnet_is_found_at_its_place():
-    lead = find_lead([chain.scene(magnet)])
+    lead = find_lead([chain.departure(magnet)])
     (fitted,) = lead.terms
     np.testing.assert_allclose(fitted.term.place, PLACE, atol=0.03)  # a tenth of its distance from the chain
     # softened at a centimetre, and every mass stands for four centimetres of the chain
@@ -61,22 +62,24 @@ def test_a_magnet_is_found_at_its_place():
 
 
 def test_a_steady_force_needs_no_place():
-    lead = find_lead([chain.scene(wind)])
+    lead = find_lead([chain.departure(wind)])
     found = {fitted.term.formula: fitted.coefficient for fitted in lead.terms}
     assert found == {"ey": pytest.approx(0.5, rel=0.05), "ex": pytest.approx(0.3, rel=0.05)}
 
 
 def test_two_interactions_share_one_formula():
-    scenes = [chain.scene(linear_drag, seed, axis) for seed, axis in enumerate([(0.0, 1.0, 0.5), (0.0, -0.5, 1.0)])]
-    lead = find_lead(scenes)
+    departures = [
+        chain.departure(linear_drag, seed, axis) for seed, axis in enumerate([(0.0, 1.0, 0.5), (0.0, -0.5, 1.0)])
+    ]
+    lead = find_lead(departures)
     assert [fitted.term.formula for fitted in lead.terms] == ["-v"] and len(lead.fields) == 2
 
 
 def test_a_force_of_time_alone_has_no_formula_but_a_field():
-    scene = chain.scene(pulse)
-    lead = find_lead([scene])
+    departure = chain.departure(pulse)
+    lead = find_lead([departure])
     assert lead.explained_held_out < 0.5 and "No short formula" in lead.sentence
-    field = force_field(scene)
+    field = force_field(departure)
     true = 1.5 * np.sin(7 * field.frames / chain.FPS)
     early = field.frames < chain.TRAIN - 12  # what comes late has moved little yet
     assert field.explained > 0.95
@@ -84,12 +87,12 @@ def test_a_force_of_time_alone_has_no_formula_but_a_field():
 
 
 def test_noise_has_no_formula():
-    lead = find_lead([chain.scene(lambda x, v, t: 0.0)])
+    lead = find_lead([chain.departure(lambda x, v, t: 0.0)])
     assert lead.terms == () and lead.formula == "f/m = 0"
 
 
 def test_the_record_is_json():
-    record = json.loads(json.dumps(find_lead([chain.scene(magnet)]).as_record(), allow_nan=False))
+    record = json.loads(json.dumps(find_lead([chain.departure(magnet)]).as_record(), allow_nan=False))
     assert record["terms"][0]["term"]["unit"] == "m3/s2" and record["formula"].startswith("f/m = +0.0")
     assert np.shape(record["fields"][0]["acceleration"]) == (10, chain.MASSES, 3)
 
@@ -113,7 +116,7 @@ def test_without_scikit_learn_it_says_what_to_install(monkeypatch):
             raise ImportError(name)
         return original(name, *args, **kwargs)
 
-    scene = chain.scene(linear_drag)
+    departure = chain.departure(linear_drag)
     monkeypatch.setattr(builtins, "__import__", refuse)
     with pytest.raises(InputError, match=r"physreal\[gap\]"):
-        find_lead([scene])
+        find_lead([departure])

@@ -4,7 +4,7 @@ import numpy as np
 import pytest
 
 from physreal_core.gap import GapSettings
-from physreal_core.gap.answers.naming import chances, confirmed, weighed, worth_of_a_second
+from physreal_core.gap.answers.probabilities import confirmed, tempered, weighed, worth_of_a_second
 
 LIBRARY = 27
 
@@ -20,7 +20,7 @@ NONE, WIND, PAYLOAD, DRAG, TWO, OTHER_TWO = (
 
 
 def best_of(gains: dict[tuple[str, ...], float], settings: GapSettings | None = None) -> tuple[str, ...]:
-    found = chances([*map(len, gains)], np.array([*gains.values()]), settings or GapSettings(), LIBRARY)
+    found = tempered(np.array([*gains.values()]), [*map(len, gains)], settings or GapSettings(), LIBRARY)
     return list(gains)[int(np.argmax(found))]
 
 
@@ -47,7 +47,7 @@ def test_a_second_is_worth_looking_for_from_where_two_belong_to_the_class(class_
     settings = GapSettings(class_ratio=class_ratio)
     for size in (100.0, 1000.0, 10_000.0):
         more = worth_of_a_second(size, settings, LIBRARY)
-        found = chances([0, 1, 2], np.array([0.0, size, size + more]), settings, LIBRARY)
+        found = tempered(np.array([0.0, size, size + more]), [0, 1, 2], settings, LIBRARY)
         assert found[2] == pytest.approx(class_ratio * found[1], rel=0.5)  # the temperature is that of the larger gain
 
 
@@ -57,13 +57,13 @@ def test_among_two_candidates_any_second_may_be_in_the_class():
 
 def test_a_single_is_divided_as_if_there_were_no_pairs():
     singles = {NONE: 0.0, WIND: 1000.0, PAYLOAD: 900.0}
-    alone = chances([*map(len, singles)], np.array([*singles.values()]), GapSettings(), LIBRARY)
-    among = chances([*map(len, singles), 2], np.array([*singles.values(), 500.0]), GapSettings(), LIBRARY)
+    alone = tempered(np.array([*singles.values()]), [*map(len, singles)], GapSettings(), LIBRARY)
+    among = tempered(np.array([*singles.values(), 500.0]), [*map(len, singles), 2], GapSettings(), LIBRARY)
     assert among[:3] == pytest.approx(alone, rel=1e-3) and among[3] < 1e-3
 
 
 def test_nothing_gained_is_none():
-    found = chances([0, 1, 1], np.array([0.0, -2.0, 1.0]), GapSettings(), LIBRARY)
+    found = tempered(np.array([0.0, -2.0, 1.0]), [0, 1, 1], GapSettings(), LIBRARY)
     assert found[0] > 0.9 and found.sum() == 1.0
 
 

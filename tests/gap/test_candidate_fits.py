@@ -8,9 +8,9 @@ import pytest
 
 from physreal_core.effects import EFFECTS
 from physreal_core.gap import GapSettings
-from physreal_core.gap.adding import Fits
+from physreal_core.gap.adding import EffectFits
+from physreal_core.gap.fits.candidate_fits import CandidateFits
 from physreal_core.gap.fits.least_squares import Data
-from physreal_core.gap.fits.refits import Refits
 from physreal_core.gap.noise.model import ModelError
 from tests.gap.linear import ANSWERS, LinearExperiment, MadeUp, baseline, register
 
@@ -24,15 +24,15 @@ def registry(monkeypatch):
     register(monkeypatch)
 
 
-def refits(truth: dict, iterations: int = 8) -> Refits:
+def candidate_fits(truth: dict, iterations: int = 8) -> CandidateFits:
     experiment = LinearExperiment(ANSWERS, truth)
     data = Data([experiment], [experiment.noise()])
-    return Refits(baseline(experiment, data, iterations), data, NAMES, SETTINGS)
+    return CandidateFits.beside(baseline(experiment, data, iterations), data, NAMES, SETTINGS)
 
 
 def test_contrast_that_the_baseline_needs_is_screened_without_too():
     """The two moduli of the linear world differ by a third, which its tracks show."""
-    found = refits({"sink": {"amount": 0.6}})
+    found = candidate_fits({"sink": {"amount": 0.6}})
     level = found.screens[1].baseline
     patches = level.vector[: level.unknowns.patches]
     assert len(found.screens) == 2 and np.ptp(patches) < 0.05
@@ -42,14 +42,14 @@ def test_contrast_that_the_baseline_needs_is_screened_without_too():
 
 
 def test_every_effect_is_fitted_to_better_than_its_start_and_two_together():
-    found = refits({"sink": {"amount": 0.6}, "drift": {"east": 0.4}})
+    found = candidate_fits({"sink": {"amount": 0.6}, "drift": {"east": 0.4}})
     ranked = found.ranked()
     fits = found.fitted(ranked)
     assert all(fit.energy < found.baseline.energy for fit in fits)
     best = max(fits, key=lambda fit: fit.log_evidence)
     ((score,),) = found.ranked_beside(best)
     assert {score.start.effect, *best.unknowns.effects} == {*NAMES}
-    (pair,) = found.settled(found.fitted([[score]]))
+    (pair,) = found.converged(found.fitted([[score]]))
     values = pair.unknowns.values(pair.vector)
     assert values["sink"]["amount"] == pytest.approx(0.6, abs=0.1)
     assert values["drift"]["east"] == pytest.approx(0.4, abs=0.1)
@@ -57,16 +57,16 @@ def test_every_effect_is_fitted_to_better_than_its_start_and_two_together():
 
 def test_a_baseline_that_stopped_short_goes_on_from_the_others():
     """Otherwise an effect would gain by having started where the material is right."""
-    short = refits({}, iterations=1)
+    short = candidate_fits({}, iterations=1)
     fits = short.fitted(short.ranked())
-    none, *_ = short.settled([short.baseline, *fits])
+    none, *_ = short.converged([short.baseline, *fits])
     assert none.unknowns.effects == () and none.energy <= short.baseline.energy
     assert max(fit.log_evidence for fit in fits) - none.log_evidence < 2.0
 
 
 def test_an_effect_is_fitted_alone_from_where_two_are():
-    found = refits({"sink": {"amount": 0.6}, "drift": {"east": 0.4}})
-    (two,) = found.settled(found.fitted(found.ranked_beside(found.fitted(found.ranked())[0])[:1]))
+    found = candidate_fits({"sink": {"amount": 0.6}, "drift": {"east": 0.4}})
+    (two,) = found.converged(found.fitted(found.ranked_beside(found.fitted(found.ranked())[0])[:1]))
     alone = found.alone(two)
     assert [fit.unknowns.effects for fit in alone] == [(name,) for name in two.unknowns.effects]
     assert all(two.energy < fit.energy < found.baseline.energy for fit in alone)
@@ -74,12 +74,12 @@ def test_an_effect_is_fitted_alone_from_where_two_are():
 
 def test_a_screen_taken_anew_promises_the_same_in_a_linear_world():
     """Beside a fit with an effect in it: what does not go with it is left out."""
-    found = refits({"sink": {"amount": 0.6}, "drift": {"east": 0.4}})
+    found = candidate_fits({"sink": {"amount": 0.6}, "drift": {"east": 0.4}})
     best = max(found.fitted(found.ranked()), key=lambda fit: fit.log_evidence)
     ((score,),) = found.ranked_beside(best)
     (other,) = set(NAMES) - set(best.unknowns.effects)
     assert score.start.effect == other
-    (settled,) = found.settled(found.fitted([[score]]))
+    (settled,) = found.converged(found.fitted([[score]]))
     assert settled.log_evidence - best.log_evidence == pytest.approx(score.gain, rel=0.05)
 
 
@@ -106,9 +106,9 @@ def late(monkeypatch) -> Late:
 def test_what_another_of_the_same_term_may_stand_for_is_found_from_a_plain_size_beside_it(late):
     """Its tangents promise nothing, and so nothing comes of a fit from them."""
     data = Data([late], [late.noise()])
-    found = Refits(baseline(late, data), data, ("sink", "slump", "drift"), SETTINGS)
-    fits = {fit.unknowns.effects[0]: fit for fit in found.settled(found.fitted(found.ranked()))}
-    kin = found.settled(found.look_alikes(fits["slump"]))
+    found = CandidateFits.beside(baseline(late, data), data, ("sink", "slump", "drift"), SETTINGS)
+    fits = {fit.unknowns.effects[0]: fit for fit in found.converged(found.fitted(found.ranked()))}
+    kin = found.converged(found.look_alikes(fits["slump"]))
     assert [fit.unknowns.effects for fit in kin] == [("sink",)]
     assert kin[0].unknowns.values(kin[0].vector)["sink"]["amount"] == pytest.approx(FAR, abs=0.05)
     assert kin[0].log_evidence > fits["slump"].log_evidence + 10.0
@@ -119,7 +119,7 @@ def test_what_another_of_the_same_term_may_stand_for_is_found_from_a_plain_size_
 def test_what_is_added_is_fitted_from_where_the_search_finds_it(late):
     """Though only the effect that is added is named, and not what takes its place at first."""
     settings = replace(SETTINGS, candidates=("sink", "slump", "drift"), model_error=ModelError(rms=3e-4, moved=1e-4))
-    fits = Fits([late], settings, lambda message: None)
+    fits = EffectFits.begin([late], settings, lambda message: None)
     added = fits.with_effects(["sink"])
     assert added.unknowns.effects == ("sink",)
     assert added.unknowns.values(added.vector)["sink"]["amount"] == pytest.approx(FAR, abs=0.05)
@@ -141,7 +141,7 @@ def test_an_effect_that_a_modulus_hides_is_found_from_a_plain_size(monkeypatch, 
         monkeypatch.setattr(type(EFFECTS["sink"]), hook, lambda *what_tells_of_it: ({"amount": 1.2},))
     experiment = Barrier(ANSWERS, {"sink": {"amount": FAR}})
     data = Data([experiment], [experiment.noise()])
-    found = Refits(baseline(experiment, data), data, ("sink",), SETTINGS)
-    assert found.begins_afar("sink") == bool(hook)
-    (fitted,) = found.settled(found.fitted(found.ranked()))
+    found = CandidateFits.beside(baseline(experiment, data), data, ("sink",), SETTINGS)
+    assert found.needs_large_starts("sink") == bool(hook)
+    (fitted,) = found.converged(found.fitted(found.ranked()))
     assert fitted.unknowns.values(fitted.vector)["sink"]["amount"] == pytest.approx(reached, abs=0.1)

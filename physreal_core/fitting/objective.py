@@ -19,8 +19,8 @@ class Objective:
 
     Args:
         problem: the sequence.
-        model: says the laws, the residual networks, the numerical setting and the named effects; of its fields, only where
-            the patches are.
+        model: says the laws, the residual networks, the numerical setting and the named effects; of its fields, only
+            where the patches are.
         config: weights and scales.
         device: where everything is computed; the problem's tensors are moved there once. `fields` may stay on the CPU.
 
@@ -43,9 +43,10 @@ class Objective:
         return self.problem.observed
 
     def rollout(self, fields: Fields, frames: int) -> States:
-        """States under patch fields, F as the motion since frame 0, of the frames that the measurement needs for `frames` of its own.
+        """States under patch fields, F as the motion since frame 0, for a measurement of `frames` frames.
 
-        These are `frames`, or more where an effect on the measurement reads a later time (see `Rollouts.frames_needed`).
+        These are as many frames, or more where an effect on the measurement reads a later time (see
+        `Rollouts.frames_needed`).
         """
         watch = self.stopwatch
         frames = self.rollouts.frames_needed(frames)

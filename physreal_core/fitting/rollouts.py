@@ -1,7 +1,7 @@
-"""A problem rolled out under a model: the one way from patch fields and effects to states, and to where the measurement sees them.
+"""A problem rolled out under a model: from patch fields and effects to states, and to where the measurement sees them.
 
-An effect acts on what goes into the rollout (parameters, controller points, laws) or on where the measurement sees what comes
-out of it. The object itself is never corrected for the camera.
+An effect acts on what goes into the rollout (parameters, controller points, laws) or on where the measurement sees what
+comes out of it. The object itself is never corrected for the camera.
 """
 
 import dataclasses
@@ -33,12 +33,14 @@ _POLAR_STEPS = 8
 class Rollouts:
     """Rollouts of one problem under the laws, the numerical settings and the effects of one model.
 
-    The measurement may need more frames of the rollout than it shows: a camera that is slower than stated sees a later time.
-    `frames_needed` says how many, `inputs` and `simulate` take that number, and `seen` then covers the frames asked for.
+    The measurement may need more frames of the rollout than it has itself, as a camera that is slower than stated sees
+    a later time. `frames_needed` says how many, `inputs` and `simulate` take that number, and `seen` then covers the
+    frames asked for.
 
     Args:
         problem: the sequence.
-        model: gives laws, effects and the places of the patches; the fields that are rolled out are given with each call.
+        model: gives laws, effects and the places of the patches; the fields that are rolled out are given with each
+            call.
         device: where everything is computed. The problem's tensors are moved there once.
 
     Attributes:
@@ -78,8 +80,8 @@ class Rollouts:
         Args:
             fields: as of `Model.fields`; they may stay on the CPU.
             values: coefficients beside the model's, or in their place.
-            frames: number of frames to roll out; by default what the measurement of all frames needs. Beyond the recording
-                the controller points go straight on.
+            frames: number of frames to roll out; by default what the measurement of all frames needs. Beyond the
+                recording the controller points go straight on.
         """
         frames = frames or self.frames_needed(self.problem.frame_count, values)
         near, weights = self.problem.patch_neighbours, self.problem.patch_weights
@@ -106,7 +108,7 @@ class Rollouts:
         return roll_out_together(self._simulator, inputs, frames)
 
     def play(self, fields: Fields, values: EffectValues | None = None) -> Player:
-        """A rollout for new actions, stepped frame by frame from frame 0 on with the controller points that the caller gives.
+        """A rollout for new actions, stepped frame by frame with the controller points that the caller gives.
 
         An effect on the recorded controller points (a slip, a lag) has nothing to act on there.
         """
@@ -125,7 +127,7 @@ class Rollouts:
         return Simulator(problem.body, self.config, problem.grip, problem.clamps, problem.loads)
 
     def _acting(self, values: EffectValues | None) -> dict[str, dict[str, Tensor]]:
-        """Coefficients of all effects, in the order in which they act: the model's own, then those given beside them."""
+        """Coefficients of all effects, in the order in which they act: the model's own first."""
         return _merged(self.values, {name: self._numbers(own) for name, own in (values or {}).items()})
 
     def _numbers(self, values: Mapping[str, Tensor | float]) -> dict[str, Tensor]:
@@ -160,8 +162,8 @@ def setting_of(problem: Problem, config: SimulationConfig, dtype: torch.dtype) -
 def motion_since_start(states: States, parameters: Parameters) -> States:
     """`states` with F as the motion since frame 0, which is what carries points and Gaussians.
 
-    A body that starts under stress starts with F0 = R S: its stretch S is no motion of the material since then, while its
-    rotation R is how the body as a whole was placed (F S^-1 = F F0^-1 R). Without one, F is the motion already.
+    A body that starts under stress starts with F0 = R S: its stretch S is no motion of the material since then, while
+    its rotation R is how the body as a whole was placed (F S^-1 = F F0^-1 R). Without one, F is the motion already.
     """
     F0 = parameters.initial_deformation
     if F0 is None:

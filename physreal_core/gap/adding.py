@@ -30,9 +30,9 @@ def add_effect(
 ) -> Added:
     """Add the named effects to the model, and show what they do to the gap.
 
-    The models that show the gap are fitted to the training frames of one interaction, the one that tells most about the effects.
-    Its later frames and all other interactions are held out. The numbers that go into the model come from all interactions. Of a
-    single interaction, both are the search's own fits.
+    The models that show the gap are fitted to the training frames of one interaction, the one that tells most about the
+    effects. Its later frames and all other interactions are held out. The numbers that go into the model come from all
+    interactions. Of a single interaction, both are the search's own fits.
 
     Args:
         experiments: as given to `find_gap`.
@@ -113,8 +113,8 @@ class EffectFits:
     def _first(fits: CandidateFits, scores: list[Score], ranked: Sequence[list[Score]]) -> list[Fit]:
         """Fits of a first effect as the search makes them.
 
-        These are one from where the effect was scored and, if another effect of the same term does better from there, one beside
-        the material of that other effect.
+        These are one from where the effect was scored and, if another effect of the same term does better from there,
+        one beside the material of that other effect.
         """
         name = scores[0].start.effect
         related = [other for other in ranked if share_a_term(other[0].start.effect, name)]

@@ -51,7 +51,8 @@ def find_gap(
 def candidates(experiment: Interaction, settings: GapSettings) -> tuple[str, ...]:
     """Names of the effects that may be missing.
 
-    These are the ones asked for, less those that the model has already, cannot have beside its own, or has as an unknown number.
+    These are the ones asked for, less those that the model has already, cannot have beside its own, or has as an
+    unknown number.
 
     Raises:
         InputError: a name is not in the registry.
@@ -156,7 +157,7 @@ class SearchResult:
         return self.strategy.measurements
 
     def report(self) -> GapReport:
-        """Verdict, candidates and maps of the disagreement; runs a few rollouts for a lead where the effect is unknown."""
+        """Verdict, candidates and maps of the disagreement; an unknown effect costs a few rollouts for a lead."""
         settings, names = self.search.settings, self.strategy.candidate_fits.names
         chances = probabilities(
             [answer.names for answer in self.answers],

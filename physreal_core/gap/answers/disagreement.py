@@ -16,13 +16,13 @@ def disagreements(
     predictions: Sequence[Float[Array, "frames tracks 3"]],
     fitted_on: int | None = None,
 ) -> tuple[Disagreement, ...]:
-    """The disagreement in the training frames and in the held-out frames of every interaction, where anything was measured.
+    """The disagreement in the training and in the held-out frames of every interaction, where anything was measured.
 
     Args:
         experiments: the measurements.
         predictions: tracks over all frames of each [m].
-        fitted_on: number of the interaction whose training frames the model has seen; every frame of the others is then held
-            out. None where it has seen those of all.
+        fitted_on: number of the interaction whose training frames the model has seen; every frame of the others is then
+            held out. None where it has seen those of all.
     """
     found = []
     for number, (experiment, predicted) in enumerate(zip(experiments, predictions, strict=True)):

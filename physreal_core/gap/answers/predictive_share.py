@@ -10,9 +10,9 @@ from physreal_core.gap.fits.least_squares import Data, Fit
 def predictive_shares(found: Fit, baseline: Fit, data: Data) -> tuple[float, ...]:
     """Per interaction, the share of an answer's change of the others that a fit to it alone would predict, 0 to 1.
 
-    The linear model around the answer's fit says how far the posterior after one interaction spreads the tracks of the others.
-    The spread is large where that interaction says little of what they need: friction in a swing, stiffness in a drag. The change
-    is that from the baseline to the answer. A single interaction has a share of one.
+    The linear model around the answer's fit says how far the posterior after one interaction spreads the tracks of the
+    others. The spread is large where that interaction says little of what they need: friction in a swing, stiffness in
+    a drag. The change is that from the baseline to the answer. A single interaction has a share of one.
 
     Args:
         found: fit of the answer.

@@ -1,7 +1,7 @@
 """Probabilities of answers from their gains in evidence.
 
-Gains are divided by a temperature before they become probabilities. The simulator's own error is not independent from entry to
-entry, and it grows with what there is to explain, so plain likelihood ratios would be far too sure.
+Gains are divided by a temperature before they become probabilities. The simulator's own error is not independent from
+entry to entry, and it grows with what there is to explain, so plain likelihood ratios would be far too sure.
 """
 
 from __future__ import annotations
@@ -38,8 +38,8 @@ def probabilities(
 def weighed(gain: float, held_out: float, settings: GapSettings) -> float:
     """A gain in evidence, with a part of what the answer gains or loses on held-out frames [nat].
 
-    A loss there counts against the effect. A gain there counts in part, and up to the gain in evidence at most. Otherwise an effect
-    without evidence of its own could win by one lucky late swing.
+    A loss there counts against the effect. A gain there counts in part, and up to the gain in evidence at most.
+    Otherwise an effect without evidence of its own could win by one lucky late swing.
     """
     promised = max(gain, 0.0)
     if held_out < 0.0:
@@ -53,7 +53,7 @@ def confirmed(
     held_out: Sequence[float],
     settings: GapSettings,
 ) -> Float[Array, " answers"]:
-    """The gains [nat], with those of two effects limited to what held-out frames confirm beyond the better effect alone.
+    """The gains [nat], where those of two effects count as far as held-out frames confirm them.
 
     A superfluous second effect fits what the first one leaves in the training frames, and does nothing beyond them.
     """
@@ -73,8 +73,8 @@ def tempered(
 ) -> Float[Array, " answers"]:
     """Probabilities of answers with these gains.
 
-    What the best two effects gain beyond the best single one has a temperature of its own: the simulator's error in one effect is
-    in both answers, so it cancels in the difference.
+    What the best two effects gain beyond the best single one has a temperature of its own: the simulator's error in one
+    effect is in both answers, so it cancels in the difference.
 
     Args:
         gains: that count [nat].
@@ -99,7 +99,7 @@ def _priors(settings: GapSettings, library: int) -> tuple[float, float, float]:
 
 
 def worth_of_a_second(gain: float, settings: GapSettings, library: int) -> float:
-    """Gain that a second effect needs beyond a best one of this gain, for the two to be reported in one class with it [nat]."""
+    """Gain that a second effect needs beyond the best one, for the two to be in one class with it [nat]."""
     _, single, pair = _priors(settings, library)
     return second_temperature_of(gain, settings) * max(0.0, float(np.log(settings.class_ratio * single / pair)))
 

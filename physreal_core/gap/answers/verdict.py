@@ -16,7 +16,8 @@ def verdict_of(
 
     Args:
         candidates: the most probable first.
-        threshold: gain that a candidate reaches by chance in the allowed share of captures without a missing effect [nat].
+        threshold: gain that a candidate reaches by chance in the allowed share of captures without a missing effect
+            [nat].
         significant: whether there is a disagreement beyond noise and numerical error.
         explained: share of that disagreement that the best candidate explains.
         settings: of the search; they say what belongs to a class.

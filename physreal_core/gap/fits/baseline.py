@@ -18,8 +18,9 @@ Progress = Callable[[str], None]
 """Called with a line of text now and then."""
 
 HORIZONS = (0.35, 0.65)
-"""Shares of the training frames over which a fitted model is refitted first. A swing whose frequency is a little wrong has other
-minima once it is half a period late."""
+"""Shares of the training frames over which a fitted model is refitted first.
+
+A swing whose frequency is a little wrong has other minima once it is half a period late."""
 
 FRICTIONS = (0.4, 1.0, 2.5)
 """Factors on a guessed coefficient of friction, among which the fit of a guessed model looks for its start."""
@@ -33,9 +34,9 @@ def fit_baseline(
 ) -> tuple[Fit, Measurements]:
     """Fit the baseline to all interactions at once, and build the noise models around it.
 
-    Patches that adapt to a disagreement too early lead into poor minima. So a baseline with one modulus for all patches is fitted
-    first, and the patches are set free at the end. The noise models need a baseline to be built around; until there is one, the
-    smooth model error stands for the reruns.
+    Patches that adapt to a disagreement too early lead into poor minima. So a baseline with one modulus for all patches
+    is fitted first, and the patches are set free at the end. The noise models need a baseline to be built around; until
+    there is one, the smooth model error stands for the reruns.
 
     Raises:
         InputError: no start can be simulated, or the fitted model cannot be simulated to the last frame.
@@ -90,8 +91,9 @@ def _from_a_guess(
 ) -> tuple[list[Fit], Data]:
     """Fits with one modulus for all patches, from the lowest minima on a grid of modulus and friction.
 
-    All training frames count from the start. Frames in which a grip presses say little about friction, and those in which the
-    body slides say little about the modulus, so the best fit to the first frames may lie in another minimum than the best to all.
+    All training frames count from the start. Frames in which a grip presses say little about friction, and those in
+    which the body slides say little about the modulus, so the best fit to the first frames may lie in another minimum
+    than the best to all.
     """
     slides = "friction_coefficient" in unknowns.scalars
     moduli, frictions = np.log(settings.scan), np.log(FRICTIONS) if slides else np.zeros(1)

@@ -1,9 +1,9 @@
 """Fits of candidate effects beside one baseline: where they start, and how they go on until they converge.
 
-A baseline that lacks an effect bends its patches to imitate it, often so far that tangents there no longer point to the effect. So
-candidates are screened, and fits start, in two places: at the fitted baseline, and at the best one with one modulus for all patches,
-if the two differ by much. Where a modulus imitates an effect, even the second is another minimum. Such effects are also fitted from
-large amplitudes, each at the modulus that suits it.
+A baseline that lacks an effect bends its patches to imitate it, often so far that tangents there no longer point to the
+effect. So candidates are screened, and fits start, in two places: at the fitted baseline, and at the best one with one
+modulus for all patches, if the two differ by much. Where a modulus imitates an effect, even the second is another
+minimum. Such effects are also fitted from large amplitudes, each at the modulus that suits it.
 """
 
 from __future__ import annotations
@@ -102,7 +102,8 @@ class CandidateFits:
     def fitted(self, chosen: Sequence[list[Score]]) -> list[Fit]:
         """A few steps of the fit of each effect, from whichever of its starts leads furthest.
 
-        The starts are the linear optima of its scores, large amplitudes, and values that would keep the body off a place.
+        The starts are the linear optima of its scores, large amplitudes, and values that would keep the body off a
+        place.
         """
         alone = [None if scores[0].beside.unknowns.effects else scores[0].start.effect for scores in chosen]
         blocking = [(name, values) for name in alone if name for values in self.blocking.get(name, ())]
@@ -191,9 +192,10 @@ class CandidateFits:
         return found
 
     def _from_the_closest(self, chosen: Sequence[tuple[str, Values]], beside: Fit) -> dict[str, Request]:
-        """One fit per effect, from those of its values that come closest to the measurement once the material has followed.
+        """One fit per effect, from its values that come closest to the measurement once the material has followed.
 
-        With the material as it is, a modulus would hide what a place gains. So the linear model says how the material follows.
+        With the material as it is, a modulus would hide what a place gains. So the linear model says how the material
+        follows.
 
         Args:
             chosen: effects with values.
@@ -217,7 +219,7 @@ class CandidateFits:
     def _followed(
         self, begun: Sequence[tuple[Unknowns, Array]], beside: Fit
     ) -> tuple[Float[Array, "material starts"], Float[Array, " starts"]]:
-        """How the material follows each start by the tangents of a fit, and the energy [nat] that the start then has."""
+        """How the material follows each start, by the tangents of a fit, and the energy then [nat]."""
         own = self.baseline.unknowns
         material, known = beside.vector[: own.baseline], beside.jacobian[:, : own.baseline]
         residuals = self.data.residuals(self.data.predict([unknowns.trial(vector) for unknowns, vector in begun]))

@@ -1,8 +1,9 @@
-"""Regularised nonlinear least squares on whitened residuals. Many fits run in lockstep, so that their rollouts form one batch.
+"""Regularised nonlinear least squares on whitened residuals, with the rollouts of many fits in one batch.
 
-A fit is a generator: it yields the trials that it needs and is sent their predictions, one array per interaction. The method is
-Levenberg-Marquardt. Tangents of the effects' coefficients are secants; those of the baseline, which change little, follow Broyden's
-update. As in Powell's hybrid method (1970), a failed step updates them too, and only a second failure in a row renews them all.
+A fit is a generator: it yields the trials that it needs and is sent their predictions, one array per interaction. The
+method is Levenberg-Marquardt. Tangents of the effects' coefficients are secants; those of the baseline, which change
+little, follow Broyden's update. As in Powell's hybrid method (1970), a failed step updates them too, and only a second
+failure in a row renews them all.
 """
 
 from __future__ import annotations
@@ -61,7 +62,8 @@ class Fit:
     def log_evidence(self) -> float:
         """Log evidence by Laplace's approximation [nat], up to a constant that all fits to the same data share.
 
-        An amplitude of fixed sign has half a Gaussian as its prior, twice as dense, and its posterior lies on that side alone.
+        An amplitude of fixed sign has half a Gaussian as its prior, twice as dense, and its posterior lies on that side
+        alone.
         """
         block = self.unknowns.block
         occam = np.linalg.slogdet(block.precision)[1] - np.linalg.slogdet(self.hessian)[1]
@@ -104,7 +106,7 @@ class Data:
         return [e.predict(trials, frames) for e, frames in zip(self.experiments, self.frames, strict=True)]
 
     def residuals(self, predictions: Predictions) -> Float[Array, "entries trials"]:
-        """Whitened differences between predictions and measurements, one column per trial; not a number where a trial failed."""
+        """Whitened predictions - measurements, one column per trial; not a number where a trial failed."""
         parts = [
             noise.whiten(predicted - experiment.measured[: predicted.shape[1]])
             for experiment, noise, predicted in zip(self.experiments, self.noises, predictions, strict=True)
@@ -120,7 +122,9 @@ class Data:
 def tangents(
     unknowns: Unknowns, vector: Float[Array, " unknowns"], columns: Sequence[int], share: float = 1.0
 ) -> tuple[list[Trial], Float[Array, " columns"]]:
-    """Trials of the secants along some unknowns, and their steps. A step that would leave the bounds goes the other way.
+    """Trials of the secants along some unknowns, and their steps.
+
+    A step that would leave the bounds goes the other way.
 
     Args:
         unknowns, vector: the point from which the steps go.
@@ -239,7 +243,7 @@ def _energy(unknowns: Unknowns, vector: Array, residual: Array) -> float:
 
 
 def _step(found: Fit, damping: float) -> tuple[Array, float]:
-    """A damped Gauss-Newton step within the bounds, and the decrease of the energy [nat] that the linear model expects."""
+    """A damped Gauss-Newton step within the bounds, and the decrease of the energy [nat] to expect."""
     unknowns, vector, block, H = found.unknowns, found.vector, found.unknowns.block, found.hessian
     gradient = found.jacobian.T @ found.residual + block.precision @ (vector - block.mean)
     free = np.ones(len(vector), dtype=bool)
@@ -270,7 +274,7 @@ def _finite(columns: Array) -> Array:
 
 
 def together(requests: Sequence[Request], data: Data) -> list[Fit]:
-    """Run fits to the same data in lockstep. In each round, the trials of all unfinished fits form one batch per interaction."""
+    """Run fits to the same data in lockstep: in each round, the trials of all fits are one batch per interaction."""
     fits: list[Fit | None] = [None] * len(requests)
     wanted = {number: next(request) for number, request in enumerate(requests)}
     while wanted:

@@ -13,7 +13,7 @@ from physreal_core.gap.fits.unknowns import Priors, Unknowns
 from physreal_core.gap.interactions.interaction import EffectValues
 
 SHARES = (1.0, 0.5, 0.1)
-"""Shares of the linear model's amplitudes from which a fit may start. The smallest is hardly worse than the fit beside."""
+"""Shares of the linear model's amplitudes from which a fit may start. The smallest hardly changes the fit beside."""
 
 LONGEST_SHIFT = 0.7
 """Largest change of an unknown of the material, in its coordinate: as far as the linear model is good."""
@@ -25,7 +25,7 @@ WAYS = (*((share, True) for share in SHARES), (1.0, False))
 def linear_starts(
     scores: Sequence[Score], priors: Priors
 ) -> tuple[Unknowns, Float[Array, "starts unknowns"], list[Float[Array, "entries known"]]]:
-    """What the fit of one more effect needs: its unknowns, its starts, and the tangents of the baseline's unknowns at each start.
+    """Unknowns, starts, and tangents of the baseline's unknowns at each start, for the fit of one more effect.
 
     Args:
         scores: of the effect, the best first.

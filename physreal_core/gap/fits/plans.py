@@ -1,4 +1,4 @@
-"""Where fits of an effect may start, as rollouts to make; and which effects can act together or pass for one another."""
+"""Where fits of an effect may start, and which effects can act together or be mistaken for one another."""
 
 from __future__ import annotations
 
@@ -19,7 +19,7 @@ EXCLUSIVE = ("obstacle", "fibres")
 
 
 def compatible(first: str, second: str) -> bool:
-    """Whether two effects can act in one simulation: they differ, and need neither the same law nor the same exclusive term."""
+    """Whether two different effects can act together: they need neither the same law nor the same exclusive term."""
     a, b = EFFECTS[first], EFFECTS[second]
     shared = {*a.laws} & {*b.laws} or {*a.terms} & {*b.terms} & {*EXCLUSIVE}
     return first != second and not shared
@@ -66,8 +66,8 @@ class Plan:
 def plans_of(names: Sequence[str], experiments: Sequence[Interaction], trial: Trial) -> list[Plan]:
     """All plans of some effects.
 
-    A start may depend on the body, or on where the body goes under a trial. Of the first kind the first interaction that has any
-    gives all; of the second kind every interaction gives its own.
+    A start may depend on the body, or on where the body goes under a trial. Of the first kind the first interaction
+    that has any gives all; of the second kind every interaction gives its own.
 
     Args:
         names: of the effects.

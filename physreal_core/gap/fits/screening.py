@@ -1,8 +1,8 @@
 """Ranking of candidate effects by a score test (Rao 1948), with the baseline's freedom projected out.
 
-Every effect is in the simulator with amplitude zero. One rollout per amplitude gives its tangent: how the tracks would move. What a
-refit of the baseline could imitate is projected out of the tangent, and the rest is compared with the residual. With Gaussian priors
-the comparison has a closed form, the gain in log evidence of the linearised model.
+Every effect is in the simulator with amplitude zero. One rollout per amplitude gives its tangent: how the tracks would
+move. What a refit of the baseline could imitate is projected out of the tangent, and the rest is compared with the
+residual. With Gaussian priors the comparison has a closed form, the gain in log evidence of the linearised model.
 """
 
 from __future__ import annotations
@@ -169,8 +169,8 @@ class Screen:
     def null_gains(self, seed: int) -> Float[Array, " draws"]:
         """The largest gain of any candidate on captures without a missing effect [nat], by parametric bootstrap.
 
-        Residuals are drawn from the noise model, which covers sensor noise and numerical error, and the baseline is refitted
-        linearly.
+        Residuals are drawn from the noise model, which covers sensor noise and numerical error, and the baseline is
+        refitted linearly.
         """
         random = np.random.default_rng(seed)
         residuals = random.standard_normal((len(self.baseline.residual), DRAWS)).astype(np.float32)

@@ -24,7 +24,8 @@ class Strategy:
     Args:
         measurements: what is fitted to.
         candidate_fits: the screens, and the fits beside the baseline.
-        threshold: gain that the best candidate reaches by chance in the allowed share of captures without a missing effect [nat].
+        threshold: gain that the best candidate reaches by chance in the allowed share of captures without a missing
+            effect [nat].
         settings: of the search.
         progress: called with a line of text now and then.
 
@@ -52,8 +53,8 @@ class Strategy:
     def run(self) -> None:
         """Fit the most promising effects, and those that a tangent cannot judge.
 
-        If the best still leaves more than a correct effect would, fit all others. If that fails too, or if a second effect may
-        belong in the answer, fit pairs.
+        If the best still leaves more than a correct effect would, fit all others. If that fails too, or if a second
+        effect may belong in the answer, fit pairs.
         """
         promising = [scores for scores in self.ranked if max(score.gain for score in scores) > self.threshold]
         large = [s for s in self.ranked if self.candidate_fits.needs_large_starts(s[0].start.effect)]
@@ -97,7 +98,7 @@ class Strategy:
         return self.measurements.excess(best) > allowed
 
     def _second_is_promising(self) -> bool:
-        """Whether the score test lets expect that two effects belong to the class of the best single one, whatever it leaves."""
+        """Whether two effects may belong to the class of the best single one, by the score test."""
         best = self._best(self.threshold)
         if best is None:
             return False
@@ -148,9 +149,11 @@ class Strategy:
     # --- two at once --------------------------------------------------------------------------------------------
 
     def _fit_pairs(self) -> None:
-        """Fit second effects beside the best one and beside others that gain much alone, for a third may imitate one of two.
+        """Fit second effects beside the best one, and beside others that gain much alone.
 
-        Then fit each of the best two alone: a fit with a superfluous effect may leave a minimum in which one alone was caught. And
+        The best single effect may be a third one that imitates one of two. Then fit each of the best two alone: a fit
+        with a superfluous effect may leave a minimum in which one alone was
+            caught. And
         exchange each for the effects that promise most beside the other.
         """
         firsts = [fit for fit in self.ordered() if self.gain(fit) > self.threshold][: self.settings.firsts]

@@ -1,7 +1,8 @@
 """The vector of unknowns of a fit: the baseline's material and the coefficients of effects, with their priors.
 
-All coordinates are of order one: the logarithm of moduli and friction, the logit of Poisson's ratio within its range, and an
-effect's coefficients in units of their scales. The priors make each further unknown cost evidence (Occam's factor).
+All coordinates are of order one: the logarithm of moduli and friction, the logit of Poisson's ratio within its range,
+and an effect's coefficients in units of their scales. The priors make each further unknown cost evidence (Occam's
+factor).
 """
 
 from __future__ import annotations

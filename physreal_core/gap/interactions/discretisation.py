@@ -1,4 +1,4 @@
-"""Other discretisations of one problem: another grid, time step or contact height. They show the simulator's numerical error."""
+"""Other discretisations of one problem, which show the simulator's numerical error."""
 
 from __future__ import annotations
 

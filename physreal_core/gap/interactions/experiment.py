@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 import dataclasses
-from collections.abc import Sequence
+from collections.abc import Iterable, Sequence
 from dataclasses import dataclass
 
 import numpy as np
@@ -27,8 +27,8 @@ LARGEST_BATCH = 256
 LIKE_SUBSTEPS = 1.2
 """Largest ratio of substeps within a batch on a GPU.
 
-All rollouts of a batch take the substeps that the stiffest needs, and transfers damp once a substep. Without a bound, the answer
-for one body would depend on what else is in the batch.
+All rollouts of a batch take the substeps that the stiffest needs, and transfers damp once a substep. Without a bound,
+the answer for one body would depend on what else is in the batch.
 """
 
 LEAST_TRACKS = 3
@@ -59,14 +59,16 @@ class Experiment:
     """An `Interaction` that our simulator rolls out.
 
     Args:
-        problem: body, hand and tracks. Its `observed` frames train, the others are held out. It needs tracks with 3D positions.
+        problem: body, hand and tracks. Its `observed` frames train, the others are held out. It needs tracks with 3D
+            positions.
         model: laws, numerical settings and known effects.
         device: of the simulator.
-        placement: where the object lies; None where it lies as in the first interaction. Effects of a trial that belong to a
-            place or a direction in the body are moved along.
+        placement: where the object lies; None where it lies as in the first interaction. Effects of a trial that belong
+            to a place or a direction in the body are moved along.
 
     Attributes:
-        measured, valid, sigma, config, setting: as of `Interaction`. Frame 0 is never valid, for the model starts there.
+        measured, valid, sigma, config, setting: as of `Interaction`. Frame 0 is never valid, for the model starts
+            there.
 
     Raises:
         InputError: fewer than three tracks on the object have 3D positions.
@@ -87,8 +89,8 @@ class Experiment:
         self.valid: Bool[Array, "frames tracks"] = valid & (np.arange(len(valid)) > 0)[:, None]
         self.measured = np.where(self.valid[..., None], tracks.points3d.numpy().astype(np.float64), 0.0)
         self.sigma = np.where(self.valid, tracks.sigma3d.numpy().astype(np.float64), 1.0)
-        self._rollouts = Rollouts(problem, model, device=device)
-        self.config, self.setting = self._rollouts.config, self._rollouts.setting
+        self._rollouts = Rollouts(problem, model)  # on the CPU, for inputs are many and small
+        self.config, self.setting = self._config_with(()), self._rollouts.setting
         self._simulators: dict[tuple[SimulationConfig, Discretisation], Simulator] = {}
 
     @property
@@ -129,7 +131,7 @@ class Experiment:
     def predict_with_start_sensitivity(
         self, trial: Trial, frames: int | None = None
     ) -> tuple[Float[Array, "frames tracks 3"], Float[Array, "3 frames tracks 3"]]:
-        """Where the measurement would see the tracks [m], and the derivative of that by the points' start along x, y, z.
+        """Where the measurement would see the tracks [m], and its derivative by the points' start along x, y, z.
 
         Both come from one rollout: a tracked point that starts elsewhere is carried by the same motion.
         """
@@ -154,9 +156,13 @@ class Experiment:
         needed = [self._rollouts.frames_needed(frames, own) for own in effects]
         longest = max(needed, default=0)
         return [
-            _Rollout(own, self._rollouts.config_with(own), self._rollouts.inputs(trial.fields, own, longest), count)
+            _Rollout(own, self._config_with(own), self._rollouts.inputs(trial.fields, own, longest), count)
             for trial, own, count in zip(trials, effects, needed, strict=True)
         ]
+
+    def _config_with(self, names: Iterable[str]) -> SimulationConfig:
+        """The simulator's configuration with what these effects need."""
+        return dataclasses.replace(self._rollouts.config_with(names), device=self.device)
 
     def _placed(self, effects: EffectValues) -> EffectValues:
         """Coefficients for the place where the object lies here."""
@@ -167,8 +173,8 @@ class Experiment:
     def _batches(self, made: Sequence[_Rollout]) -> list[list[int]]:
         """Rows of the rollouts that run together.
 
-        On the CPU these need the same terms, so that none pays for another's. On a GPU, which needs many at once, they need the same
-        laws and about as many substeps.
+        On the CPU these need the same terms, so that none pays for another's. On a GPU, which needs many at once, they
+        need the same laws and about as many substeps.
         """
         groups: dict[SimulationConfig, list[int]] = {}
         for row, rollout in enumerate(made):
@@ -188,7 +194,7 @@ class Experiment:
         self, batch: Sequence[_Rollout], discretisation: Discretisation = UNCHANGED
     ) -> list[tuple[Float[Tensor, "frames particles 3"], Float[Tensor, "frames particles 3 3"]]]:
         """States x [m] and F of rollouts that need the same laws, in the capture's frame, on the device."""
-        config = self._rollouts.config_with({name: {} for rollout in batch for name in rollout.effects})
+        config = self._config_with(dict.fromkeys(name for rollout in batch for name in rollout.effects))
         problem = DiscretisedProblem(self.problem, config, discretisation)
         key = config, discretisation
         if key not in self._simulators:
@@ -203,15 +209,15 @@ class Experiment:
         self, rollout: _Rollout, x: Tensor, F: Tensor, frames: int, shift: Float[Tensor, " 3"] | None = None
     ) -> Float[Array, "frames tracks 3"]:
         """Where the measurement would see the tracks [m], or points that start `shift` [m] away from them."""
-        tracks = self._rollouts.problem.tracks
+        tracks = self.problem.tracks
         x0 = torch.as_tensor(self.problem.body.x0).to(x)
-        points0 = tracks.points0 if shift is None else tracks.points0 + shift.to(tracks.points0.device)
-        points = carry_points(tracks.binding, points0.to(x), x0, x, F)
-        return self._rollouts.seen(points, rollout.effects)[:frames].double().cpu().numpy()
+        points0 = tracks.points0 if shift is None else tracks.points0 + shift
+        points = carry_points(tracks.binding, points0.to(x), x0, x, F).cpu()
+        return self._rollouts.seen(points, rollout.effects)[:frames].double().numpy()
 
 
 def of_like_counts(rows: Sequence[int], counts: Sequence[int]) -> list[list[int]]:
-    """Rows in groups whose counts differ by LIKE_SUBSTEPS at most, from the largest down; within a group in their order."""
+    """Rows in groups whose counts differ by LIKE_SUBSTEPS at most, from the largest down."""
     groups: list[list[int]] = []
     for row in sorted(rows, key=lambda row: (-counts[row], row)):
         if not groups or counts[row] * LIKE_SUBSTEPS < counts[groups[-1][0]]:

@@ -76,7 +76,7 @@ class Interaction(Protocol):
     def predict_with_start_sensitivity(
         self, trial: Trial, frames: int | None = None
     ) -> tuple[Float[Array, "frames tracks 3"], Float[Array, "3 frames tracks 3"]]:
-        """Where the measurement would see the tracks [m], and the derivative of that by the points' start along x, y, z."""
+        """Where the measurement would see the tracks [m], and its derivative by the points' start along x, y, z."""
 
     def motion(self, trial: Trial) -> States | None:
         """The whole rollout of one trial, for effects that look where the body goes; None where there is no body."""

@@ -1,4 +1,4 @@
-"""Values from which fits of an effect start, as an interaction gives them; places and directions are those of the first one."""
+"""Values from which fits of an effect start, by an interaction, with places and directions of the first interaction."""
 
 from __future__ import annotations
 

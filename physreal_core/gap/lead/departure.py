@@ -24,8 +24,8 @@ class Departure:
         fps: frames per second.
         responses: of the tracks to forces on regions of the body.
         weights: share of each region in every track, shape [J, R].
-        train, held_out: map displacements of the tracks over all frames [m] to whitened entries of the training and of the
-            held-out frames.
+        train, held_out: map displacements of the tracks over all frames [m] to whitened entries of the training and of
+            the held-out frames.
     """
 
     simulated: Float[Array, "T J 3"]
@@ -72,7 +72,8 @@ class ForceField:
 def force_field(departure: Departure, stretch: float = 0.2) -> ForceField:
     """The force per mass that would explain a departure, without a formula.
 
-    It is found by least squares with a Gaussian prior, whose width the data choose (evidence maximisation, MacKay 1992).
+    It is found by least squares with a Gaussian prior, whose width the data choose (evidence maximisation, MacKay
+    1992).
 
     Args:
         departure: of one interaction.

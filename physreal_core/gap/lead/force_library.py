@@ -1,4 +1,4 @@
-"""Terms of a formula for an unknown force per mass: of position, velocity, strain, and of attraction to a place."""
+"""Terms of a formula for an unknown force per mass: of position, velocity, strain, and attraction to a place."""
 
 from __future__ import annotations
 
@@ -14,12 +14,12 @@ _AXES = "xyz"
 
 @dataclass(frozen=True)
 class RegionMotion:
-    """What regions of the body do.
+    """The motion of regions of the body.
 
     Args:
         position: of their centres [m], shape [T, R, 3].
-        velocity: [m/s], shape [T, R, 3].
-        swelling: relative change of volume, shape [T, R].
+        velocity: of their centres [m/s], shape [T, R, 3].
+        swelling: relative change of their volume, shape [T, R].
     """
 
     position: Float[Array, "T R 3"]
@@ -29,13 +29,13 @@ class RegionMotion:
 
 @dataclass(frozen=True)
 class Term:
-    """One term: coefficient times field is a force per mass [m/s2].
+    """One term. Its coefficient times its field is a force per mass [m/s2].
 
     Args:
         formula: of the field, as "-|v| v".
         unit: of the coefficient.
-        words: what it would be.
-        place: of an attraction [m], else None.
+        words: a physical meaning of the term.
+        place: centre of an attraction [m], else None.
     """
 
     formula: str
@@ -64,14 +64,14 @@ def region_motion(
     *,
     smoothing: float = 0.2,
 ) -> RegionMotion:
-    """Motion of regions as measured: what the simulation says, and the mean departure of each region smoothed in time.
+    """Motion of regions as measured: the simulated motion plus each region's mean departure, smoothed in time.
 
     Args:
         simulated, measured: tracks [m].
         valid: entries with a measurement.
         weights: share of each region in every track.
         fps: frames per second.
-        smoothing: [s]; window of a cubic fit (Savitzky and Golay 1964).
+        smoothing: window of a cubic fit [s] (Savitzky and Golay 1964).
     """
     departure = np.where(valid[..., None], measured - simulated, 0.0)
     mass = valid.astype(float) @ weights
@@ -85,7 +85,7 @@ def region_motion(
 
 
 def _filled(path: Float[Array, "T 3"], known: Bool[Array, " T"]) -> Float[Array, "T 3"]:
-    """Linear in time where nothing is known, constant beyond; zero without any reading."""
+    """A path with its holes filled: linear in time between readings, constant beyond them, zero without any."""
     frames = np.arange(len(path))
     if not known.any():
         return np.zeros_like(path)
@@ -93,7 +93,7 @@ def _filled(path: Float[Array, "T 3"], known: Bool[Array, " T"]) -> Float[Array,
 
 
 def _swelling(simulated: Float[Array, "T J 3"], weights: Float[Array, "J R"]) -> Float[Array, "T R"]:
-    """det F - 1 of the affine motion that fits each region's tracks best; ridged, so that a flat region stays isochoric."""
+    """det F - 1 of the affine motion that fits each region's tracks best. A ridge keeps a flat region isochoric."""
     shares = weights / np.maximum(weights.sum(0), 1e-12)
     centred = simulated[:, :, None] - np.einsum("jr,tjc->trc", shares, simulated)[:, None]
     start = centred[0]
@@ -108,7 +108,7 @@ def library(motion: RegionMotion, origin: Float[Array, " 3"]) -> tuple[list[Term
 
     Args:
         motion: of the regions.
-        origin: from which positions are counted [m]; the same for all interactions.
+        origin: of the positions in the terms [m]; the same for all interactions.
     """
     v, r = motion.velocity, motion.position - origin
     inside = motion.position - motion.position.mean(1, keepdims=True)
@@ -137,7 +137,7 @@ def library(motion: RegionMotion, origin: Float[Array, " 3"]) -> tuple[list[Term
 
 
 def attraction(motion: RegionMotion, place: Float[Array, " 3"]) -> tuple[Term, Float[Array, "T R 3"]]:
-    """Inverse-square attraction to a place [m]; softened at a centimetre, where a region is no point any more."""
+    """Inverse-square attraction to a place [m], softened at a centimetre, where a region is no longer a point."""
     way = place - motion.position
     distance = np.sqrt((way**2).sum(-1, keepdims=True) + 0.01**2)
     term = Term(ATTRACTION.formula, ATTRACTION.unit, ATTRACTION.words, tuple(float(p) for p in place))
@@ -147,8 +147,10 @@ def attraction(motion: RegionMotion, place: Float[Array, " 3"]) -> tuple[Term, F
 def places_around(
     positions: Float[Array, "n 3"], count: int = 5
 ) -> tuple[Float[Array, "places 3"], Float[Array, " 3"]]:
-    """A grid in and around where a body has been, its box widened by half its greatest extent on each side: places and
-    spacing [m]."""
+    """A grid in and around where a body has been: places and spacing [m].
+
+    The body's box is widened by half its greatest extent on each side.
+    """
     margin = 0.5 * np.ptp(positions, axis=0).max()
     low, high = positions.min(0) - margin, positions.max(0) + margin
     axes = [np.linspace(low[i], high[i], count) for i in range(3)]

@@ -1,4 +1,4 @@
-"""A sparse formula for an unknown force: orthogonal matching pursuit (Pati et al. 1993) on what each term does to the tracks."""
+"""A sparse formula for an unknown force, by orthogonal matching pursuit (Pati et al. 1993) on the tracks."""
 
 from __future__ import annotations
 
@@ -14,7 +14,9 @@ from physreal_core.gap.lead.force_library import RegionMotion, Term, attraction,
 
 
 class FormulaSearch:
-    """Terms of a formula as whitened columns of all interactions, and fits of some of them; `over` fills in the library.
+    """Terms of a formula as whitened columns of all interactions, and fits of some of them.
+
+    `over` fills in the library.
 
     Args:
         departures: of the interactions.
@@ -68,7 +70,7 @@ class FormulaSearch:
         return inverse @ (columns.T @ self._targets[held_out][:, 0]), inverse
 
     def share(self, terms: Sequence[Term], *, held_out: bool = False) -> float:
-        """Share of the squared departure beyond noise that these terms explain, with coefficients from the training entries."""
+        """Share of the squared departure beyond noise that these terms explain, as fitted to the training entries."""
         target = self._targets[held_out][:, 0]
         if not terms or not len(target):
             return 0.0
@@ -103,7 +105,7 @@ class FormulaSearch:
         return self.share(terms, held_out=len(self._targets[True]) > 0)
 
     def _with_exact_places(self, terms: list[Term]) -> list[Term]:
-        """The terms with each attraction moved from its place on the grid to where it explains most of the training entries."""
+        """The terms with each attraction moved off the grid, to where it explains most of the training entries."""
         for number, term in enumerate(terms):
             if term.place is not None:
                 rest = terms[:number] + terms[number + 1 :]

@@ -1,4 +1,4 @@
-"""A lead on an unknown effect: the disagreement as a force field, and as a short formula. It helps a person; it is no verdict."""
+"""A lead on an unknown effect: the disagreement as a force field and as a short formula. It is no verdict."""
 
 from __future__ import annotations
 
@@ -64,8 +64,8 @@ def find_lead(departures: Sequence[Departure], *, most: int = 3, worth: float = 
     Args:
         departures: of the interactions.
         most: largest number of terms.
-        worth: share of the held-out disagreement that a term must explain (of the training disagreement where nothing is held
-            out).
+        worth: share of the held-out disagreement that a term must explain (of the training disagreement where nothing
+            is held out).
         stretch: time over which the force field is constant [s].
 
     Raises:

@@ -1,4 +1,4 @@
-"""What a lead is found from: each interaction's departure, and the response of its tracks to forces on parts of the body."""
+"""What a lead is found from: departures of the interactions, and responses of their tracks to forces on the body."""
 
 from __future__ import annotations
 

@@ -1,8 +1,8 @@
-"""How the tracked points answer to a force on a part of the body: step responses of the fitted model, and their convolution.
+"""Responses of the tracked points to a force on a part of the body, from step responses of the fitted model.
 
-Small motions about a trajectory are those of a linear system whose properties hardly change with time, so an arbitrary
-small force moves the points by its convolution with the impulse response, the derivative of the step response. In this way a
-force law can be tried on elasticity, grip and inertia as the simulator has them, without another rollout.
+Small motions about a trajectory are those of a linear system whose properties hardly change with time. So a small force
+moves the points by its convolution with the impulse response, which is the derivative of the step response. A force law
+can then be tried with the simulator's elasticity, grip and inertia, without another rollout.
 """
 
 from __future__ import annotations
@@ -29,16 +29,16 @@ STEP = 0.5
 
 @dataclass(frozen=True)
 class Responses:
-    """Displacements [m] of the tracks at every frame after an acceleration of 1 m/s2 has set in at frame 0.
+    """Displacements of the tracks at every frame after an acceleration of 1 m/s2 has set in at frame 0.
 
     Args:
-        step: by region and axis of the acceleration, shape [R, 3, T, J, 3].
+        step: displacements by region and axis of the acceleration [m], shape [R, 3, T, J, 3].
     """
 
     step: Float[Array, "R 3 T J 3"]
 
     def displacement(self, acceleration: Float[Array, "C T R 3"]) -> Float[Array, "C T J 3"]:
-        """Displacement [m] of the tracks by accelerations [m/s2] of the regions over time, each of C."""
+        """Displacements of the tracks [m] by C accelerations of the regions over time [m/s2]."""
         count, frames = acceleration.shape[:2]
         length = 2 * frames
         force = np.fft.rfft(acceleration.reshape(count, frames, -1), length, axis=1).swapaxes(0, 1)
@@ -59,7 +59,13 @@ class Responses:
 
 
 def free_responses(weights: Float[Array, "J R"], frames: int, fps: float) -> Responses:
-    """Of points that nothing holds together: each moves by t2/2 times its own acceleration, the regions' by `weights`."""
+    """Responses of points that nothing holds together: each moves by t2/2 times its own acceleration.
+
+    Args:
+        weights: share of each region in every track.
+        frames: how many.
+        fps: frames per second.
+    """
     fall = 0.5 * (np.arange(frames) / fps) ** 2
     return Responses(np.einsum("jr,t,ac->ratjc", weights, fall, np.eye(3)))
 
@@ -67,11 +73,11 @@ def free_responses(weights: Float[Array, "J R"], frames: int, fps: float) -> Res
 def step_responses(
     problem: Problem, model: Model, weights: Float[Array, "particles R"], *, step: float = STEP, device: str = "cpu"
 ) -> Responses:
-    """Of a fitted model, all in one batch of rollouts.
+    """Responses of a fitted model, from one batch of rollouts.
 
     Args:
         problem: with tracks.
-        model: fitted, with the effects that are already known.
+        model: fitted, with its known effects.
         weights: share of each region in every particle, shape [N, R].
         step: acceleration [m/s2].
         device: of the simulator.

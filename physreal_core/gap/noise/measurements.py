@@ -118,9 +118,10 @@ class Measurements:
         return {"statistic": statistic, "degrees": degrees, "p_value": float(chi2.sf(statistic, degrees))}
 
     def excess(self, found: Fit) -> float:
-        """What a fit leaves beyond noise and numerical error [nat]: half the chi-square statistic above its degrees of freedom.
+        """Disagreement beyond noise and numerical error that a fit leaves [nat].
 
-        It is negative where the noise model allows more than is left, and infinite where the rollout failed.
+        It is half the chi-square statistic above its degrees of freedom. It is negative where the noise model allows
+        more than is left, and infinite where the rollout failed.
         """
         test = self.test(found)
         left = 0.5 * (test["statistic"] - test["degrees"])

@@ -1,13 +1,15 @@
 """The noise model: how far residuals may be from zero without a missing effect.
 
-The covariance of the stacked residuals is N + U U^T. N is the sensor's noise, independent from entry to entry. The columns of U are
+The covariance of the stacked residuals is N + U U^T. N is the sensor's noise, independent from entry to entry. The
+columns of U are
 
 - the sensor's error in frame 0, which each track carries along, because there it is tied to the object;
 - the differences between the model and its reruns in other discretisations;
-- a field that is smooth in space and time, for model error that the reruns do not reach (Kennedy and O'Hagan 2001, "Bayesian
-  calibration of computer models").
+- a field that is smooth in space and time, for model error that the reruns do not reach (Kennedy and O'Hagan 2001,
+  "Bayesian calibration of computer models").
 
-Without U, thousands of entries would average the sensor noise away, and every capture would seem to have a missing effect.
+Without U, thousands of entries would average the sensor noise away, and every capture would seem to have a missing
+effect.
 """
 
 from __future__ import annotations
@@ -91,7 +93,7 @@ class Noise:
         return fields[:, : self.frames][:, self.valid].reshape(len(fields), 3 * int(self.valid.sum())).T
 
     def whiten(self, fields: Float[Array, "columns frames tracks 3"]) -> Float[Array, "entries columns"]:
-        """Fields [m] as columns, in units in which the residuals of a correct model are independent and of variance one."""
+        """Fields [m] as columns, in units in which residuals of a correct model are independent with variance one."""
         weighted = self.rows(fields) * self._scale[:, None]
         shrink = torch.from_numpy(1.0 - 1.0 / np.sqrt(1.0 + self._values)).to(self._basis)
         given = torch.from_numpy(weighted).to(self._basis)
@@ -106,9 +108,9 @@ class Noise:
     def global_test(self, residual: Float[Array, "frames tracks 3"], freedom: int) -> dict[str, float]:
         """Test whether the smooth part of a residual is larger than noise and model error allow.
 
-        The projection on a mode has a variance of one plus its eigenvalue. The sum of the squares in those units is chi-square
-        distributed, with one degree of freedom per mode, less those that the baseline has fitted. Modes that the sensor drowns
-        are left out, since they would only dilute the test.
+        The projection on a mode has a variance of one plus its eigenvalue. The sum of the squares in those units is
+        chi-square distributed, with one degree of freedom per mode, less those that the baseline has fitted. Modes that
+        the sensor drowns are left out, since they would only dilute the test.
 
         Args:
             residual: [m], shape [T, J, 3].
@@ -126,7 +128,7 @@ class Noise:
 
 
 def _smooth_field(valid, points0, motion, reruns, fps: float, error: ModelError) -> Float[Array, "entries columns"]:
-    """Columns of a field that is smooth in space and time, and as large as the model's error may be at each entry [m]."""
+    """Columns of a field that is smooth in space and time, of the size of the model's error at each entry [m]."""
     frames, tracks = valid.shape
     extent = float(np.linalg.norm(np.ptp(points0, axis=0)))
     space = _leading(points0, error.length * extent)

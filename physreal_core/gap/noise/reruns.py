@@ -20,10 +20,10 @@ RERUNS = (
 )
 """Each changes one thing that a converged solution does not depend on (the law: at small strain).
 
-The scheme is of second order in space, so the difference between two grids gives the distance to the limit (Richardson's
-extrapolation). Transfers damp once a substep, so half the step damps twice as much, and the difference is the damping itself.
-Contact through nodes leaves a gap of a sixth of a cell after a fall (`simulation.touch`), and neither the plane nor the body's
-underside is known better.
+The scheme is of second order in space, so the difference between two grids gives the distance to the limit
+(Richardson's extrapolation). Transfers damp once a substep, so half the step damps twice as much, and the difference is
+the damping itself. Contact through nodes leaves a gap of a sixth of a cell after a fall (`simulation.touch`), and
+neither the plane nor the body's underside is known better.
 """
 
 
@@ -35,9 +35,9 @@ def rerun_differences(
 ) -> Float[Array, "modes frames tracks 3"]:
     """Estimates of the numerical error of a trial's tracks [m], one per rerun.
 
-    A rerun that fails is left out. So is one that changes nothing: the model's own law, or the height of a ground that is not
-    there. Known effects with a direction of their own do not turn with the body, and clamps stay in place; with either, the
-    turned grid is left out.
+    A rerun that fails is left out. So is one that changes nothing: the model's own law, or the height of a ground that
+    is not there. Known effects with a direction of their own do not turn with the body, and clamps stay in place; with
+    either, the turned grid is left out.
 
     Args:
         experiment: the interaction.

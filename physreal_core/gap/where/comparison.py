@@ -1,7 +1,7 @@
-"""A simulation beside its measurement, in units of what may be expected of their difference: noise and numerical error.
+"""A simulation beside its measurement, in units of their expected difference: noise and numerical error.
 
-The null hypothesis is simulated - measured = sum_m a_m mode_m + noise, with a_m of mean zero and variance one. So any weighted
-sum of residuals has a known spread, and with it every number of `where`.
+The null hypothesis is simulated - measured = sum_m a_m mode_m + noise, with a_m of mean zero and variance one. So every
+weighted sum of residuals has a known standard deviation, and with it every number that `where` reports.
 """
 
 from __future__ import annotations
@@ -20,20 +20,20 @@ _FOURTH_DIFFERENCE = (1.0, -4.0, 6.0, -4.0, 1.0)
 
 @dataclass(frozen=True)
 class Comparison:
-    """Where the simulation has the tracked points and where they were measured, at every frame.
+    """Simulated and measured positions of the tracked points.
 
     Args:
-        simulated: [m], shape [T, J, 3], known everywhere.
-        measured: [m], shape [T, J, 3]; anything where `valid` is false.
+        simulated: positions [m], shape [T, J, 3], known everywhere.
+        measured: positions [m], shape [T, J, 3]; anything where `valid` is false.
         sigma: standard deviation of each coordinate of a measurement [m], shape [T, J].
         valid: entries with a measurement, shape [T, J].
         fps: frames per second.
-        modes: displacements [m] by which something other than independent noise (grid, particle spacing, time step, a wrong
-            starting point) may move the answer, each of standard size, at the valid entries in the order of `valid`, shape
-            [M, entries, 3]; None for none.
+        modes: displacements by other things than independent noise (grid, time step, a wrong starting point), one
+            standard deviation long [m], at the valid entries in the order of `valid`, shape [M, entries, 3]; None for
+            none.
 
     Raises:
-        InputError: shapes disagree, nothing is valid, or a number that is to be used is not finite or a sigma not positive.
+        InputError: shapes disagree, nothing is valid, a number in use is not finite, or a sigma is not positive.
     """
 
     simulated: Float[Array, "T J 3"]
@@ -67,12 +67,12 @@ class Comparison:
 
     @cached_property
     def whitened(self) -> Float[Array, "T J 3"]:
-        """The residual in units of its noise, zero where nothing was measured."""
+        """The residual in units of the noise, zero where nothing was measured."""
         return self.residual / self._noise[..., None]
 
     @cached_property
     def whitened_modes(self) -> Float[Array, "entries 3 M"]:
-        """The modes in units of the noise, at the valid entries; modes last, so that what some entries need lies together."""
+        """The modes in units of the noise, at the valid entries; modes last, so that an entry's numbers lie together."""
         count = int(self.valid.sum())
         modes = np.zeros((0, count, 3)) if self.modes is None else self.modes
         scale = self._noise[self.valid][:, None, None].astype(modes.dtype)
@@ -84,11 +84,11 @@ class Comparison:
 
     @cached_property
     def noise_scale(self) -> float:
-        """How much larger the noise is than `sigma` says, never below one.
+        """Estimated noise over the stated `sigma`, at least one.
 
-        Taken from fourth differences over time, in which a smooth disagreement is gone (of a swing of 3 Hz at 30 frames a
-        second a fiftieth is left) and noise is not; the median keeps impacts out. Noise that looks smaller than sigma may be
-        noise that is smooth in time, so sigma is kept; so it is where the excess may be chance.
+        The estimate is the median of fourth differences over time. They remove a smooth disagreement (of a swing of 3
+        Hz at 30 frames a second a fiftieth is left) but not the noise, and the median ignores impacts. Noise that looks
+        smaller than sigma may be smooth in time, so sigma is kept; it is kept too where the excess may be chance.
         """
         if len(self.valid) < 5:
             return 1.0
@@ -116,7 +116,7 @@ class Comparison:
         return float(np.sqrt((scaled**2).sum() + (along**2).sum()))
 
     def rms(self, chosen: Bool[Array, "T J"] | None = None) -> Sizes:
-        """Root mean squares of the distances [m] over the valid entries, or those of them that are chosen."""
+        """Root mean square distances over the valid entries, or over those of them that are chosen."""
         entries = self.valid if chosen is None else self.valid & chosen
         count = max(1, int(entries.sum()))
         weights = np.where(entries[..., None], self.residual, 0.0)
@@ -136,8 +136,8 @@ class Sizes:
 
     Args:
         residual: between simulation and measurement.
-        noise, numerics: what noise and numerical error would give alone.
-        gap: what is left of the residual without these two, zero where they explain it.
+        noise, numerics: what noise alone and numerical error alone would give.
+        gap: the residual without these two; zero where they explain it.
         deviation: standard deviation of `residual` by noise and numerical error.
     """
 
@@ -150,13 +150,13 @@ class Sizes:
 
 @dataclass(frozen=True)
 class Agreement:
-    """A test of the null hypothesis that there is nothing but noise and numerical error.
+    """A test of the null hypothesis that simulation and measurement differ by noise and numerical error alone.
 
     Args:
         statistic: generalised chi-square over the smooth part of the residual.
         degrees: of freedom.
         p_value: probability of so large a statistic under the null hypothesis.
-        log10_p: its decimal logarithm, which does not underflow.
+        log10_p: decimal logarithm of `p_value`, which does not underflow.
     """
 
     statistic: float
@@ -166,17 +166,17 @@ class Agreement:
 
 
 def agreement(comparison: Comparison, *, window: float = 0.1, overdispersion: float = 1.0) -> Agreement:
-    """Is there any disagreement beyond noise and numerical error?
+    """Test for a disagreement beyond noise and numerical error.
 
-    A residual that means something is smooth over the body and over a moment. So in each window of time it is reduced to a
-    linear field over the points, which leaves few numbers in which noise of thousands of entries has averaged out, and a wrong
-    sigma (which adds to all entries alike) matters little.
+    A systematic residual is smooth over the body and over a short time. So in each window of time the residual is
+    reduced to a linear field over the points. The noise of thousands of entries averages out in these few numbers, and
+    a wrong sigma, which adds to all entries alike, matters little.
 
     Args:
         comparison: of simulation and measurement.
-        window: [s]; half the period of the fastest motion that is to be seen.
-        overdispersion: factor by which the statistic exceeds its degrees of freedom where it is known that nothing is
-            missing (captures of known truth); one for a perfect noise model.
+        window: half the period of the fastest motion that is to be seen [s].
+        overdispersion: the statistic over its degrees of freedom on captures of known truth where nothing is missing;
+            one for a perfect noise model.
     """
     length = max(1, round(window * comparison.fps))
     starts = range(0, len(comparison.valid), length)
@@ -192,11 +192,11 @@ def frame_agreement(comparison: Comparison, overdispersion: float = 1.0) -> list
 
 
 def local_scores(comparison: Comparison, frames: slice) -> tuple[Float[Array, " n"], Float[Array, "n M"]]:
-    """Coefficients of the residual, and of each mode, in a linear field over the points; noise of variance one in each.
+    """Coefficients of the residual and of each mode in a linear field over the points. Each has noise of variance one.
 
     Args:
         comparison: of simulation and measurement.
-        frames: taken together; the field does not change among them.
+        frames: over which the field is constant.
     """
     valid = comparison.valid[frames]
     tracks = np.nonzero(valid)[1]
@@ -211,13 +211,13 @@ def local_scores(comparison: Comparison, frames: slice) -> tuple[Float[Array, " 
 
 
 def _linear_field(points: Float[Array, "J 3"]) -> Float[Array, "J 4"]:
-    """One and the coordinates, in units of the points' extent."""
+    """A constant and the coordinates, in units of the points' extent."""
     centred = points - points.mean(0)
     return np.hstack([np.ones((len(points), 1)), centred / max(np.abs(centred).max(), 1e-12)])
 
 
 def _chi_square(values: Float[Array, " n"], modes: Float[Array, "n M"], overdispersion: float) -> Agreement:
-    """values ~ N(0, 1 + modes modesᵀ)."""
+    """Test of the null hypothesis values ~ N(0, 1 + modes modesᵀ)."""
     covariance = np.eye(len(values)) + modes @ modes.T
     statistic = float(values @ np.linalg.solve(covariance, values)) / overdispersion
     log_p = _log_tail(statistic, len(values)) if len(values) else 0.0

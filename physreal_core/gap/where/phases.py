@@ -1,4 +1,4 @@
-"""Phases of an interaction: what the hand and the body do in each frame, which points touch the ground, which part is which."""
+"""Phases of an interaction: what hand and body do in each frame, points on the ground, and parts of the body."""
 
 from __future__ import annotations
 
@@ -11,7 +11,7 @@ from scipy import ndimage
 from physreal_core.array_types import Array, Bool, Float, Int
 
 MOTIONS = ("still", "driven", "swinging", "settled")
-"""Before anything moves; while the hand moves; the hand rests and the body moves; both have come to rest."""
+"""Nothing has moved yet; the hand moves; the hand rests and the body moves; both have come to rest."""
 
 PARTS_BY_DISTANCE = ("held end", "middle", "far end")
 PARTS_BY_HEIGHT = ("underside", "middle", "top")
@@ -34,7 +34,7 @@ class Phases:
     parts: tuple[str, ...]
 
     def spans(self) -> list[tuple[str, int, int]]:
-        """(motion, first frame, frame after the last) of every stretch of frames."""
+        """Stretches of one motion: (motion, first frame, frame after the last)."""
         edges = [0, *(np.flatnonzero(np.diff(self.motion)) + 1).tolist(), len(self.motion)]
         return [(MOTIONS[self.motion[a]], a, b) for a, b in pairwise(edges)]
 
@@ -47,14 +47,15 @@ def label_phases(
     held_distance: Float[Array, " J"] | None = None,
     touching: Bool[Array, "T J"] | None = None,
 ) -> Phases:
-    """Phases of one interaction.
+    """Label the phases of one interaction.
 
     Args:
-        simulated: tracked points as simulated (they have no holes) [m], shape [T, J, 3].
+        simulated: tracked points as simulated, because these have no holes [m], shape [T, J, 3].
         fps: frames per second.
-        controllers: points of the hand [m], shape [T, C, 3]; None or C = 0 where nothing moves the body (a released beam).
-        held_distance: distance of each point from what holds the body, hand or clamp, at frame 0 [m], shape [J];
-            without it parts are told by their height.
+        controllers: points of the hand [m], shape [T, C, 3]; None or C = 0 where no hand moves the body (a released
+            beam).
+        held_distance: distance of each point from hand or clamp at frame 0 [m], shape [J]. Without it, the parts of the
+            body are thirds of its height.
         touching: points on the ground, shape [T, J]; None for no ground.
     """
     frames, points, _ = simulated.shape
@@ -74,13 +75,13 @@ def label_phases(
 
 
 def moving(path: Float[Array, "T J 3"], fps: float, *, share: float = 0.1, gap: float = 0.1) -> Bool[Array, " T"]:
-    """Frames in which points move: faster than a share of their highest speed, and than their own jitter.
+    """Frames in which points move faster than a share of their highest speed, and faster than their jitter.
 
     Args:
-        path: [m], shape [T, J, 3].
+        path: of the points [m], shape [T, J, 3].
         fps: frames per second.
         share: of the highest root mean square speed.
-        gap: [s]; shorter rests within a motion count as motion, shorter motions within a rest as rest.
+        gap: shorter rests within a motion count as motion, and shorter motions within a rest as rest [s].
     """
     if len(path) < 3:
         return np.zeros(len(path), bool)
@@ -95,14 +96,14 @@ def moving(path: Float[Array, "T J 3"], fps: float, *, share: float = 0.1, gap: 
 
 
 def on_ground(simulated: Float[Array, "T J 3"], ground_height: float | None, reach: float) -> Bool[Array, "T J"]:
-    """Points within `reach` [m] of the support plane, where contact acts on them; none without a plane."""
+    """Points within `reach` [m] of the support plane, where contact acts on them; no points without a plane."""
     if ground_height is None:
         return np.zeros(simulated.shape[:2], bool)
     return simulated[..., 2] < ground_height + reach
 
 
 def _parts(points0: Array, held_distance: Array | None) -> tuple[Array, tuple[str, ...]]:
-    """Thirds of the way from what holds the body to its far end, or of its height."""
+    """Thirds of the way from hand or clamp to the far end, or of the height."""
     measure = points0[:, 2] if held_distance is None else held_distance
     names = PARTS_BY_HEIGHT if held_distance is None else PARTS_BY_DISTANCE
     low, high = measure.min(), measure.max()

@@ -1,4 +1,4 @@
-"""What a disagreement is in one sentence for a person; ± is half of an interval that holds 90 %."""
+"""A disagreement in one sentence for a person. ± is half the width of a 90 % interval."""
 
 from __future__ import annotations
 
@@ -19,11 +19,11 @@ _MOTION_WORDS = {
     "settled": "once all has come to rest",
 }
 _CLEAR = 0.25
-"""A pattern that explains less of the departure than this share is not what a person would see."""
+"""Least share of the departure that a pattern must explain to be mentioned: a person would not see a weaker one."""
 
 
 def where_sentence(where: Where) -> str:
-    """The whole finding: when, in which phase, which part, how and by how much; or that there is nothing."""
+    """The whole finding: when, in which phase, which part of the body, how and by how much; or that there is none."""
     if not where.significant:
         return _agreement_sentence(where)
     place = where.place
@@ -64,7 +64,7 @@ def _motion_at_onset(where: Where) -> str | None:
 
 
 def _phase(place: Place, touches: bool) -> str:
-    """Touching the ground or not is said only where both occur; one swings free all the same."""
+    """The motion, and the contact if the body both touches the ground and does not, or swings free."""
     motion = _MOTION_WORDS.get(place.motion or "", "")
     if place.motion == "swinging" and place.support == "free":
         return "while swinging free"

@@ -1,4 +1,4 @@
-"""How the measured body departs from the simulated one, in words of motion: it lags, it swings less, it hangs lower."""
+"""Patterns of the departure of the measured body from the simulated one: it lags, it swings less, it hangs lower."""
 
 from __future__ import annotations
 
@@ -15,17 +15,18 @@ Kind = Literal["offset", "lag", "swing"]
 
 @dataclass(frozen=True)
 class Signature:
-    """One pattern fitted to the departure, measured - simulated, over chosen entries.
+    """One pattern, fitted to the departure (measured - simulated) over chosen entries.
 
     Args:
-        kind: `offset`: displaced by one vector. `lag`: late by a time along the simulated motion. `swing`: its deflections
-            from the mean position are those of the simulation times (1 + value).
-        value: offset [m] along `direction`; lag [s], negative for a lead; swing [1], negative where it swings less.
+        kind: `offset` for a displacement by one vector; `lag` for a delay along the simulated motion; `swing` for
+            deflections from the mean position that are those of the simulation times (1 + value).
+        value: offset [m] along `direction`; lag [s], negative where the body is ahead; swing [1], negative where it
+            swings less.
         deviation: standard deviation of `value` by noise and numerical error.
         unit: of `value`.
         size: root mean square length of the pattern over the entries [m], with the sign of `value`.
         size_deviation: its standard deviation [m].
-        explained: share of the squared departure, in units of the noise, that the pattern takes out.
+        explained: share of the squared departure, in units of the noise, that the pattern explains.
         direction: unit vector, shape [3]; None but for an offset.
     """
 
@@ -40,7 +41,7 @@ class Signature:
 
 
 def signatures(comparison: Comparison, chosen: Bool[Array, "T J"]) -> tuple[Signature, ...]:
-    """Every pattern fitted alone by weighted least squares, the one that explains most first; none without entries."""
+    """Patterns, each fitted alone by weighted least squares, the one that explains most first; none without entries."""
     entries = comparison.valid & chosen
     if not entries.any():
         return ()
@@ -64,7 +65,7 @@ def _motion_patterns(comparison: Comparison, entries: Array) -> list[Signature |
 def _amplitude(
     comparison: Comparison, entries: Array, pattern: Float[Array, "T J 3"], kind: Kind, unit: str
 ) -> Signature | None:
-    """Departure = value * pattern; None where the pattern vanishes."""
+    """Fit departure = value * pattern; None where the pattern vanishes."""
     pattern = np.where(entries[..., None], pattern, 0.0)
     weights = pattern / np.where(comparison.valid, comparison.sigma, 1.0)[..., None] ** 2
     norm = float((weights * pattern).sum())
@@ -78,7 +79,7 @@ def _amplitude(
 
 
 def _offset(comparison: Comparison, entries: Array) -> Signature:
-    """Departure = one vector."""
+    """Fit departure = one vector."""
     weights = np.where(entries, 1.0 / np.where(comparison.valid, comparison.sigma, 1.0) ** 2, 0.0)
     total = weights.sum()
     vector = -np.einsum("tj,tjc->c", weights, comparison.residual) / total

@@ -1,4 +1,4 @@
-"""Where a simulation and its measurement disagree: which frames, which part of the body, in what way, and whether at all."""
+"""Where a simulation and its measurement disagree: whether at all, in which frames, which part of the body, how."""
 
 from __future__ import annotations
 
@@ -14,16 +14,16 @@ from physreal_core.gap.where.sentences import where_sentence
 from physreal_core.gap.where.signatures import Signature, signatures
 
 SIGNIFICANT = 0.01
-"""Probability of an alarm where there is nothing."""
+"""Probability of a false alarm."""
 
 
 @dataclass(frozen=True)
 class Onset:
-    """When the disagreement can be seen.
+    """The frames in which the disagreement can be seen.
 
     Args:
-        frame: first frame of the first lasting stretch in which it is certain.
-        earliest: first frame from which on, up to `frame`, it is likely: it may have begun there.
+        frame: first frame of the first long enough stretch in which it is certain.
+        earliest: frame from which on, up to `frame`, it is likely. It may have begun there.
         last: last frame in which it is certain.
     """
 
@@ -38,10 +38,10 @@ class Cell:
 
     Args:
         axis: `motion`, `support` or `part`.
-        label: within the axis, as "swinging", "on the ground", "far end".
-        entries: number of measurements in it.
-        sizes: root mean squares.
-        signatures: the patterns of the departure, the one that explains most first.
+        label: value on that axis, as "swinging", "on the ground", "far end".
+        entries: number of measurements in the situation.
+        sizes: root mean square distances.
+        signatures: patterns of the departure, the one that explains most first.
     """
 
     axis: str
@@ -53,12 +53,12 @@ class Cell:
 
 @dataclass(frozen=True)
 class Place:
-    """The situation in which the disagreement is at its greatest; an axis that does not matter is None.
+    """The situation in which the disagreement is greatest.
 
     Args:
-        motion, support, part: labels as of `Cell`.
-        sizes: root mean squares there, between onset and end.
-        signatures: the patterns there.
+        motion, support, part: labels as of `Cell`; None on an axis that does not matter.
+        sizes: root mean square distances there, between onset and end.
+        signatures: patterns of the departure there.
     """
 
     motion: str | None
@@ -73,17 +73,17 @@ class Where:
     """The disagreement of one interaction.
 
     Args:
-        test: of any disagreement beyond noise and numerics.
-        sizes: root mean squares over all entries.
-        noise_scale: how much larger the noise is than it was said to be.
-        onset: None where no lasting disagreement is seen.
-        frames: root mean squares per frame, shape [T].
-        frame_log10_p: decimal logarithm of each frame's own test, shape [T].
-        tracks: root mean squares per track, shape [J].
-        departure: mean of measured - simulated per track while it is seen [m], shape [J, 3].
+        test: whether there is a disagreement beyond noise and numerical error.
+        sizes: root mean square distances over all entries.
+        noise_scale: estimated noise over the stated noise.
+        onset: when it can be seen; None where no lasting disagreement is seen.
+        frames: root mean square distances per frame, shape [T].
+        frame_log10_p: decimal logarithm of the p-value of each frame's own test, shape [T].
+        tracks: root mean square distances per track, shape [J].
+        departure: mean of measured - simulated per track, between onset and end [m], shape [J, 3].
         cells: the disagreement by motion, support and part.
-        place: where it is greatest; None where there is none.
-        spans: (motion, first frame, frame after the last).
+        place: situation in which it is greatest; None where there is no disagreement.
+        spans: stretches of one motion: (motion, first frame, frame after the last).
         sentence: for a person.
     """
 
@@ -102,11 +102,11 @@ class Where:
 
     @property
     def significant(self) -> bool:
-        """Whether there is a disagreement that noise and numerics do not explain."""
+        """Whether there is a disagreement that noise and numerical error do not explain."""
         return self.test.p_value < SIGNIFICANT
 
     def as_record(self) -> dict[str, Any]:
-        """JSON-able."""
+        """The finding as plain values, ready for JSON."""
         record = asdict(self)
         for name in ("frames", "tracks"):  # one list per number is shorter than one record per frame
             sizes = record[name]
@@ -117,12 +117,12 @@ class Where:
 
 
 def find_where(comparison: Comparison, phases: Phases, *, overdispersion: float = 1.0) -> Where:
-    """Maps, test, onset, place and sentence of one interaction.
+    """Find where simulation and measurement of one interaction disagree.
 
     Args:
         comparison: of simulation and measurement.
         phases: of the same frames and tracks.
-        overdispersion: as of `agreement`; from captures in which nothing is missing.
+        overdispersion: as of `agreement`.
     """
     test = agreement(comparison, overdispersion=overdispersion)
     by_frame = np.array([entry.log10_p for entry in frame_agreement(comparison, overdispersion)])
@@ -149,11 +149,14 @@ def find_where(comparison: Comparison, phases: Phases, *, overdispersion: float 
 
 
 def find_onset(log10_p: Float[Array, " T"], lasting: int) -> Onset | None:
-    """The first stretch of at least `lasting` frames each of which alone, among all frames, would raise an alarm.
+    """The first stretch of frames each of which alone, among all frames, would raise an alarm.
 
     Args:
         log10_p: decimal logarithm of each frame's p-value.
-        lasting: [frames]; shorter alarms are passed over.
+        lasting: least length of the stretch [frames]; shorter alarms are ignored.
+
+    Returns:
+        The onset, or None where there is no such stretch.
     """
     loud = log10_p < np.log10(SIGNIFICANT / len(log10_p))
     likely = log10_p < np.log10(0.05)
@@ -166,7 +169,7 @@ def find_onset(log10_p: Float[Array, " T"], lasting: int) -> Onset | None:
 
 
 def _labels(phases: Phases) -> dict[str, dict[str, Bool[Array, "T J"]]]:
-    """Entries of every label of every axis."""
+    """The entries of every label on every axis."""
     shape = phases.touching.shape
     return {
         "motion": {name: np.broadcast_to((phases.motion == i)[:, None], shape) for i, name in enumerate(MOTIONS)},
@@ -185,7 +188,7 @@ def _cells(comparison: Comparison, phases: Phases) -> list[Cell]:
 
 
 def _place(comparison: Comparison, phases: Phases, seen: Bool[Array, "T J"]) -> Place:
-    """Axis by axis the label that stands out, within those chosen before."""
+    """The label that stands out on each axis, among the entries of those chosen before."""
     entries, chosen = seen, {}
     for axis, labels in _labels(phases).items():
         chosen[axis] = _standing_out(comparison, {name: entries & mask for name, mask in labels.items()})
@@ -197,7 +200,7 @@ def _place(comparison: Comparison, phases: Phases, seen: Bool[Array, "T J"]) -> 
 def _standing_out(
     comparison: Comparison, labels: dict[str, Bool[Array, "T J"]], ratio: float = 1.3, share: float = 0.4
 ) -> str | None:
-    """The label with the greatest gap, if it is alone, or if it is a good share of the whole and greater than the rest's."""
+    """The label of the largest gap, if it is alone, or a large share of the whole and larger than the rest."""
     counts = {name: int((comparison.valid & entries).sum()) for name, entries in labels.items()}
     squares = {name: comparison.rms(entries).gap ** 2 for name, entries in labels.items() if counts[name]}
     best = max(squares, key=squares.get)

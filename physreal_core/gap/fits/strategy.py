@@ -151,10 +151,9 @@ class Strategy:
     def _fit_pairs(self) -> None:
         """Fit second effects beside the best one, and beside others that gain much alone.
 
-        The best single effect may be a third one that imitates one of two. Then fit each of the best two alone: a fit
-        with a superfluous effect may leave a minimum in which one alone was
-            caught. And
-        exchange each for the effects that promise most beside the other.
+        The best single effect may be a third one that imitates the two. Each effect of the best pair is then fitted
+        alone, because a fit with a superfluous effect may leave a minimum in which one alone was caught. And each is
+        exchanged for the effects that promise most beside the other.
         """
         firsts = [fit for fit in self.ordered() if self.gain(fit) > self.threshold][: self.settings.firsts]
         self._progress("screening beside " + ", ".join(first.unknowns.effects[0] for first in firsts))

@@ -30,7 +30,7 @@ def add_effect(
 ) -> Added:
     """Add the named effects to the model, and show what they do to the gap.
 
-    The models that show the gap are fitted to the training frames of one interaction, the one that tells most about the
+    The models that show the gap are fitted to the training frames of one interaction, the most informative about the
     effects. Its later frames and all other interactions are held out. The numbers that go into the model come from all
     interactions. Of a single interaction, both are the search's own fits.
 

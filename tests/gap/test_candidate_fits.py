@@ -135,7 +135,7 @@ class Barrier(LinearExperiment):
         )
 
 
-@pytest.mark.parametrize(("hook", "reached"), [(None, 0.0), ("far", FAR), ("kept_off", FAR)])
+@pytest.mark.parametrize(("hook", "reached"), [(None, 0.0), ("large_starts", FAR), ("blocking_starts", FAR)])
 def test_an_effect_that_a_modulus_hides_is_found_from_a_plain_size(monkeypatch, hook, reached):
     if hook:
         monkeypatch.setattr(type(EFFECTS["sink"]), hook, lambda *what_tells_of_it: ({"amount": 1.2},))

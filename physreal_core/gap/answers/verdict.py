@@ -42,7 +42,7 @@ def verdict_of(
 def next_motion(members: Sequence[tuple[str, ...]]) -> str:
     """The motions to film next, which tell the members of a class apart."""
     effects = dict.fromkeys(name for names in members for name in names)
-    return "; ".join(f"{_words(name)}: {EFFECTS[name].told_by}" for name in effects)
+    return "; ".join(f"{_words(name)}: {EFFECTS[name].distinguished_by}" for name in effects)
 
 
 def _none(none: Candidate, significant: bool) -> Verdict:

@@ -20,7 +20,7 @@ from physreal_core.gap.fits.linear_starts import LONGEST_SHIFT, linear_starts
 from physreal_core.gap.fits.plans import share_a_term
 from physreal_core.gap.fits.screening import Score, Screen
 from physreal_core.gap.fits.unknowns import Unknowns
-from physreal_core.gap.interactions.starts import starts_instead_of, starts_kept_off
+from physreal_core.gap.interactions.starts import blocking_starts_of, replacement_starts_of
 from physreal_core.gap.settings import GapSettings
 
 WORTH_A_SCREEN = 10.0
@@ -63,7 +63,7 @@ class CandidateFits:
         """Fit the uniform baseline and screen the candidates."""
         uniform = _uniform_fit(baseline, data, settings.iterations) if baseline.unknowns.patches > 1 else baseline
         contrast_gains = WORTH_A_SCREEN < uniform.energy - baseline.energy < np.inf
-        blocking = {e.name: _blocking_values(e, baseline, data) for e in _overriding("kept_off", names)}
+        blocking = {e.name: _blocking_values(e, baseline, data) for e in _overriding("blocking_starts", names)}
         screen = Screen.of(baseline, data, names, settings.priors)
         screens = (screen, screen.anew(uniform, STARTS)) if contrast_gains else (screen,)
         return cls(baseline, uniform, data, tuple(names), settings, screens, blocking)
@@ -95,7 +95,7 @@ class CandidateFits:
 
     def needs_large_starts(self, effect: str) -> bool:
         """Whether tangents at the baseline do not lead to an effect, so that its fits start at large amplitudes too."""
-        return bool(EFFECTS[effect].far(self.data.experiments[0].setting) or self.blocking.get(effect))
+        return bool(EFFECTS[effect].large_starts(self.data.experiments[0].setting) or self.blocking.get(effect))
 
     # --- fits ---------------------------------------------------------------------------------------------------
 
@@ -158,12 +158,12 @@ class CandidateFits:
         return fit(unknowns, self.data, starts, self.settings.iterations, known)
 
     def _from_large_amplitudes(self, scores: list[Score]) -> list[Request]:
-        """Fits of a first effect from `Effect.far`, at the baseline's material or at one of several uniform moduli."""
+        """Fits of a first effect from `Effect.large_starts`, at the baseline's material or at one of several uniform moduli."""
         best, own = scores[0], self.baseline.unknowns
         if best.beside.unknowns.effects:
             return []
         effect, requests = EFFECTS[best.start.effect], []
-        for amplitudes in effect.far(self.data.experiments[0].setting):
+        for amplitudes in effect.large_starts(self.data.experiments[0].setting):
             unknowns = self._with_effect(effect, {**best.start.values, **amplitudes})
             starts = np.tile(unknowns.start(), (1 + len(FACTORS), 1))
             starts[0, : own.baseline], starts[1:, : own.baseline] = self.baseline.vector, self.uniform.vector
@@ -178,8 +178,8 @@ class CandidateFits:
         return [(plan.effect.name, values) for plan in plans for values in plan.at_scale()]
 
     def _in_place_of(self, best: Fit, names: Sequence[str]) -> list[tuple[str, Values]]:
-        """These effects from where the one of a fit acts, as `Effect.instead` says."""
-        effects = _overriding("instead", names)
+        """These effects from where the one of a fit acts, as `Effect.replacement_starts` says."""
+        effects = _overriding("replacement_starts", names)
         if not effects:  # so that no motion is simulated for nothing
             return []
         ((other, values),) = best.unknowns.values(best.vector).items()
@@ -187,7 +187,7 @@ class CandidateFits:
         for experiment in self.data.experiments:
             motion = experiment.motion(trial)
             for effect in effects:
-                starts = starts_instead_of(experiment, effect, EFFECTS[other], values, motion)
+                starts = replacement_starts_of(experiment, effect, EFFECTS[other], values, motion)
                 found += [(effect.name, {**effect.dormant, **start}) for start in starts]
         return found
 
@@ -262,7 +262,7 @@ def _uniform_fit(baseline: Fit, data: Data, iterations: int) -> Fit:
 def _blocking_values(effect: Effect, baseline: Fit, data: Data) -> list[Values]:
     """Values of an effect that would keep the body from where it was not seen but the baseline takes it."""
     parts = zip(data.experiments, baseline.predicted, strict=True)
-    return [values for experiment, predicted in parts for values in starts_kept_off(experiment, effect, predicted)]
+    return [values for experiment, predicted in parts for values in blocking_starts_of(experiment, effect, predicted)]
 
 
 def _overriding(hook: str, names: Sequence[str]) -> list[Effect]:

@@ -17,21 +17,21 @@ def starts_of(interaction: Interaction, effect: Effect, motion: States | None = 
     return _in_the_first(interaction, effect, effect.starts(interaction.setting, motion))
 
 
-def starts_instead_of(
+def replacement_starts_of(
     interaction: Interaction, effect: Effect, other: Effect, values: dict[str, float], motion: States | None
 ) -> Starts:
-    """`Effect.instead` for an interaction; `values` are those of the other effect in the first interaction."""
+    """`Effect.replacement_starts` for an interaction; `values` are those of the other effect in the first interaction."""
     here = values if interaction.placement is None else other.carried(values, *interaction.placement)
-    return _in_the_first(interaction, effect, effect.instead(interaction.setting, other, here, motion))
+    return _in_the_first(interaction, effect, effect.replacement_starts(interaction.setting, other, here, motion))
 
 
-def starts_kept_off(interaction: Interaction, effect: Effect, predicted: Float[Array, "frames tracks 3"]) -> Starts:
-    """`Effect.kept_off` for an interaction, from the tracks that the baseline predicts in the training frames [m]."""
+def blocking_starts_of(interaction: Interaction, effect: Effect, predicted: Float[Array, "frames tracks 3"]) -> Starts:
+    """`Effect.blocking_starts` for an interaction, from the tracks that the baseline predicts in the training frames [m]."""
     frames = len(predicted)
     both = interaction.valid[:frames] & np.isfinite(predicted).all(-1)
     if not both.any():
         return ()
-    found = effect.kept_off(interaction.setting, interaction.measured[:frames][both], predicted[both])
+    found = effect.blocking_starts(interaction.setting, interaction.measured[:frames][both], predicted[both])
     return _in_the_first(interaction, effect, found)
 
 

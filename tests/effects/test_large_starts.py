@@ -48,21 +48,21 @@ def test_a_body_with_feet_rests_on_them():
 
 def test_the_ground_is_looked_for_where_the_body_lies_unless_that_is_as_assumed():
     ground = EFFECTS["ground_plane"]
-    assert ground.far(_setting(_tilted(0.0, 0.0, 0.0), 0.0)) == ()
-    assert ground.far(_setting(_tilted(0.1, 0.0, 0.0), None)) == ()
-    (start,) = ground.far(_setting(_tilted(0.06, -0.02, 0.104), 0.1))
+    assert ground.large_starts(_setting(_tilted(0.0, 0.0, 0.0), 0.0)) == ()
+    assert ground.large_starts(_setting(_tilted(0.1, 0.0, 0.0), None)) == ()
+    (start,) = ground.large_starts(_setting(_tilted(0.06, -0.02, 0.104), 0.1))
     assert start == pytest.approx({"height": 0.004, "slope_x": 0.06, "slope_y": -0.02}, abs=1e-4)
 
 
 def test_a_sheet_of_particles_says_nothing_of_the_ground():
     sheet = block((12, 6, 1), spacing=0.01)
     assert underside(sheet) is None
-    assert EFFECTS["ground_plane"].far(_setting(sheet, 0.0)) == ()
+    assert EFFECTS["ground_plane"].large_starts(_setting(sheet, 0.0)) == ()
 
 
 def test_a_gradient_of_density_begins_with_either_end_the_heavier():
     body = _tilted(0.1, 0.0, 0.0)
-    first, second = EFFECTS["density_gradient"].far(_setting(body, 0.0))
+    first, second = EFFECTS["density_gradient"].large_starts(_setting(body, 0.0))
     along = np.array([first[axis] for axis in "xyz"])
     assert np.cross(along, axes(body)[0]) == pytest.approx(0.0, abs=1e-9) and np.linalg.norm(along) > 0
     assert [second[axis] for axis in "xyz"] == pytest.approx(-along)

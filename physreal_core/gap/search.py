@@ -108,8 +108,8 @@ class Search:
 
     def result(self, strategy: Strategy) -> SearchResult:
         """Predict all frames under every fit of a strategy that has run, and compare."""
-        fits, measurements = [strategy.baseline, *strategy.found.values()], strategy.measurements
-        predicted = self._predicted(fits)
+        found, measurements = [strategy.baseline, *strategy.found.values()], strategy.measurements
+        predicted = self._predicted(found)
         energies = [measurements.held_out_energy(own) for own in predicted]
         answers = [
             answer_of(
@@ -119,15 +119,15 @@ class Search:
                 strategy.baseline,
                 measurements,
             )
-            for fit, energy in zip(fits, energies, strict=True)
+            for fit, energy in zip(found, energies, strict=True)
         ]
         return SearchResult(self, strategy, predicted[0], answers)
 
-    def _predicted(self, fits: Sequence[Fit]) -> list[list[Float[Array, "frames tracks 3"]]]:
+    def _predicted(self, found: Sequence[Fit]) -> list[list[Float[Array, "frames tracks 3"]]]:
         """Of each fit, the tracks over all frames of every interaction [m]."""
-        trials = [found.unknowns.trial(found.vector) for found in fits]
+        trials = [fit.unknowns.trial(fit.vector) for fit in found]
         together = [experiment.predict(trials) for experiment in self.experiments]
-        return [[own[number] for own in together] for number in range(len(fits))]
+        return [[own[number] for own in together] for number in range(len(found))]
 
 
 @dataclass(frozen=True)

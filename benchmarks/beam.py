@@ -23,7 +23,7 @@ from benchmarks.beam_scene import FITTED, LOADED, RECORDINGS, Cut, experiment_of
 from physreal_core.errors import InputError
 from physreal_core.gap import Added, Experiment, GapReport, GapSettings, Trial, add_effect, find_gap
 from physreal_core.gap.adding import trial_of
-from physreal_core.gap.unknowns import Priors
+from physreal_core.gap.fits.unknowns import Priors
 
 ROOT = Path(__file__).resolve().parent.parent
 DISSIPATION = ("kelvin_voigt", "linear_drag", "quadratic_drag", "maxwell_creep")

@@ -15,7 +15,7 @@ import torch
 from benchmarks.gap.problems import baseline_model, problems_of
 from physreal_core.array_types import Array, Float
 from physreal_core.gap import Experiment
-from physreal_core.gap.experiment import Trial
+from physreal_core.gap.interactions.interaction import Trial
 
 SEEDS = (1, 2)
 COEFFICIENTS = (0.4, 0.8, 1.5)

@@ -100,9 +100,10 @@ def write_fit(context: StageContext, objective: Objective, model: Model, result:
 def roll_out(objective: Objective, model: Model) -> Rollout:
     """The whole interval, observed and future."""
     with torch.no_grad():
-        states = objective.rollout(model.fields, objective.problem.frame_count)
+        frames = objective.problem.frame_count
+        states = objective.rollout(model.fields, frames)
         seen = objective.rollouts.seen(states.x)
-    x, F, x_seen = (tensor.float().cpu().numpy() for tensor in (states.x, states.F, seen))
+    x, F, x_seen = (tensor[:frames].float().cpu().numpy() for tensor in (states.x, states.F, seen))
     return Rollout(x, F, None if seen is states.x else x_seen)
 
 

@@ -7,8 +7,8 @@ import torch
 
 from physreal_core.fitting.model import Model
 from physreal_core.fitting.transfer import register, transfer_model
-from physreal_core.gap.experiment import Experiment
-from physreal_core.gap.noise import ModelError
+from physreal_core.gap.interactions.experiment import Experiment
+from physreal_core.gap.noise.model import ModelError
 from physreal_core.gap.settings import GapSettings
 from pipeline.config.find_gap import FindGap
 from pipeline.stage import StageContext

@@ -19,7 +19,7 @@ def write_gap_map(path: Path, points0: Array, where: dict[str, Any]) -> None:
     Args:
         path: SVG to write.
         points0: tracks at frame 0 [m], shape [J, 3].
-        where: record of `physreal_core.gap.where.Where`.
+        where: record of `physreal_core.gap.where.where.Where`.
     """
     gap = 1e3 * np.array(where["tracks"]["gap"])
     departure = np.array(where["departure"])

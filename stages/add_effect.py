@@ -7,10 +7,10 @@ from physreal_core.fitting.model import Model, load_model, save_model
 from physreal_core.fitting.named_effects import effect_record
 from physreal_core.fitting.objective import Objective
 from physreal_core.gap.adding import add_effect, trial_of
-from physreal_core.gap.evidence import Evidence
-from physreal_core.gap.experiment import Trial
-from physreal_core.gap.interaction import locate
+from physreal_core.gap.interactions.interaction import Trial
+from physreal_core.gap.noise.measurements import Measurements
 from physreal_core.gap.report import Added, GapReport
+from physreal_core.gap.where.locate import locate
 from pipeline.config.find_gap import FindGap
 from pipeline.products.fit import Fit
 from pipeline.products.gap import load_gap, save_added
@@ -40,7 +40,7 @@ def run(context: StageContext) -> None:
         roll_out(objective, model).save(context.output)
     if added.adopted:
         with context.timed("figures"):
-            _draw(context, Evidence(experiments[:1], Trial(report.fields), settings), report, added)
+            _draw(context, Measurements.around(experiments[:1], Trial(report.fields), settings), report, added)
 
 
 def with_effects(baseline: Model, added: Added, probability: float | None) -> Model:
@@ -60,11 +60,11 @@ def _probability(report: GapReport, added: Added) -> float | None:
     return next((c.probability for c in report.candidates if set(c.names) == names and c.gain is not None), None)
 
 
-def _draw(context: StageContext, evidence: Evidence, report: GapReport, added: Added) -> None:
+def _draw(context: StageContext, measurements: Measurements, report: GapReport, added: Added) -> None:
     """Before and after on the sequence itself."""
-    own = evidence.experiments[0]
+    own = measurements.experiments[0]
     before, after = own.predict([Trial(report.fields), trial_of(added)])
-    where = locate(own, after, evidence.whole(0))
+    where = locate(own, after, measurements.whole(0))
     write_gap_timeline(context.output / "timeline.svg", report.where[0], after=where.as_record(), observed=own.train)
     write_before_after(context.output / "before_after.svg", own.measured, own.valid, before, after)
 

@@ -4,7 +4,7 @@ import numpy as np
 
 from physreal_core.fitting.model import load_model
 from physreal_core.gap.adding import trial_of
-from physreal_core.gap.experiment import Experiment
+from physreal_core.gap.interactions.experiment import Experiment
 from physreal_core.gap.report import GapReport
 from physreal_core.gap.search import Search
 from pipeline.products.gap import save_gap
@@ -18,11 +18,11 @@ def run(context: StageContext) -> None:
     with context.timed("read"):
         experiments = interactions(context, load_model(context.input("fit_patches")))
     with context.timed("search"):
-        search = Search(experiments, settings_of(context.params, context.seed), teller(context))
-        report = search.report()
+        found = Search(experiments, settings_of(context.params, context.seed), teller(context)).run()
+        report = found.report()
     save_gap(context.output, report)
     with context.timed("figures"):
-        _draw(context, experiments[0], report, search.predictions[0])
+        _draw(context, experiments[0], report, found.predictions[0])
     print(report.where[0]["sentence"], report.verdict.sentence, sep="\n")
 
 

@@ -17,7 +17,7 @@ from benchmarks.gap.run import Run, run_cases
 from physreal_core.array_types import Array
 from physreal_core.effects import EFFECTS
 from physreal_core.gap import GapSettings
-from physreal_core.gap.naming import chances, weighed
+from physreal_core.gap.answers.probabilities import tempered, weighed
 
 TEMPERATURES = (1.0, 1.5, 2.0, 3.0, 4.0, 6.0, 8.0, 12.0, 16.0, 24.0)
 LOSSES = (0.0, 0.1, 0.25, 0.5, 1.0)  # of held-out frames
@@ -74,7 +74,7 @@ def surprise(searched: Iterable[Searched], settings: GapSettings, library: int) 
 
 def _chances(answers: Sequence[Gained], settings: GapSettings, library: int) -> Array:
     gains = np.array([weighed(answer.gain, answer.held_out, settings) for answer in answers])
-    return chances([len(answer.names) for answer in answers], gains, settings, library)
+    return tempered(gains, [len(answer.names) for answer in answers], settings, library)
 
 
 def best_temperature(searched: Sequence[Searched], library: int) -> tuple[float, float, float]:

@@ -18,17 +18,17 @@ from benchmarks.gap.files import read_json
 from benchmarks.gap.settings import load_settings
 from physreal_core.effects import EFFECTS, Effect
 from physreal_core.errors import InputError
-from physreal_core.gap.adding import Fits
-from physreal_core.gap.experiment import EffectValues
-from physreal_core.gap.least_squares import Fit, fit, together
-from physreal_core.gap.unknowns import Unknowns
+from physreal_core.gap.adding import EffectFits
+from physreal_core.gap.fits.least_squares import Fit, fit, together
+from physreal_core.gap.fits.unknowns import Unknowns
+from physreal_core.gap.interactions.interaction import EffectValues
 
 MODULI = (0.5, 0.7, 0.85, 1.0, 1.2, 1.4)
 """On the baseline's mean modulus, which may have bent to what it lacks: materials from which the fit begins, beside the baseline's;
 each also with the friction that was guessed, which bends, too."""
 
 
-def from_truth(fits: Fits, truth: EffectValues) -> Fit:
+def from_truth(fits: EffectFits, truth: EffectValues) -> Fit:
     """The fit that begins at the true numbers.
 
     Args:
@@ -39,14 +39,14 @@ def from_truth(fits: Fits, truth: EffectValues) -> Fit:
     names = sorted(truth, key=list(EFFECTS).index)
     known = {name: _known(EFFECTS[name], truth[name]) for name in names}
     unknowns = Unknowns(own.fields, names, own.priors, known, own.scalars)
-    materials = np.stack([baseline, *[own.level(baseline)] * len(MODULI)])
+    materials = np.stack([baseline, *[own.with_uniform_modulus(baseline)] * len(MODULI)])
     materials[1:, : own.patches] += np.log(MODULI)[:, None]
     guessed, scalars = materials.copy(), slice(own.patches + 1, own.baseline)
     guessed[:, scalars] = own.block.mean[scalars]
     starts = np.tile(unknowns.start(), (2 * len(materials), 1))
     starts[:, : own.baseline] = [*materials, *guessed]
     starts = np.clip(starts, unknowns.block.lower, unknowns.block.upper)
-    data = fits.evidence.train
+    data = fits.measurements.train
     (found,) = together([fit(unknowns, data, starts, 2 * fits.settings.settling)], data)
     return found
 
@@ -57,11 +57,11 @@ def _known(effect: Effect, values: dict[str, float]) -> dict[str, float]:
     return {**effect.dormant, **plain, **values}
 
 
-def told(fits: Fits, truth: EffectValues, candidates: Sequence[dict[str, Any]]) -> str:
+def told(fits: EffectFits, truth: EffectValues, candidates: Sequence[dict[str, Any]]) -> str:
     """Lines of text: gain in log evidence, what is left beyond noise and what is gained in held-out frames [nat], of the truth and of
     the search's answers."""
     found = from_truth(fits, truth)
-    gain, left = found.log_evidence - fits.baseline.log_evidence, fits.evidence.excess(found)
+    gain, left = found.log_evidence - fits.baseline.log_evidence, fits.measurements.excess(found)
     held = _held_out_energy(fits, fits.baseline) - _held_out_energy(fits, found)
     lines = [f"{'from the true numbers':34} gain {gain:8.1f}  left {left:8.1f}  held {held:8.1f}"]
     for name, values in found.unknowns.values(found.vector).items():
@@ -75,9 +75,11 @@ def told(fits: Fits, truth: EffectValues, candidates: Sequence[dict[str, Any]]) 
     return "\n".join(lines)
 
 
-def _held_out_energy(fits: Fits, found: Fit) -> float:
+def _held_out_energy(fits: EffectFits, found: Fit) -> float:
     trial = found.unknowns.trial(found.vector)
-    return fits.evidence.held_out_energy([experiment.predict([trial])[0] for experiment in fits.evidence.experiments])
+    return fits.measurements.held_out_energy(
+        [experiment.predict([trial])[0] for experiment in fits.measurements.experiments]
+    )
 
 
 def main(folder: Path, name: str) -> None:
@@ -93,7 +95,7 @@ def main(folder: Path, name: str) -> None:
     truth = {effect: values for effect, values in truth_of(own).items() if effect in EFFECTS}
     if not truth:
         raise InputError("nothing of the library is hidden in it", where=name, expected="a single effect or a pair")
-    fits = Fits(experiments_of(own / "captures"), load_settings(None), print)
+    fits = EffectFits.begin(experiments_of(own / "captures"), load_settings(None), print)
     print(told(fits, truth, answer["report"]["candidates"]))
 
 

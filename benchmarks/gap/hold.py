@@ -13,7 +13,7 @@ from benchmarks.gap.answer import experiments_of
 from benchmarks.gap.case import capture
 from benchmarks.gap.cases import GapCase
 from physreal_core.gap import Experiment, Trial
-from physreal_core.gap.disagreement import disagreements
+from physreal_core.gap.answers.disagreement import disagreements
 
 STIFFNESSES = (100.0, 1000.0, 4000.0, 16000.0)  # [N]
 RATIOS = (0.9, 1.0, 1.1, 1.2, 1.3, 1.4)

@@ -10,8 +10,8 @@ from collections.abc import Sequence
 from typing import Any
 
 from physreal_core.gap import Experiment, GapSettings
-from physreal_core.gap.adding import Fits
-from physreal_core.gap.disagreement import disagreements, held_out_gap
+from physreal_core.gap.adding import EffectFits
+from physreal_core.gap.answers.disagreement import disagreements, held_out_gap
 from physreal_core.gap.report import Disagreement
 
 
@@ -30,7 +30,7 @@ def oracle_closed(
     if before <= 0.0:
         return 0.0
     seeing_all = [Experiment(dataclasses.replace(e.problem, observed=e.frames), e.model, e.device) for e in experiments]
-    found = Fits(seeing_all, settings, lambda message: None).with_effects(effects)
+    found = EffectFits.begin(seeing_all, settings, lambda message: None).with_effects(effects)
     trial = found.unknowns.trial(found.vector)
     predictions = [experiment.predict([trial])[0] for experiment in experiments]
     closed = 1.0 - held_out_gap(disagreements(experiments, predictions, added["fitted_on"])) / before

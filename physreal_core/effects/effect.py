@@ -26,7 +26,8 @@ class Coefficient:
         dormant: the value of an amplitude at which the effect is absent; for a shape, where it starts.
         lower, upper: bounds of a fit.
         scale: size of a plainly visible effect; the step of its tangent and the width of its prior.
-        kind: an `amplitude` switches the effect on; a `shape` (a place, a direction, an onset) means nothing without one.
+        kind: an `amplitude` switches the effect on; a `shape` (a place, a direction, an onset) means nothing without
+            one.
     """
 
     name: str
@@ -86,7 +87,7 @@ class Effect:
         words: what happens, in one sentence.
         formula: the force or law, in plain text.
         shows: where in space and time it shows.
-        told_by: the motion that shows it best, and tells it from its look-alikes.
+        distinguished_by: the motion that shows it best, and distinguishes it from similar effects.
         coefficients: in the order in which they are reported.
         terms: of `SimulationConfig.terms`, those that `act` fills.
         laws: fields of `SimulationConfig` that it replaces, e.g. {"plastic_law": "von_mises"}.
@@ -98,7 +99,7 @@ class Effect:
     words: ClassVar[str]
     formula: ClassVar[str]
     shows: ClassVar[str]
-    told_by: ClassVar[str]
+    distinguished_by: ClassVar[str]
     coefficients: ClassVar[tuple[Coefficient, ...]]
     terms: ClassVar[tuple[str, ...]] = ()
     laws: ClassVar[dict[str, str]] = {}
@@ -147,19 +148,21 @@ class Effect:
         """
         return ({},)
 
-    def far(self, setting: Setting) -> tuple[dict[str, float], ...]:
-        """Amplitudes from which a fit begins too, its modulus chosen for each: plain sizes of an effect that a modulus imitates, or
-        what the body at frame 0 tells of it.
+    def large_starts(self, setting: Setting) -> tuple[dict[str, float], ...]:
+        """Amplitudes from which a fit starts too, each at the modulus that suits it.
 
-        The baseline that lacks it lies in another valley then, where tangents do not lead to it.
+        They are plainly visible sizes of an effect that a modulus can imitate, or sizes that the body shows at frame 0.
+        A baseline without the effect then lies in another minimum, from which tangents do not lead to the effect.
         """
         return ()
 
-    def kept_off(
+    def blocking_starts(
         self, setting: Setting, seen: Float[Array, "points 3"], expected: Float[Array, "points 3"]
     ) -> tuple[dict[str, float], ...]:
-        """Values, one amplitude of plain size, at one of which a fit begins too: what would keep the body from where the baseline takes
-        it, and from nowhere that it was seen.
+        """Values from which a fit starts too, which keep the body from where it was not seen.
+
+        The baseline takes it there. One amplitude is of plainly visible size. Nothing is blocked where the body was
+        seen.
 
         Args:
             setting: of the capture.
@@ -168,10 +171,10 @@ class Effect:
         """
         return ()
 
-    def instead(
+    def replacement_starts(
         self, setting: Setting, other: "Effect", values: Mapping[str, float], motion: States | None
     ) -> tuple[dict[str, float], ...]:
-        """Values from which a fit begins where another effect that acts through the same term explains much, and may stand for this.
+        """Values from which a fit starts where another effect of the same term may be mistaken for this one.
 
         Args:
             setting: of the capture.

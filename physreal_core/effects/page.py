@@ -43,7 +43,7 @@ def _section(effect: Effect) -> str:
         "",
         f"    {effect.formula}",
         "",
-        f"*Shows* {effect.shows}. *Told apart by* {effect.told_by}.",
+        f"*Shows* {effect.shows}. *Told apart by* {effect.distinguished_by}.",
         "",
         "| coefficient | unit | meaning | dormant | range | scale | kind |",
         "|---|---|---|---|---|---|---|",

@@ -19,8 +19,8 @@ class Objective:
 
     Args:
         problem: the sequence.
-        model: says the laws, the residual networks, the numerical setting and the named effects; of its fields, only where
-            the patches are.
+        model: says the laws, the residual networks, the numerical setting and the named effects; of its fields, only
+            where the patches are.
         config: weights and scales.
         device: where everything is computed; the problem's tensors are moved there once. `fields` may stay on the CPU.
 
@@ -43,9 +43,14 @@ class Objective:
         return self.problem.observed
 
     def rollout(self, fields: Fields, frames: int) -> States:
-        """States of the first `frames` frames under patch fields, F as the motion since frame 0."""
+        """States under patch fields, F as the motion since frame 0, for a measurement of `frames` frames.
+
+        These are as many frames, or more where an effect on the measurement reads a later time (see
+        `Rollouts.frames_needed`).
+        """
         watch = self.stopwatch
-        inputs = self.rollouts.inputs(fields)
+        frames = self.rollouts.frames_needed(frames)
+        inputs = self.rollouts.inputs(fields, frames=frames)
         for tensor in (inputs.controllers, *vars(inputs.parameters).values()):
             watch.lap_in_backward("other", tensor)
         watch.lap("simulation, forward")
@@ -61,7 +66,7 @@ class Objective:
         Terms: `track_3d`, `track_2d`, `mask`, `settled` as they apply, and for the log `track_error` or
         `settled_error` [m].
         """
-        return self._measure(self.rollout(fields, horizon))
+        return self._measure(self.rollout(fields, horizon), horizon)
 
     def totals_at(self, fields: Fields, name: str, values: list[float]) -> list[float]:
         """The total over the full horizon with `name` set to each value everywhere, from rollouts at once, no gradient.
@@ -71,21 +76,23 @@ class Objective:
         with torch.no_grad():
             shape = (1,) if name in PATCH_FIELDS else ()
             own = [torch.full(shape, value, dtype=torch.float64) for value in values]
-            inputs = [self.rollouts.inputs({**fields, name: value}) for value in own]
+            frames = self.rollouts.frames_needed(self.full_horizon)
+            inputs = [self.rollouts.inputs({**fields, name: value}, frames=frames) for value in own]
             self.stopwatch.lap("simulation, forward")
-            batch = self.rollouts.simulate_batch(inputs, self.full_horizon)
+            batch = self.rollouts.simulate_batch(inputs)
             totals = []
             for row, failure in enumerate(batch.failures):
                 states = States(batch.x[row], batch.v[row], batch.F[row])
-                totals.append(math.inf if failure is not None else self._measure(states)[0].item())
+                total = math.inf if failure is not None else self._measure(states, self.full_horizon)[0].item()
+                totals.append(total)
         return [total if math.isfinite(total) else math.inf for total in totals]
 
-    def _measure(self, states: States) -> tuple[Tensor, dict[str, float]]:
-        """The weighted total and its terms."""
+    def _measure(self, states: States, horizon: int) -> tuple[Tensor, dict[str, float]]:
+        """The weighted total and its terms, over the first `horizon` frames of the measurement."""
         weighted, terms = [], {}
         for part, measure in (("tracks", self._motion), ("masks", self._silhouettes)):
             self.stopwatch.lap(part)
-            value, found = measure(states)
+            value, found = measure(states, horizon)
             self.stopwatch.lap_in_backward(part, value)
             weighted.append(value)
             terms |= found
@@ -93,12 +100,12 @@ class Objective:
         numbers = torch.stack([term.detach().double() for term in terms.values()]).tolist()  # one wait for the device
         return torch.stack(weighted).sum(), dict(zip(terms, numbers, strict=True))
 
-    def _motion(self, states: States) -> tuple[Tensor, dict[str, Tensor]]:
+    def _motion(self, states: States, horizon: int) -> tuple[Tensor, dict[str, Tensor]]:
         """L_motion with its weight, and its terms."""
         tracks, camera, config = self.problem.tracks, self.problem.camera, self.config
         if tracks is None:
             return states.x.new_zeros((), dtype=torch.float64), {}
-        carried = self.rollouts.seen(losses.carried_tracks(tracks, self._x0, states.x, states.F))
+        carried = self.rollouts.seen(losses.carried_tracks(tracks, self._x0, states.x, states.F))[:horizon]
         if config.settled > 0.0:
             settled, error = losses.settled_loss(carried, tracks, self.problem.observed, config)
             return config.settled * settled.double(), {"settled": settled, "settled_error": error}
@@ -109,9 +116,10 @@ class Objective:
             weighted = weighted + config.motion_2d * terms["track_2d"].double()
         return config.motion * weighted, {**terms, "track_error": losses.track_error(carried, tracks)}
 
-    def _silhouettes(self, states: States) -> tuple[Tensor, dict[str, Tensor]]:
+    def _silhouettes(self, states: States, horizon: int) -> tuple[Tensor, dict[str, Tensor]]:
         """L_mask with its weight, and its term."""
         if self.problem.masks is None or self.config.mask == 0.0:
             return states.x.new_zeros((), dtype=torch.float64), {}
-        mask = losses.mask_loss(self.problem.masks, self._x0, self.rollouts.seen(states.x), states.F)
+        seen = self.rollouts.seen(states.x)[:horizon]
+        mask = losses.mask_loss(self.problem.masks, self._x0, seen, states.F[:horizon])
         return self.config.mask * mask.double(), {"mask": mask}

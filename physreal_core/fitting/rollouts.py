@@ -1,19 +1,20 @@
-"""A problem rolled out under a model, its named effects included: the one way from patch fields and effects to states.
+"""A problem rolled out under a model: from patch fields and effects to states, and to where the measurement sees them.
 
-An effect acts on what goes into the rollout (parameters, controller points, laws) or on where the measurement sees what comes
-out of it; the object itself is never corrected for the camera.
+An effect acts on what goes into the rollout (parameters, controller points, laws) or on where the measurement sees what
+comes out of it. The object itself is never corrected for the camera.
 """
 
 import dataclasses
-from collections.abc import Mapping
+from collections.abc import Iterable, Mapping
+from functools import cached_property
 
 import torch
 from torch import Tensor
 
 from physreal_core.array_types import Float
-from physreal_core.effects import Inputs, Setting
+from physreal_core.effects import EFFECTS, Inputs, Setting, configured
+from physreal_core.effects.paths import prolonged
 from physreal_core.fitting.model import Model, particle_parameters
-from physreal_core.fitting.named_effects import registered
 from physreal_core.fitting.problem import Problem
 from physreal_core.simulation import Parameters, SimulationConfig, Simulator, States
 from physreal_core.simulation.batch import BatchStates
@@ -23,23 +24,28 @@ from physreal_core.simulation.terms import dormant_values
 
 Fields = dict[str, Tensor]
 EffectValues = Mapping[str, Mapping[str, Tensor | float]]
-"""Coefficients by name of the effect; what is not named has the model's numbers."""
+"""Coefficients by effect and name: in place of the model's, or of effects that act after the model's own."""
 
 _POLAR_STEPS = 8
 """Newton's iteration converges quadratically: from a stretch of two to double precision in seven steps."""
 
 
 class Rollouts:
-    """Rollouts of one problem under the laws, the numerical setting and the effects of one model.
+    """Rollouts of one problem under the laws, the numerical settings and the effects of one model.
+
+    The measurement may need more frames of the rollout than it has itself, as a camera that is slower than stated sees
+    a later time. `frames_needed` says how many, `inputs` and `simulate` take that number, and `seen` then covers the
+    frames asked for.
 
     Args:
         problem: the sequence.
-        model: its fields give only the places of the patches; those that are rolled out are given with each call.
-        device: where everything is computed; the problem's tensors are moved there once.
+        model: gives laws, effects and the places of the patches; the fields that are rolled out are given with each
+            call.
+        device: where everything is computed. The problem's tensors are moved there once.
 
     Attributes:
         problem: on `device`.
-        config: of the simulator, with the terms and laws that the effects need.
+        config: of the simulator, with the terms and laws that the model's effects need.
         setting: what the effects may look at.
         values: the model's coefficients of every effect, tensors of shape [].
     """
@@ -49,29 +55,44 @@ class Rollouts:
         self.config = model.simulation_config(problem.fps, device)
         self.dtype = torch.float64 if self.config.dtype == "float64" else torch.float32
         self.values: dict[str, dict[str, Tensor]] = {
-            record["name"]: {name: self._number(value) for name, value in record["values"].items()}
-            for record in model.effects
+            record["name"]: self._numbers(record["values"]) for record in model.effects
         }
-        self._effects = registered(model.effects)
-        self._simulator = Simulator(problem.body, self.config, problem.grip, problem.clamps, problem.loads)
+        self._recorded: dict[str, dict[str, float]] = {record["name"]: record["values"] for record in model.effects}
         self.setting = setting_of(self.problem, self.config, self.dtype)
 
-    def inputs(self, fields: Fields, values: EffectValues | None = None) -> Inputs:
+    def config_with(self, names: Iterable[str]) -> SimulationConfig:
+        """The configuration with what these effects need beside the model's own.
+
+        Raises:
+            InputError: an effect needs a law where the model has another one.
+        """
+        return configured(self.config, tuple(EFFECTS[name] for name in names))
+
+    def frames_needed(self, frames: int, values: EffectValues | None = None) -> int:
+        """Number of frames of the rollout that `seen` needs for the first `frames` frames of the measurement."""
+        for name, own in reversed(_merged(self._recorded, values or {}).items()):
+            frames = EFFECTS[name].frames_needed(frames, {key: _plain(value) for key, value in own.items()})
+        return frames
+
+    def inputs(self, fields: Fields, values: EffectValues | None = None, frames: int | None = None) -> Inputs:
         """Everything that goes into the rollout; differentiable by `fields` and `values`.
 
         Args:
             fields: as of `Model.fields`; they may stay on the CPU.
-            values: coefficients in place of the model's.
+            values: coefficients beside the model's, or in their place.
+            frames: number of frames to roll out; by default what the measurement of all frames needs. Beyond the
+                recording the controller points go straight on.
         """
+        frames = frames or self.frames_needed(self.problem.frame_count, values)
         near, weights = self.problem.patch_neighbours, self.problem.patch_weights
         parameters = particle_parameters(fields, near, weights, dtype=self.dtype, device=self.device)
-        inputs = Inputs(parameters, self.setting.controllers)
-        for effect in self._effects:
-            inputs = effect.act(inputs, self._coefficients(effect.name, values), self.setting)
-        return inputs
+        inputs = Inputs(parameters, prolonged(self.setting.controllers, frames))
+        for name, own in self._acting(values).items():
+            inputs = EFFECTS[name].act(inputs, own, self.setting)
+        return dataclasses.replace(inputs, controllers=inputs.controllers[:frames])
 
     def states(self, inputs: Inputs, frames: int | None = None) -> States:
-        """The simulator's states of the first `frames` frames (default: all).
+        """The simulator's states of the first `frames` frames (default: all of the inputs).
 
         Raises:
             SimulationError: where the rollout cannot go on.
@@ -87,7 +108,7 @@ class Rollouts:
         return roll_out_together(self._simulator, inputs, frames)
 
     def play(self, fields: Fields, values: EffectValues | None = None) -> Player:
-        """A rollout for new actions, stepped frame by frame from frame 0 on with the controller points that the caller gives.
+        """A rollout for new actions, stepped frame by frame with the controller points that the caller gives.
 
         An effect on the recorded controller points (a slip, a lag) has nothing to act on there.
         """
@@ -96,16 +117,31 @@ class Rollouts:
 
     def seen(self, points: Float[Tensor, "frames points 3"], values: EffectValues | None = None) -> Tensor:
         """Where the measurement sees points that truly are at `points` [m], in the first frames."""
-        for effect in self._effects:
-            points = effect.observe(points, self._coefficients(effect.name, values), self.setting)
+        for name, own in self._acting(values).items():
+            points = EFFECTS[name].observe(points, own, self.setting)
         return points
 
-    def _coefficients(self, name: str, values: EffectValues | None) -> dict[str, Tensor]:
-        given = (values or {}).get(name, {})
-        return {**self.values[name], **{key: self._number(value) for key, value in given.items()}}
+    @cached_property
+    def _simulator(self) -> Simulator:
+        problem = self.problem
+        return Simulator(problem.body, self.config, problem.grip, problem.clamps, problem.loads)
 
-    def _number(self, value: Tensor | float) -> Tensor:
-        return torch.as_tensor(value).to(self.device, self.dtype)
+    def _acting(self, values: EffectValues | None) -> dict[str, dict[str, Tensor]]:
+        """Coefficients of all effects, in the order in which they act: the model's own first."""
+        return _merged(self.values, {name: self._numbers(own) for name, own in (values or {}).items()})
+
+    def _numbers(self, values: Mapping[str, Tensor | float]) -> dict[str, Tensor]:
+        return {name: torch.as_tensor(value).to(self.device, self.dtype) for name, value in values.items()}
+
+
+def _merged(known: Mapping[str, Mapping], given: Mapping[str, Mapping]) -> dict[str, dict]:
+    """Coefficients of known effects with those given in their place, then of the effects that are given beside them."""
+    replaced = {name: {**own, **given.get(name, {})} for name, own in known.items()}
+    return {**replaced, **{name: dict(own) for name, own in given.items() if name not in replaced}}
+
+
+def _plain(value: Tensor | float) -> float:
+    return float(value.detach()) if isinstance(value, Tensor) else value
 
 
 def setting_of(problem: Problem, config: SimulationConfig, dtype: torch.dtype) -> Setting:
@@ -126,8 +162,8 @@ def setting_of(problem: Problem, config: SimulationConfig, dtype: torch.dtype) -
 def motion_since_start(states: States, parameters: Parameters) -> States:
     """`states` with F as the motion since frame 0, which is what carries points and Gaussians.
 
-    A body that starts under stress starts with F0 = R S: its stretch S is no motion of the material since then, while its
-    rotation R is how the body as a whole was placed (F S^-1 = F F0^-1 R). Without one, F is the motion already.
+    A body that starts under stress starts with F0 = R S: its stretch S is no motion of the material since then, while
+    its rotation R is how the body as a whole was placed (F S^-1 = F F0^-1 R). Without one, F is the motion already.
     """
     F0 = parameters.initial_deformation
     if F0 is None:

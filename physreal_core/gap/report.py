@@ -1,4 +1,4 @@
-"""What the search for a missing effect returns: verdict, candidates, the gap before and after; plain records for gap.json."""
+"""Results of the search for a missing effect: verdict, candidates, the gap before and after. They become gap.json."""
 
 from __future__ import annotations
 
@@ -13,11 +13,11 @@ Kind = Literal["none", "effect", "effects", "class", "unknown"]
 
 @dataclass(frozen=True)
 class FittedEffect:
-    """One effect with its coefficients as fitted on the training frames of all interactions.
+    """One effect with its coefficients, fitted to the training frames of all interactions.
 
     Args:
         name: in the registry.
-        values, intervals, units: per coefficient; intervals hold 90 % of the posterior.
+        values, intervals, units: per coefficient; an interval covers 90 % of the posterior.
     """
 
     name: str
@@ -31,13 +31,14 @@ class Candidate:
     """One answer that was considered: no effect (empty), one effect or two.
 
     Args:
-        effects: fitted.
-        screened: gain in log evidence that the linear score test promised; None for an answer it does not rank.
-        gain: log evidence above the baseline's, on the training frames of all interactions [nat]; None if it was not fitted.
-        held_out: gain in the log likelihood of the held-out frames [nat].
-        probability: among all answers.
-        fields: the baseline's fields (as of `Model.fields`) refitted beside the effects.
-        excess: what it leaves of the disagreement beyond noise and numerics on the training frames [nat].
+        effects: as fitted, or where the score test has its optimum.
+        screened: gain in log evidence that the score test predicted [nat]; None for an answer that it does not rank.
+        gain: gain in log evidence over the baseline, on the training frames of all interactions [nat]; None if not
+            fitted.
+        held_out: gain in log likelihood on the held-out frames [nat].
+        probability: among all answers that were fitted.
+        fields: the baseline's fields, as of `Model.fields`, refitted beside the effects.
+        excess: disagreement beyond noise and numerical error that is left on the training frames [nat].
         telling: per interaction, the share of what the effects do in the others that a fit to it alone would predict.
     """
 
@@ -61,13 +62,13 @@ class Verdict:
     """What is missing.
 
     Args:
-        kind: `none`; `effect` or `effects` (two at once); `class`: the data cannot tell the members apart; `unknown`: there is
-            a gap and nothing in the library closes it.
-        names: of the best answer; for a class its best member.
-        members: answers of the reported class, the best first, at most three; each is a tuple of names.
-        probability: that one of the members is right.
+        kind: `none`; `effect`; `effects` for two at once; `class` for several answers that the data cannot tell apart;
+            `unknown` for a disagreement that nothing in the library explains.
+        names: effects of the best answer; for a class, of its best member.
+        members: answers of the class, the best first, at most three. Each is a tuple of names.
+        probability: that one of the members is correct.
         sentence: for a person.
-        next_motion: the action that would tell the members apart, or show what this motion cannot; "" if nothing is open.
+        next_motion: the motion to film next, which would tell the members apart; "" if nothing is open.
     """
 
     kind: Kind
@@ -80,15 +81,15 @@ class Verdict:
 
 @dataclass(frozen=True)
 class Disagreement:
-    """How far a model is from the measurement in one interval of frames of one interaction.
+    """The distance of a model from the measurement, in one interval of frames of one interaction.
 
     Args:
         interaction: number of the interaction, 0 for the sequence itself.
         interval: `train` or `held_out`.
         metres: mean distance over the valid entries [m].
         rms: root mean square distance [m].
-        noise_units: root of the mean squared residual in units of sensor noise.
-        floor: what sensor noise alone would give as `rms` [m].
+        noise_units: root mean square distance in units of sensor noise.
+        floor: noise floor [m]: the root mean square distance that sensor noise alone would give.
     """
 
     interaction: int
@@ -106,14 +107,17 @@ class GapReport:
     Args:
         verdict: the answer.
         candidates: all that were considered, the most probable first.
-        test: of any disagreement beyond noise and numerics: `statistic`, `degrees`, `p_value`, `excess_rms` [m].
-        where: records of the maps, phases and the sentence, one per interaction.
+        test: the global test for a disagreement beyond noise and numerical error: `statistic`, `degrees`, `p_value`;
+            with `threshold`, the gain that is reached by chance [nat], and `explained`, the share that the best answer
+            explains.
+        where: one record per interaction, as of `Where.as_record`.
         baseline: disagreement of the refitted baseline.
-        fields: the refitted baseline's fields, as of `Model.fields`.
-        information: expected whitened change per effect beyond baseline and numerics, one row per interaction.
-        numerical_floor: root mean square change of the baseline by its own discretisation [m], per interaction.
-        settings: that the search ran with.
-        lead: for an unknown effect, the disagreement as a force field and a formula (`unknown.Lead`); None otherwise.
+        fields: of the refitted baseline, as of `Model.fields`.
+        information: per interaction and effect, the whitened change by the effect at its scale that the baseline cannot
+            imitate.
+        numerical_floor: root mean square of the baseline's numerical error [m], per interaction.
+        settings: candidates and seed of the search.
+        lead: for an unknown effect, the record of a `Lead`: the disagreement as a force field and a formula. Else None.
     """
 
     verdict: Verdict
@@ -129,28 +133,28 @@ class GapReport:
 
     @property
     def best(self) -> Candidate:
-        """The candidate that the verdict names."""
+        """The candidate that the verdict names first."""
         return next(c for c in self.candidates if c.names == self.verdict.names)
 
     def as_record(self) -> dict[str, Any]:
-        """JSON-able; tensors are left out, the models beside gap.json hold them."""
+        """The report as plain values, ready for JSON. Tensors are left out; gap.safetensors has them."""
         return _plain(self)
 
 
 @dataclass(frozen=True)
 class Added:
-    """The result of `add_effect`: the named effect in the model, and what it did to frames and interactions it never saw.
+    """The result of `add_effect`: the effect in the model, and the gap before and after.
 
     Args:
-        adopted: whether the held-out gap shrank; otherwise the model stays as it was.
-        effects: as they go into the model, refitted; empty if not adopted.
-        fields: the model's fields beside them.
-        before, after: disagreement of the baseline and of the model with the effect. Both fitted on the training frames of
-            one interaction alone, `fitted_on`; every other one is held out as a whole.
-        runner_up: the same of the next best answer, whose names are `runner_up_names`.
+        adopted: whether the gap shrank on held-out frames. If not, the model stays as it was.
+        effects: as they go into the model; empty if not adopted.
+        fields: of the model beside them.
+        before, after: disagreement of the baseline and of the model with the effect. Both are fitted to the training
+            frames of one interaction, `fitted_on`; every other interaction is held out as a whole.
+        runner_up: disagreement of the next best answer, whose effects are `runner_up_names`.
         fitted_on: number of the interaction.
-        numerical_floor: root mean square change of the simulation by its own discretisation [m], per interaction.
-        closed: 1 - after / before of the held-out mean square gap above the sensor's floor; negative where it grew.
+        numerical_floor: as of `GapReport`.
+        closed: 1 - after / before of the held-out mean square distance beyond the noise floor; negative where it grew.
     """
 
     adopted: bool
@@ -165,7 +169,7 @@ class Added:
     closed: float = 0.0
 
     def as_record(self) -> dict[str, Any]:
-        """JSON-able; tensors are left out."""
+        """The result as plain values, ready for JSON, without tensors."""
         return _plain(self)
 
 

@@ -1,31 +1,41 @@
-"""The search for a missing effect: baseline, where, screening, fits of the best candidates, one or two of them, verdict."""
+"""The search for a missing effect: baseline, screening, fits of candidates, verdict."""
 
 from __future__ import annotations
 
 from collections.abc import Sequence
-from dataclasses import replace
+from dataclasses import dataclass, replace
 
 import numpy as np
 
+from physreal_core.array_types import Array, Float
 from physreal_core.effects import EFFECTS, fits
 from physreal_core.errors import InputError
-from physreal_core.gap.disagreement import disagreements
-from physreal_core.gap.evidence import Progress, fit_baseline, unknown_scalars
-from physreal_core.gap.experiment import Interaction
-from physreal_core.gap.interaction import lead_on, locate
-from physreal_core.gap.least_squares import Fit
-from physreal_core.gap.naming import answer_of, candidates_of, probabilities, verdict_of, worth_of_a_second
-from physreal_core.gap.refits import Refits
+from physreal_core.gap.answers.answer import Answer, answer_of, candidates_of
+from physreal_core.gap.answers.disagreement import disagreements
+from physreal_core.gap.answers.probabilities import probabilities
+from physreal_core.gap.answers.verdict import verdict_of
+from physreal_core.gap.fits.baseline import Progress, fit_baseline, unknown_scalars
+from physreal_core.gap.fits.candidate_fits import CandidateFits
+from physreal_core.gap.fits.least_squares import Fit
+from physreal_core.gap.fits.plans import compatible
+from physreal_core.gap.fits.screening import Score
+from physreal_core.gap.fits.strategy import Strategy
+from physreal_core.gap.interactions.interaction import Interaction
+from physreal_core.gap.lead.lead import Lead
+from physreal_core.gap.lead.preparation import lead_on
+from physreal_core.gap.noise.measurements import Measurements
 from physreal_core.gap.report import Candidate, FittedEffect, GapReport
-from physreal_core.gap.screening import Score, go_together
 from physreal_core.gap.settings import GapSettings
-from physreal_core.gap.unknown import Lead
+from physreal_core.gap.where.locate import locate
+
+SIGNIFICANT = 1e-3
+"""p-value of the global test below which there is a disagreement beyond noise and numerical error."""
 
 
 def find_gap(
     experiments: Sequence[Interaction], settings: GapSettings | None = None, progress: Progress = lambda message: None
 ) -> GapReport:
-    """Where a model and the measurement disagree, and which effect of the library is missing.
+    """Find where a model and the measurement disagree, and which effect of the library is missing.
 
     Args:
         experiments: interactions with one object; the first is the sequence itself.
@@ -33,17 +43,19 @@ def find_gap(
         progress: called with a line of text now and then.
 
     Raises:
-        InputError: for candidates that are not in the registry.
+        InputError: a candidate is not in the registry, or the baseline cannot be simulated.
     """
-    return Search(experiments, settings or GapSettings(), progress).report()
+    return Search(experiments, settings or GapSettings(), progress).run().report()
 
 
 def candidates(experiment: Interaction, settings: GapSettings) -> tuple[str, ...]:
-    """Names of the effects that may be missing: those asked for, without those that the model has or has no place for, and
-    without what an unknown of the baseline is.
+    """Names of the effects that may be missing.
+
+    These are the ones asked for, less those that the model has already, cannot have beside its own, or has as an
+    unknown number.
 
     Raises:
-        InputError: for a name that is not in the registry.
+        InputError: a name is not in the registry.
     """
     if strange := sorted(set(settings.candidates) - set(EFFECTS)):
         raise InputError(f"effect {strange[0]!r}", where="GapSettings.candidates", expected=", ".join(EFFECTS))
@@ -55,200 +67,111 @@ def candidates(experiment: Interaction, settings: GapSettings) -> tuple[str, ...
         if name in (settings.candidates or EFFECTS)
         and name not in known
         and effect.same_as not in unknown_numbers
-        and all(go_together(name, other) for other in known)
+        and all(compatible(name, other) for other in known)
         and fits(effect, experiment.config)
     )
 
 
-SIGNIFICANT = 1e-3
-"""p-value of the global test below which there is a disagreement beyond noise and numerics."""
-
-STRONG_ALONE = 2
-"""Of the second effects, how many are chosen for what they gain alone, at most half of them."""
-
-
 class Search:
-    """One search; its parts stay at hand for tests and for who wants to look inside.
+    """One search. Constructing it runs nothing; `run` does, or `begin` and then the strategy's own `run`.
 
-    Attributes:
-        baseline: the refitted baseline.
-        evidence: noise models around it.
-        screen: tangents of all candidates.
-        threshold: gain [nat] that the best candidate reaches by chance in the allowed share of captures without a gap.
-        predictions: where the baseline has the tracks over all frames [m], per experiment.
-        answers: none, singles, pairs.
+    Args:
+        experiments: interactions with one object; the first is the sequence itself.
+        settings: of the search.
+        progress: called with a line of text now and then.
     """
 
-    def __init__(self, experiments: Sequence[Interaction], settings: GapSettings, progress: Progress) -> None:
-        self.experiments, self.settings, self._progress = list(experiments), settings, progress
-        self.names = candidates(experiments[0], settings)
-        self.baseline, self.evidence = fit_baseline(experiments, settings, progress)
-        progress(f"screening {len(self.names)} candidates")
-        self.refits = Refits(self.baseline, self.evidence.train, self.names, settings)
-        self.screen = self.refits.screens[0]
-        self.threshold = float(np.quantile(self.screen.null_gains(settings.seed), 1.0 - settings.false_alarms))
-        self.ranked = self.refits.ranked()
-        self._found: dict[tuple[str, ...], Fit] = {}
-        self._promised: dict[tuple[str, ...], float] = {}
-        self._screened: dict[int, tuple[Fit, list[list[Score]]]] = {}
-        self._look()
-        fits = [self.baseline, *self._found.values()]
-        predicted = self._predicted(fits)
-        self.predictions = predicted[0]
-        energies = [self.evidence.held_out_energy(own) for own in predicted]
-        self.answers = [
-            answer_of(fit, self._promised.get(fit.unknowns.effects), energies[0] - energy, self.baseline, self.evidence)
-            for fit, energy in zip(fits, energies, strict=True)
-        ]
+    def __init__(
+        self, experiments: Sequence[Interaction], settings: GapSettings, progress: Progress = lambda message: None
+    ) -> None:
+        self.experiments, self.settings, self.progress = list(experiments), settings, progress
 
-    def _predicted(self, fits: Sequence[Fit]) -> list[list[np.ndarray]]:
-        """Of each fit, the tracks over all frames of every experiment."""
-        trials = [found.unknowns.trial(found.vector) for found in fits]
-        together = [experiment.predict(trials) for experiment in self.experiments]
-        return [[own[number] for own in together] for number in range(len(fits))]
+    def run(self) -> SearchResult:
+        """Run the whole search.
 
-    # --- fits ---------------------------------------------------------------------------------------------------
-
-    def _look(self) -> None:
-        """Fits the effects that promise most, and those whose tangents promise nothing; where the best leaves much, all others, for
-        tangents far from an effect's size say little; where that leaves much too, pairs."""
-        promising = [scores for scores in self.ranked if max(score.gain for score in scores) > self.threshold]
-        afar = [scores for scores in self.ranked if self.refits.begins_afar(scores[0].start.effect)]
-        self._fit_new([*promising[: self.settings.shortlist], *afar], self.settings.finalists)
-        self._fit_look_alikes()
-        if self._leaves_much():
-            self._fit_new(self.ranked, self.settings.finalists)
-        if self.settings.seconds and (self._leaves_much() or self._second_is_promised()):
-            self._pairs()
-
-    def _gain(self, found: Fit) -> float:
-        return found.log_evidence - self.baseline.log_evidence
-
-    def _ordered(self, effects: int = 1) -> list[Fit]:
-        """Fits with so many effects, the best first."""
-        found = [fit for names, fit in self._found.items() if len(names) == effects]
-        return sorted(found, key=self._gain, reverse=True)
-
-    def _best(self, least: float) -> Fit | None:
-        """The best single effect, if it gains more than `least` [nat]."""
-        return next((fit for fit in self._ordered() if self._gain(fit) > least), None)
-
-    def _remainder(self, found: Fit) -> float:
-        """What a right effect may leave of what it gains [nat]."""
-        return self.settings.remainder * self._gain(found)
-
-    def _leaves_much(self) -> bool:
-        """Whether the best single effect gains something and leaves more than a right one's misfit."""
-        best = self._best(0.0)
-        return best is not None and self.evidence.excess(best) > max(self.threshold, self._remainder(best))
-
-    def _second_is_promised(self) -> bool:
-        """Whether a second effect promises to bring two into the class of the best one alone, whatever that leaves."""
-        best = self._best(self.threshold)
-        if best is None:
-            return False
-        self._progress(f"screening beside {best.unknowns.effects[0]}")
-        promised = max((scores[0].gain for scores in self._beside(best)), default=0.0)
-        return promised > worth_of_a_second(self._gain(best), self.settings, len(self.names))
-
-    def _keep(self, found: Sequence[Fit]) -> None:
-        """Takes over fits that are better than what is known of the same effects."""
-        for fit in found:
-            known = self._found.get(fit.unknowns.effects)
-            if known is None or fit.log_evidence > known.log_evidence:
-                self._found[fit.unknowns.effects] = fit
-
-    def _fit(self, chosen: Sequence[list[Score]], finalists: int) -> None:
-        """Fits with one more effect each, the best of them settled; the baseline too."""
-        if not chosen:
-            return
-        labels = {_names(scores[0]): scores[0] for scores in chosen}
-        self._progress("fitting " + ", ".join("+".join(names) for names in labels))
-        fits = self.refits.fitted(chosen)
-        self._promised |= {names: score.gain for names, score in labels.items()}
-        self._settle(sorted(fits, key=self._gain, reverse=True)[:finalists])
-        self._keep(fits)
-
-    def _fit_look_alikes(self) -> None:
-        """Fits what the best effect may have been taken for, and settles what gains something."""
-        best = self._best(self.threshold)
-        if best is None:
-            return
-        self._progress(f"fitting look-alikes of {best.unknowns.effects[0]}")
-        found = self.refits.look_alikes(best)
-        if gaining := [fit for fit in found if self._gain(fit) > 0.0]:
-            self._settle(gaining)
-        self._keep(found)
-
-    def _settle(self, fits: Sequence[Fit]) -> None:
-        """Goes on with the baseline and these fits until they arrive."""
-        self._progress("settling " + ", ".join(("the baseline", *("+".join(fit.unknowns.effects) for fit in fits))))
-        self.baseline, *settled = self.refits.settled([self.baseline, *fits])
-        self._keep(settled)
-
-    # --- two at once --------------------------------------------------------------------------------------------
-
-    def _pairs(self) -> None:
-        """Second effects beside the best one and others that gain much alone, for one of two is often imitated by a third.
-
-        Of the best two, each is then fitted alone, since a fit with a spare effect may leave a minimum in which one alone was
-        caught, and exchanged for what promises most beside the other.
+        Raises:
+            InputError: a candidate is not in the registry, or the baseline cannot be simulated.
         """
-        firsts = [fit for fit in self._ordered() if self._gain(fit) > self.threshold][: self.settings.firsts]
-        self._progress("screening beside " + ", ".join(first.unknowns.effects[0] for first in firsts))
-        self._fit_new([s for first in firsts for s in self._promising(self._beside(first))], self.settings.seconds)
-        if not (pairs := self._ordered(2)):
-            return
-        alone = self.refits.alone(pairs[0])
-        self._settle([fit for fit in alone if self._gain(fit) > self._gain_of(fit.unknowns.effects)])
-        if self._leaves_much():
-            exchanged = [s for one in alone for s in self._beside(one)[: self.settings.exchanges]]
-            self._fit_new(exchanged, self.settings.seconds)
+        strategy = self.begin()
+        strategy.run()
+        return self.result(strategy)
 
-    def _gain_of(self, names: tuple[str, ...]) -> float:
-        """Of the best fit of these effects so far; nothing where there is none."""
-        return self._gain(self._found[names]) if names in self._found else 0.0
+    def begin(self) -> Strategy:
+        """Fit the baseline and screen the candidates."""
+        names = candidates(self.experiments[0], self.settings)
+        baseline, measurements = fit_baseline(self.experiments, self.settings, self.progress)
+        self.progress(f"screening {len(names)} candidates")
+        candidate_fits = CandidateFits.beside(baseline, measurements.train, names, self.settings)
+        gains = candidate_fits.screens[0].null_gains(self.settings.seed)
+        threshold = float(np.quantile(gains, 1.0 - self.settings.false_alarms))
+        return Strategy(measurements, candidate_fits, threshold, self.settings, self.progress)
 
-    def _beside(self, first: Fit) -> list[list[Score]]:
-        """Effects that promise more than chance beside another; screened once for each fit."""
-        if id(first) not in self._screened:
-            ranked = self.refits.ranked_beside(first)
-            self._screened[id(first)] = first, [scores for scores in ranked if scores[0].gain > self.threshold]
-        return self._screened[id(first)][1]
+    def result(self, strategy: Strategy) -> SearchResult:
+        """Predict all frames under every fit of a strategy that has run, and compare."""
+        found, measurements = [strategy.baseline, *strategy.found.values()], strategy.measurements
+        predicted = self._predicted(found)
+        energies = [measurements.held_out_energy(own) for own in predicted]
+        answers = [
+            answer_of(
+                fit,
+                strategy.predicted_gains.get(fit.unknowns.effects),
+                energies[0] - energy,
+                strategy.baseline,
+                measurements,
+            )
+            for fit, energy in zip(found, energies, strict=True)
+        ]
+        return SearchResult(self, strategy, predicted[0], answers)
 
-    def _promising(self, beside: list[list[Score]]) -> list[list[Score]]:
-        """Of second effects, those that promise most, and those that gained most alone, because tangents far from an effect's
-        size say little."""
-        strong_ones = min(STRONG_ALONE, self.settings.seconds // 2)
-        most = self.settings.seconds - strong_ones
+    def _predicted(self, found: Sequence[Fit]) -> list[list[Float[Array, "frames tracks 3"]]]:
+        """Of each fit, the tracks over all frames of every interaction [m]."""
+        trials = [fit.unknowns.trial(fit.vector) for fit in found]
+        together = [experiment.predict(trials) for experiment in self.experiments]
+        return [[own[number] for own in together] for number in range(len(found))]
 
-        def alone(scores: list[Score]) -> float:
-            return self._gain_of((scores[0].start.effect,))
 
-        strong = sorted((s for s in beside[most:] if alone(s) > self.threshold), key=alone, reverse=True)
-        return beside[:most] + strong[:strong_ones]
+@dataclass(frozen=True)
+class SearchResult:
+    """What a search found.
 
-    def _fit_new(self, candidates: Sequence[list[Score]], finalists: int) -> None:
-        """Fits of what is not known yet."""
-        chosen: dict[tuple[str, ...], list[Score]] = {}
-        for scores in candidates:
-            if _names(scores[0]) not in self._found:
-                chosen.setdefault(_names(scores[0]), scores)
-        self._fit(list(chosen.values()), finalists)
+    Args:
+        search: interactions and settings.
+        strategy: baseline, screens and fits.
+        predictions: tracks of the baseline over all frames [m], one array per interaction.
+        answers: the baseline first, then single effects and pairs.
+    """
 
-    # --- report -------------------------------------------------------------------------------------------------
+    search: Search
+    strategy: Strategy
+    predictions: Sequence[Float[Array, "frames tracks 3"]]
+    answers: Sequence[Answer]
+
+    @property
+    def baseline(self) -> Fit:
+        """The fit without a missing effect."""
+        return self.strategy.baseline
+
+    @property
+    def measurements(self) -> Measurements:
+        """What all was fitted to."""
+        return self.strategy.measurements
 
     def report(self) -> GapReport:
-        """Verdict, candidates and the gap."""
-        settings = self.settings
-        chances = probabilities(self.answers, settings, len(self.names))
+        """Verdict, candidates and maps of the disagreement; an unknown effect costs a few rollouts for a lead."""
+        settings, names = self.search.settings, self.strategy.candidate_fits.names
+        chances = probabilities(
+            [answer.names for answer in self.answers],
+            [answer.gain for answer in self.answers],
+            [answer.held_out for answer in self.answers],
+            settings,
+            len(names),
+        )
         candidates = candidates_of(self.answers, chances, settings) + self._not_fitted()
-        test = self.evidence.test(self.baseline)
-        test["threshold"] = self.threshold
-        best = max(range(len(self.answers)), key=lambda number: chances[number])
-        explained = self._explained(self.answers[best].fit)
-        test["explained"] = explained
-        verdict = verdict_of(candidates, self.threshold, test["p_value"] < SIGNIFICANT, explained, settings)
+        explained = self._explained(self.answers[int(np.argmax(chances))].fit)
+        test = self.measurements.test(self.baseline)
+        test |= {"threshold": self.strategy.threshold, "explained": explained}
+        significant = test["p_value"] < SIGNIFICANT
+        verdict = verdict_of(candidates, self.strategy.threshold, significant, explained, settings)
         lead = self._lead() if verdict.kind == "unknown" else None
         if lead is not None:
             verdict = replace(verdict, sentence=f"{verdict.sentence} {lead.sentence}")
@@ -257,43 +180,38 @@ class Search:
             candidates=candidates,
             test=test,
             where=tuple(self._where()),
-            baseline=disagreements(self.experiments, self.predictions),
+            baseline=disagreements(self.search.experiments, self.predictions),
             fields=self.baseline.unknowns.baseline_fields(self.baseline.vector),
-            information=tuple(self.screen.information()),
-            numerical_floor=self.evidence.floors,
-            settings={"candidates": list(self.names), "seed": settings.seed},
+            information=tuple(self.strategy.candidate_fits.screens[0].information()),
+            numerical_floor=self.measurements.numerical_errors,
+            settings={"candidates": list(names), "seed": settings.seed},
             lead=None if lead is None else lead.as_record(),
         )
 
     def _lead(self) -> Lead | None:
-        """What nothing in the library explains as a force; None where that cannot be said."""
-        self._progress("unknown: looking for a formula")
+        """The disagreement as a force; None where it cannot be said."""
+        self.search.progress("unknown: looking for a formula")
         try:
             fields = self.baseline.unknowns.baseline_fields(self.baseline.vector)
-            return lead_on(self.evidence, fields, self.predictions)
-        except InputError as error:  # a lead is a help; the verdict stands without it
-            self._progress(f"no formula: {error}")
+            return lead_on(self.measurements, fields, self.predictions)
+        except InputError as error:  # a lead only helps; the verdict stands without it
+            self.search.progress(f"no formula: {error}")
             return None
 
     def _where(self) -> list[dict]:
         """Records of the baseline's disagreement over all frames, one per interaction."""
-        parts = zip(self.experiments, self.predictions, strict=True)
-        return [locate(e, predicted, self.evidence.whole(n)).as_record() for n, (e, predicted) in enumerate(parts)]
+        parts = zip(self.search.experiments, self.predictions, strict=True)
+        return [locate(e, predicted, self.measurements.whole(n)).as_record() for n, (e, predicted) in enumerate(parts)]
 
     def _not_fitted(self) -> tuple[Candidate, ...]:
         fitted = {answer.names for answer in self.answers}
-        rest = [scores[0] for scores in self.ranked if (scores[0].start.effect,) not in fitted]
+        rest = [scores[0] for scores in self.strategy.ranked if (scores[0].start.effect,) not in fitted]
         return tuple(Candidate((_unfitted(score),), score.gain) for score in rest)
 
     def _explained(self, found: Fit) -> float:
-        """Share of the disagreement beyond noise and numerics that a fit closes."""
-        before, after = self.evidence.excess(self.baseline), self.evidence.excess(found)
+        """Share of the disagreement beyond noise and numerical error that a fit explains."""
+        before, after = self.measurements.excess(self.baseline), self.measurements.excess(found)
         return 1.0 if before <= 0 else float(np.clip((before - after) / before, 0.0, 1.0))
-
-
-def _names(score: Score) -> tuple[str, ...]:
-    """The effects of the fit that a score stands for, in the order in which they act."""
-    return tuple(sorted((*score.beside.unknowns.effects, score.start.effect), key=list(EFFECTS).index))
 
 
 def _unfitted(score: Score) -> FittedEffect:

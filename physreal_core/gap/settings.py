@@ -2,48 +2,54 @@
 
 from dataclasses import dataclass, field
 
-from physreal_core.gap.noise import ModelError
-from physreal_core.gap.unknowns import Priors
+from physreal_core.gap.fits.unknowns import Priors
+from physreal_core.gap.noise.model import ModelError
 
 
 @dataclass(frozen=True)
 class GapSettings:
-    """Settings of the search; the numbers that stand for honesty are calibrated on captures of known truth.
+    """Settings of the search for a missing effect.
+
+    The numbers that decide how sure an answer is are calibrated on captures of known truth (docs/gap_benchmark.md). A
+    gain is a gain in log evidence over the baseline, in nat. Coordinates are those of `Unknowns`: logarithms, and
+    multiples of scales.
 
     Args:
-        candidates: names in the registry; all by default.
-        shortlist: candidates that the score test hands on to a fit, at most: those that promise more than chance.
-        firsts: effects beside which a second one is looked for.
-        seconds: candidates tried beside each of them, and pairs that go on.
-        exchanges: candidates that each of the best two is then exchanged for.
-        iterations: of a candidate's fit, at most, before the best ones go on.
-        finalists: candidates that go on.
-        settling: iterations of these, and of the whole baseline, at most.
-        baseline_iterations: of the baseline's, per horizon.
-        grip_fitted: whether the grip's stiffness is a number that was fitted. Then it is an unknown of the baseline too, and a
-            hand that gives way, which is the same, is no candidate.
-        scan: factors on the moduli of a model that is only guessed, among which the fit looks for its start.
+        candidates: names of effects in the registry; all by default.
+        shortlist: largest number of candidates that the score test passes on to a fit. Their predicted gain must be
+            above chance.
+        firsts: number of effects beside which a second one is tried.
+        seconds: number of second effects that are tried at a time, and number of pairs whose fits go on until they
+            converge.
+        exchanges: number of candidates for which each effect of the best pair is exchanged.
+        iterations: largest number of steps of a candidate's fit, before the best fits go on.
+        finalists: number of fits that go on until they converge.
+        settling: largest number of steps of those, and of the whole baseline.
+        baseline_iterations: largest number of steps of the baseline per horizon.
+        grip_fitted: whether the grip's stiffness was fitted. If so, it stays an unknown of the baseline, and a
+            compliant grip, which does the same, is no candidate.
+        scan: factors on the moduli of a guessed model, among which its fit looks for a start; (1.0,) for a fitted
+            model.
         model_error: size and smoothness of the simulator's own error.
-        priors: widths, in free coordinates.
-        prior_none: probability that nothing is missing, before looking.
-        prior_pair: probability of two effects, given that something is missing.
-        temperature: by which gains are divided before they become probabilities, at least.
-        interval_temperature: times the temperature, by which the likelihood behind the intervals is divided.
-        misfit: share of the best gain that the temperature is at least, for the simulator's answer to an effect is some per cent
-            off, and a wrong one gains as much by imitating what is off.
-        remainder: share of its gain that a right effect may leave. A second one is looked for where the best leaves more; and
-            what two gain beyond one of them is divided by this share of the best gain, at least, so that some times what a right
-            effect leaves is needed to outweigh the prior.
-        confirmed: share of what two effects gain beyond the better of them alone that they must gain on held-out frames, too, for
-            all of it to count.
-        held_out_share: share that counts of what an answer gains on held-out frames, as far as that is not more than its
-            training evidence.
-        held_out_loss: share of its training evidence that an answer may lose there: a right effect whose numbers are a little
-            off loses much where it acts hard, as in a contact.
-        class_ratio: an answer belongs to the reported class if it is at least this times as probable as the best one.
-        class_size: members at most.
-        false_alarms: share of captures without a missing effect in which one may be named.
-        unexplained: an answer that closes less of the significant gap than this is `unknown`.
+        priors: standard deviations of the priors.
+        prior_none: prior probability that nothing is missing.
+        prior_pair: prior probability of two effects, given that something is missing.
+        temperature: least temperature. Gains are divided by the temperature before they become probabilities.
+        interval_temperature: temperature of the likelihood behind the intervals, as a factor on the gains' temperature.
+        misfit: the temperature is at least this share of the best gain. The simulated response to a correct effect is
+            some per cent off, and a wrong effect can gain as much by imitating that error.
+        remainder: share of its gain that a correct effect may leave unexplained. If the best effect leaves more, a
+            second one is tried. The temperature of what a second effect gains is at least this share of the best gain.
+        confirmed: share of a second effect's gain that held-out frames must confirm for all of it to count.
+        held_out_share: share of a gain on held-out frames that counts. It counts up to the gain on training frames at
+            most.
+        held_out_loss: largest loss on held-out frames that counts, as a share of the gain on training frames. A correct
+            effect with slightly wrong numbers can lose much where it acts hard, as in a contact.
+        class_ratio: least probability of a member of the reported class, relative to the best answer.
+        class_size: largest number of members of the class.
+        false_alarms: allowed share of captures without a missing effect in which one is named.
+        unexplained: least share of the disagreement beyond noise and numerical error that an answer must explain; below
+            it the effect is `unknown`.
         seed: of the bootstrap.
     """
 

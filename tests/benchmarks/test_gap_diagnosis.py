@@ -5,8 +5,8 @@ import pytest
 from benchmarks.gap.diagnosis import from_truth, main, told
 from physreal_core.errors import InputError
 from physreal_core.gap import GapSettings
-from physreal_core.gap.adding import Fits
-from physreal_core.gap.noise import ModelError
+from physreal_core.gap.adding import EffectFits
+from physreal_core.gap.noise.model import ModelError
 from tests.gap.linear import ANSWERS, LinearExperiment, register
 
 TRUTH = {"sink": {"amount": 0.6}}
@@ -14,9 +14,9 @@ SETTINGS = GapSettings(model_error=ModelError(rms=3e-4, moved=1e-4))
 
 
 @pytest.fixture
-def fits(monkeypatch) -> Fits:
+def fits(monkeypatch) -> EffectFits:
     register(monkeypatch)
-    return Fits([LinearExperiment(ANSWERS, TRUTH)], SETTINGS, lambda message: None)
+    return EffectFits.begin([LinearExperiment(ANSWERS, TRUTH)], SETTINGS, lambda message: None)
 
 
 def test_the_true_numbers_gain_what_the_searchs_own_fit_does(fits):

@@ -69,7 +69,7 @@ def test_a_search_begins_where_the_body_comes_a_spacing_into_it_on_its_way(name,
 def test_others_may_lie_where_the_body_meets_the_wall(name, setting):
     """Each touches the place and lies behind it; as stiff as the wall, or as an obstacle plainly is."""
     wall, moved = EFFECTS["obstacle_plane"], motion(setting, 0.004)
-    starts = EFFECTS[name].instead(setting, wall, WALL, moved)
+    starts = EFFECTS[name].replacement_starts(setting, wall, WALL, moved)
     capsule = wall.capsule(tensors(WALL), setting, torch.zeros(1, dtype=torch.float64))
     places = [place for place, _ in contacts(moved, capsule, reach(setting))]
     assert len(starts) >= len(places)
@@ -84,8 +84,8 @@ def test_others_may_lie_where_the_body_meets_the_wall(name, setting):
 def test_a_search_begins_too_where_it_would_keep_the_body_off_as_it_was_seen(name, setting):
     """Seen, the body stops at the wall; the baseline takes it 6 cm further. Where the two differ by half a spacing nothing does."""
     seen, expected, alike = (motion(setting, depth).x.numpy().reshape(-1, 3) for depth in (0.0, 0.06, 0.01))
-    starts, spacing = EFFECTS[name].kept_off(setting, seen, expected), setting.body.spacing
-    assert starts and EFFECTS[name].kept_off(setting, seen, alike) == ()
+    starts, spacing = EFFECTS[name].blocking_starts(setting, seen, expected), setting.body.spacing
+    assert starts and EFFECTS[name].blocking_starts(setting, seen, alike) == ()
     for start in starts:
         assert start["stiffness"] == 1e6
         nearest, deepest = (min(distance(name, start, place, setting) for place in own) for own in (seen, expected))
@@ -96,5 +96,5 @@ def test_a_search_begins_too_where_it_would_keep_the_body_off_as_it_was_seen(nam
 def test_a_post_does_not_stand_behind_what_presses_upwards_and_nothing_follows_without_a_motion(setting):
     post, ball = EFFECTS["obstacle_post"], EFFECTS["obstacle_sphere"]
     assert post.touching(np.zeros(3), np.array([0.0, 0.0, 1.0]), setting) == []
-    assert ball.instead(setting, EFFECTS["obstacle_plane"], WALL, None) == ()
-    assert EFFECTS["payload"].instead(setting, EFFECTS["density_gradient"], {}, motion(setting, 0.0)) == ()
+    assert ball.replacement_starts(setting, EFFECTS["obstacle_plane"], WALL, None) == ()
+    assert EFFECTS["payload"].replacement_starts(setting, EFFECTS["density_gradient"], {}, motion(setting, 0.0)) == ()

@@ -23,7 +23,7 @@ def test_entries_are_complete(name):
     assert effect.family in FAMILIES
     home = Path(inspect.getfile(type(effect)))
     assert home == ROOT / "physreal_core" / "effects" / effect.family / f"{name}.py"
-    assert all((effect.words, effect.formula, effect.shows, effect.told_by))
+    assert all((effect.words, effect.formula, effect.shows, effect.distinguished_by))
     assert set(effect.terms) <= set(TERMS)
     assert any(c.kind == "amplitude" for c in effect.coefficients)
     for c in effect.coefficients:

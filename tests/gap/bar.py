@@ -2,8 +2,8 @@
 
 import numpy as np
 
-from physreal_core.gap.comparison import Comparison
-from physreal_core.gap.phases import Phases, label_phases, on_ground
+from physreal_core.gap.where.comparison import Comparison
+from physreal_core.gap.where.phases import Phases, label_phases, on_ground
 
 FPS, FRAMES, POINTS, STOP = 30.0, 60, 120, 25
 SWING = 12.0  # rad/s

@@ -5,8 +5,8 @@ from functools import cache
 import numpy as np
 from scipy.integrate import solve_ivp
 
-from physreal_core.gap.responses import Responses
-from physreal_core.gap.unknown import Scene
+from physreal_core.gap.lead.departure import Departure
+from physreal_core.gap.lead.responses import Responses
 
 FPS, FRAMES, MASSES, TRACKS, SIGMA, TRAIN = 30.0, 60, 6, 90, 0.001, 42
 GRAVITY = np.array([0.0, 0.0, -9.81])
@@ -54,7 +54,7 @@ def responses():
     return Responses(np.einsum("jr,matrc->matjc", weights(), step))
 
 
-def scene(force, seed=0, direction=(0.0, 1.0, 0.5)):
+def departure(force, seed=0, direction=(0.0, 1.0, 0.5)):
     """What is measured with the force and simulated without, a third missing; the later frames held out."""
     rng = np.random.default_rng(seed)
     truth, simulated = (
@@ -63,7 +63,7 @@ def scene(force, seed=0, direction=(0.0, 1.0, 0.5)):
     valid = rng.random(truth.shape[:2]) > 0.3
     measured = np.where(valid[..., None], truth + SIGMA * rng.standard_normal(truth.shape), np.nan)
     early = valid & (np.arange(FRAMES) < TRAIN)[:, None]
-    return Scene(simulated, measured, valid, FPS, responses(), weights(), _whiten(early), _whiten(valid & ~early))
+    return Departure(simulated, measured, valid, FPS, responses(), weights(), _whiten(early), _whiten(valid & ~early))
 
 
 def _whiten(entries):

@@ -7,9 +7,10 @@ import numpy as np
 import torch
 
 from physreal_core.effects import EFFECTS, Coefficient, Effect, Setting
-from physreal_core.gap.least_squares import Data, Fit, fit, together
-from physreal_core.gap.noise import ModelError, Noise
-from physreal_core.gap.unknowns import Priors, Unknowns
+from physreal_core.fitting.model import Model
+from physreal_core.gap.fits.least_squares import Data, Fit, fit, together
+from physreal_core.gap.fits.unknowns import Priors, Unknowns
+from physreal_core.gap.noise.model import ModelError, Noise
 from physreal_core.simulation import Body, SimulationConfig
 
 FRAMES, TRAIN, TRACKS, SIGMA = 10, 7, 6, 1e-3
@@ -70,7 +71,7 @@ class LinearExperiment:
         self.valid = random.random((FRAMES, TRACKS)) > 0.1
         self.valid[0] = False
         self.sigma = np.full(self.valid.shape, SIGMA)
-        self.model = SimpleNamespace(fields=FIELDS, effects=[], elastic_law="hencky")
+        self.model = Model(elastic_law="hencky", plastic_law="identity", fields=FIELDS)
         body = Body(self.points0, np.ones(TRACKS), np.ones(TRACKS), 0.01)
         still = torch.zeros(FRAMES, 0, 3)
         self.setting = Setting(body, None, (), 30.0, (0.0, 0.0, -9.81), None, still)
@@ -80,7 +81,7 @@ class LinearExperiment:
         exact = self.predict([SimpleNamespace(fields=fields, effects=truth)])[0]
         self.measured = exact + SIGMA * random.standard_normal(exact.shape)
 
-    def predict(self, trials, frames=None, variant=None) -> np.ndarray:
+    def predict(self, trials, frames=None, discretisation=None) -> np.ndarray:
         return np.stack([self._one(trial)[: frames or FRAMES] for trial in trials])
 
     def _one(self, trial) -> np.ndarray:
@@ -92,7 +93,7 @@ class LinearExperiment:
                 points += self._answers[name][key] * value
         return points
 
-    def carried(self, trial, frames=None) -> tuple[np.ndarray, np.ndarray]:
+    def predict_with_start_sensitivity(self, trial, frames=None) -> tuple[np.ndarray, np.ndarray]:
         return self.predict([trial], frames)[0], np.zeros((3, frames or FRAMES, TRACKS, 3))
 
     def motion(self, trial):

@@ -6,7 +6,7 @@ import pytest
 
 from physreal_core.effects import EFFECTS
 from physreal_core.gap import Experiment, Trial
-from physreal_core.gap.experiment import LIKE_SUBSTEPS, _of_like_counts
+from physreal_core.gap.interactions.experiment import LIKE_SUBSTEPS, of_like_counts
 from physreal_core.simulation import Simulator
 from tests.fitting import scene
 from tests.gap.trials import plain_values
@@ -25,15 +25,14 @@ def _one_of_each(experiment) -> list[Trial]:
 
 
 def test_substeps_of_a_trial_are_those_that_its_rollout_takes(experiment):
-    for trial in _one_of_each(experiment):
-        problem, config = experiment.problem, experiment._configuration([trial])
-        simulator = Simulator(problem.body, config, problem.grip, problem.clamps, problem.loads)
-        taken = simulator.substeps(experiment._inputs(trial, 1).parameters)
-        assert experiment._substeps(trial) == taken, trial.effects
+    problem = experiment.problem
+    for rollout in experiment._made(_one_of_each(experiment), 1):
+        simulator = Simulator(problem.body, rollout.config, problem.grip, problem.clamps, problem.loads)
+        assert experiment._substeps(rollout) == simulator.substeps(rollout.inputs.parameters), rollout.effects
 
 
 def test_batches_of_a_gpu_hold_every_trial_once_and_like_substeps(experiment, monkeypatch):
-    trials = _one_of_each(experiment)
+    trials = experiment._made(_one_of_each(experiment), experiment.frames)
     counts = [experiment._substeps(trial) for trial in trials]
     assert max(counts) > LIKE_SUBSTEPS * min(counts), "all are alike, so nothing would be proved"
     monkeypatch.setattr(experiment, "device", "cuda:0")
@@ -45,7 +44,7 @@ def test_batches_of_a_gpu_hold_every_trial_once_and_like_substeps(experiment, mo
     assert len(batches) < len(set(counts)), "those that are alike run together"
 
 
-def test_parts_of_like_counts_begin_at_the_largest_and_keep_the_order():
-    assert _of_like_counts([0, 1, 2, 3, 4], [50, 100, 75, 84, 83]) == [[1, 3], [2, 4], [0]]
-    assert _of_like_counts([0, 2], [50, 0, 60]) == [[0, 2]]
-    assert _of_like_counts([], []) == []
+def test_partsof_like_counts_begin_at_the_largest_and_keep_the_order():
+    assert of_like_counts([0, 1, 2, 3, 4], [50, 100, 75, 84, 83]) == [[1, 3], [2, 4], [0]]
+    assert of_like_counts([0, 2], [50, 0, 60]) == [[0, 2]]
+    assert of_like_counts([], []) == []

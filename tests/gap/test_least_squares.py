@@ -5,12 +5,13 @@ from types import SimpleNamespace
 import numpy as np
 import pytest
 
-from physreal_core.gap import least_squares
-from physreal_core.gap.least_squares import Data, Fit, fit, together
-from physreal_core.gap.naming import NINETY, fitted_effects
-from physreal_core.gap.screening import Screen, started
+from physreal_core.gap.answers.answer import NINETY, fitted_effects
+from physreal_core.gap.fits import least_squares
+from physreal_core.gap.fits.least_squares import Data, Fit, fit, together
+from physreal_core.gap.fits.linear_starts import linear_starts
+from physreal_core.gap.fits.screening import Screen, project_out
+from physreal_core.gap.fits.unknowns import Priors, Unknowns
 from physreal_core.gap.settings import GapSettings
-from physreal_core.gap.unknowns import Priors, Unknowns
 from tests.gap.linear import ANSWERS, LinearExperiment, baseline, register
 
 PRIORS = Priors()
@@ -27,9 +28,9 @@ def scene(truth: dict) -> tuple[LinearExperiment, Data]:
 
 
 def with_effect(name, base, data):
-    screen = Screen(base, data, [name], PRIORS)
+    screen = Screen.of(base, data, [name], PRIORS)
     (score,) = screen.scores(base.residual)
-    unknowns, starts, known = started([score], PRIORS)
+    unknowns, starts, known = linear_starts([score], PRIORS)
     (found,) = together([fit(unknowns, data, starts, 8, known)], data)
     return score, found
 
@@ -103,8 +104,8 @@ def test_score_foretells_the_gain_of_the_fit():
 def test_a_fit_may_start_where_the_linear_model_says_material_and_all():
     experiment, data = scene({"drift": {"east": 0.5, "north": -0.3}})
     base = baseline(experiment, data)
-    (score,) = Screen(base, data, ["drift"], PRIORS).scores(base.residual)
-    unknowns, starts, known = started([score], PRIORS)
+    (score,) = Screen.of(base, data, ["drift"], PRIORS).scores(base.residual)
+    unknowns, starts, known = linear_starts([score], PRIORS)
     (found,) = together([fit(unknowns, data, starts, 8, known)], data)
     predictions = data.predict([unknowns.trial(start) for start in starts])
     residuals = data.residuals(predictions).T
@@ -128,7 +129,7 @@ def test_intervals_widen_as_the_likelihood_is_tempered():
 def test_effects_rank_by_what_they_explain_and_signs_are_kept():
     experiment, data = scene({"sink": {"amount": 0.6}})
     base = baseline(experiment, data)
-    ranked = Screen(base, data, ["drift", "sink"], PRIORS).scores(base.residual)
+    ranked = Screen.of(base, data, ["drift", "sink"], PRIORS).scores(base.residual)
     assert [score.start.effect for score in ranked] == ["sink", "drift"]
     experiment, data = scene({"sink": {"amount": -0.6}})  # against its sign: not to be had
     base = baseline(experiment, data)
@@ -142,7 +143,7 @@ def test_nothing_hidden_rarely_beats_the_bootstrap():
         experiment = LinearExperiment(ANSWERS, {}, seed)
         data = Data([experiment], [experiment.noise()])
         base = baseline(experiment, data)
-        screen = Screen(base, data, ["drift", "sink"], PRIORS)
+        screen = Screen.of(base, data, ["drift", "sink"], PRIORS)
         gains.append(screen.scores(base.residual)[0].gain > np.quantile(screen.null_gains(0), 0.95))
     assert sum(gains) <= 3
 
@@ -152,4 +153,4 @@ def test_what_the_baseline_can_imitate_is_no_evidence():
     experiment, data = scene({})
     base = baseline(experiment, data)
     column = base.jacobian[:, :1]
-    assert np.linalg.norm(Screen.beside(base, column)) < 0.2 * np.linalg.norm(column)
+    assert np.linalg.norm(project_out(base, column)) < 0.2 * np.linalg.norm(column)

@@ -3,7 +3,7 @@
 import numpy as np
 import pytest
 
-from physreal_core.gap.noise import ModelError, Noise
+from physreal_core.gap.noise.model import ModelError, Noise
 
 FRAMES, TRACKS, SIGMA = 12, 9, 1e-3
 

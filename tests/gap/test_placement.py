@@ -12,9 +12,9 @@ from physreal_core.effects import EFFECTS
 from physreal_core.effects.shape import PLACES, extent
 from physreal_core.fitting.transfer import transfer_model
 from physreal_core.gap import Experiment, GapSettings, Trial
-from physreal_core.gap.evidence import unknown_scalars
-from physreal_core.gap.experiment import starts_of
-from physreal_core.gap.screening import _plans
+from physreal_core.gap.fits.baseline import unknown_scalars
+from physreal_core.gap.fits.plans import plans_along
+from physreal_core.gap.interactions.starts import starts_of
 from physreal_core.gap.search import candidates
 from physreal_core.simulation import Body, Grip
 from tests.fitting import scene
@@ -79,7 +79,7 @@ def test_starts_are_given_where_the_first_interaction_has_them(interactions):
 
 
 def test_places_in_the_body_are_tried_once_and_cover_it(interactions):
-    plans = _plans(
+    plans = plans_along(
         EFFECTS["payload"],
         interactions,
         [experiment.motion(Trial(experiment.model.fields)) for experiment in interactions],

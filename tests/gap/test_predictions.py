@@ -42,7 +42,7 @@ def test_frames_that_follow_change_nothing(excess):
     whole = predicted(own, excess=excess)
     part = predicted(own, OBSERVED, excess=excess)
     np.testing.assert_allclose(part, whole[:OBSERVED], rtol=0, atol=1e-6)
-    there, _ = own.carried(Trial(own.model.fields, {"frame_rate": {"excess": excess}}), OBSERVED)
+    there, _ = own.predict_with_start_sensitivity(Trial(own.model.fields, {"frame_rate": {"excess": excess}}), OBSERVED)
     np.testing.assert_allclose(there, part, rtol=0, atol=1e-6)
 
 

@@ -6,7 +6,9 @@ import numpy as np
 import pytest
 
 from physreal_core.gap import GapSettings, Search
-from physreal_core.gap.noise import ModelError
+from physreal_core.gap.fits.strategy import Strategy
+from physreal_core.gap.noise.model import ModelError
+from physreal_core.gap.search import SearchResult
 from tests.gap.linear import ANSWERS, LinearExperiment, register
 
 SETTINGS = GapSettings(candidates=("drift", "sink"), shortlist=1, model_error=ModelError(rms=3e-4, moved=1e-4))
@@ -18,11 +20,17 @@ def registry(monkeypatch):
     register(monkeypatch)
 
 
-def search(truth: dict, settings: GapSettings = SETTINGS) -> Search:
-    return Search([LinearExperiment(ANSWERS, truth)], settings, lambda message: None)
+def strategy(truth: dict, settings: GapSettings = SETTINGS) -> Strategy:
+    found = Search([LinearExperiment(ANSWERS, truth)], settings).begin()
+    found.run()
+    return found
 
 
-def names(found: Search) -> list[tuple[str, ...]]:
+def search(truth: dict, settings: GapSettings = SETTINGS) -> SearchResult:
+    return Search([LinearExperiment(ANSWERS, truth)], settings).run()
+
+
+def names(found: SearchResult) -> list[tuple[str, ...]]:
     return [answer.names for answer in found.answers]
 
 
@@ -46,8 +54,8 @@ def test_two_are_fitted_where_they_may_be_in_the_class_though_the_best_leaves_no
     error = ModelError(rms=1e-3, moved=1e-4)
     wide = replace(SETTINGS, model_error=error, temperature=temperature, class_ratio=class_ratio)
     found = search(BOTH, wide)
-    (best, *_) = found._ordered()
-    assert best.unknowns.effects == ("sink",) and found.evidence.excess(best) < found.threshold
+    (best, *_) = found.strategy.ordered()
+    assert best.unknowns.effects == ("sink",) and found.measurements.excess(best) < found.strategy.threshold
     assert (("sink", "drift") in names(found)) is two
 
 
@@ -58,8 +66,21 @@ def test_without_seconds_no_pair_is_fitted():
 
 def test_an_effect_caught_in_a_poor_minimum_is_replaced_by_the_one_from_a_pair():
     """A fit alone that ended badly: the pair's own part, fitted alone from there, is better and is kept."""
-    found = search(BOTH)
-    good = found._found["sink",]
-    found._found["sink",] = replace(good, energy=good.energy + 50.0)
-    found._keep(found.refits.alone(found._found["sink", "drift"]))
-    assert np.isclose(found._found["sink",].energy, good.energy, atol=0.5)
+    own = strategy(BOTH)
+    good = own.found["sink",]
+    own.found["sink",] = replace(good, energy=good.energy + 50.0)
+    own.keep(own.candidate_fits.alone(own.found["sink", "drift"]))
+    assert np.isclose(own.found["sink",].energy, good.energy, atol=0.5)
+
+
+def test_a_search_that_is_constructed_has_run_nothing(monkeypatch):
+    experiment = LinearExperiment(ANSWERS, {})
+    for method in ("predict", "predict_with_start_sensitivity", "motion"):
+        monkeypatch.setattr(experiment, method, _fail)
+    waiting = Search([experiment], SETTINGS)
+    with pytest.raises(AssertionError, match="was rolled out"):
+        waiting.begin()
+
+
+def _fail(*arguments, **options):
+    raise AssertionError("something was rolled out")

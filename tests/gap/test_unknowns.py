@@ -4,7 +4,7 @@ import numpy as np
 import pytest
 import torch
 
-from physreal_core.gap.unknowns import SCALARS, Unknowns
+from physreal_core.gap.fits.unknowns import SCALARS, Unknowns
 
 FIELDS = {
     name: torch.tensor(value, dtype=torch.float64)

@@ -7,9 +7,9 @@ import pytest
 from scipy import stats
 
 from physreal_core.errors import InputError
-from physreal_core.gap.comparison import Comparison, agreement
-from physreal_core.gap.signatures import signatures
-from physreal_core.gap.where import find_onset, find_where
+from physreal_core.gap.where.comparison import Comparison, agreement
+from physreal_core.gap.where.signatures import signatures
+from physreal_core.gap.where.where import find_onset, find_where
 from tests.gap import bar
 
 

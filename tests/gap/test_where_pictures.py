@@ -6,7 +6,7 @@ from xml.etree import ElementTree
 import numpy as np
 import pytest
 
-from physreal_core.gap.where import find_where
+from physreal_core.gap.where.where import find_where
 from stages import _gap_pictures as pictures
 from tests.gap import bar
 

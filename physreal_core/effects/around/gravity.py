@@ -15,7 +15,7 @@ class Gravity(Effect):
     words = "Gravity is tilted or of another size: a badly levelled or accelerating rig."
     formula = "g' = (1 + s) R_y(b) R_x(a) g"
     shows = "at all times, in proportion to mass; in free flight as a constant acceleration"
-    told_by = "the same motion with the object turned about the vertical: gravity's tilt stays where it is"
+    distinguished_by = "the same motion with the object turned about the vertical: gravity's tilt stays where it is"
     terms = ("gravity",)
     coefficients = (
         Coefficient("tilt_x", "rad", "turn about x: tilts gravity towards y", 0.0, -1.0, 1.0, 0.2),

@@ -12,7 +12,9 @@ class LinearDrag(Effect):
     words = "The surroundings brake the body in proportion to its speed."
     formula = "f = -m c v"
     shows = "whenever it moves, everywhere alike; a free swing dies out at the rate c / 2, whatever its size"
-    told_by = "swings at two sizes: the rate at which they die out is the same (quadratic drag: it grows with the size)"
+    distinguished_by = (
+        "swings at two sizes: the rate at which they die out is the same (quadratic drag: it grows with the size)"
+    )
     terms = ("drag",)
     coefficients = (Coefficient("rate", "1/s", "drag per mass c", 0.0, 0.0, 40.0, 5.0),)
 

@@ -12,7 +12,7 @@ class QuadraticDrag(Effect):
     words = "The surroundings brake the body in proportion to the square of its speed."
     formula = "f = -m c |v| v"
     shows = "where and when it is fast, most at the far end of a swing"
-    told_by = "throwing, or swings at two sizes: wide ones die out faster than small ones"
+    distinguished_by = "throwing, or swings at two sizes: wide ones die out faster than small ones"
     terms = ("drag",)
     coefficients = (Coefficient("rate", "1/m", "drag per mass c", 0.0, 0.0, 100.0, 15.0),)
 

@@ -13,7 +13,7 @@ class Wind(Effect):
     words = "A steady wind pushes the body's surface."
     formula = "f = M a s, with M the body's mass and s the particle's share of the surface"
     shows = "at all times, most in free flight and where the body is thin for its surface"
-    told_by = "an object with thin and thick parts: wind moves the thin ones more (tilted gravity: both alike)"
+    distinguished_by = "an object with thin and thick parts: wind moves the thin ones more (tilted gravity: both alike)"
     terms = ("force",)
     coefficients = (
         Coefficient("x", "m/s2", "force over the body's mass, along x", 0.0, -30.0, 30.0, 3.0),

@@ -20,7 +20,7 @@ class GroundAdhesion(Effect):
     words = "The body sticks to the ground and must be torn off."
     formula = "traction = -p e (u / d) exp(-u / d) at the height u > 0 above the first place"
     shows = "when it is lifted: late, with a jerk; never again once it is off"
-    told_by = "press and release, and lifting slowly: more force at first than the weight"
+    distinguished_by = "press and release, and lifting slowly: more force at first than the weight"
     terms = ("adhesion",)
     coefficients = (
         Coefficient("strength", "Pa", "largest traction p", 0.0, 0.0, 2e4, 300.0),

@@ -31,7 +31,7 @@ class GroundPlane(Effect):
         "x' = R (x - p), F(0) = R, g' = R g, with R n = e_z; n and p the plane's normal and its point below the body"
     )
     shows = "only while it touches the ground: it lies too high or too low, slides downhill"
-    told_by = "letting it lie, then pushing it to either side (tilted gravity acts in the air, too)"
+    distinguished_by = "letting it lie, then pushing it to either side (tilted gravity acts in the air, too)"
     terms = ("initial_position", "initial_deformation", "gravity")
     coefficients = (
         Coefficient("height", "m", "below the body's middle", 0.0, -0.1, 0.1, 0.01),
@@ -65,7 +65,7 @@ class GroundPlane(Effect):
         here = setting.ground_height is not None and not setting.clamps
         return ({}, {"height": REACH}, {"height": -REACH}) if here else ()
 
-    def far(self, setting: Setting) -> tuple[dict[str, float], ...]:
+    def large_starts(self, setting: Setting) -> tuple[dict[str, float], ...]:
         """The ground as the body lies on it at frame 0, where that is not as assumed."""
         if not self.starts(setting) or (plane := underside(setting.body)) is None:
             return ()

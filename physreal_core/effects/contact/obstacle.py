@@ -6,7 +6,7 @@ from typing import ClassVar
 import torch
 
 from physreal_core.array_types import Array, Float, Tensor
-from physreal_core.effects.contact.places import contacts, enterable, grazed_places, kept_off_places, reach
+from physreal_core.effects.contact.places import blocking_places, contacts, enterable, grazed_places, reach
 from physreal_core.effects.effect import Coefficient, Effect, Inputs, Setting, Values
 from physreal_core.effects.fields import changed
 from physreal_core.simulation import States
@@ -39,7 +39,7 @@ class Obstacle(Effect):
         numbers = torch.stack([radius + reach(setting), values["stiffness"]]).to(centre)
         return changed(inputs, obstacle=torch.cat([centre, half_axis, numbers]))
 
-    def instead(
+    def replacement_starts(
         self, setting: Setting, other: Effect, values: Mapping[str, float], motion: States | None
     ) -> tuple[dict[str, float], ...]:
         """Where the body meets the other obstacle."""
@@ -73,12 +73,12 @@ class RoundObstacle(Obstacle):
         found = grazed_places(setting, motion, START_RADIUS, self.axes)
         return tuple(self.shape(*place, START_RADIUS) for place in zip(*found, strict=True))
 
-    def kept_off(
+    def blocking_starts(
         self, setting: Setting, seen: Float[Array, "points 3"], expected: Float[Array, "points 3"]
     ) -> tuple[dict[str, float], ...]:
         """Obstacles that the points were seen to touch, and that they enter where the baseline has them."""
         return tuple(
             {"stiffness": STIFFNESS.scale, **self.shape(*place, radius)}
             for radius in enterable(self.radii, setting)
-            for place in zip(*kept_off_places(setting, seen, expected, radius, self.axes), strict=True)
+            for place in zip(*blocking_places(setting, seen, expected, radius, self.axes), strict=True)
         )

@@ -27,7 +27,7 @@ class ObstaclePlane(Obstacle):
     words = "A hidden wall is in the way."
     formula = FORMULA + " of a half space"
     shows = "in all of the body that should pass the wall, from that frame on"
-    told_by = "moving along the wall, then towards it"
+    distinguished_by = "moving along the wall, then towards it"
     coefficients = (
         STIFFNESS,
         Coefficient("azimuth", "rad", "direction towards the wall, from x to y", 0.0, -7.0, 7.0, 0.3, "shape"),
@@ -64,7 +64,7 @@ class ObstaclePlane(Obstacle):
             for distance in (0.5 * (float(reached[0]) + farthest), farthest + reach(setting) - setting.body.spacing)
         )
 
-    def kept_off(
+    def blocking_starts(
         self, setting: Setting, seen: Float[Array, "points 3"], expected: Float[Array, "points 3"]
     ) -> tuple[dict[str, float], ...]:
         """Walls as far as the points were seen to go, in the directions in which the baseline has them a spacing further."""

@@ -19,7 +19,7 @@ class ObstaclePost(RoundObstacle):
     words = "A hidden post is in the way."
     formula = FORMULA + " of an upright capsule"
     shows = "from the frame on in which the body should pass it, at one place seen from above"
-    told_by = "passing beside it, and above it"
+    distinguished_by = "passing beside it, and above it"
     coefficients = (
         STIFFNESS,
         Coefficient("x", "m", "axis", 0.0, -ANYWHERE, ANYWHERE, 0.02, "shape"),

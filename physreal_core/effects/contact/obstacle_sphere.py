@@ -15,7 +15,7 @@ class ObstacleSphere(RoundObstacle):
     words = "A hidden ball is in the way."
     formula = FORMULA + " of a ball"
     shows = "from the frame on in which the body should pass it, first where it would enter it"
-    told_by = "the same motion shifted sideways: the bend stays where the obstacle is"
+    distinguished_by = "the same motion shifted sideways: the bend stays where the obstacle is"
     coefficients = (
         STIFFNESS,
         Coefficient("x", "m", "centre", 0.0, -ANYWHERE, ANYWHERE, 0.02, "shape"),

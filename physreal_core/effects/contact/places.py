@@ -67,7 +67,7 @@ def grazed_places(
     return _apart(deepest[free], places[free], deepest[free])
 
 
-def kept_off_places(
+def blocking_places(
     setting: Setting,
     seen: Float[Array, "points 3"],
     expected: Float[Array, "points 3"],

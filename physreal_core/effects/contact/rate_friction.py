@@ -18,7 +18,7 @@ class RateFriction(Effect):
     words = "The ground holds a fast body more than a slow one."
     formula = "mu(s) = mu_f + b s, s the speed on the ground"
     shows = "while sliding, more at speed"
-    told_by = "dragging it slowly over the ground, then fast"
+    distinguished_by = "dragging it slowly over the ground, then fast"
     terms = ("friction_law",)
     coefficients = (Coefficient("rate", "s/m", "rise of the coefficient with speed, b", 0.0, 0.0, 20.0, 3.0),)
 

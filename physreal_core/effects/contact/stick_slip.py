@@ -15,7 +15,7 @@ class StickSlip(Effect):
     words = "The ground holds a resting body faster than a sliding one: it sticks, then slips."
     formula = "mu(s) = mu_f + a exp(-s / s0), s the speed on the ground"
     shows = "at the start of sliding, late and with a jerk; in jerks at slow speed"
-    told_by = "dragging it slowly over the ground, then fast"
+    distinguished_by = "dragging it slowly over the ground, then fast"
     terms = ("friction_law",)
     coefficients = (
         Coefficient("excess", "1", "of the static coefficient, a", 0.0, 0.0, 5.0, 1.5),

@@ -13,7 +13,7 @@ class GripCompliance(Effect):
     words = "The hand gives way under load."
     formula = "1 / K' = 1 / K + c, K = k_f / 3 * sum of w / l0"
     shows = "in all that hangs on the grip, in proportion to the force on it; gone when the load is"
-    told_by = "lifting (load) against sliding along without load; an abrupt stop makes it swing in the hand"
+    distinguished_by = "lifting (load) against sliding along without load; an abrupt stop makes it swing in the hand"
     coefficients = (Coefficient("compliance", "m/N", "displacement of the hold per force, c", 0.0, 0.0, 0.1, 0.0003),)
     same_as = "grip_stiffness"
 

@@ -17,7 +17,7 @@ class GripLag(Effect):
     words = "The object follows a hand that moved earlier or later than recorded."
     formula = "a'(t) = a(t - lag)"
     shows = "in proportion to the hand's speed, everywhere; nothing while the hand rests"
-    told_by = "quick starts and stops"
+    distinguished_by = "quick starts and stops"
     coefficients = (Coefficient("lag", "s", "by which the object is behind the recorded hand", 0.0, -0.3, 0.3, 0.03),)
 
     def act(self, inputs: Inputs, values: Values, setting: Setting) -> Inputs:

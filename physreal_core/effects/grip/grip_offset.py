@@ -23,7 +23,7 @@ class GripOffset(Effect):
         f"a'(t) = a(t) + d s((t - t0) / {SETTLING} s), s(u) = u^2 (3 - 2 u) from 0 to 1, t0 the hand's first motion"
     )
     shows = "in all that hangs on the grip, at once with the first motion; constant after it"
-    told_by = "setting it down again: the shift remains between hand and object"
+    distinguished_by = "setting it down again: the shift remains between hand and object"
     coefficients = (
         Coefficient("x", "m", "shift of the hold along x", 0.0, -0.1, 0.1, 0.007),
         Coefficient("y", "m", "shift of the hold along y", 0.0, -0.1, 0.1, 0.007),

@@ -18,7 +18,7 @@ class GripSlip(Effect):
     words = "The object slips steadily through the hand."
     formula = "a'(t) = a(t) - v (t - t0) for t > t0, a the controller points and t0 their first motion"
     shows = "near the grip first; grows with time and does not come back"
-    told_by = "setting it down where it was: a slip stays between hand and object (a camera's drift moves all)"
+    distinguished_by = "setting it down where it was: a slip stays between hand and object (a camera's drift moves all)"
     coefficients = (
         Coefficient("x", "m/s", "speed of the hand over the object along x", 0.0, -0.2, 0.2, 0.01),
         Coefficient("y", "m/s", "speed of the hand over the object along y", 0.0, -0.2, 0.2, 0.01),

@@ -21,7 +21,7 @@ class DensityGradient(Effect):
     words = "One side of the body is heavier than the other."
     formula = "rho' ~ rho exp(g . (x - c)), with the same total mass"
     shows = "as a centre of mass off the middle: the body tips and swings towards its heavy side"
-    told_by = "lifting it by one end, then by the other"
+    distinguished_by = "lifting it by one end, then by the other"
     terms = ("density",)
     coefficients = (
         Coefficient("x", "1/m", "relative rise of density along x (frame 0)", 0.0, -30.0, 30.0, 5.0),
@@ -35,7 +35,7 @@ class DensityGradient(Effect):
         shaped = density * torch.exp(place @ vector(values, "x", "y", "z", like=place))
         return changed(inputs, density=shaped * ((density * volume).sum() / (shaped * volume).sum()))
 
-    def far(self, setting: Setting) -> tuple[dict[str, float], ...]:
+    def large_starts(self, setting: Setting) -> tuple[dict[str, float], ...]:
         """Either end of the body the heavier one: held by one of them, it hangs as if stiffer or softer."""
         along = PLAIN * axes(setting.body)[0]
         return tuple(dict(zip("xyz", map(float, side * along), strict=True)) for side in (1, -1))

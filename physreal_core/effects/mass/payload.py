@@ -17,7 +17,9 @@ class Payload(Effect):
     words = "Something heavy is hidden inside."
     formula = "rho' = rho + m M w(x) / (sum of w V), w = exp(-|x - c|^2 / (2 r^2)), M the body's mass"
     shows = "as sag around one place and slower swings; in free flight not at all"
-    told_by = "lifting it at different places, then shaking: weight and inertia show alike (a soft spot: only strain)"
+    distinguished_by = (
+        "lifting it at different places, then shaking: weight and inertia show alike (a soft spot: only strain)"
+    )
     terms = ("density",)
     coefficients = (
         Coefficient("ratio", "1", "extra mass over the body's, m", 0.0, 0.0, 5.0, 0.5),

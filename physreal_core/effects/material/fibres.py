@@ -22,7 +22,7 @@ class Fibres(Effect):
     words = "The material is stiffer along one direction."
     formula = "W += k/8 (|F a|^2 - 1)^2, k = r E"
     shows = "in strain along the fibres; bending and pulls across them show nothing"
-    told_by = "pulling or lifting it by two ends that lie in different directions"
+    distinguished_by = "pulling or lifting it by two ends that lie in different directions"
     terms = ("fibres",)
     coefficients = (
         Coefficient("ratio", "1", "fibre modulus over Young's, r", 0.0, 0.0, 20.0, 3.0),

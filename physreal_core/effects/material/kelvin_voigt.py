@@ -14,7 +14,9 @@ class KelvinVoigt(Effect):
     words = "The material resists fast strain: vibrations die out, short waves first."
     formula = "tau = tau_elastic + J (2 mu t D + lambda t tr(D) 1), D = sym(grad v)"
     shows = "after a stop or a release, as ringing that dies out; nothing at rest"
-    told_by = "press and release, or an abrupt stop: fast modes die out faster than slow ones (drag: all alike)"
+    distinguished_by = (
+        "press and release, or an abrupt stop: fast modes die out faster than slow ones (drag: all alike)"
+    )
     terms = ("viscosity",)
     coefficients = (Coefficient("time", "s", "retardation time t", 0.0, 0.0, 0.1, 0.01),)
 

@@ -22,7 +22,7 @@ class MaxwellCreep(Effect):
     words = "The material creeps: under a lasting load it goes on yielding, and shear stress fades."
     formula = "d/dt dev eps_e = -r dev eps_e (elastic log strain)"
     shows = "while a load lasts, growing with time; remains as a new shape after the load is gone"
-    told_by = "holding a load still for seconds: the shape drifts (plastic yield: at once, beyond a threshold)"
+    distinguished_by = "holding a load still for seconds: the shape drifts (plastic yield: at once, beyond a threshold)"
     laws: ClassVar[dict[str, str]] = {"plastic_law": "von_mises"}
     coefficients = (Coefficient("rate", "1/s", "inverse relaxation time r", 0.0, 0.0, 20.0, 0.4),)
 

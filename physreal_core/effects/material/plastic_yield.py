@@ -27,7 +27,7 @@ class PlasticYield(Effect):
     words = "Beyond a strain the material yields and keeps its new shape."
     formula = "|dev tau| <= sqrt(2/3) sigma_y, sigma_y = E / a"
     shows = "from the first large strain on, where it was largest; remains when the load is gone"
-    told_by = "press hard and release, then press less: the second press leaves nothing (creep: it goes on)"
+    distinguished_by = "press hard and release, then press less: the second press leaves nothing (creep: it goes on)"
     laws: ClassVar[dict[str, str]] = {"plastic_law": "von_mises"}
     coefficients = (
         Coefficient("inverse_yield_strain", "1", "a = E / sigma_y; 25 yields at 4 % strain", 0.0, 0.0, 1000.0, 15.0),

@@ -20,7 +20,7 @@ class RestShape(Effect):
         "F(0) = F_0 = 1 + e (a a^T - nu (1 - a a^T)), e = s + (x - c) . (k1 n1 + k2 n2); a, n1, n2 the body's axes"
     )
     shows = "from frame 0 on, everywhere; the body moves before the hand does"
-    told_by = "letting it lie, or hang, free before anything else"
+    distinguished_by = "letting it lie, or hang, free before anything else"
     terms = ("initial_deformation",)
     coefficients = (
         Coefficient("stretch", "1", "along the longest axis, s", 0.0, -0.3, 0.3, 0.015),

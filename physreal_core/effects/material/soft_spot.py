@@ -17,7 +17,7 @@ class SoftSpot(Effect):
     words = "At one place the material is softer, or torn."
     formula = "E' = E (1 - a exp(-|x - c|^2 / (2 r^2)))"
     shows = "as strain that gathers around one place; the rest of the body moves along with it"
-    told_by = "loading the body on either side of the place: the bend stays where it is"
+    distinguished_by = "loading the body on either side of the place: the bend stays where it is"
     coefficients = (
         Coefficient("loss", "1", "share of the modulus lost at the centre, a", 0.0, 0.0, 0.97, 0.4),
         Coefficient("x", "m", "centre at frame 0", 0.0, -ANYWHERE, ANYWHERE, 0.03, "shape"),

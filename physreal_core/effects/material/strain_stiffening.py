@@ -12,7 +12,7 @@ class StrainStiffening(Effect):
     words = "The material stiffens as it is strained."
     formula = "W += a E (I1_bar - 3)^2"
     shows = "only where and when strain is large: deep presses, long pulls"
-    told_by = "pulls of two sizes: the larger one meets more than its share of resistance"
+    distinguished_by = "pulls of two sizes: the larger one meets more than its share of resistance"
     terms = ("stiffening",)
     coefficients = (Coefficient("ratio", "1", "second modulus over Young's, a", 0.0, 0.0, 100.0, 3.0),)
 

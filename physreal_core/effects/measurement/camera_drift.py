@@ -19,7 +19,7 @@ class CameraDrift(Effect):
     words = "The camera drifts: everything seems to move, even what lies still."
     formula = "x_seen(t) = o + R(w t) (x(t) - o) + v t, R about the view axis through o"
     shows = "in all points alike, growing with time, also before the hand moves"
-    told_by = "anything that lies still in view; waiting before the hand moves"
+    distinguished_by = "anything that lies still in view; waiting before the hand moves"
     coefficients = (
         Coefficient("x", "m/s", "apparent drift along x", 0.0, -0.1, 0.1, 0.005),
         Coefficient("y", "m/s", "apparent drift along y", 0.0, -0.1, 0.1, 0.005),

@@ -21,7 +21,7 @@ class DepthBias(Effect):
     words = "The camera's depth readings are too long or too short."
     formula = "z_seen = (1 + s) z + b along the ray of the pixel, less what it shifts in frame 0"
     shows = "in proportion to how far a point has moved, towards the camera or across; nothing at rest"
-    told_by = "moving the object towards the camera and back"
+    distinguished_by = "moving the object towards the camera and back"
     coefficients = (
         Coefficient("offset", "m", "b", 0.0, -0.2, 0.2, 0.03),
         Coefficient("scale", "1", "s", 0.0, -0.3, 0.3, 0.02),

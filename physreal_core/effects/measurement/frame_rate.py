@@ -19,7 +19,7 @@ class FrameRate(Effect):
     words = "The camera's frames come slower or faster than stated."
     formula = "x_seen(frame k) = x((1 + s) k / fps)"
     shows = "in proportion to speed and to the time since the start"
-    told_by = "a long recording with a quick motion at its end (a time lag is the same at the beginning)"
+    distinguished_by = "a long recording with a quick motion at its end (a time lag is the same at the beginning)"
     coefficients = (Coefficient("excess", "1", "relative excess of the time between frames, s", 0.0, -0.2, 0.2, 0.02),)
 
     def act(self, inputs: Inputs, values: Values, setting: Setting) -> Inputs:

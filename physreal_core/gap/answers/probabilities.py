@@ -1,0 +1,114 @@
+"""Probabilities of answers from their gains in evidence.
+
+Gains are divided by a temperature before they become probabilities. The simulator's own error is not independent from
+entry to entry, and it grows with what there is to explain, so plain likelihood ratios would be far too sure.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+
+import numpy as np
+
+from physreal_core.array_types import Array, Float
+from physreal_core.gap.settings import GapSettings
+
+
+def probabilities(
+    names: Sequence[tuple[str, ...]],
+    gains: Sequence[float],
+    held_out: Sequence[float],
+    settings: GapSettings,
+    library: int,
+) -> Float[Array, " answers"]:
+    """Probabilities of answers, from their gains at the calibrated temperature and their priors.
+
+    Args:
+        names: effects of each answer.
+        gains: in log evidence over the baseline [nat].
+        held_out: gains on the held-out frames [nat].
+        settings: of the search.
+        library: number of candidate effects.
+    """
+    weighed_gains = np.array([weighed(gain, own, settings) for gain, own in zip(gains, held_out, strict=True)])
+    counted = confirmed(names, weighed_gains, held_out, settings)
+    return tempered(counted, [*map(len, names)], settings, library)
+
+
+def weighed(gain: float, held_out: float, settings: GapSettings) -> float:
+    """A gain in evidence, with a part of what the answer gains or loses on held-out frames [nat].
+
+    A loss there counts against the effect. A gain there counts in part, and up to the gain in evidence at most.
+    Otherwise an effect without evidence of its own could win by one lucky late swing.
+    """
+    promised = max(gain, 0.0)
+    if held_out < 0.0:
+        return gain + max(held_out, -settings.held_out_loss * promised)
+    return gain + settings.held_out_share * min(held_out, promised)
+
+
+def confirmed(
+    names: Sequence[tuple[str, ...]],
+    gains: Float[Array, " answers"],
+    held_out: Sequence[float],
+    settings: GapSettings,
+) -> Float[Array, " answers"]:
+    """The gains [nat], where those of two effects count as far as held-out frames confirm them.
+
+    A superfluous second effect fits what the first one leaves in the training frames, and does nothing beyond them.
+    """
+    if not any(held_out):  # there are no such frames
+        return gains
+    found, alone = gains.copy(), {own[0]: number for number, own in enumerate(names) if len(own) == 1}
+    for number, own in enumerate(names):
+        if len(own) == 2 and (parts := [alone[name] for name in own if name in alone]):
+            better = max(parts, key=gains.__getitem__)
+            more = held_out[number] - held_out[better] if held_out[number] > held_out[better] else 0.0
+            found[number] = min(gains[number], gains[better] + more / settings.confirmed)
+    return found
+
+
+def tempered(
+    gains: Float[Array, " answers"], sizes: Sequence[int], settings: GapSettings, library: int
+) -> Float[Array, " answers"]:
+    """Probabilities of answers with these gains.
+
+    What the best two effects gain beyond the best single one has a temperature of its own: the simulator's error in one
+    effect is in both answers, so it cancels in the difference.
+
+    Args:
+        gains: that count [nat].
+        sizes: number of effects of each answer.
+        settings: of the search.
+        library: number of candidate effects.
+    """
+    effects = np.asarray(sizes)
+    best = float(gains.max())
+    beyond = np.where(effects == 2, best - gains[effects < 2].max(), 0.0).clip(0.0)
+    weights = np.log(_priors(settings, library))[effects]
+    weights += (gains - beyond) / temperature_of(best, settings) + beyond / second_temperature_of(best, settings)
+    weights = np.exp(weights - weights.max())
+    return weights / weights.sum()
+
+
+def _priors(settings: GapSettings, library: int) -> tuple[float, float, float]:
+    """Prior probabilities of no effect, of each effect of a library, of each pair."""
+    something, pairs = 1.0 - settings.prior_none, max(library * (library - 1) // 2, 1)
+    single, pair = something * (1.0 - settings.prior_pair) / library, something * settings.prior_pair / pairs
+    return settings.prior_none, single, pair
+
+
+def worth_of_a_second(gain: float, settings: GapSettings, library: int) -> float:
+    """Gain that a second effect needs beyond the best one, for the two to be in one class with it [nat]."""
+    _, single, pair = _priors(settings, library)
+    return second_temperature_of(gain, settings) * max(0.0, float(np.log(settings.class_ratio * single / pair)))
+
+
+def temperature_of(best_gain: float, settings: GapSettings) -> float:
+    """Temperature of the gains where the best answer gains this much [nat]; see `GapSettings.misfit`."""
+    return max(settings.temperature, settings.misfit * best_gain)
+
+
+def second_temperature_of(best_gain: float, settings: GapSettings) -> float:
+    """Temperature of what a second effect gains beyond the first; see `GapSettings.remainder`."""
+    return max(settings.temperature, settings.remainder * best_gain)

@@ -1,0 +1,127 @@
+"""The baseline: the model without a missing effect, fitted to all interactions at once."""
+
+from __future__ import annotations
+
+from collections.abc import Callable, Sequence
+
+import numpy as np
+
+from physreal_core.array_types import Array, Float
+from physreal_core.errors import InputError
+from physreal_core.gap.fits.least_squares import Data, Fit, fit, together
+from physreal_core.gap.fits.unknowns import Unknowns
+from physreal_core.gap.interactions.interaction import Interaction
+from physreal_core.gap.noise.measurements import Measurements
+from physreal_core.gap.settings import GapSettings
+
+Progress = Callable[[str], None]
+"""Called with a line of text now and then."""
+
+HORIZONS = (0.35, 0.65)
+"""Shares of the training frames over which a fitted model is refitted first.
+
+A swing whose frequency is a little wrong has other minima once it is half a period late."""
+
+FRICTIONS = (0.4, 1.0, 2.5)
+"""Factors on a guessed coefficient of friction, among which the fit of a guessed model looks for its start."""
+
+MINIMA = 2
+"""Local minima on the grid of modulus and friction, from which a guessed model is fitted."""
+
+
+def fit_baseline(
+    experiments: Sequence[Interaction], settings: GapSettings, progress: Progress = lambda message: None
+) -> tuple[Fit, Measurements]:
+    """Fit the baseline to all interactions at once, and build the noise models around it.
+
+    Patches that adapt to a disagreement too early lead into poor minima. So a baseline with one modulus for all patches
+    is fitted first, and the patches are set free at the end. The noise models need a baseline to be built around; until
+    there is one, the smooth model error stands for the reruns.
+
+    Raises:
+        InputError: no start can be simulated, or the fitted model cannot be simulated to the last frame.
+    """
+    first = experiments[0]
+    unknowns = Unknowns(first.model.fields, (), settings.priors, scalars=unknown_scalars(first, settings))
+    begun = _from_a_guess if len(settings.scan) > 1 else _from_a_fit
+    found, data = begun(experiments, unknowns, settings, progress)
+    uniform = min((fit for fit in found if fit.unknowns is not unknowns), key=lambda fit: fit.energy)
+    progress("baseline with contrast between its patches")
+    found += together([fit(unknowns, data, uniform.vector[None], settings.settling, [uniform.jacobian])], data)
+    best = min((fit for fit in found if fit.unknowns is unknowns), key=lambda fit: fit.energy)
+    progress("baseline with the numerical error of reruns")
+    measurements = Measurements.around(experiments, unknowns.trial(best.vector), settings)
+    request = fit(unknowns, measurements.train, best.vector[None], settings.settling)
+    (converged,) = together([request], measurements.train)
+    if not np.isfinite(converged.energy):
+        raise InputError(
+            "the baseline's rollout fails",
+            where="the fitted model",
+            expected="one that can be simulated to the last frame",
+        )
+    return converged, measurements
+
+
+def unknown_scalars(experiment: Interaction, settings: GapSettings) -> tuple[str, ...]:
+    """Numbers of the model that act in an interaction and are not known."""
+    acting = {
+        "friction_coefficient": experiment.setting.ground_height is not None,
+        "grip_stiffness": settings.grip_fitted and experiment.setting.grip is not None,
+    }
+    return tuple(name for name, acts in acting.items() if acts)
+
+
+def _from_a_fit(
+    experiments: Sequence[Interaction], unknowns: Unknowns, settings: GapSettings, progress: Progress
+) -> tuple[list[Fit], Data]:
+    """Refits of a fitted model over a growing horizon, with free patches and with one modulus for all."""
+    free, uniform = unknowns.start(), unknowns.with_uniform_modulus(unknowns.start())
+    without_contrast = unknowns.without_contrast()
+    for share in (*HORIZONS, 1.0):
+        progress(f"baseline over {100 * share:.0f} % of the training frames")
+        data = Measurements.around(experiments, unknowns.trial(free), settings, share, reruns=False).train
+        pair = (unknowns, free), (without_contrast, uniform)
+        found = together([fit(u, data, v[None], settings.baseline_iterations) for u, v in pair], data)
+        free, uniform = (fit.vector for fit in found)
+    return found, data
+
+
+def _from_a_guess(
+    experiments: Sequence[Interaction], unknowns: Unknowns, settings: GapSettings, progress: Progress
+) -> tuple[list[Fit], Data]:
+    """Fits with one modulus for all patches, from the lowest minima on a grid of modulus and friction.
+
+    All training frames count from the start. Frames in which a grip presses say little about friction, and those in
+    which the body slides say little about the modulus, so the best fit to the first frames may lie in another minimum
+    than the best to all.
+    """
+    slides = "friction_coefficient" in unknowns.scalars
+    moduli, frictions = np.log(settings.scan), np.log(FRICTIONS) if slides else np.zeros(1)
+    progress(f"baseline at {len(moduli) * len(frictions)} pairs of modulus and friction")
+    start = unknowns.with_uniform_modulus(unknowns.start())
+    vectors = np.tile(start, (len(moduli), len(frictions), 1))
+    vectors[..., : unknowns.patches] += moduli[:, None, None]
+    if slides:
+        vectors[..., unknowns.place("friction_coefficient")] += frictions
+    data = Measurements.around(experiments, unknowns.trial(start), settings, reruns=False).train
+    residuals = data.residuals(data.predict([unknowns.trial(v) for v in vectors.reshape(-1, len(start))]))
+    energies = np.nan_to_num(0.5 * (residuals**2).sum(0), nan=np.inf).reshape(vectors.shape[:2])
+    minima = local_minima(energies)[:MINIMA]
+    if not minima:
+        raise InputError(
+            "no rollout ends",
+            where="the guessed model",
+            expected=f"one of moduli times {settings.scan} that can be simulated",
+        )
+    data = Measurements.around(experiments, unknowns.trial(vectors[minima[0]]), settings, reruns=False).train
+    without_contrast = unknowns.without_contrast()
+    starts = [vectors[place][None] for place in minima]
+    return together([fit(without_contrast, data, start, settings.settling) for start in starts], data), data
+
+
+def local_minima(energies: Float[Array, "moduli frictions"]) -> list[tuple[int, int]]:
+    """Places on a grid that are no higher than any of their neighbours, the lowest first."""
+    padded = np.pad(energies, 1, constant_values=np.inf)
+    around = np.lib.stride_tricks.sliding_window_view(padded, (3, 3)).min((2, 3))
+    found = [(int(i), int(j)) for i, j in np.argwhere((energies <= around) & np.isfinite(energies))]
+    return sorted(found, key=lambda place: energies[place])

@@ -1,0 +1,271 @@
+"""Fits of candidate effects beside one baseline: where they start, and how they go on until they converge.
+
+A baseline that lacks an effect bends its patches to imitate it, often so far that tangents there no longer point to the
+effect. So candidates are screened, and fits start, in two places: at the fitted baseline, and at the best one with one
+modulus for all patches, if the two differ by much. Where a modulus imitates an effect, even the second is another
+minimum. Such effects are also fitted from large amplitudes, each at the modulus that suits it.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+from dataclasses import dataclass, replace
+
+import numpy as np
+
+from physreal_core.array_types import Array, Float
+from physreal_core.effects import EFFECTS, Effect
+from physreal_core.gap.fits.least_squares import Data, Fit, Request, fit, together
+from physreal_core.gap.fits.linear_starts import LONGEST_SHIFT, linear_starts
+from physreal_core.gap.fits.plans import share_a_term
+from physreal_core.gap.fits.screening import Score, Screen
+from physreal_core.gap.fits.unknowns import Unknowns
+from physreal_core.gap.interactions.starts import blocking_starts_of, replacement_starts_of
+from physreal_core.gap.settings import GapSettings
+
+WORTH_A_SCREEN = 10.0
+"""Gain of the contrast between patches [nat] from which on the uniform baseline is screened too."""
+
+STARTS = 3
+"""Starts of every effect that are screened in the second place: those of the largest gain in the first."""
+
+FACTORS = tuple(2.0 ** (step / 2) for step in range(-3, 3))
+"""Factors on the uniform baseline's modulus, among which a fit from a large amplitude looks for its start."""
+
+Values = dict[str, float]
+"""Coefficients of one effect, in SI units."""
+
+
+@dataclass(frozen=True)
+class CandidateFits:
+    """Fits of candidates beside one baseline; `beside` makes ready what they need.
+
+    Args:
+        baseline: the fit without a missing effect.
+        uniform: the best one with one modulus for all patches, as a point of the same unknowns.
+        data: what all is fitted to.
+        names: of the candidates.
+        settings: of the search.
+        screens: at the baseline and, where contrast between patches gains much, at the uniform one.
+        blocking: values of an effect that would keep the body from where it was not seen but the baseline takes it.
+    """
+
+    baseline: Fit
+    uniform: Fit
+    data: Data
+    names: Sequence[str]
+    settings: GapSettings
+    screens: tuple[Screen, ...]
+    blocking: dict[str, list[Values]]
+
+    @classmethod
+    def beside(cls, baseline: Fit, data: Data, names: Sequence[str], settings: GapSettings) -> CandidateFits:
+        """Fit the uniform baseline and screen the candidates."""
+        uniform = _uniform_fit(baseline, data, settings.iterations) if baseline.unknowns.patches > 1 else baseline
+        contrast_gains = WORTH_A_SCREEN < uniform.energy - baseline.energy < np.inf
+        blocking = {e.name: _blocking_values(e, baseline, data) for e in _overriding("blocking_starts", names)}
+        screen = Screen.of(baseline, data, names, settings.priors)
+        screens = (screen, screen.anew(uniform, STARTS)) if contrast_gains else (screen,)
+        return cls(baseline, uniform, data, tuple(names), settings, screens, blocking)
+
+    # --- ranking ------------------------------------------------------------------------------------------------
+
+    def ranked(self) -> list[list[Score]]:
+        """Every effect's scores, one per screen; first the effect that leads one of the screens.
+
+        A gain is counted from the baseline at which it was taken, so only the order can be compared between screens.
+        """
+        lists = [screen.scores(screen.baseline.residual) for screen in self.screens]
+        places: dict[str, list[tuple[int, float, int]]] = {}
+        for number, scores in enumerate(lists):
+            for place, score in enumerate(scores):
+                places.setdefault(score.start.effect, []).append((place, -score.gain, number))
+        best_first = {effect: sorted(found) for effect, found in places.items()}
+        return [
+            [lists[number][place] for place, _, number in found]
+            for _, found in sorted(best_first.items(), key=lambda entry: entry[1])
+        ]
+
+    def ranked_beside(self, best: Fit) -> list[list[Score]]:
+        """The scores of effects that are compatible with those of a fit, from tangents taken at that fit."""
+        patches = slice(best.unknowns.patches)
+        apart = [np.linalg.norm(screen.baseline.vector[patches] - best.vector[patches]) for screen in self.screens]
+        nearest = self.screens[int(np.argmin(apart))]
+        return [[score] for score in nearest.anew(best, 1).scores(best.residual)]
+
+    def needs_large_starts(self, effect: str) -> bool:
+        """Whether tangents at the baseline do not lead to an effect, so that its fits start at large amplitudes too."""
+        return bool(EFFECTS[effect].large_starts(self.data.experiments[0].setting) or self.blocking.get(effect))
+
+    # --- fits ---------------------------------------------------------------------------------------------------
+
+    def fitted(self, chosen: Sequence[list[Score]]) -> list[Fit]:
+        """A few steps of the fit of each effect, from whichever of its starts leads furthest.
+
+        The starts are the linear optima of its scores, large amplitudes, and values that would keep the body off a
+        place.
+        """
+        alone = [None if scores[0].beside.unknowns.effects else scores[0].start.effect for scores in chosen]
+        blocking = [(name, values) for name in alone if name for values in self.blocking.get(name, ())]
+        from_blocking = self._from_the_closest(blocking, self.baseline)
+        requests = [
+            [
+                self._from_linear_optima(scores),
+                *self._from_large_amplitudes(scores),
+                *([from_blocking[name]] if name in from_blocking else []),
+            ]
+            for name, scores in zip(alone, chosen, strict=True)
+        ]
+        found = iter(together([request for own in requests for request in own], self.data))
+        return [max((next(found) for _ in own), key=lambda fit: fit.log_evidence) for own in requests]
+
+    def alone(self, two: Fit) -> list[Fit]:
+        """Each effect of a fit without the others, from where that fit is."""
+        own, requests = two.unknowns, []
+        values = own.values(two.vector)
+        for name in own.effects:
+            unknowns = Unknowns(own.fields, (name,), own.priors, values, own.scalars)
+            kept = np.r_[: own.baseline, own.places[name]]
+            start = two.vector[kept][None]
+            requests.append(fit(unknowns, self.data, start, self.settings.iterations, [two.jacobian[:, kept]]))
+        return together(requests, self.data)
+
+    def look_alikes(self, best: Fit, names: Sequence[str] | None = None) -> list[Fit]:
+        """Fits of effects that act through the same term as a single one, at scale and beside its material.
+
+        Around a baseline that lacks both, the tangent of one may promise no gain, while the other takes all there is.
+
+        Args:
+            best: the fit of the single effect.
+            names: of the candidates, those that are fitted; all by default.
+        """
+        (found,) = best.unknowns.effects
+        related = [name for name in (self.names if names is None else names) if share_a_term(name, found)]
+        if not related:
+            return []
+        starts = [*self._at_scale(related), *self._in_place_of(best, related)]
+        return together([*self._from_the_closest(starts, best).values()], self.data)
+
+    def converged(self, fits: Sequence[Fit]) -> list[Fit]:
+        """The fits continued until they converge, each also from the material of every other one if that is better."""
+        materials = [*fits, *(screen.baseline for screen in self.screens)]
+        return together([self._continued(found, materials) for found in fits], self.data)
+
+    # --- starts -------------------------------------------------------------------------------------------------
+
+    def _from_linear_optima(self, scores: list[Score]) -> Request:
+        unknowns, starts, known = linear_starts(scores, self.settings.priors)
+        return fit(unknowns, self.data, starts, self.settings.iterations, known)
+
+    def _from_large_amplitudes(self, scores: list[Score]) -> list[Request]:
+        """Fits of a first effect from `Effect.large_starts`, at the baseline's material or at one of several uniform moduli."""
+        best, own = scores[0], self.baseline.unknowns
+        if best.beside.unknowns.effects:
+            return []
+        effect, requests = EFFECTS[best.start.effect], []
+        for amplitudes in effect.large_starts(self.data.experiments[0].setting):
+            unknowns = self._with_effect(effect, {**best.start.values, **amplitudes})
+            starts = np.tile(unknowns.start(), (1 + len(FACTORS), 1))
+            starts[0, : own.baseline], starts[1:, : own.baseline] = self.baseline.vector, self.uniform.vector
+            starts[1:, : own.patches] += np.log(FACTORS)[:, None]
+            known = [self.baseline.jacobian, *[self.uniform.jacobian] * len(FACTORS)]
+            requests.append(fit(unknowns, self.data, starts, self.settings.iterations, known))
+        return requests
+
+    def _at_scale(self, names: Sequence[str]) -> list[tuple[str, Values]]:
+        """These effects from every start and to either side, with one amplitude at its scale."""
+        plans = [plan for plan in self.screens[0].plans if plan.effect.name in names]
+        return [(plan.effect.name, values) for plan in plans for values in plan.at_scale()]
+
+    def _in_place_of(self, best: Fit, names: Sequence[str]) -> list[tuple[str, Values]]:
+        """These effects from where the one of a fit acts, as `Effect.replacement_starts` says."""
+        effects = _overriding("replacement_starts", names)
+        if not effects:  # so that no motion is simulated for nothing
+            return []
+        ((other, values),) = best.unknowns.values(best.vector).items()
+        trial, found = best.unknowns.trial(best.vector), []
+        for experiment in self.data.experiments:
+            motion = experiment.motion(trial)
+            for effect in effects:
+                starts = replacement_starts_of(experiment, effect, EFFECTS[other], values, motion)
+                found += [(effect.name, {**effect.dormant, **start}) for start in starts]
+        return found
+
+    def _from_the_closest(self, chosen: Sequence[tuple[str, Values]], beside: Fit) -> dict[str, Request]:
+        """One fit per effect, from its values that come closest to the measurement once the material has followed.
+
+        With the material as it is, a modulus would hide what a place gains. So the linear model says how the material
+        follows.
+
+        Args:
+            chosen: effects with values.
+            beside: a fit, whose material and tangents are used.
+        """
+        if not chosen:
+            return {}
+        begun = [self._beside_material(name, values, beside) for name, values in chosen]
+        shifts, energies = self._followed(begun, beside)
+        closest: dict[str, int] = {}
+        for number in np.argsort(energies, kind="stable").tolist():
+            closest.setdefault(chosen[number][0], number)
+        return {name: self._from_both(*begun[n], shifts[:, n], beside) for name, n in closest.items()}
+
+    def _beside_material(self, name: str, values: Values, beside: Fit) -> tuple[Unknowns, Float[Array, " unknowns"]]:
+        """Unknowns and vector of an effect with values beside the material of a fit."""
+        unknowns = self._with_effect(EFFECTS[name], values)
+        size = unknowns.baseline
+        return unknowns, np.concatenate([beside.vector[:size], unknowns.start()[size:]])
+
+    def _followed(
+        self, begun: Sequence[tuple[Unknowns, Array]], beside: Fit
+    ) -> tuple[Float[Array, "material starts"], Float[Array, " starts"]]:
+        """How the material follows each start, by the tangents of a fit, and the energy then [nat]."""
+        own = self.baseline.unknowns
+        material, known = beside.vector[: own.baseline], beside.jacobian[:, : own.baseline]
+        residuals = self.data.residuals(self.data.predict([unknowns.trial(vector) for unknowns, vector in begun]))
+        pulls = known.T @ residuals + (own.block.precision @ (material - own.block.mean))[:, None]
+        shifts = -np.linalg.solve(known.T @ known + own.block.precision, pulls)
+        energies = 0.5 * (residuals**2).sum(0) + 0.5 * (pulls * shifts).sum(0)
+        return shifts, np.nan_to_num(energies, nan=np.inf)
+
+    def _from_both(self, unknowns: Unknowns, vector: Array, shift: Array, beside: Fit) -> Request:
+        """The fit from a start as it is, or with the material following it."""
+        starts = np.stack([vector, vector])
+        starts[1, : unknowns.baseline] += np.clip(shift, -LONGEST_SHIFT, LONGEST_SHIFT)
+        starts = np.clip(starts, unknowns.block.lower, unknowns.block.upper)
+        known = beside.jacobian[:, : unknowns.baseline]
+        return fit(unknowns, self.data, starts, self.settings.iterations, [known, known])
+
+    def _with_effect(self, effect: Effect, values: Values) -> Unknowns:
+        """The baseline's unknowns with an effect that starts at some values."""
+        own = self.baseline.unknowns
+        return Unknowns(own.fields, (effect.name,), own.priors, {effect.name: values}, own.scalars)
+
+    def _continued(self, found: Fit, materials: Sequence[Fit]) -> Request:
+        size, starts, jacobians = found.unknowns.baseline, [found.vector], [found.jacobian]
+        for other in materials:
+            if other is not found:
+                starts.append(np.concatenate([other.vector[:size], found.vector[size:]]))
+                jacobians.append(np.concatenate([other.jacobian[:, :size], found.jacobian[:, size:]], axis=1))
+        return fit(found.unknowns, self.data, np.stack(starts), self.settings.settling, jacobians)
+
+
+def _uniform_fit(baseline: Fit, data: Data, iterations: int) -> Fit:
+    """The best baseline with one modulus for all patches, as a point of the fitted one's unknowns."""
+    own = baseline.unknowns
+    start = own.with_uniform_modulus(baseline.vector)[None]
+    (found,) = together([fit(own.without_contrast(), data, start, iterations, [baseline.jacobian])], data)
+    energy = 0.5 * float(found.residual @ found.residual) + own.prior_energy(found.vector)
+    return replace(found, unknowns=own, energy=energy if np.isfinite(found.energy) else np.inf)
+
+
+def _blocking_values(effect: Effect, baseline: Fit, data: Data) -> list[Values]:
+    """Values of an effect that would keep the body from where it was not seen but the baseline takes it."""
+    parts = zip(data.experiments, baseline.predicted, strict=True)
+    return [values for experiment, predicted in parts for values in blocking_starts_of(experiment, effect, predicted)]
+
+
+def _overriding(hook: str, names: Sequence[str]) -> list[Effect]:
+    """Those of some effects that override this method of `Effect`."""
+    effects = [EFFECTS[name] for name in names]
+    return [effect for effect in effects if getattr(type(effect), hook) is not getattr(Effect, hook)]

@@ -1,0 +1,292 @@
+"""Regularised nonlinear least squares on whitened residuals, with the rollouts of many fits in one batch.
+
+A fit is a generator: it yields the trials that it needs and is sent their predictions, one array per interaction. The
+method is Levenberg-Marquardt. Tangents of the effects' coefficients are secants; those of the baseline, which change
+little, follow Broyden's update. As in Powell's hybrid method (1970), a failed step updates them too, and only a second
+failure in a row renews them all.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Generator, Sequence
+from dataclasses import dataclass, replace
+from itertools import pairwise
+
+import numpy as np
+from scipy.special import log_ndtr
+
+from physreal_core.array_types import Array, Float
+from physreal_core.gap.fits.unknowns import Unknowns
+from physreal_core.gap.interactions.interaction import Interaction, Trial
+from physreal_core.gap.noise.model import Noise
+
+Predictions = list[Array]
+"""Tracks under R trials [m], one array of shape [R, T, J, 3] per interaction."""
+Request = Generator[list[Trial], Predictions, "Fit"]
+
+LONGEST_BASELINE, LONGEST_EFFECT = 0.5, 1.5  # steps of the unknowns, in their coordinates
+DAMPING = 0.3  # least damping after a failed step; then ten times as much
+FINE = 0.2  # factor on the secants' steps, where plain ones lead no further
+SMALL_GAIN = 0.25  # [nat] expected of the next step, below which a fit has converged
+
+
+@dataclass(frozen=True)
+class Fit:
+    """The state of a fit.
+
+    Args:
+        unknowns, vector: what is fitted, and its values.
+        residual, jacobian: whitened, of all interactions, shapes [n] and [n, P].
+        predicted: tracks over the frames of the data [m], shape [T, J, 3], one per interaction.
+        energy: minus the log posterior density [nat], up to a constant that all fits to the same data share.
+    """
+
+    unknowns: Unknowns
+    vector: Float[Array, " unknowns"]
+    residual: Float[Array, " entries"]
+    jacobian: Float[Array, "entries unknowns"]
+    predicted: Predictions
+    energy: float
+
+    @property
+    def hessian(self) -> Float[Array, "unknowns unknowns"]:
+        """Gauss-Newton Hessian of the energy."""
+        return self.jacobian.T @ self.jacobian + self.unknowns.block.precision
+
+    @property
+    def covariance(self) -> Float[Array, "unknowns unknowns"]:
+        """Covariance of the posterior, by Laplace's approximation."""
+        return np.linalg.inv(self.hessian)
+
+    @property
+    def log_evidence(self) -> float:
+        """Log evidence by Laplace's approximation [nat], up to a constant that all fits to the same data share.
+
+        An amplitude of fixed sign has half a Gaussian as its prior, twice as dense, and its posterior lies on that side
+        alone.
+        """
+        block = self.unknowns.block
+        occam = np.linalg.slogdet(block.precision)[1] - np.linalg.slogdet(self.hessian)[1]
+        distance = np.abs(self.vector - block.mean)[block.one_sided]
+        deviation = np.sqrt(np.diag(self.covariance)[block.one_sided])
+        return -self.energy + 0.5 * float(occam) + one_sided_evidence(distance / deviation)
+
+
+def one_sided_evidence(deviations: Float[Array, " amplitudes"]) -> float:
+    """Change of the log evidence by restricting amplitudes to one sign [nat]: log 2 far from zero, nothing at zero.
+
+    Args:
+        deviations: distances of the amplitudes from zero, in standard deviations of their posterior.
+    """
+    return float((np.log(2.0) + log_ndtr(deviations)).sum())
+
+
+class Data:
+    """What fits compare with: the measurements of all interactions, over the frames of their noise models.
+
+    Args:
+        experiments: the interactions.
+        noises: a noise model of each.
+
+    Attributes:
+        frames: number of frames of each interaction.
+    """
+
+    def __init__(self, experiments: Sequence[Interaction], noises: Sequence[Noise]) -> None:
+        self.experiments, self.noises = list(experiments), list(noises)
+        self.frames = [noise.frames for noise in noises]
+
+    def rows(self) -> list[slice]:
+        """Entries of each interaction among the whitened residuals."""
+        ends = np.cumsum([0, *(3 * int(noise.valid.sum()) for noise in self.noises)]).tolist()
+        return [slice(first, end) for first, end in pairwise(ends)]
+
+    def predict(self, trials: Sequence[Trial]) -> Predictions:
+        """Tracks under some trials [m], over these frames."""
+        return [e.predict(trials, frames) for e, frames in zip(self.experiments, self.frames, strict=True)]
+
+    def residuals(self, predictions: Predictions) -> Float[Array, "entries trials"]:
+        """Whitened predictions - measurements, one column per trial; not a number where a trial failed."""
+        parts = [
+            noise.whiten(predicted - experiment.measured[: predicted.shape[1]])
+            for experiment, noise, predicted in zip(self.experiments, self.noises, predictions, strict=True)
+        ]
+        return np.concatenate(parts)
+
+    def changes(self, predictions: Predictions, reference: Predictions) -> Float[Array, "entries trials"]:
+        """Whitened differences between predictions and a reference, which has one array [T, J, 3] per interaction."""
+        parts = [n.whiten(p - r) for n, p, r in zip(self.noises, predictions, reference, strict=True)]
+        return np.concatenate(parts)
+
+
+def tangents(
+    unknowns: Unknowns, vector: Float[Array, " unknowns"], columns: Sequence[int], share: float = 1.0
+) -> tuple[list[Trial], Float[Array, " columns"]]:
+    """Trials of the secants along some unknowns, and their steps.
+
+    A step that would leave the bounds goes the other way.
+
+    Args:
+        unknowns, vector: the point from which the steps go.
+        columns: indices of the unknowns that are moved.
+        share: factor on the steps.
+    """
+    block, trials, steps = unknowns.block, [], []
+    for column in columns:
+        step = share * block.steps[column]
+        if not block.lower[column] <= vector[column] + step <= block.upper[column]:
+            step = -step
+        moved = vector.copy()
+        moved[column] = np.clip(vector[column] + step, block.lower[column], block.upper[column])
+        trials.append(unknowns.trial(moved))
+        steps.append(moved[column] - vector[column] or step)
+    return trials, np.array(steps)
+
+
+def fit(
+    unknowns: Unknowns,
+    data: Data,
+    starts: Float[Array, "starts unknowns"],
+    iterations: int,
+    jacobians: Sequence[Float[Array, "entries known"]] = (),
+) -> Request:
+    """Minimise the energy from the best of some starts.
+
+    Args:
+        unknowns: what is fitted.
+        data: what it is fitted to.
+        starts: vectors; of equally good ones the first is taken.
+        iterations: largest number of steps.
+        jacobians: whitened tangents of the first unknowns near each start, where they are known.
+
+    Returns:
+        A generator that yields trials, is sent their predictions, and returns the fit.
+    """
+    best = 0
+    if len(starts) > 1:
+        predictions = yield [unknowns.trial(vector) for vector in starts]
+        residuals = data.residuals(predictions).T
+        best = int(np.argmin([_energy(unknowns, *pair) for pair in zip(starts, residuals, strict=True)]))
+    found = yield from _begun(unknowns, data, starts[best], jacobians[best] if len(jacobians) else None)
+    if not np.isfinite(found.energy):  # the rollout failed: there is no way from here
+        return found
+    everything, effects = list(range(len(unknowns))), list(range(unknowns.baseline, len(unknowns)))
+    old, failed, damping, share = len(jacobians) > 0, False, 0.0, 1.0
+    for _ in range(iterations):
+        step, expected = _step(found, damping)
+        if expected < SMALL_GAIN:
+            break
+        tried = _clipped(unknowns, found.vector, step)
+        following = yield from _moved(found, tried, data)
+        if following.energy < found.energy:
+            gained = found.energy - following.energy
+            found, old, failed, damping = following, True, False, 0.3 * damping
+            if effects and gained > SMALL_GAIN:
+                found = yield from _renewed(found, effects, share, data)
+        elif old and not failed:  # Broyden's update may do; renewing all tangents costs more
+            found, failed, damping = replace(found, jacobian=following.jacobian), True, max(10.0 * damping, DAMPING)
+        elif old:
+            found, old, failed = (yield from _renewed(found, everything, share, data)), False, False
+            damping = max(damping, DAMPING)
+        elif damping <= 1.0:
+            damping = max(10.0 * damping, DAMPING)
+        elif effects and share == 1.0:  # at the onset of a contact, long secants are no tangents
+            share, damping = FINE, 0.0
+            found = yield from _renewed(found, effects, share, data)
+        else:
+            break
+    return found
+
+
+def _begun(
+    unknowns: Unknowns, data: Data, start: Array, known: Array | None
+) -> Generator[list[Trial], Predictions, Fit]:
+    """A fit before its first step, with tangents at the start; those of the first unknowns may be known already."""
+    fresh = range(0 if known is None else known.shape[1], len(unknowns))
+    trials, steps = tangents(unknowns, start, fresh)
+    predictions = yield [unknowns.trial(start), *trials]
+    now = [p[0] for p in predictions]
+    residual = data.residuals([p[:1] for p in predictions])[:, 0]
+    columns = data.changes([p[1:] for p in predictions], now) / steps
+    J = _finite(columns if known is None else np.concatenate([known, columns], axis=1))
+    energy = _energy(unknowns, start, residual)
+    if not np.isfinite(energy):
+        residual, J = np.zeros_like(residual), np.zeros_like(J)
+    return Fit(unknowns, start, residual, J, now, energy)
+
+
+def _moved(found: Fit, step: Array, data: Data) -> Generator[list[Trial], Predictions, Fit]:
+    """The fit after a step, better or not, with Broyden's update of its tangents."""
+    vector = found.vector + step
+    predictions = yield [found.unknowns.trial(vector)]
+    residual = data.residuals(predictions)[:, 0]
+    J, change = found.jacobian, residual - found.residual
+    if np.isfinite(change).all():
+        J = J + np.outer(change - J @ step, step) / float(step @ step)
+    return Fit(
+        found.unknowns, vector, residual, J, [p[0] for p in predictions], _energy(found.unknowns, vector, residual)
+    )
+
+
+def _renewed(found: Fit, columns: Sequence[int], share: float, data: Data) -> Generator[list[Trial], Predictions, Fit]:
+    """The fit with some of its tangents renewed, by a share of their steps."""
+    trials, steps = tangents(found.unknowns, found.vector, columns, share)
+    answers = yield trials
+    J = found.jacobian.copy()
+    J[:, columns] = _finite(data.changes(answers, found.predicted) / steps)
+    return replace(found, jacobian=J)
+
+
+def _energy(unknowns: Unknowns, vector: Array, residual: Array) -> float:
+    value = 0.5 * float(residual @ residual) + unknowns.prior_energy(vector)
+    return value if np.isfinite(value) else np.inf
+
+
+def _step(found: Fit, damping: float) -> tuple[Array, float]:
+    """A damped Gauss-Newton step within the bounds, and the decrease of the energy [nat] to expect."""
+    unknowns, vector, block, H = found.unknowns, found.vector, found.unknowns.block, found.hessian
+    gradient = found.jacobian.T @ found.residual + block.precision @ (vector - block.mean)
+    free = np.ones(len(vector), dtype=bool)
+    step = np.zeros(len(vector))
+    for _ in range(len(vector)):
+        damped = H + damping * np.diag(np.diag(H))
+        step[:] = 0.0
+        step[free] = -np.linalg.solve(damped[np.ix_(free, free)], gradient[free])
+        at_lower = free & (vector <= block.lower) & (step < 0)
+        at_upper = free & (vector >= block.upper) & (step > 0)
+        if not (at_lower | at_upper).any():
+            break
+        free &= ~(at_lower | at_upper)
+    step = _clipped(unknowns, vector, step)
+    return step, -float(gradient @ step + 0.5 * step @ H @ step)
+
+
+def _clipped(unknowns: Unknowns, vector: Array, step: Array) -> Array:
+    """The step cut to the bounds, and to the length for which the linear model is good."""
+    longest = np.where(np.arange(len(vector)) < unknowns.baseline, LONGEST_BASELINE, LONGEST_EFFECT)
+    share = min(1.0, float(np.min(longest / np.maximum(np.abs(step), 1e-12))))
+    return np.clip(vector + share * step, unknowns.block.lower, unknowns.block.upper) - vector
+
+
+def _finite(columns: Array) -> Array:
+    """The tangents with zeros for those of failed rollouts."""
+    return np.where(np.isfinite(columns).all(0), columns, 0.0)
+
+
+def together(requests: Sequence[Request], data: Data) -> list[Fit]:
+    """Run fits to the same data in lockstep: in each round, the trials of all fits are one batch per interaction."""
+    fits: list[Fit | None] = [None] * len(requests)
+    wanted = {number: next(request) for number, request in enumerate(requests)}
+    while wanted:
+        trials = [trial for request in wanted.values() for trial in request]
+        predictions = data.predict(trials)
+        following, first = {}, 0
+        for number, asked in wanted.items():
+            own = [p[first : first + len(asked)] for p in predictions]
+            first += len(asked)
+            try:
+                following[number] = requests[number].send(own)
+            except StopIteration as done:
+                fits[number] = done.value
+        wanted = following
+    return fits

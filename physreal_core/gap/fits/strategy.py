@@ -1,0 +1,193 @@
+"""Which candidates are fitted, in which order: promising ones, look-alikes, all others, pairs."""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+from functools import cached_property
+
+from physreal_core.effects import EFFECTS
+from physreal_core.gap.answers.probabilities import worth_of_a_second
+from physreal_core.gap.fits.baseline import Progress
+from physreal_core.gap.fits.candidate_fits import CandidateFits
+from physreal_core.gap.fits.least_squares import Fit
+from physreal_core.gap.fits.screening import Score
+from physreal_core.gap.noise.measurements import Measurements
+from physreal_core.gap.settings import GapSettings
+
+STRONG_ALONE = 2
+"""Second effects that are chosen for what they gain alone; at most half of all second effects."""
+
+
+class Strategy:
+    """The fits of one search. Constructing it runs nothing; `run` makes the fits.
+
+    Args:
+        measurements: what is fitted to.
+        candidate_fits: the screens, and the fits beside the baseline.
+        threshold: gain that the best candidate reaches by chance in the allowed share of captures without a missing
+            effect [nat].
+        settings: of the search.
+        progress: called with a line of text now and then.
+
+    Attributes:
+        baseline: the fit without a missing effect; it goes on until it converges.
+        found: the best fit of every answer so far, by the names of its effects.
+        predicted_gains: what the score test predicted for each of them [nat].
+    """
+
+    def __init__(
+        self,
+        measurements: Measurements,
+        candidate_fits: CandidateFits,
+        threshold: float,
+        settings: GapSettings,
+        progress: Progress,
+    ) -> None:
+        self.measurements, self.candidate_fits, self.threshold = measurements, candidate_fits, threshold
+        self.settings, self._progress = settings, progress
+        self.baseline = candidate_fits.baseline
+        self.found: dict[tuple[str, ...], Fit] = {}
+        self.predicted_gains: dict[tuple[str, ...], float] = {}
+        self._beside_fits: dict[int, tuple[Fit, list[list[Score]]]] = {}
+
+    def run(self) -> None:
+        """Fit the most promising effects, and those that a tangent cannot judge.
+
+        If the best still leaves more than a correct effect would, fit all others. If that fails too, or if a second
+        effect may belong in the answer, fit pairs.
+        """
+        promising = [scores for scores in self.ranked if max(score.gain for score in scores) > self.threshold]
+        large = [s for s in self.ranked if self.candidate_fits.needs_large_starts(s[0].start.effect)]
+        self._fit_new([*promising[: self.settings.shortlist], *large], self.settings.finalists)
+        self._fit_look_alikes()
+        if self._leaves_too_much():
+            self._fit_new(self.ranked, self.settings.finalists)
+        if self.settings.seconds and (self._leaves_too_much() or self._second_is_promising()):
+            self._fit_pairs()
+
+    @cached_property
+    def ranked(self) -> list[list[Score]]:
+        """Scores of all candidates, the most promising first."""
+        return self.candidate_fits.ranked()
+
+    # --- what the fits so far say -------------------------------------------------------------------------------
+
+    def gain(self, found: Fit) -> float:
+        """Gain of a fit in log evidence over the baseline [nat]."""
+        return found.log_evidence - self.baseline.log_evidence
+
+    def ordered(self, effects: int = 1) -> list[Fit]:
+        """Fits with so many effects, the best first."""
+        found = [fit for names, fit in self.found.items() if len(names) == effects]
+        return sorted(found, key=self.gain, reverse=True)
+
+    def _best(self, least: float) -> Fit | None:
+        """The best single effect, if it gains more than `least` [nat]."""
+        return next((fit for fit in self.ordered() if self.gain(fit) > least), None)
+
+    def _gain_of(self, names: tuple[str, ...]) -> float:
+        """Gain of the best fit of these effects so far [nat]; zero where there is none."""
+        return self.gain(self.found[names]) if names in self.found else 0.0
+
+    def _leaves_too_much(self) -> bool:
+        """Whether the best single effect gains something and leaves more than a correct one would."""
+        best = self._best(0.0)
+        if best is None:
+            return False
+        allowed = max(self.threshold, self.settings.remainder * self.gain(best))
+        return self.measurements.excess(best) > allowed
+
+    def _second_is_promising(self) -> bool:
+        """Whether two effects may belong to the class of the best single one, by the score test."""
+        best = self._best(self.threshold)
+        if best is None:
+            return False
+        self._progress(f"screening beside {best.unknowns.effects[0]}")
+        promised = max((scores[0].gain for scores in self._beside(best)), default=0.0)
+        return promised > worth_of_a_second(self.gain(best), self.settings, len(self.candidate_fits.names))
+
+    # --- fits ---------------------------------------------------------------------------------------------------
+
+    def keep(self, found: Sequence[Fit]) -> None:
+        """Keep the fits that are better than what is known of the same effects."""
+        for fit in found:
+            known = self.found.get(fit.unknowns.effects)
+            if known is None or fit.log_evidence > known.log_evidence:
+                self.found[fit.unknowns.effects] = fit
+
+    def _fit_new(self, candidates: Sequence[list[Score]], finalists: int) -> None:
+        """Fit what has not been fitted yet, and let the best of it converge; the baseline too."""
+        chosen: dict[tuple[str, ...], list[Score]] = {}
+        for scores in candidates:
+            if _names(scores[0]) not in self.found:
+                chosen.setdefault(_names(scores[0]), scores)
+        if not chosen:
+            return
+        self._progress("fitting " + ", ".join("+".join(names) for names in chosen))
+        fits = self.candidate_fits.fitted(list(chosen.values()))
+        self.predicted_gains |= {names: scores[0].gain for names, scores in chosen.items()}
+        self._converge(sorted(fits, key=self.gain, reverse=True)[:finalists])
+        self.keep(fits)
+
+    def _fit_look_alikes(self) -> None:
+        """Fit the effects for which the best one may have been mistaken, and let those that gain something converge."""
+        best = self._best(self.threshold)
+        if best is None:
+            return
+        self._progress(f"fitting look-alikes of {best.unknowns.effects[0]}")
+        found = self.candidate_fits.look_alikes(best)
+        if gaining := [fit for fit in found if self.gain(fit) > 0.0]:
+            self._converge(gaining)
+        self.keep(found)
+
+    def _converge(self, fits: Sequence[Fit]) -> None:
+        """Continue the baseline and these fits until they converge."""
+        self._progress("converging " + ", ".join(("the baseline", *("+".join(fit.unknowns.effects) for fit in fits))))
+        self.baseline, *converged = self.candidate_fits.converged([self.baseline, *fits])
+        self.keep(converged)
+
+    # --- two at once --------------------------------------------------------------------------------------------
+
+    def _fit_pairs(self) -> None:
+        """Fit second effects beside the best one, and beside others that gain much alone.
+
+        The best single effect may be a third one that imitates the two. Each effect of the best pair is then fitted
+        alone, because a fit with a superfluous effect may leave a minimum in which one alone was caught. And each is
+        exchanged for the effects that promise most beside the other.
+        """
+        firsts = [fit for fit in self.ordered() if self.gain(fit) > self.threshold][: self.settings.firsts]
+        self._progress("screening beside " + ", ".join(first.unknowns.effects[0] for first in firsts))
+        self._fit_new([s for first in firsts for s in self._seconds(self._beside(first))], self.settings.seconds)
+        if not (pairs := self.ordered(2)):
+            return
+        alone = self.candidate_fits.alone(pairs[0])
+        self._converge([fit for fit in alone if self.gain(fit) > self._gain_of(fit.unknowns.effects)])
+        if self._leaves_too_much():
+            exchanged = [s for one in alone for s in self._beside(one)[: self.settings.exchanges]]
+            self._fit_new(exchanged, self.settings.seconds)
+
+    def _beside(self, first: Fit) -> list[list[Score]]:
+        """Effects whose predicted gain beside a fit is above chance; screened once for each fit."""
+        if id(first) not in self._beside_fits:
+            ranked = self.candidate_fits.ranked_beside(first)
+            self._beside_fits[id(first)] = first, [scores for scores in ranked if scores[0].gain > self.threshold]
+        return self._beside_fits[id(first)][1]
+
+    def _seconds(self, beside: list[list[Score]]) -> list[list[Score]]:
+        """The second effects of the largest predicted gain, and those that gained most alone.
+
+        The latter are taken because a tangent says little about an effect of full size.
+        """
+        strong_ones = min(STRONG_ALONE, self.settings.seconds // 2)
+        most = self.settings.seconds - strong_ones
+
+        def alone(scores: list[Score]) -> float:
+            return self._gain_of((scores[0].start.effect,))
+
+        strong = sorted((s for s in beside[most:] if alone(s) > self.threshold), key=alone, reverse=True)
+        return beside[:most] + strong[:strong_ones]
+
+
+def _names(score: Score) -> tuple[str, ...]:
+    """The effects of the fit that a score stands for, in the order in which they act."""
+    return tuple(sorted((*score.beside.unknowns.effects, score.start.effect), key=list(EFFECTS).index))

@@ -1,0 +1,226 @@
+"""An interaction that our simulator rolls out: a problem, a model, and trial effects beside the model's own."""
+
+from __future__ import annotations
+
+import dataclasses
+from collections.abc import Iterable, Sequence
+from dataclasses import dataclass
+
+import numpy as np
+import torch
+
+from physreal_core.array_types import Array, Bool, Float, Tensor
+from physreal_core.effects import EFFECTS, Inputs
+from physreal_core.errors import InputError
+from physreal_core.fitting.model import Model
+from physreal_core.fitting.problem import Problem
+from physreal_core.fitting.rollouts import Rollouts, roll_out_together
+from physreal_core.gap.interactions.discretisation import UNCHANGED, Discretisation, DiscretisedProblem
+from physreal_core.gap.interactions.interaction import EffectValues, Placement, Trial
+from physreal_core.rendering import carry_points
+from physreal_core.simulation import SimulationConfig, Simulator, States
+from physreal_core.simulation.timestep import substeps_per_frame
+
+LARGEST_BATCH = 256
+"""Rollouts at once. A GPU is full long before, and their states must fit beside each other."""
+
+LIKE_SUBSTEPS = 1.2
+"""Largest ratio of substeps within a batch on a GPU.
+
+All rollouts of a batch take the substeps that the stiffest needs, and transfers damp once a substep. Without a bound,
+the answer for one body would depend on what else is in the batch.
+"""
+
+LEAST_TRACKS = 3
+"""3D tracks on the object. Fewer do not tell how it is turned."""
+
+START_STEP = 1e-3
+"""Distance by which a point's start is moved for the derivative by it [m]."""
+
+
+@dataclass(frozen=True)
+class _Rollout:
+    """A trial made ready to run.
+
+    Args:
+        effects: coefficients of its effects, where the object lies in this interaction.
+        config: of the simulator, with what the effects need.
+        inputs: over at least `frames` frames.
+        frames: that must be rolled out for the measurement to see the frames asked for.
+    """
+
+    effects: EffectValues
+    config: SimulationConfig
+    inputs: Inputs
+    frames: int
+
+
+class Experiment:
+    """An `Interaction` that our simulator rolls out.
+
+    Args:
+        problem: body, hand and tracks. Its `observed` frames train, the others are held out. It needs tracks with 3D
+            positions.
+        model: laws, numerical settings and known effects.
+        device: of the simulator.
+        placement: where the object lies; None where it lies as in the first interaction. Effects of a trial that belong
+            to a place or a direction in the body are moved along.
+
+    Attributes:
+        measured, valid, sigma, config, setting: as of `Interaction`. Frame 0 is never valid, for the model starts
+            there.
+
+    Raises:
+        InputError: fewer than three tracks on the object have 3D positions.
+    """
+
+    def __init__(self, problem: Problem, model: Model, device: str = "cpu", placement: Placement | None = None) -> None:
+        seen = 0 if problem.tracks is None else int(problem.tracks.valid3d.any(0).sum())
+        if seen < LEAST_TRACKS:
+            raise InputError(
+                f"{seen} 3D tracks on the object",
+                where="gap.Experiment",
+                expected=f"{LEAST_TRACKS} or more",
+                remedy="record depth, or give tracks3d.npz with the capture; where most tracks miss the object, its pose is wrong",
+            )
+        self.problem, self.model, self.device, self.placement = problem, model, device, placement
+        tracks = problem.tracks
+        valid = tracks.valid3d.numpy() & np.isfinite(tracks.points3d.numpy()).all(-1)
+        self.valid: Bool[Array, "frames tracks"] = valid & (np.arange(len(valid)) > 0)[:, None]
+        self.measured = np.where(self.valid[..., None], tracks.points3d.numpy().astype(np.float64), 0.0)
+        self.sigma = np.where(self.valid, tracks.sigma3d.numpy().astype(np.float64), 1.0)
+        self._rollouts = Rollouts(problem, model)  # on the CPU, for inputs are many and small
+        self.config, self.setting = self._config_with(()), self._rollouts.setting
+        self._simulators: dict[tuple[SimulationConfig, Discretisation], Simulator] = {}
+
+    @property
+    def frames(self) -> int:
+        """Number of frames of the whole interval."""
+        return self.problem.frame_count
+
+    @property
+    def train(self) -> int:
+        """Number of leading frames that a fit may see."""
+        return self.problem.observed
+
+    @property
+    def points0(self) -> Float[Array, "tracks 3"]:
+        """The tracked material points at frame 0 [m]."""
+        return self.problem.tracks.points0.numpy().astype(np.float64)
+
+    def predict(
+        self, trials: Sequence[Trial], frames: int | None = None, discretisation: Discretisation | None = None
+    ) -> Float[Array, "trials frames tracks 3"]:
+        """Where the measurement would see the tracks under each trial [m]; not a number from where a rollout failed on.
+
+        Args:
+            trials: run together, in batches of those that need the same laws and terms.
+            frames: how many; all by default.
+            discretisation: the model's own by default.
+        """
+        frames = frames or self.frames
+        predicted = np.full((len(trials), frames, len(self.points0), 3), np.nan)
+        made = self._made(trials, frames)
+        for rows in self._batches(made):
+            batch = [made[row] for row in rows]
+            states = self._run(batch, discretisation or UNCHANGED)
+            for row, rollout, (x, F) in zip(rows, batch, states, strict=True):
+                predicted[row] = self._observed(rollout, x, F, frames)
+        return predicted
+
+    def predict_with_start_sensitivity(
+        self, trial: Trial, frames: int | None = None
+    ) -> tuple[Float[Array, "frames tracks 3"], Float[Array, "3 frames tracks 3"]]:
+        """Where the measurement would see the tracks [m], and its derivative by the points' start along x, y, z.
+
+        Both come from one rollout: a tracked point that starts elsewhere is carried by the same motion.
+        """
+        frames = frames or self.frames
+        made = self._made([trial], frames)
+        ((x, F),) = self._run(made)
+        here = self._observed(made[0], x, F, frames)
+        moved = [self._observed(made[0], x, F, frames, START_STEP * axis) for axis in torch.eye(3)]
+        return here, (np.stack(moved) - here) / START_STEP
+
+    def motion(self, trial: Trial) -> States:
+        """The whole rollout of one trial."""
+        x, F = (state[: self.frames].cpu() for state in self._run(self._made([trial], self.frames))[0])
+        v = torch.gradient(x, spacing=1.0 / float(self.problem.fps), dim=0)[0]
+        return States(x, v, F)
+
+    # --- rollouts -----------------------------------------------------------------------------------------------
+
+    def _made(self, trials: Sequence[Trial], frames: int) -> list[_Rollout]:
+        """Trials made ready to run, for the measurement of the first `frames` frames."""
+        effects = [self._placed(trial.effects) for trial in trials]
+        needed = [self._rollouts.frames_needed(frames, own) for own in effects]
+        longest = max(needed, default=0)
+        return [
+            _Rollout(own, self._config_with(own), self._rollouts.inputs(trial.fields, own, longest), count)
+            for trial, own, count in zip(trials, effects, needed, strict=True)
+        ]
+
+    def _config_with(self, names: Iterable[str]) -> SimulationConfig:
+        """The simulator's configuration with what these effects need."""
+        return dataclasses.replace(self._rollouts.config_with(names), device=self.device)
+
+    def _placed(self, effects: EffectValues) -> EffectValues:
+        """Coefficients for the place where the object lies here."""
+        if self.placement is None:
+            return effects
+        return {name: EFFECTS[name].carried(values, *self.placement) for name, values in effects.items()}
+
+    def _batches(self, made: Sequence[_Rollout]) -> list[list[int]]:
+        """Rows of the rollouts that run together.
+
+        On the CPU these need the same terms, so that none pays for another's. On a GPU, which needs many at once, they
+        need the same laws and about as many substeps.
+        """
+        groups: dict[SimulationConfig, list[int]] = {}
+        for row, rollout in enumerate(made):
+            config = rollout.config if self.device == "cpu" else dataclasses.replace(rollout.config, terms=())
+            groups.setdefault(config, []).append(row)
+        alike = groups.values()
+        if self.device != "cpu":
+            counts = [self._substeps(rollout) for rollout in made]
+            alike = [part for rows in groups.values() for part in of_like_counts(rows, counts)]
+        return [rows[first : first + LARGEST_BATCH] for rows in alike for first in range(0, len(rows), LARGEST_BATCH)]
+
+    def _substeps(self, rollout: _Rollout) -> int:
+        """Substeps per frame that a rollout takes by itself."""
+        return substeps_per_frame(self.problem.body, rollout.config, rollout.inputs.parameters)
+
+    def _run(
+        self, batch: Sequence[_Rollout], discretisation: Discretisation = UNCHANGED
+    ) -> list[tuple[Float[Tensor, "frames particles 3"], Float[Tensor, "frames particles 3 3"]]]:
+        """States x [m] and F of rollouts that need the same laws, in the capture's frame, on the device."""
+        config = self._config_with(dict.fromkeys(name for rollout in batch for name in rollout.effects))
+        problem = DiscretisedProblem(self.problem, config, discretisation)
+        key = config, discretisation
+        if key not in self._simulators:
+            given = self.problem
+            self._simulators[key] = Simulator(problem.body, problem.config, given.grip, given.clamps, given.loads)
+        inputs = [problem.inputs(rollout.inputs) for rollout in batch]
+        with torch.no_grad():
+            states = roll_out_together(self._simulators[key], inputs, max(rollout.frames for rollout in batch))
+        return [problem.states(x, F) for x, F in zip(states.x, states.F, strict=True)]
+
+    def _observed(
+        self, rollout: _Rollout, x: Tensor, F: Tensor, frames: int, shift: Float[Tensor, " 3"] | None = None
+    ) -> Float[Array, "frames tracks 3"]:
+        """Where the measurement would see the tracks [m], or points that start `shift` [m] away from them."""
+        tracks = self.problem.tracks
+        x0 = torch.as_tensor(self.problem.body.x0).to(x)
+        points0 = tracks.points0 if shift is None else tracks.points0 + shift
+        points = carry_points(tracks.binding, points0.to(x), x0, x, F).cpu()
+        return self._rollouts.seen(points, rollout.effects)[:frames].double().numpy()
+
+
+def of_like_counts(rows: Sequence[int], counts: Sequence[int]) -> list[list[int]]:
+    """Rows in groups whose counts differ by LIKE_SUBSTEPS at most, from the largest down."""
+    groups: list[list[int]] = []
+    for row in sorted(rows, key=lambda row: (-counts[row], row)):
+        if not groups or counts[row] * LIKE_SUBSTEPS < counts[groups[-1][0]]:
+            groups.append([])
+        groups[-1].append(row)
+    return [sorted(group) for group in groups]

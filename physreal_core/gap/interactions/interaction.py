@@ -1,0 +1,82 @@
+"""What the search needs of one interaction: rollouts of a model with trial effects, and the measurement beside them."""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+from dataclasses import dataclass, field
+from typing import Protocol, runtime_checkable
+
+from physreal_core.array_types import Array, Bool, Float, Tensor
+from physreal_core.effects import Setting
+from physreal_core.fitting.model import Model
+from physreal_core.gap.interactions.discretisation import Discretisation
+from physreal_core.simulation import SimulationConfig, States
+
+EffectValues = dict[str, dict[str, float]]
+"""Coefficients by effect and name, in SI units; the effects act in this order."""
+
+Placement = tuple[Float[Array, "3 3"], Float[Array, " 3"]]
+"""Rotation R and translation t [m]: what is at x in the first interaction is at R x + t in this one."""
+
+
+@dataclass(frozen=True)
+class Trial:
+    """One rollout to make.
+
+    Args:
+        fields: material of the baseline, as of `Model.fields`.
+        effects: coefficients of the effects that act beside those of the model.
+    """
+
+    fields: dict[str, Tensor]
+    effects: EffectValues = field(default_factory=dict)
+
+
+@runtime_checkable
+class Interaction(Protocol):
+    """One interaction with the object.
+
+    Attributes:
+        measured: tracked points [m], shape [T, J, 3], zero where not valid.
+        valid: entries with a measurement, shape [T, J].
+        sigma: standard deviation of the sensor [m], shape [T, J].
+        points0: the tracked points at frame 0 [m], shape [J, 3].
+        frames: number of frames of the whole interval.
+        train: number of leading frames that a fit may see; the others are held out.
+        model: material from which a fit starts, known effects and laws.
+        config: of its simulator.
+        setting: what effects may look at.
+        device: where it rolls out, and where large matrix products run.
+        placement: where the object lies; None where it lies as in the first interaction.
+    """
+
+    measured: Float[Array, "frames tracks 3"]
+    valid: Bool[Array, "frames tracks"]
+    sigma: Float[Array, "frames tracks"]
+    model: Model
+    config: SimulationConfig
+    setting: Setting
+    device: str
+    placement: Placement | None
+
+    @property
+    def points0(self) -> Float[Array, "tracks 3"]: ...
+
+    @property
+    def frames(self) -> int: ...
+
+    @property
+    def train(self) -> int: ...
+
+    def predict(
+        self, trials: Sequence[Trial], frames: int | None = None, discretisation: Discretisation | None = None
+    ) -> Float[Array, "trials frames tracks 3"]:
+        """Where the measurement would see the tracks under each trial [m]; not a number where a rollout failed."""
+
+    def predict_with_start_sensitivity(
+        self, trial: Trial, frames: int | None = None
+    ) -> tuple[Float[Array, "frames tracks 3"], Float[Array, "3 frames tracks 3"]]:
+        """Where the measurement would see the tracks [m], and its derivative by the points' start along x, y, z."""
+
+    def motion(self, trial: Trial) -> States | None:
+        """The whole rollout of one trial, for effects that look where the body goes; None where there is no body."""

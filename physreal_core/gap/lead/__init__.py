@@ -1,0 +1,1 @@
+"""A disagreement that no effect of the library explains, as a force field and a short formula."""

@@ -1,0 +1,1 @@
+"""What residuals a correct model leaves: sensor noise, and the simulator's own error."""

@@ -160,9 +160,7 @@ def differences(name: str, device: str, dtype: str, live: bool) -> dict[str, flo
 def write() -> None:
     """Store the CPU's float64 numbers."""
     arrays = {
-        f"{name}/{key}": value
-        for name, case in CASES.items()
-        for key, value in run(case, "cpu", "float64").items()
+        f"{name}/{key}": value for name, case in CASES.items() for key, value in run(case, "cpu", "float64").items()
     }
     REFERENCE.parent.mkdir(exist_ok=True)
     np.savez_compressed(REFERENCE, **arrays)

@@ -16,7 +16,7 @@ from pathlib import Path
 import numpy as np
 import torch
 
-from benchmarks.fit_scene import Scene, make_scene
+from benchmarks.fit_case import FitCase, make_case
 from benchmarks.simulation import machine
 from physreal_core.fitting import (
     TRANSFORMS,
@@ -82,7 +82,7 @@ SCAN = ScanConfig(count=5, factor=2.0, grips=(1.0, 8.0))
 RESIDUAL = ResidualConfig(latent_size=4, hidden=16, beta_elastic=0.2, beta_plastic=0.02)
 
 
-def fit(scene: Scene, device: str, shorten: int = 1) -> list[dict]:
+def fit(scene: FitCase, device: str, shorten: int = 1) -> list[dict]:
     """All three stages; a row per stage with its seconds by part and its errors, after a row of the start.
 
     Args:
@@ -104,7 +104,7 @@ def fit(scene: Scene, device: str, shorten: int = 1) -> list[dict]:
     return rows
 
 
-def _prepared(scene: Scene, model: Model, device: str) -> tuple[Objective, float]:
+def _prepared(scene: FitCase, model: Model, device: str) -> tuple[Objective, float]:
     """The objective after a short evaluation with its backward pass, and the seconds that compiling and loading took."""
     begun = time.perf_counter()
     objective = Objective(scene.problem, model, LossConfig(), device=device)
@@ -125,7 +125,7 @@ def _run_stage(
     return model, len(scanned) + len(result.history)
 
 
-def _errors(scene: Scene, objective: Objective, model: Model) -> dict[str, float]:
+def _errors(scene: FitCase, objective: Objective, model: Model) -> dict[str, float]:
     """Tracks against those without noise [m], observed and future, and E against the truth, as a typical factor."""
     problem = objective.problem
     with torch.no_grad():
@@ -188,7 +188,7 @@ def main() -> None:
         print(capture_table(args.capture))
         return
     particles, frames = (1500, 20) if args.quick else (args.particles, args.frames)
-    scene = make_scene(particles, frames, args.device)
+    scene = make_case(particles, frames, args.device)
     problem = scene.problem
     title = (
         f"{machine(args.device)}: {len(problem.body.x0)} particles, {frames} frames, "

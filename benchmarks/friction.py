@@ -26,9 +26,9 @@ FACTORS = (0.6, 0.7, 0.8, 0.9, 1.0, 1.15, 1.3)  # on the true coefficient
 def capture(seed: int, friction: float, folder: Path) -> tuple[float, Float[Array, "frames tracks 3"]]:
     """Writes the dragged bar's tracks with this coefficient; its modulus [Pa], and the tracks without noise [m]."""
     from data.rig import recording  # needs packages that a bare GPU machine lacks
-    from data.rig.bar import bar, run
+    from data.rig.specimen import run, specimen
 
-    scene = bar("press_drag", seed)
+    scene = specimen("press_drag", seed)
     scene = replace(scene, material=replace(scene.material, friction_coefficient=friction))
     trajectory, random = run(scene), np.random.default_rng(seed)
     ideal = recording.ideal(scene, trajectory, random)

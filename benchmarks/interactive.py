@@ -17,7 +17,7 @@ import numpy as np
 import torch
 
 from benchmarks.peers.ours import gripped_top
-from benchmarks.scene import Scene
+from benchmarks.workload import Workload
 from physreal_core.rendering import Camera, Gaussians, bind, carry_gaussians, rasterise
 from physreal_core.simulation import Body, Parameters, SimulationConfig, Simulator
 
@@ -30,7 +30,7 @@ class Session:
     """A simulator that is stepped, the Gaussians on its body, and a camera that looks at it."""
 
     def __init__(self, particles: int, gaussians: int, device: str) -> None:
-        scene = Scene(particles)
+        scene = Workload(particles)
         spacing = 0.5 * scene.cell
         x0 = scene.x0 - np.append(scene.x0[:, :2].mean(0), scene.x0[:, 2].min() - 0.5 * spacing)
         points, grip = gripped_top(x0, spacing)

@@ -17,8 +17,8 @@ from dataclasses import replace
 from pathlib import Path
 from statistics import median
 
-from benchmarks.scene import Scene
 from benchmarks.workers import Job, Unavailable, Worker
+from benchmarks.workload import Workload
 
 OURS, BEFORE, TAPE = "ours", "ours before", "Warp tape"
 WORK = ("forward", "forward_backward")
@@ -64,7 +64,7 @@ def contact_jobs(device: str) -> list[Job]:
 # --- measuring ------------------------------------------------------------------------------------------------------
 
 
-def start(wanted: list[Job], scene: Scene, device: str) -> list[Worker]:
+def start(wanted: list[Job], scene: Workload, device: str) -> list[Worker]:
     """Workers of the jobs that run here, compiled and warm; the others are named with the reason."""
     started, ready = [Worker(job, scene, device) for job in wanted], []
     for worker in started:
@@ -88,7 +88,7 @@ def measure(workers: list[Worker], rounds: int, until: float = float("inf")) -> 
     return found
 
 
-def run(wanted: list[Job], scene: Scene, device: str, rounds: int, until: float = float("inf")) -> list[dict]:
+def run(wanted: list[Job], scene: Workload, device: str, rounds: int, until: float = float("inf")) -> list[dict]:
     """One row per job that runs here: rates [particle-substeps/s] by processor time, median and best wall time."""
     workers = start(wanted, scene, device)
     found = measure(workers, rounds, until)
@@ -111,7 +111,7 @@ def rates(work: int, taken: list[tuple[float, float]]) -> dict[str, float]:
     }
 
 
-def memory(job: Job, scene: Scene, device: str) -> int | None:
+def memory(job: Job, scene: Workload, device: str) -> int | None:
     """Peak memory [B] of a job's forward + backward in a fresh process, beyond what it holds after a warm-up."""
     worker = Worker(job, scene, device)
     try:
@@ -123,7 +123,7 @@ def memory(job: Job, scene: Scene, device: str) -> int | None:
     return found
 
 
-def single(job: Job, scene: Scene, device: str, rounds: int) -> dict | None:
+def single(job: Job, scene: Workload, device: str, rounds: int) -> dict | None:
     """Best seconds of one job's forward and forward + backward, on the CPU of processor time, and its memory [B]."""
     workers = start([job], scene, device)
     if not workers:
@@ -185,7 +185,7 @@ def rate_tables(rows: list[dict], device: str) -> None:
         print(f"Ours on two threads against the tape, which has one: median {ratios[0]}, best {ratios[1]}\n")
 
 
-def memory_table(device: str, scene: Scene) -> dict[str, list[int | None]]:
+def memory_table(device: str, scene: Workload) -> dict[str, list[int | None]]:
     """Peak memory of forward + backward of everything that is differentiable, over the length of the rollout."""
     wanted = [Job(OURS, "ours")]
     if device == "cpu":
@@ -199,7 +199,7 @@ def memory_table(device: str, scene: Scene) -> dict[str, list[int | None]]:
     return found
 
 
-def contact_table(scene: Scene, device: str, rounds: int) -> dict[str, float]:
+def contact_table(scene: Workload, device: str, rounds: int) -> dict[str, float]:
     """How many times slower ours is with ground, friction, grip and differing stiffness."""
     rows = run(contact_jobs(device), scene, device, rounds)
     slower, body = {}, []
@@ -223,7 +223,7 @@ def contact_table(scene: Scene, device: str, rounds: int) -> dict[str, float]:
     return slower
 
 
-def batch_table(scene: Scene, device: str, rounds: int) -> dict[str, float]:
+def batch_table(scene: Workload, device: str, rounds: int) -> dict[str, float]:
     """How many times the rate of one small rollout many of them reach at once."""
     rollouts, particles = BATCH
     threads = 1 if device != "cpu" else 2
@@ -240,7 +240,7 @@ def batch_table(scene: Scene, device: str, rounds: int) -> dict[str, float]:
 
 def sweeps(device: str, rounds: int) -> dict[str, list[dict]]:
     """How time and memory grow with particles, with substeps per frame and with frames; ours beside the tape."""
-    base = Scene(frames=4)
+    base = Workload(frames=4)
     sizes = SIZES if device == "cpu" else CUDA_SIZES
     grids = {
         "particles": [replace(base, particles=n, frames=2) for n in sizes],
@@ -283,9 +283,11 @@ def machine(device: str) -> str:
 # --- what is run ----------------------------------------------------------------------------------------------------
 
 
-def quick(scene: Scene, began: float, before: Path | None) -> dict:
+def quick(scene: Workload, began: float, before: Path | None) -> dict:
     """Ours against the tape on one thread, as many rounds as fit."""
-    rows = run([Job(OURS, "ours"), Job(TAPE, "warp_tape"), *earlier(before, (1,))], scene, "cpu", 5, began + QUICK_UNTIL)
+    rows = run(
+        [Job(OURS, "ours"), Job(TAPE, "warp_tape"), *earlier(before, (1,))], scene, "cpu", 5, began + QUICK_UNTIL
+    )
     rate_tables(rows, "cpu")
     ours, tape = rows[:2]
     ratio = faster(tape, ours, "forward_backward", "processor")
@@ -299,7 +301,7 @@ def quick(scene: Scene, began: float, before: Path | None) -> dict:
     }  # fmt: skip
 
 
-def full(scene: Scene, device: str, rounds: int, warp_mpm: str, before: Path | None, rates_only: bool) -> dict:
+def full(scene: Workload, device: str, rounds: int, warp_mpm: str, before: Path | None, rates_only: bool) -> dict:
     """Rates, memory, contact and batch; on CUDA the rates at several sizes."""
     by_size = {}
     for particles in (scene.particles,) if device == "cpu" else RATED:
@@ -325,7 +327,9 @@ def main() -> None:
     parser.add_argument("--quick", action="store_true", help="ours against the Warp tape, one thread, within 50 s")
     parser.add_argument("--sweep", action="store_true", help="how cost grows with particles, substeps and frames")
     parser.add_argument("--warp-mpm", default="", metavar="PATH", help="a checkout of the public warp-mpm repository")
-    parser.add_argument("--before", type=Path, metavar="FOLDER", help="an earlier checkout of this project, measured in turn")
+    parser.add_argument(
+        "--before", type=Path, metavar="FOLDER", help="an earlier checkout of this project, measured in turn"
+    )
     parser.add_argument("--rates-only", action="store_true", help="no memory, contact and batches")
     parser.add_argument("--particles", type=int, default=20_000)
     parser.add_argument("--frames", type=int, help="of 50 substeps; 2 on the CPU, 8 on CUDA if not given")
@@ -334,10 +338,12 @@ def main() -> None:
     args = parser.parse_args()
     print(f"{machine(args.device)}\n", flush=True)
     if args.quick:
-        result = quick(Scene(args.particles, frames=1, substeps_per_frame=50), began, args.before)
+        result = quick(Workload(args.particles, frames=1, substeps_per_frame=50), began, args.before)
     else:
         frames = args.frames or (2 if args.device == "cpu" else 8)
-        result = full(Scene(args.particles, frames), args.device, args.rounds, args.warp_mpm, args.before, args.rates_only)
+        result = full(
+            Workload(args.particles, frames), args.device, args.rounds, args.warp_mpm, args.before, args.rates_only
+        )
         if args.sweep:
             result["sweeps"] = sweeps(args.device, rounds=2)
     if args.json:

@@ -20,7 +20,7 @@ from dataclasses import asdict, dataclass, field, replace
 from pathlib import Path
 from typing import Any
 
-from benchmarks.scene import Scene
+from benchmarks.workload import Workload
 
 ROOT = Path(__file__).resolve().parent.parent
 WARM_UP = 1_000  # particles: compiles everything and costs little
@@ -56,13 +56,18 @@ class Job:
 class Worker:
     """Process of one job; `wait` before the first request."""
 
-    def __init__(self, job: Job, scene: Scene, device: str) -> None:
+    def __init__(self, job: Job, scene: Workload, device: str) -> None:
         self.job, self.scene = job, replace(scene, contact=job.contact, rollouts=job.rollouts)
         command = [sys.executable, "-m", "benchmarks.workers"]
         root = str(job.checkout or ROOT)
         paths = os.pathsep.join([root, *filter(None, [os.environ.get("PYTHONPATH")])])
         self._process = subprocess.Popen(
-            command, cwd=root, env=os.environ | {"PYTHONPATH": paths}, stdin=subprocess.PIPE, stdout=subprocess.PIPE, text=True
+            command,
+            cwd=root,
+            env=os.environ | {"PYTHONPATH": paths},
+            stdin=subprocess.PIPE,
+            stdout=subprocess.PIPE,
+            text=True,
         )
         spec = {"scene": asdict(self.scene), "device": device, "module": job.module, "threads": job.threads}
         self._send(spec | {"options": job.options})
@@ -119,9 +124,9 @@ def serve() -> None:
         reason = adapter.missing(**{k: v for k, v in spec["options"].items() if k == "path"})
         if reason is not None:
             raise Unavailable(reason)
-        scene = Scene(**spec["scene"])
+        scene = Workload(**spec["scene"])
 
-        def make(scene: Scene) -> Any:
+        def make(scene: Workload) -> Any:
             return adapter.make(scene, spec["device"], spec["threads"], **spec["options"])
 
         answer(abilities=_warm_up(make, scene))
@@ -139,7 +144,7 @@ def serve() -> None:
         answer(error=f"{type(error).__name__}: {error}" if not isinstance(error, Unavailable) else str(error))
 
 
-def _warm_up(make: Callable[[Scene], Any], scene: Scene) -> list[str]:
+def _warm_up(make: Callable[[Workload], Any], scene: Workload) -> list[str]:
     small = make(replace(scene, particles=min(WARM_UP, scene.particles), frames=1))
     abilities = [name for name in ("forward", "forward_backward") if hasattr(small, name)]
     for name in abilities:
@@ -156,7 +161,7 @@ def _timed(work: Callable[[], None], seconds: float) -> list[tuple[float, float]
     return times
 
 
-def _peak_memory(make: Callable[[Scene], Any], scene: Scene, device: str) -> int:
+def _peak_memory(make: Callable[[Workload], Any], scene: Workload, device: str) -> int:
     gc.collect()
     with suppress(OSError, AttributeError):  # what the warm-up freed is not to serve the run uncounted
         ctypes.CDLL(None).malloc_trim(0)

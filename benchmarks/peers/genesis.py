@@ -10,7 +10,7 @@ from importlib.util import find_spec
 
 import numpy as np
 
-from benchmarks.scene import Scene, lattice
+from benchmarks.workload import Workload, lattice
 
 SUBSTEPS = (10, 5, 2, 1)  # within one of its steps, all of whose grids it holds: the first that divides the scene's
 
@@ -23,7 +23,7 @@ def missing() -> str | None:
 class Genesis:
     """A Genesis scene with one box of particles, moved to where ours are."""
 
-    def __init__(self, scene: Scene, device: str, threads: int) -> None:
+    def __init__(self, scene: Workload, device: str, threads: int) -> None:
         os.environ["QD_NUM_THREADS"] = str(threads)  # read by gs.init
         import genesis as gs
         import torch
@@ -62,6 +62,6 @@ class Genesis:
         return self._body.get_particles_pos().cpu().numpy().reshape(-1, 3)
 
 
-def make(scene: Scene, device: str, threads: int) -> Genesis:
+def make(scene: Workload, device: str, threads: int) -> Genesis:
     """Genesis over `scene`."""
     return Genesis(scene, device, threads)

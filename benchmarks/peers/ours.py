@@ -7,7 +7,7 @@ from dataclasses import replace
 import numpy as np
 import torch
 
-from benchmarks.scene import Scene
+from benchmarks.workload import Workload
 from physreal_core.simulation import Body, Grip, Parameters, SimulationConfig, Simulator
 
 CONTROLLERS = (6, 5)  # points over the top of the gripped block
@@ -27,7 +27,7 @@ class Ours:
         device: "cpu" or "cuda:0".
     """
 
-    def __init__(self, scene: Scene, device: str) -> None:
+    def __init__(self, scene: Workload, device: str) -> None:
         self.scene, self.device = scene, device
         spacing = 0.5 * scene.cell
         x0 = scene.x0 - np.array([0.0, 0.0, scene.x0[:, 2].min() - 0.5 * spacing]) if scene.contact else scene.x0
@@ -93,13 +93,13 @@ class Ours:
         return {name: getattr(self.parameters, name).grad.cpu().numpy() for name in names}
 
 
-def make(scene: Scene, device: str, threads: int) -> Ours:
+def make(scene: Workload, device: str, threads: int) -> Ours:
     """The simulator over `scene`; on the CPU it runs on as many threads as torch does."""
     torch.set_num_threads(threads)
     return Ours(scene, device)
 
 
-def courant(scene: Scene) -> float:
+def courant(scene: Workload) -> float:
     """The Courant number at which a frame takes the scene's number of substeps."""
     mu, lam = scene.lame
     step = scene.time_step * scene.substeps_per_frame / (scene.substeps_per_frame - 0.5)

@@ -13,7 +13,7 @@ from pathlib import Path
 
 import numpy as np
 
-from benchmarks.scene import Scene
+from benchmarks.workload import Workload
 
 SOURCE = Path(__file__).with_suffix(".cpp")
 FLAGS = ["-std=c++17", "-O3", "-march=native", "-fno-math-errno", "-fno-trapping-math", "-fopenmp", "-shared", "-fPIC"]
@@ -38,7 +38,7 @@ class Settings(ctypes.Structure):
 class PlainCpp:
     """The compiled library and the scene's arrays."""
 
-    def __init__(self, scene: Scene, threads: int) -> None:
+    def __init__(self, scene: Workload, threads: int) -> None:
         os.environ.setdefault("GOMP_SPINCOUNT", "20000")  # a thread that waits for a busy core lets it go soon
         self.library = ctypes.CDLL(str(compiled()))
         mu, lam = scene.lame
@@ -59,7 +59,7 @@ class PlainCpp:
         return self.x
 
 
-def make(scene: Scene, device: str, threads: int) -> PlainCpp:
+def make(scene: Workload, device: str, threads: int) -> PlainCpp:
     """C++ over `scene`, on the CPU whatever `device` says."""
     return PlainCpp(scene, threads)
 

@@ -10,7 +10,7 @@ from types import SimpleNamespace
 
 import numpy as np
 
-from benchmarks.scene import Scene
+from benchmarks.workload import Workload
 
 BOUND = 3  # nodes at the grid's faces where nothing leaves
 
@@ -23,7 +23,7 @@ def missing() -> str | None:
 class TaichiMpm3d:
     """Fields and the substep of the example."""
 
-    def __init__(self, scene: Scene, device: str, threads: int) -> None:
+    def __init__(self, scene: Workload, device: str, threads: int) -> None:
         os.environ.setdefault("ENABLE_TAICHI_HEADER_PRINT", "0")
         import taichi as ti
 
@@ -50,12 +50,12 @@ class TaichiMpm3d:
         return self.fields.x.to_numpy()
 
 
-def make(scene: Scene, device: str, threads: int) -> TaichiMpm3d:
+def make(scene: Workload, device: str, threads: int) -> TaichiMpm3d:
     """Taichi over `scene`; one such object lives in a process, since `ti.init` forgets the fields of the one before."""
     return TaichiMpm3d(scene, device, threads)
 
 
-def _fields(scene: Scene) -> SimpleNamespace:
+def _fields(scene: Workload) -> SimpleNamespace:
     import taichi as ti
 
     n, edge = scene.particles, (scene.grid_nodes,) * 3
@@ -69,7 +69,7 @@ def _fields(scene: Scene) -> SimpleNamespace:
     )
 
 
-def _substep(scene: Scene, fields: SimpleNamespace):
+def _substep(scene: Workload, fields: SimpleNamespace):
     import taichi as ti
 
     F_x, F_v, F_C, F_dg = fields.x, fields.v, fields.C, fields.F

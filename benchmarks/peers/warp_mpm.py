@@ -15,7 +15,7 @@ import numpy as np
 import torch
 import warp as wp
 
-from benchmarks.scene import Scene
+from benchmarks.workload import Workload
 
 SOLVER = "mpm_solver_warp.py"
 
@@ -30,7 +30,7 @@ def missing(path: str = "") -> str | None:
 class WarpMpm:
     """The solver with the scene's particles."""
 
-    def __init__(self, scene: Scene, device: str, path: str) -> None:
+    def __init__(self, scene: Workload, device: str, path: str) -> None:
         if path not in sys.path:
             sys.path.insert(0, path)
         from mpm_solver_warp import MPM_Simulator_WARP
@@ -70,6 +70,6 @@ class WarpMpm:
         return self.solver.export_particle_x_to_torch().cpu().numpy()
 
 
-def make(scene: Scene, device: str, threads: int, path: str = "") -> WarpMpm:
+def make(scene: Workload, device: str, threads: int, path: str = "") -> WarpMpm:
     """warp-mpm over `scene`; Warp launches on the CPU are serial whatever `threads` says."""
     return WarpMpm(scene, device, path)

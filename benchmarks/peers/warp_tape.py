@@ -11,7 +11,7 @@ from types import SimpleNamespace
 import numpy as np
 import warp as wp
 
-from benchmarks.scene import Scene
+from benchmarks.workload import Workload
 
 wp.config.log_level = wp.LOG_WARNING
 
@@ -30,7 +30,7 @@ class WarpTape:
         rotation: "svd", by `wp.svd3` as public codes have it, or "newton", by an iteration that Warp differentiates.
     """
 
-    def __init__(self, scene: Scene, device: str, rotation: str = "svd") -> None:
+    def __init__(self, scene: Workload, device: str, rotation: str = "svd") -> None:
         self.scene, self.device, self.kernels = scene, device, kernels(rotation)
         slots, n = scene.substeps + 1, scene.particles
         first, count = scene.reach()
@@ -93,7 +93,7 @@ class WarpTape:
         }
 
 
-def make(scene: Scene, device: str, threads: int, rotation: str = "svd") -> WarpTape:
+def make(scene: Workload, device: str, threads: int, rotation: str = "svd") -> WarpTape:
     """The tape over `scene`; Warp launches on the CPU are serial whatever `threads` says."""
     return WarpTape(scene, device, rotation)
 

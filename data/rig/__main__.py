@@ -5,7 +5,7 @@ from pathlib import Path
 
 from data.rig.capture import make_capture
 from data.rig.parameters import Rig, build_scene
-from data.rig.scene import SCENES
+from data.rig.rig_scene import SCENES
 
 
 def main() -> None:

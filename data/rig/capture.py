@@ -14,7 +14,7 @@ from data.rig import texture
 from data.rig.hidden.effect import NOTHING, Hidden
 from data.rig.mesh import TetMesh
 from data.rig.render import HAND, OBJECT, Picture, Stage
-from data.rig.scene import Scene
+from data.rig.rig_scene import RigScene
 from data.rig.sensor import read_colour, read_depth
 from data.rig.simulate import simulate
 from data.rig.trajectory import Trajectory
@@ -24,7 +24,7 @@ from pipeline.products.truth import CaptureTruth
 _PRIOR_SHADE = 0.8  # vertex colours of the prior: the surface under a soft light
 
 
-def make_capture(scene: Scene, destination: Path, *, seed: int = 0, timestep: float = 0.001) -> None:
+def make_capture(scene: RigScene, destination: Path, *, seed: int = 0, timestep: float = 0.001) -> None:
     """Simulates and films `scene` into `destination`, which is replaced as a whole.
 
     Args:
@@ -37,7 +37,7 @@ def make_capture(scene: Scene, destination: Path, *, seed: int = 0, timestep: fl
 
 
 def film(
-    scene: Scene,
+    scene: RigScene,
     trajectory: Trajectory,
     destination: Path,
     *,
@@ -79,7 +79,7 @@ def film(
     draft.rename(destination)
 
 
-def describe(scene: Scene, hints: dict) -> dict:
+def describe(scene: RigScene, hints: dict) -> dict:
     """The contents of capture.json."""
     view = scene.view
     return {
@@ -107,7 +107,7 @@ def random_similarity(random: np.random.Generator) -> Float[Array, "4 4"]:
     return similarity
 
 
-def _write_frame(folder: Path, frame: int, picture: Picture, scene: Scene, random: np.random.Generator) -> None:
+def _write_frame(folder: Path, frame: int, picture: Picture, scene: RigScene, random: np.random.Generator) -> None:
     import cv2
 
     cv2.imwrite(str(folder / "color" / f"{frame:06d}.png"), read_colour(picture, scene.noise, random)[..., ::-1])
@@ -143,7 +143,7 @@ def _write_prior(path: Path, trajectory: Trajectory, T_world_prior: Float[Array,
 
 
 def simulated_truth(
-    scene: Scene, trajectory: Trajectory, hand: TetMesh, T_world_prior: Float[Array, "4 4"]
+    scene: RigScene, trajectory: Trajectory, hand: TetMesh, T_world_prior: Float[Array, "4 4"]
 ) -> CaptureTruth:
     """What the simulation knows; `hand` is the hand's mesh at frame 0."""
     material = scene.material

@@ -10,14 +10,14 @@ from typing import Literal
 import numpy as np
 
 from data.rig import recording
-from data.rig.bar import MOTIONS, bar, run
 from data.rig.capture import film, simulated_truth
 from data.rig.hidden.effect import Hidden
 from data.rig.hidden.library import maker
 from data.rig.hidden.strengths import AMPLITUDES, STRENGTHS
 from data.rig.hidden.together import Together
 from data.rig.mesh import mesh_shape
-from data.rig.scene import Scene
+from data.rig.rig_scene import RigScene
+from data.rig.specimen import MOTIONS, run, specimen
 from data.rig.trajectory import Trajectory
 from physreal_core.array_types import Array
 
@@ -50,7 +50,7 @@ class Case:
         Raises:
             InputError: there is no such effect.
         """
-        scenes = {motion: bar(motion, self.seed) for motion in MOTIONS}
+        scenes = {motion: specimen(motion, self.seed) for motion in MOTIONS}
         return {name: self._effect(name, scenes, number) for number, name in enumerate(self.names)}
 
     @property
@@ -58,7 +58,7 @@ class Case:
         """All of them at once."""
         return Together(tuple(self.effects.values()))
 
-    def _effect(self, name: str, scenes: dict[str, Scene], number: int) -> Hidden:
+    def _effect(self, name: str, scenes: dict[str, RigScene], number: int) -> Hidden:
         make, random = maker(name), np.random.default_rng([self.seed, 10 + number])
         amplitude = AMPLITUDES[name][STRENGTHS.index(self.strength)]
         return make(amplitude * np.exp(random.uniform(-_SPREAD, _SPREAD)), scenes, random)
@@ -76,7 +76,7 @@ def make_case(case: Case, destination: Path, *, video: bool) -> None:
     draft = destination.with_name(destination.name + ".partial")
     shutil.rmtree(draft, ignore_errors=True)
     for number, motion in enumerate(MOTIONS):
-        scene, seed = bar(motion, case.seed), [case.seed, 20 + number]
+        scene, seed = specimen(motion, case.seed), [case.seed, 20 + number]
         trajectory = run(scene, case.hidden)
         (draft / motion).mkdir(parents=True)
         if video:
@@ -88,7 +88,9 @@ def make_case(case: Case, destination: Path, *, video: bool) -> None:
     draft.rename(destination)
 
 
-def _write_tracks(folder: Path, scene: Scene, trajectory: Trajectory, case: Case, random: np.random.Generator) -> None:
+def _write_tracks(
+    folder: Path, scene: RigScene, trajectory: Trajectory, case: Case, random: np.random.Generator
+) -> None:
     ideal = recording.ideal(scene, trajectory, random)
     measured = case.hidden.record(ideal, scene.motion)
     recording.write(folder, scene, measured, recording.at_frame_zero(trajectory), random)

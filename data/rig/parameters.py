@@ -2,14 +2,14 @@
 
 from dataclasses import replace
 
-from data.rig.scene import SCENES, Material, Noise, Scene
+from data.rig.rig_scene import SCENES, Material, Noise, RigScene
 from physreal_core.errors import InputError
 from pipeline.config.rig import Rig
 
 __all__ = ["Rig", "build_scene"]
 
 
-def build_scene(name: str, parameters: Rig) -> Scene:
+def build_scene(name: str, parameters: Rig) -> RigScene:
     """The scene `name` with the material, camera size and noise of `parameters`.
 
     Raises:

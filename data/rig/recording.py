@@ -7,7 +7,7 @@ from pathlib import Path
 import numpy as np
 
 from data.rig.mesh import TetMesh
-from data.rig.scene import Scene, View
+from data.rig.rig_scene import RigScene, View
 from data.rig.trajectory import Trajectory
 from physreal_core.array_types import Array, Bool, Float, Int
 from pipeline.products.controllers import Controllers
@@ -33,7 +33,7 @@ class Recording:
     view: View
 
 
-def ideal(scene: Scene, trajectory: Trajectory, random: np.random.Generator) -> Recording:
+def ideal(scene: RigScene, trajectory: Trajectory, random: np.random.Generator) -> Recording:
     """What a perfect instrument would record: points spread evenly over the surface but for its underside."""
     triangles, weights = _scattered(trajectory.mesh, POINTS, random)
     corners = trajectory.vertices[:, trajectory.mesh.faces[triangles]]
@@ -46,7 +46,7 @@ def ideal(scene: Scene, trajectory: Trajectory, random: np.random.Generator) -> 
     )
 
 
-def write(folder: Path, scene: Scene, recording: Recording, surface: TetMesh, random: np.random.Generator) -> None:
+def write(folder: Path, scene: RigScene, recording: Recording, surface: TetMesh, random: np.random.Generator) -> None:
     """capture.json, tracks, controller points and shape_prior.glb; `surface` is the object at frame 0."""
     import trimesh
 
@@ -62,7 +62,7 @@ def write(folder: Path, scene: Scene, recording: Recording, surface: TetMesh, ra
     (folder / "capture.json").write_text(json.dumps(describe(scene, recording), indent=1) + "\n")
 
 
-def describe(scene: Scene, recording: Recording) -> dict:
+def describe(scene: RigScene, recording: Recording) -> dict:
     """The contents of capture.json."""
     view = recording.view
     return {

@@ -8,7 +8,7 @@ import numpy as np
 from data.rig import texture
 from data.rig.mesh import mesh_shape
 from data.rig.raycast import Raycaster, pixel_rays
-from data.rig.scene import Scene
+from data.rig.rig_scene import RigScene
 from data.rig.trajectory import Trajectory
 from physreal_core.array_types import Array, Float, Int, UInt8
 
@@ -38,7 +38,7 @@ class Stage:
         placed: where hand and table are, from where they would be were the table level at z = 0.
     """
 
-    def __init__(self, scene: Scene, trajectory: Trajectory, placed: Callable[[Array], Array] = np.asarray) -> None:
+    def __init__(self, scene: RigScene, trajectory: Trajectory, placed: Callable[[Array], Array] = np.asarray) -> None:
         self._scene = scene
         hand = mesh_shape(scene.hand, _HAND_SPACING)
         hand.vertices[:] = placed(hand.vertices)

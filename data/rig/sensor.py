@@ -3,7 +3,7 @@
 import numpy as np
 
 from data.rig.render import Picture, quantise
-from data.rig.scene import Noise
+from data.rig.rig_scene import Noise
 from physreal_core.array_types import Array, Float, UInt8
 
 

@@ -8,14 +8,14 @@ from collections.abc import Callable
 import numpy as np
 
 from data.rig.hidden.effect import NOTHING, Hidden
-from data.rig.scene import Scene
+from data.rig.rig_scene import RigScene
 from data.rig.trajectory import Trajectory
 from data.rig.world import World
 from physreal_core.array_types import Array, Float
 
 
 def simulate(
-    scene: Scene,
+    scene: RigScene,
     *,
     timestep: float = 0.001,
     settle: float = 0.3,

@@ -9,7 +9,7 @@ from collections.abc import Callable
 import numpy as np
 
 from data.rig.mesh import mesh_shape
-from data.rig.scene import Scene
+from data.rig.rig_scene import RigScene
 from physreal_core.array_types import Array, Float, Int
 
 NODE_RADIUS = 0.0005  # [m] collision radius of a flex node
@@ -36,7 +36,7 @@ class World:
 
     def __init__(
         self,
-        scene: Scene,
+        scene: RigScene,
         timestep: float,
         integrator: str = "discrete",
         further: str = "",
@@ -133,7 +133,7 @@ def firm(timestep: float) -> str:
     return f'solref="-{stiffness:.9g} -{damping:.9g}" solimp=".9 .95 .001"'
 
 
-def _held(scene: Scene, vertices: Float[Array, "V 3"]) -> Int[Array, " B"]:
+def _held(scene: RigScene, vertices: Float[Array, "V 3"]) -> Int[Array, " B"]:
     if scene.grasp is not None:
         return np.flatnonzero(scene.grasp.distance(vertices) <= 0)
     return np.flatnonzero(scene.hand.distance(vertices) < scene.grip_reach)

@@ -17,8 +17,7 @@ from physreal_core.effects.paths import prolonged
 from physreal_core.fitting.model import Model, particle_parameters
 from physreal_core.fitting.problem import Problem
 from physreal_core.simulation import Parameters, SimulationConfig, Simulator, States
-from physreal_core.simulation.batch import BatchStates
-from physreal_core.simulation.parameters import PARAMETER_NAMES
+from physreal_core.simulation.parameters import PARAMETER_NAMES, BatchStates
 from physreal_core.simulation.play import Player
 from physreal_core.simulation.terms import dormant_values
 

@@ -217,7 +217,10 @@ class Frames:
             particle = int(v[rollout].norm(dim=1).argmax())
             record.failures[rollout] = SimulationError(what, frame=frame, substep=0, particle=particle)
         boxes = np.full((len(first), 6), 3, dtype=np.int32)  # of those that do not run: the smallest there is
-        boxes[fits, :3], boxes[:, 3:] = first[fits], np.where(fits[:, None], given, given[fits][:1] if fits.any() else 3)
+        boxes[fits, :3], boxes[:, 3:] = (
+            first[fits],
+            np.where(fits[:, None], given, given[fits][:1] if fits.any() else 3),
+        )
         return boxes, fits
 
     def _judge(self, span: Span, report: Report, record: Record, last: bool) -> Bool[Array, " rollouts"]:

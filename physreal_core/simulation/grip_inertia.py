@@ -59,7 +59,9 @@ class GripInertia:
         """What the last `add` gives to the adjoint of gravity, for the adjoint of its force."""
         return -(self._added[..., None] * force_bar).sum(-2)
 
-    def mass(self, parameters: Parameters, dt: float | Float[Tensor, " rollouts"]) -> Float[Tensor, "*rollouts particles"]:
+    def mass(
+        self, parameters: Parameters, dt: float | Float[Tensor, " rollouts"]
+    ) -> Float[Tensor, "*rollouts particles"]:
         """Added mass a [kg] of every particle for substeps of dt [s]."""
         stiffness, damping = (_power_above(p)[..., None] for p in (parameters.grip_stiffness, parameters.grip_damping))
         per_stiffness, per_damping = self._per_unit

@@ -1,7 +1,6 @@
 """C++ structures and numpy's view of them, each pair made from one table, so that the two cannot differ."""
 
 from dataclasses import dataclass
-from functools import cache
 
 import numpy as np
 
@@ -31,7 +30,6 @@ class Structure:
             lines.append(f"    {kind} {name}{f'[{count}]' if count else ''};")
         return "\n".join([*lines, "};\n"])
 
-    @cache
     def dtype(self, scalar: str) -> np.dtype:
         """A record of it for S = "float32" or "float64"."""
         return np.dtype(self._columns(scalar), align=True)

@@ -5,8 +5,6 @@ adjoints: `BARS`, with optional terms `INPUTS` and `TERM_ROWS`, then the latent 
 its adjoint among `SUMS`.
 """
 
-import torch
-
 from physreal_core.array_types import Float, Tensor
 from physreal_core.simulation.config import SimulationConfig
 from physreal_core.simulation.grip_inertia import GripInertia

@@ -115,9 +115,7 @@ class Stepper(Protocol):
     def load_parameters(self, parameters: Parameters, substeps: Sequence[int]) -> None:
         """Take over parameters (complete, of this stepper's type, with an axis of rollouts) and substeps per frame [R]."""
 
-    def fitting(
-        self, count: Float[Array, "rollouts 3"]
-    ) -> tuple[Bool[Array, " rollouts"], Float[Array, "rollouts 3"]]:
+    def fitting(self, count: Float[Array, "rollouts 3"]) -> tuple[Bool[Array, " rollouts"], Float[Array, "rollouts 3"]]:
         """Whose boxes of so many nodes per axis have room, and the counts that they get, whole and at least as large."""
 
     def keep_frames(self, holder: object, frames: int, nodes: int) -> int:

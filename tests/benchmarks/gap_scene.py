@@ -6,9 +6,9 @@ from pathlib import Path
 import numpy as np
 import torch
 
-from benchmarks.fit_scene import rounded_block
+from benchmarks.fit_case import rounded_block
 from benchmarks.gap.problems import GUESS
-from data.rig.scene import View
+from data.rig.rig_scene import View
 from physreal_core.array_types import Array
 from physreal_core.geometry import bind_within, fill_mesh, sample_surface, save_mesh
 from physreal_core.rendering import bind, carry_points

@@ -5,7 +5,7 @@ import json
 import pytest
 
 from benchmarks.fit import RECIPES, RESIDUAL, SCAN, STAGES, capture_table, fit, table
-from benchmarks.fit_scene import make_scene
+from benchmarks.fit_case import make_case
 from physreal_core.fitting import DescentConfig, LossConfig, ScanConfig
 from physreal_core.simulation.laws.residual_config import ResidualConfig
 
@@ -35,7 +35,7 @@ def test_the_recipes_are_the_defaults_of_the_stages():
 
 @pytest.mark.slow
 def test_every_stage_comes_nearer_to_the_hidden_material():
-    rows = fit(make_scene(400, 16, "cpu"), "cpu", shorten=2)
+    rows = fit(make_case(400, 16, "cpu"), "cpu", shorten=2)
     assert [row["stage"] for row in rows] == ["start", *STAGES]
     factors = [row["modulus_factor"] for row in rows]
     assert factors[0] > 2.0 and factors[1] > factors[2] and factors[2] < 1.6

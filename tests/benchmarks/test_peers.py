@@ -8,10 +8,10 @@ import pytest
 
 from benchmarks import simulation
 from benchmarks.peers import genesis, ours, plain_cpp, taichi_mpm3d, warp_mpm, warp_tape
-from benchmarks.scene import Scene, lattice
 from benchmarks.workers import Job, Worker
+from benchmarks.workload import Workload, lattice
 
-SCENE = Scene(particles=360, frames=2, substeps_per_frame=10)
+SCENE = Workload(particles=360, frames=2, substeps_per_frame=10)
 # Positions near 0.5 m are rounded by 3e-8 (float32), over twenty steps by a few times that. The block moves by 4e-3 m
 # meanwhile; without stress it would end 2e-4 elsewhere.
 ROUNDING = 3e-7
@@ -117,13 +117,13 @@ def test_a_peer_that_is_not_there_says_so(capsys):
 
 
 def test_the_gripped_block_takes_the_same_steps():
-    held = ours.make(Scene(particles=360, frames=1, substeps_per_frame=10, contact=True), "cpu", threads=1)
+    held = ours.make(Workload(particles=360, frames=1, substeps_per_frame=10, contact=True), "cpu", threads=1)
     held.forward_backward()
     assert all((value.grad != 0).any() for value in vars(held.parameters).values() if value is not None)
 
 
 def test_memory_is_that_of_the_run_alone():
-    scene = Scene(particles=2_000, frames=2, substeps_per_frame=25)
+    scene = Workload(particles=2_000, frames=2, substeps_per_frame=25)
     worker = Worker(Job("Warp tape", "warp_tape"), scene, "cpu")
     worker.wait()
     found = worker.memory()

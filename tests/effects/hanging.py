@@ -6,17 +6,17 @@ import numpy as np
 import torch
 
 from physreal_core.simulation import Clamp
-from tests.effects.scene import Scene, bar, material
+from tests.effects.specimen import Specimen, lattice_body, material
 
 SPACING, WIDTH, LENGTH = 0.01, 3, 0.2  # [m], particles, [m]
 DENSITY, E = 1000.0, 4e4
 FPS = 200.0
 
 
-def hanging_bar(frames: int = 120, gravity: float = 2.0, E: float = E) -> Scene:
+def hanging_bar(frames: int = 120, gravity: float = 2.0, E: float = E) -> Specimen:
     """From z = 0 down to -LENGTH, held above; Poisson's ratio zero, so that it is one-dimensional."""
-    body = bar((WIDTH, WIDTH, round(LENGTH / SPACING) + 2), SPACING, DENSITY, corner=(0.0, 0.0, -LENGTH))
-    return Scene(
+    body = lattice_body((WIDTH, WIDTH, round(LENGTH / SPACING) + 2), SPACING, DENSITY, corner=(0.0, 0.0, -LENGTH))
+    return Specimen(
         body,
         torch.zeros(frames, 0, 3, dtype=torch.float64),
         FPS,
@@ -27,7 +27,7 @@ def hanging_bar(frames: int = 120, gravity: float = 2.0, E: float = E) -> Scene:
     )
 
 
-def tip_drop(scene: Scene, **values: dict[str, float]) -> np.ndarray:
+def tip_drop(scene: Specimen, **values: dict[str, float]) -> np.ndarray:
     """How far the lower end is below its first place, by frame [m]."""
     with torch.no_grad():
         x = scene.rollout(**values).x
@@ -35,7 +35,7 @@ def tip_drop(scene: Scene, **values: dict[str, float]) -> np.ndarray:
     return (x[0] - x)[:, tip, 2].mean(1).numpy()
 
 
-def stretch(scene: Scene, **values: dict[str, float]) -> float:
+def stretch(scene: Specimen, **values: dict[str, float]) -> float:
     """The static stretch [m]: the mean of the swing under a Hann window over several periods."""
     drop = tip_drop(scene, **values)
     return float(np.average(drop, weights=np.hanning(len(drop) + 2)[1:-1]))

@@ -5,16 +5,16 @@ import pytest
 import torch
 from scipy.spatial.transform import Rotation
 
-from tests.effects.scene import Scene, bar, material
+from tests.effects.specimen import Specimen, lattice_body, material
 
 GRAVITY = 9.81
 
 
-def free_block(frames: int, fps: float = 30.0) -> Scene:
+def free_block(frames: int, fps: float = 30.0) -> Specimen:
     """In free fall."""
-    body = bar((4, 3, 5), corner=(0.1, 0.2, 5.0))
+    body = lattice_body((4, 3, 5), corner=(0.1, 0.2, 5.0))
     points = torch.zeros(frames, 0, 3, dtype=torch.float64)
-    return Scene(body, points, fps, material(body), ground_height=None)
+    return Specimen(body, points, fps, material(body), ground_height=None)
 
 
 def fall(frames: int, **values: dict[str, float]) -> torch.Tensor:
@@ -53,7 +53,7 @@ def test_wind_pushes_the_surface_alone():
     """Corners more than edges, edges more than faces, and nothing inside."""
     from physreal_core.effects.shape import exposure
 
-    share = exposure(bar((5, 5, 5))).reshape(5, 5, 5)
+    share = exposure(lattice_body((5, 5, 5))).reshape(5, 5, 5)
     corner, edge, face, inside = share[0, 0, 0], share[0, 0, 2], share[0, 2, 2], share[2, 2, 2]
     assert corner > edge > face > inside == 0
     assert share.sum() == pytest.approx(1.0)

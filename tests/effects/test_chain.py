@@ -4,7 +4,7 @@ import pytest
 import torch
 
 from physreal_core.effects import EFFECTS
-from tests.effects.scene import complete, held_bar
+from tests.effects.specimen import complete, held_specimen
 
 VISIBLE: dict[str, dict[str, float]] = {
     "linear_drag": {"rate": 2.0},
@@ -41,7 +41,7 @@ VISIBLE: dict[str, dict[str, float]] = {
 @pytest.fixture(scope="module")
 def baseline() -> torch.Tensor:
     with torch.no_grad():
-        return held_bar().rollout().x
+        return held_specimen().rollout().x
 
 
 def test_every_effect_is_tried():
@@ -51,7 +51,7 @@ def test_every_effect_is_tried():
 @pytest.mark.parametrize("name", EFFECTS)
 def test_dormant_is_the_baseline_and_visible_is_not(name, baseline):
     """To rounding: a law that is switched on, or a turned frame, rounds its sums in another order."""
-    scene = held_bar()
+    scene = held_specimen()
     with torch.no_grad():
         dormant, visible = scene.rollout(**{name: {}}).x, scene.rollout(**{name: VISIBLE[name]}).x
     tolerance = 1e-8 if name == "maxwell_creep" else 1e-11  # the rate that stands for none is not zero
@@ -62,7 +62,7 @@ def test_dormant_is_the_baseline_and_visible_is_not(name, baseline):
 @pytest.mark.parametrize("name", EFFECTS)
 def test_gradient_of_the_whole_chain(name):
     """Coefficients, inputs, rollout, observation, loss: each coefficient against central differences."""
-    scene = held_bar()
+    scene = held_specimen()
     weights = torch.randn(6, len(scene.body.x0), 3, dtype=torch.float64, generator=torch.Generator().manual_seed(0))
 
     def motion(values: dict) -> torch.Tensor:

@@ -7,22 +7,22 @@ import pytest
 import torch
 
 from physreal_core.effects import EFFECTS
-from tests.effects.scene import Scene, bar, complete, held_bar, material
+from tests.effects.specimen import Specimen, complete, held_specimen, lattice_body, material
 
 GRAVITY, SPACING = 9.81, 0.008
 
 
 def block(
     frames: int, fps: float = 60.0, friction: float = 0.4, corner=(0.0, 0.0, 0.0), E: float = 6e4, **scene
-) -> Scene:
+) -> Specimen:
     """A flat block, by default lying on the ground without a hand."""
-    body = bar((8, 8, 4), SPACING, 300.0, corner)
+    body = lattice_body((8, 8, 4), SPACING, 300.0, corner)
     points = torch.zeros(frames, 0, 3, dtype=torch.float64)
     given = material(body, E, 0.3, friction_coefficient=friction)
-    return Scene(body, points, fps, replace(given, **scene.pop("given", {})), **scene)
+    return Specimen(body, points, fps, replace(given, **scene.pop("given", {})), **scene)
 
 
-def travelled(scene: Scene, **values: dict[str, float]) -> torch.Tensor:
+def travelled(scene: Specimen, **values: dict[str, float]) -> torch.Tensor:
     """Displacement of the centre of mass by frame [m], shape [T, 3]."""
     with torch.no_grad():
         x = scene.rollout(**values).x
@@ -104,7 +104,7 @@ def test_a_body_falls_onto_the_true_ground():
 
 def test_the_ground_is_turned_with_what_stands_in_the_world():
     """In mid-air a turned frame shows nothing: drag, wind, obstacle and hand as in the level one."""
-    scene = held_bar(6)
+    scene = held_specimen(6)
     raised = replace(scene, ground_height=-1.0)
     others = {
         "wind": {"x": 3.0, "y": -2.0},
@@ -120,7 +120,7 @@ def test_the_ground_is_turned_with_what_stands_in_the_world():
     assert (turned - level).norm(dim=-1).max() < 0.02 * (level - level[0]).norm(dim=-1).max()
 
 
-def thrown_block(frames: int, velocity: float) -> Scene:
+def thrown_block(frames: int, velocity: float) -> Specimen:
     """Along +x without weight."""
     return block(frames, ground_height=None, gravity=(0.0, 0.0, 0.0), given=moving(velocity, 0.0, 0.0))
 
@@ -168,7 +168,7 @@ def test_a_ball_and_a_post_push_out_what_enters_them_and_nothing_else(name, plac
 @pytest.mark.parametrize("name", ["obstacle_plane", "obstacle_sphere", "obstacle_post"])
 def test_obstacles_are_tried_where_the_body_goes_and_was_not_before(name):
     """At every start the obstacle changes the motion, and not its first frames."""
-    scene = replace(held_bar(16), ground_height=None)
+    scene = replace(held_specimen(16), ground_height=None)
     with torch.no_grad():
         motion = scene.rollout()
     starts = EFFECTS[name].starts(scene.setting, motion)

@@ -9,19 +9,19 @@ import torch
 from physreal_core.effects import EFFECTS
 from physreal_core.effects.paths import first_motion, resampled
 from physreal_core.simulation import Grip
-from tests.effects.scene import Scene, bar, held_bar, material
+from tests.effects.specimen import Specimen, held_specimen, lattice_body, material
 
 GRAVITY = 9.81
 
 
-def waiting_bar(rest: int, frames: int = 8) -> Scene:
-    """`held_bar` whose hand rests for some frames first."""
-    scene = held_bar(frames)
+def waiting_bar(rest: int, frames: int = 8) -> Specimen:
+    """`held_specimen` whose hand rests for some frames first."""
+    scene = held_specimen(frames)
     path = torch.cat([scene.controllers[:1].expand(rest, -1, -1), scene.controllers])[:frames]
     return replace(scene, controllers=path)
 
 
-def rollout(scene: Scene, **values: dict[str, float]) -> torch.Tensor:
+def rollout(scene: Specimen, **values: dict[str, float]) -> torch.Tensor:
     with torch.no_grad():
         return scene.rollout(**values).x
 
@@ -47,7 +47,7 @@ def test_a_path_rests_before_its_first_frame_and_goes_on_after_its_last():
 
 
 def test_a_slip_as_fast_as_the_hand_leaves_the_object_where_it_is():
-    scene = held_bar(8)
+    scene = held_specimen(8)
     velocity = torch.tensor([0.4, -0.2, 0.5], dtype=torch.float64)
     steps = torch.arange(8, dtype=torch.float64)[:, None, None] / scene.fps
     resting = scene.controllers[:1].expand(8, -1, -1)
@@ -68,16 +68,16 @@ def test_slip_and_offset_begin_with_the_first_motion():
         assert moved[6:].min() > 0
 
 
-def held_cube(frames: int, gravity: float, fps: float = 60.0) -> Scene:
+def held_cube(frames: int, gravity: float, fps: float = 60.0) -> Specimen:
     """A stiff cube with six bonds from its middle along the axes, which together are as stiff in every direction."""
-    body = bar((3, 3, 3), corner=(0.0, 0.0, 0.5))
+    body = lattice_body((3, 3, 3), corner=(0.0, 0.0, 0.5))
     middle = np.linalg.norm(body.x0 - body.x0.mean(0), axis=1).argmin()
     arms = 0.05 * np.concatenate([np.eye(3), -np.eye(3)])
     points = torch.as_tensor(body.x0[middle] + arms)[None].repeat(frames, 1, 1)
     points[frames // 6 :] += torch.tensor([0.02, 0.0, 0.0], dtype=torch.float64)
     grip = Grip(np.full(6, middle), np.arange(6), np.ones(6), np.full(6, 0.05))
     given = material(body, 5e4, 0.3, grip_stiffness=0.5, grip_damping=0.2)
-    return Scene(body, points, fps, given, grip, ground_height=None, gravity=(0.0, 0.0, -gravity))
+    return Specimen(body, points, fps, given, grip, ground_height=None, gravity=(0.0, 0.0, -gravity))
 
 
 def test_offset_is_where_the_body_ends_beside_the_hand():
@@ -96,6 +96,6 @@ def test_compliance_lets_the_body_sag_by_weight_times_compliance_more():
 
 @pytest.mark.parametrize("name", [name for name, effect in EFFECTS.items() if effect.family == "grip"])
 def test_without_a_hand_there_is_nothing_to_try(name):
-    scene = held_bar()
+    scene = held_specimen()
     assert EFFECTS[name].starts(scene.setting)
     assert EFFECTS[name].starts(replace(scene, grip=None).setting) == ()

@@ -19,7 +19,7 @@ from tests.effects.hanging import (
     tip_drop,
     uniform,
 )
-from tests.effects.scene import complete
+from tests.effects.specimen import complete
 
 
 def axial_period(end_mass_ratio: float) -> float:

@@ -12,7 +12,7 @@ from physreal_core.effects import EFFECTS
 from physreal_core.simulation import Clamp, States
 from physreal_core.simulation.timestep import rate_memory
 from tests.effects.hanging import DENSITY, LENGTH, E, closed_stretch, hanging_bar, period, stretch, tip_drop, uniform
-from tests.effects.scene import Scene, bar, complete, held_bar, material
+from tests.effects.specimen import Specimen, complete, held_specimen, lattice_body, material
 
 
 def test_kelvin_voigt_damps_the_axial_mode_at_half_omega_squared_t():
@@ -44,13 +44,13 @@ def decay_rate(drop: np.ndarray, fps: float = 200.0) -> float:
 
 def test_maxwell_creep_lets_shear_strain_decay_at_its_rate():
     """A body held everywhere: its deviatoric log strain goes as exp(-r t), its volume stays. Steps of r dt = 0.002."""
-    body, rate, frames = bar((4, 4, 4)), 4.0, 13
+    body, rate, frames = lattice_body((4, 4, 4)), 4.0, 13
     stretches = torch.tensor([1.3, 0.9, 0.95], dtype=torch.float64)
     start = torch.diag(stretches).expand(len(body.x0), 3, 3)
     everywhere = Clamp((-1.0,) * 3, (1.0,) * 3)
     given = replace(material(body), initial_deformation=start)
     points = torch.zeros(frames, 0, 3, dtype=torch.float64)
-    scene = Scene(body, points, 60.0, given, clamps=(everywhere,), ground_height=None)
+    scene = Specimen(body, points, 60.0, given, clamps=(everywhere,), ground_height=None)
     with torch.no_grad():
         F = scene.rollout(rest_shape={}, maxwell_creep={"rate": rate}).F[-1, 0]
     log, log0 = F.diagonal().log(), stretches.log()
@@ -61,7 +61,7 @@ def test_maxwell_creep_lets_shear_strain_decay_at_its_rate():
 
 def test_plastic_yield_keeps_the_stress_on_the_yield_surface():
     """Nowhere above sqrt(2/3) sigma_y, at it where the baseline would be far above; the shape stays."""
-    scene = held_bar(frames=12)
+    scene = held_specimen(frames=12)
     inverse = 100.0
     with torch.no_grad():
         elastic, plastic = scene.rollout().F, scene.rollout(plastic_yield={"inverse_yield_strain": inverse}).F
@@ -76,7 +76,7 @@ def test_plastic_yield_keeps_the_stress_on_the_yield_surface():
 
 
 def test_plastic_yield_begins_where_few_and_where_many_particles_would_yield():
-    scene = held_bar(frames=12)
+    scene = held_specimen(frames=12)
     with torch.no_grad():
         motion = scene.rollout()
     few, many = EFFECTS["plastic_yield"].starts(scene.setting, motion)
@@ -126,11 +126,11 @@ def test_soft_spot_lengthens_a_hanging_bar_by_the_integral_of_its_compliance():
     assert stretch(scene, soft_spot=spot) / stretch(scene) == pytest.approx(soft / hard, rel=0.03)
 
 
-def floating_bar(frames: int) -> Scene:
+def floating_bar(frames: int) -> Specimen:
     """Without weight or hold."""
-    body = bar((24, 4, 4), corner=(0.0, 0.0, 0.5))
+    body = lattice_body((24, 4, 4), corner=(0.0, 0.0, 0.5))
     points = torch.zeros(frames, 0, 3, dtype=torch.float64)
-    return Scene(body, points, 100.0, material(body, 4e4, 0.3), ground_height=None, gravity=(0.0, 0.0, 0.0))
+    return Specimen(body, points, 100.0, material(body, 4e4, 0.3), ground_height=None, gravity=(0.0, 0.0, 0.0))
 
 
 def test_a_stretched_bar_relaxes_to_its_rest_length_and_width():

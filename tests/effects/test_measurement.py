@@ -9,7 +9,7 @@ from scipy.spatial.transform import Rotation
 
 from physreal_core.effects import EFFECTS, Inputs
 from physreal_core.rendering import Camera
-from tests.effects.scene import VIEW, complete, held_bar
+from tests.effects.specimen import VIEW, complete, held_specimen
 
 K = np.array([[500.0, 0, 320], [0, 500, 240], [0, 0, 1]])
 
@@ -22,7 +22,7 @@ def path(frames: int = 7) -> torch.Tensor:
 
 
 def observed(name: str, points: torch.Tensor, values: dict[str, float], **scene) -> torch.Tensor:
-    return EFFECTS[name].observe(points, complete(name, values), replace(held_bar(), **scene).setting)
+    return EFFECTS[name].observe(points, complete(name, values), replace(held_specimen(), **scene).setting)
 
 
 def seen_by(camera: Camera, believed: Camera, points: torch.Tensor) -> torch.Tensor:
@@ -48,7 +48,7 @@ def test_drift_is_what_a_moving_camera_sees_that_is_taken_to_stand_still():
 def test_drift_without_a_camera_turns_about_the_vertical_through_the_body():
     points = path()
     seen = observed("camera_drift", points, {"roll": 0.5, "z": 0.1}, T_world_camera=None)
-    middle = held_bar().body.x0.mean(0)
+    middle = held_specimen().body.x0.mean(0)
     for frame in (0, 6):
         turn = Rotation.from_euler("z", 0.5 * frame / 60).as_matrix()
         expected = (points[frame].numpy() - middle) @ turn.T + middle + [0, 0, 0.1 * frame / 60]
@@ -63,7 +63,7 @@ def test_depth_bias_is_what_a_sensor_with_that_bias_sees():
     pixels, depth = camera.project(true)
     expected = camera.unproject(pixels, (1 + scale) * depth + offset)
     torch.testing.assert_close(observed("depth_bias", path(), {"offset": offset, "scale": scale}), expected)
-    assert EFFECTS["depth_bias"].starts(replace(held_bar(), T_world_camera=None).setting) == ()
+    assert EFFECTS["depth_bias"].starts(replace(held_specimen(), T_world_camera=None).setting) == ()
 
 
 def test_frame_rate_reads_a_parabola_at_other_times():
@@ -87,7 +87,7 @@ def test_frame_rate_reads_the_last_frame_from_the_frames_that_it_needs(excess):
 
 def test_a_hand_seen_by_the_same_camera_is_read_back():
     """`act` undoes on the hand's record what `observe` does to points; of another clock, up to what lies between frames."""
-    scene = held_bar(9)
+    scene = held_specimen(9)
     cases = {
         "camera_drift": ({"x": 0.05, "roll": 0.4}, 1e-12),
         "depth_bias": ({"offset": 0.02, "scale": -0.04}, 1e-12),

@@ -10,11 +10,11 @@ from physreal_core.errors import InputError
 from physreal_core.gap.where.comparison import Comparison, agreement
 from physreal_core.gap.where.signatures import signatures
 from physreal_core.gap.where.where import find_onset, find_where
-from tests.gap import bar
+from tests.gap import lifted_specimen as lifted
 
 
 def find(truth, simulated, **options):
-    return find_where(bar.measure(truth, simulated, **options), bar.phases(simulated))
+    return find_where(lifted.measure(truth, simulated, **options), lifted.phases(simulated))
 
 
 def everywhere(comparison):
@@ -23,22 +23,22 @@ def everywhere(comparison):
 
 def numerical_modes(count: int = 3) -> np.ndarray:
     """Smooth displacements of a few millimetres, as re-runs at other resolutions give them."""
-    t, s = bar.times()[:, None], bar.along() / bar.along().max()
+    t, s = lifted.times()[:, None], lifted.along() / lifted.along().max()
     shapes = [0.004 * s**k * np.sin((k + 1) * 5 * t) for k in range(1, count + 1)]
     return np.stack([shape[..., None] * np.eye(3)[k % 3] for k, shape in enumerate(shapes)])
 
 
 def test_a_lag_of_the_far_end_after_the_stop_is_told_in_one_sentence():
-    simulated = bar.bar(bar.times())
+    simulated = lifted.points(lifted.times())
     lag = 0.03
-    where = find(bar.bar(bar.times(), lag=lag), simulated)
+    where = find(lifted.points(lifted.times(), lag=lag), simulated)
     assert where.significant
     assert (where.place.motion, where.place.part) == ("swinging", "far end")
     first = where.place.signatures[0]
     assert first.kind == "lag"
     # the far third of the bar moves with 0.7 of its tip's amplitude; half a percent is the curvature of the sine
     assert abs(first.value - lag) < 3 * first.deviation + 0.05 * lag
-    assert bar.STOP <= where.onset.frame <= bar.STOP + 3
+    assert lifted.STOP <= where.onset.frame <= lifted.STOP + 3
     assert where.sentence.startswith(
         f"From frame {where.onset.frame} on, while swinging free, the far end of the body lags"
     )
@@ -46,9 +46,9 @@ def test_a_lag_of_the_far_end_after_the_stop_is_told_in_one_sentence():
 
 
 def test_a_body_that_comes_to_rest_swings_less_than_the_elastic_one():
-    t = bar.times()
-    decay = 0.03 * np.exp(-2.0 * np.maximum(t - bar.STOP / bar.FPS, 0.0))
-    where = find(bar.bar(t, swing=decay), bar.bar(t))
+    t = lifted.times()
+    decay = 0.03 * np.exp(-2.0 * np.maximum(t - lifted.STOP / lifted.FPS, 0.0))
+    where = find(lifted.points(t, swing=decay), lifted.points(t))
     first = where.place.signatures[0]
     assert first.kind == "swing" and first.value < -5 * first.deviation
     assert "moves less than the simulation" in where.sentence
@@ -56,7 +56,7 @@ def test_a_body_that_comes_to_rest_swings_less_than_the_elastic_one():
 
 @pytest.mark.parametrize(("drop", "word"), [(-0.006, "lower"), (0.006, "higher")])
 def test_an_offset_from_the_start_has_its_size_and_direction(drop, word):
-    simulated = bar.bar(bar.times())
+    simulated = lifted.points(lifted.times())
     where = find(simulated + [0, 0, drop], simulated)
     first = where.place.signatures[0]
     assert first.kind == "offset"
@@ -66,7 +66,7 @@ def test_an_offset_from_the_start_has_its_size_and_direction(drop, word):
 
 
 def test_a_passing_disagreement_has_an_end():
-    simulated = bar.bar(bar.times())
+    simulated = lifted.points(lifted.times())
     truth = simulated.copy()
     truth[20:35, :, 0] += 0.005
     where = find(truth, simulated)
@@ -77,18 +77,18 @@ def test_a_passing_disagreement_has_an_end():
 
 
 def test_noise_alone_is_agreement_and_its_p_value_is_uniform():
-    simulated = bar.bar(bar.times())
+    simulated = lifted.points(lifted.times())
     modes = numerical_modes()
     rng = np.random.default_rng(1)
     p_values = []
     for seed in range(200):
         truth = simulated - np.tensordot(rng.standard_normal(len(modes)), modes, 1)
-        p_values.append(agreement(bar.measure(truth, simulated, seed=seed, modes=modes)).p_value)
+        p_values.append(agreement(lifted.measure(truth, simulated, seed=seed, modes=modes)).p_value)
     assert stats.kstest(p_values, "uniform").pvalue > 1e-3
 
 
 def test_what_the_numerics_can_do_is_no_disagreement():
-    simulated, modes = bar.bar(bar.times()), numerical_modes()
+    simulated, modes = lifted.points(lifted.times()), numerical_modes()
     truth = simulated - modes[0] + 0.5 * modes[1]
     assert find(truth, simulated).significant
     where = find(truth, simulated, modes=modes)
@@ -98,7 +98,7 @@ def test_what_the_numerics_can_do_is_no_disagreement():
 
 def test_a_fast_swing_that_the_lasting_test_averages_away_is_not_called_chance():
     """Three frames a swing: nothing is left of it in a tenth of a second, and single frames show it."""
-    simulated = bar.bar(bar.times())
+    simulated = lifted.points(lifted.times())
     truth = simulated.copy()
     truth[21:36, :, 0] += 0.0015 * np.sin(2 * np.pi * np.arange(15) / 3)[:, None]
     where = find(truth, simulated)
@@ -108,26 +108,26 @@ def test_a_fast_swing_that_the_lasting_test_averages_away_is_not_called_chance()
 
 
 def test_noise_larger_than_said_is_measured_and_no_disagreement():
-    simulated = bar.bar(bar.times())
-    comparison = bar.measure(simulated, simulated, noise=2 * bar.NOISE)
+    simulated = lifted.points(lifted.times())
+    comparison = lifted.measure(simulated, simulated, noise=2 * lifted.NOISE)
     assert comparison.noise_scale == pytest.approx(2.0, rel=0.05)  # 5000 numbers, each with a spread of about one
     assert agreement(comparison).p_value > 0.01
 
 
 def test_a_swing_is_not_mistaken_for_noise():
-    t = bar.times()
-    comparison = bar.measure(bar.bar(t, swing=0.02), bar.bar(t))
+    t = lifted.times()
+    comparison = lifted.measure(lifted.points(t, swing=0.02), lifted.points(t))
     assert comparison.noise_scale < 1.1
 
 
 def test_deviations_are_those_of_many_captures():
-    t = bar.times()
-    simulated, modes = bar.bar(t), numerical_modes()
+    t = lifted.times()
+    simulated, modes = lifted.points(t), numerical_modes()
     rng = np.random.default_rng(2)
     draws = []
     for seed in range(300):
-        truth = bar.bar(t, lag=0.02) - np.tensordot(rng.standard_normal(len(modes)), modes, 1)
-        comparison = bar.measure(truth, simulated, seed=seed, modes=modes)
+        truth = lifted.points(t, lag=0.02) - np.tensordot(rng.standard_normal(len(modes)), modes, 1)
+        comparison = lifted.measure(truth, simulated, seed=seed, modes=modes)
         found = {s.kind: s for s in signatures(comparison, everywhere(comparison))}
         draws.append([(s.value, s.deviation) for s in (found["lag"], found["swing"])])
     values, deviations = np.moveaxis(np.array(draws), -1, 0)
@@ -136,32 +136,32 @@ def test_deviations_are_those_of_many_captures():
 
 
 def test_sizes_tell_gap_from_noise_and_numerics():
-    simulated, modes = bar.bar(bar.times()), numerical_modes()
-    sizes = bar.measure(simulated + [0.003, 0, 0], simulated, modes=modes).rms()
-    assert sizes.noise == pytest.approx(np.sqrt(3) * bar.NOISE, rel=0.02)
-    assert sizes.residual == pytest.approx(np.sqrt(0.003**2 + 3 * bar.NOISE**2), rel=0.02)
+    simulated, modes = lifted.points(lifted.times()), numerical_modes()
+    sizes = lifted.measure(simulated + [0.003, 0, 0], simulated, modes=modes).rms()
+    assert sizes.noise == pytest.approx(np.sqrt(3) * lifted.NOISE, rel=0.02)
+    assert sizes.residual == pytest.approx(np.sqrt(0.003**2 + 3 * lifted.NOISE**2), rel=0.02)
     assert sizes.numerics == pytest.approx(np.sqrt((modes**2).sum((0, 3)).mean()), rel=0.05)
 
 
 def test_phases_of_a_lift_that_stops():
-    found = bar.phases(bar.bar(bar.times())).spans()
+    found = lifted.phases(lifted.points(lifted.times())).spans()
     assert [name for name, _, _ in found] == ["still", "driven", "swinging"]
     # motion that sets in slowly is seen a few frames late
-    np.testing.assert_allclose([a for _, a, _ in found], [0, 5, bar.STOP], atol=3)
+    np.testing.assert_allclose([a for _, a, _ in found], [0, 5, lifted.STOP], atol=3)
 
 
 def test_what_begins_in_one_phase_and_is_worst_in_another_is_told_so():
-    t = bar.times()
-    simulated = bar.bar(t)
+    t = lifted.times()
+    simulated = lifted.points(t)
     truth = simulated.copy()
     truth[10:, :, 0] += 0.002
-    truth[bar.STOP + 1 :, :, 0] += 0.008
+    truth[lifted.STOP + 1 :, :, 0] += 0.008
     sentence = find(truth, simulated).sentence
     assert sentence.startswith("From frame 10 on, most of all while swinging free, the body is ")
 
 
 def test_contact_is_named_where_the_disagreement_is_on_the_ground():
-    simulated = bar.bar(bar.times(), swing=0.0)
+    simulated = lifted.points(lifted.times(), swing=0.0)
     simulated[:, ::2, 2] = 0.0
     truth = simulated.copy()
     truth[10:, ::2, 0] -= 0.006
@@ -181,18 +181,20 @@ def test_onset_needs_frames_that_last():
 
 
 def test_the_record_is_json_with_one_number_per_frame_and_track():
-    simulated = bar.bar(bar.times())
-    record = json.loads(json.dumps(find(bar.bar(bar.times(), lag=0.03), simulated).as_record(), allow_nan=False))
-    assert len(record["frames"]["gap"]) == bar.FRAMES and len(record["tracks"]["gap"]) == bar.POINTS
+    simulated = lifted.points(lifted.times())
+    record = json.loads(
+        json.dumps(find(lifted.points(lifted.times(), lag=0.03), simulated).as_record(), allow_nan=False)
+    )
+    assert len(record["frames"]["gap"]) == lifted.FRAMES and len(record["tracks"]["gap"]) == lifted.POINTS
     assert record["significant"] is True and record["place"]["motion"] == "swinging"
 
 
 def test_few_tracks_and_empty_frames_are_no_obstacle():
-    simulated = bar.bar(bar.times())[:, :2]
-    comparison = bar.measure(simulated, simulated)
+    simulated = lifted.points(lifted.times())[:, :2]
+    comparison = lifted.measure(simulated, simulated)
     comparison.valid[10:20] = False
-    comparison = Comparison(simulated, comparison.measured, comparison.sigma, comparison.valid, bar.FPS)
-    labels = bar.phases(bar.bar(bar.times()))
+    comparison = Comparison(simulated, comparison.measured, comparison.sigma, comparison.valid, lifted.FPS)
+    labels = lifted.phases(lifted.points(lifted.times()))
     labels = type(labels)(labels.motion, labels.touching[:, :2], labels.part[:2], labels.parts)
     assert not find_where(comparison, labels).significant
 

@@ -8,18 +8,18 @@ import pytest
 
 from physreal_core.gap.where.where import find_where
 from stages import _gap_pictures as pictures
-from tests.gap import bar
+from tests.gap import lifted_specimen as lifted
 
 
 @pytest.fixture(scope="module")
 def found():
     """(measured, valid, before, after, records of where before and after, as read from a file)."""
-    t = bar.times()
-    before, after = bar.bar(t), bar.bar(t, lag=0.019)
-    truth = bar.bar(t, lag=0.02)
-    records, comparisons = [], [bar.measure(truth, simulated) for simulated in (before, after)]
+    t = lifted.times()
+    before, after = lifted.points(t), lifted.points(t, lag=0.019)
+    truth = lifted.points(t, lag=0.02)
+    records, comparisons = [], [lifted.measure(truth, simulated) for simulated in (before, after)]
     for comparison in comparisons:
-        where = find_where(comparison, bar.phases(comparison.simulated))
+        where = find_where(comparison, lifted.phases(comparison.simulated))
         records.append(json.loads(json.dumps(where.as_record())))
     return comparisons[0].measured, comparisons[0].valid, before, after, *records
 

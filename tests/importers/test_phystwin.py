@@ -11,7 +11,7 @@ trimesh = pytest.importorskip("trimesh")
 pytest.importorskip("cv2")
 
 from data.importers.phystwin import import_capture
-from data.rig.scene import View
+from data.rig.rig_scene import View
 from physreal_core.errors import InputError
 from pipeline.capture import read_capture
 from pipeline.frames import read_frames

@@ -13,7 +13,7 @@ trimesh = pytest.importorskip("trimesh")
 from data.rig.capture import make_capture, random_similarity
 from data.rig.parameters import Rig, build_scene
 from data.rig.render import HAND, OBJECT, Picture
-from data.rig.scene import Motion, Noise, plush_lift
+from data.rig.rig_scene import Motion, Noise, plush_lift
 from data.rig.sensor import read_colour, read_depth
 from data.rig.truth import load_truth
 from physreal_core.errors import InputError

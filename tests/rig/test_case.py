@@ -10,7 +10,7 @@ import pytest
 pytest.importorskip("mujoco")
 trimesh = pytest.importorskip("trimesh")
 
-from data.rig import bar, case
+from data.rig import case, specimen
 from data.rig.case import Case, make_case
 from data.rig.hidden.library import LIBRARY, OUTSIDE
 from data.rig.hidden.strengths import AMPLITUDES, STRENGTHS, TARGETS
@@ -27,7 +27,7 @@ from pipeline.products.truth import CaptureTruth
 @pytest.fixture(scope="module", autouse=True)
 def coarse():
     with pytest.MonkeyPatch.context() as patch:
-        patch.setattr(bar, "SPACING", 0.025)
+        patch.setattr(specimen, "SPACING", 0.025)
         yield
 
 
@@ -85,7 +85,7 @@ def test_one_object_in_all_captures_of_a_seed(folder):
     for name in ("youngs_modulus", "density", "friction_coefficient", "rest_vertices", "effect_values_json"):
         assert np.array_equal(getattr(first, name), getattr(second, name))
     assert not np.array_equal(first.hand, second.hand)
-    assert bar.bar("lift_swing", 3).material != bar.bar("lift_swing", 4).material
+    assert specimen.specimen("lift_swing", 3).material != specimen.specimen("lift_swing", 4).material
 
 
 def test_same_seed_same_files(folder, tmp_path):
@@ -97,13 +97,13 @@ def test_same_seed_same_files(folder, tmp_path):
 
 def test_video_shows_what_tracks_would(monkeypatch, tmp_path):
     pytest.importorskip("cv2")
-    whole = bar.bar
+    whole = specimen.specimen
 
     def brief(motion, seed):
         scene = whole(motion, seed)
         return replace(scene, frames=2, observed=1, view=replace(scene.view, width=80, height=60, focal=105.0))
 
-    monkeypatch.setattr(case, "bar", brief)
+    monkeypatch.setattr(case, "specimen", brief)
     make_case(Case("payload", "high", 3), tmp_path / "case", video=True)
     for capture in (tmp_path / "case").iterdir():
         described, truth = read_capture(capture), load_truth(capture)

@@ -11,7 +11,7 @@ from data.rig.hidden import around, contact, grip, mass, material, measurement, 
 from data.rig.hidden.elements import Elements, deviator, size
 from data.rig.hidden.together import Together
 from data.rig.recording import Recording
-from data.rig.scene import Material, Motion, Scene, View
+from data.rig.rig_scene import Material, Motion, RigScene, View
 from data.rig.shapes import Block, Capsule, RoundedShape
 from data.rig.simulate import simulate
 from data.rig.world import World
@@ -23,7 +23,7 @@ FOAM = Material(youngs_modulus=2e5, poissons_ratio=0.3, density=500.0, damping=2
 
 def block(lower=(-0.06, -0.02, 0.5), upper=(0.06, 0.02, 0.54), **settings):
     """A block that floats half a metre up, without weight unless one is given."""
-    scene = Scene("block", "a block", Block(lower, upper), NOWHERE, STILL, material=FOAM, mesh_spacing=0.02)
+    scene = RigScene("block", "a block", Block(lower, upper), NOWHERE, STILL, material=FOAM, mesh_spacing=0.02)
     return replace(scene, **{"gravity": (0.0, 0.0, 0.0), "grasp": Block((9, 9, 9), (9, 9, 9))} | settings)
 
 

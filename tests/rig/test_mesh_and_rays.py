@@ -5,7 +5,7 @@ import pytest
 
 from data.rig.mesh import mesh_shape
 from data.rig.raycast import Raycaster, pixel_rays
-from data.rig.scene import View, plush_body
+from data.rig.rig_scene import View, plush_body
 from data.rig.shapes import Capsule, RoundedShape
 
 LENGTH, RADIUS = 0.10, 0.02

@@ -7,7 +7,7 @@ import pytest
 
 pytest.importorskip("mujoco")
 
-from data.rig.scene import Material, Motion, Scene, plush_lift
+from data.rig.rig_scene import Material, Motion, RigScene, plush_lift
 from data.rig.shapes import Capsule, RoundedShape
 from data.rig.simulate import simulate
 
@@ -15,13 +15,13 @@ STILL = Motion(((0.0, 1.0, (0.0, 0.0, 0.0)),))
 NOWHERE = RoundedShape((Capsule((5, 5, 5), (5, 5, 5), 0.01),))
 
 
-def bar(length, radius, height, **settings):
+def rod(length, radius, height, **settings):
     body = RoundedShape((Capsule((0, 0, height), (length, 0, height), radius),))
-    return Scene("bar", "a bar", body, settings.pop("hand", NOWHERE), settings.pop("motion", STILL), **settings)
+    return RigScene("bar", "a bar", body, settings.pop("hand", NOWHERE), settings.pop("motion", STILL), **settings)
 
 
 def test_free_fall():
-    scene = bar(0.03, 0.02, 0.3, frames=4, mesh_spacing=0.012)
+    scene = rod(0.03, 0.02, 0.3, frames=4, mesh_spacing=0.012)
     result = simulate(scene, settle=0.0, timestep=0.0005)
     fallen = result.vertices.mean(axis=1) - result.vertices[0].mean(axis=0)
     times = np.arange(4) / scene.fps
@@ -35,7 +35,7 @@ def test_cantilever_sags_as_beam_theory_says():
     length, radius, spacing = 0.10, 0.02, 0.008
     material = Material(youngs_modulus=6e4, density=200.0)
     hand = RoundedShape((Capsule((-2, 0, 0.3), (-2, 0, 0.3), 2.0),))  # so large that its front is flat
-    scene = bar(length, radius, 0.3, hand=hand, material=material, frames=1, mesh_spacing=spacing, grip_reach=0.0)
+    scene = rod(length, radius, 0.3, hand=hand, material=material, frames=1, mesh_spacing=spacing, grip_reach=0.0)
     scene = replace(scene, body=RoundedShape((Capsule((-0.03, 0, 0.3), (length - radius, 0, 0.3), radius),)))
     result = simulate(scene, settle=0.4, timestep=0.002)
     rest, sagged = result.mesh.vertices, result.vertices[0]
@@ -69,7 +69,7 @@ def test_friction_holds_or_lets_go_by_coulombs_law():
     for mu in (0.2, 0.6):
         material = Material(youngs_modulus=1e5, friction_coefficient=mu)
         gravity = (9.81 * np.sin(angle), 0.0, -9.81 * np.cos(angle))
-        scene = bar(0.04, 0.02, 0.02, material=material, gravity=gravity, frames=8, mesh_spacing=0.012)
+        scene = rod(0.04, 0.02, 0.02, material=material, gravity=gravity, frames=8, mesh_spacing=0.012)
         scene = replace(scene, body=RoundedShape((Capsule((0, -0.03, 0.02), (0, 0.03, 0.02), 0.02),)))
         scene = replace(
             scene, body=RoundedShape((*scene.body.capsules, Capsule((0.04, -0.03, 0.02), (0.04, 0.03, 0.02), 0.02)))

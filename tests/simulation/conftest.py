@@ -27,5 +27,3 @@ def form(request, monkeypatch) -> str:
 def fused(monkeypatch) -> None:
     """All simulators that the test makes take the fused form."""
     take_fused(monkeypatch)
-
-

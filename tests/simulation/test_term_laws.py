@@ -6,10 +6,10 @@ import numpy as np
 import pytest
 import torch
 import warp as wp
-
-from physreal_core.simulation import term_laws
 from physreal_core.simulation.plain.particle_forces import particle_force_kernels
 from physreal_core.simulation.plain.stress_terms import stress_term_kernels
+
+from physreal_core.simulation import term_laws
 from physreal_core.simulation.scalars import scalar_types
 from tests.simulation.constitutive.points import generic_points
 

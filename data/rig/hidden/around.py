@@ -6,7 +6,7 @@ import numpy as np
 
 from data.rig.hidden.effect import Act, Hidden
 from data.rig.mesh import surface_shares
-from data.rig.scene import Scene
+from data.rig.rig_scene import RigScene
 from data.rig.world import World
 
 
@@ -58,7 +58,7 @@ class Gravity(Hidden):
     tilt_y: float
     excess: float
 
-    def changed(self, scene: Scene) -> Scene:
+    def changed(self, scene: RigScene) -> RigScene:
         from scipy.spatial.transform import Rotation
 
         turned = Rotation.from_euler("xy", [self.tilt_x, self.tilt_y]).apply(scene.gravity)

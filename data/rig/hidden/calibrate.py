@@ -14,11 +14,11 @@ import numpy as np
 from scipy.interpolate import CubicSpline
 
 from data.rig import recording
-from data.rig.bar import MOTIONS, bar, run
 from data.rig.hidden.effect import NOTHING, Hidden
 from data.rig.hidden.library import LIBRARY
 from data.rig.hidden.strengths import AMPLITUDES, TARGETS
-from data.rig.scene import Scene
+from data.rig.rig_scene import RigScene
+from data.rig.specimen import MOTIONS, run, specimen
 from physreal_core.array_types import Array, Float
 
 SPACING = 0.022  # [m], of the elements: coarse, since only sizes are asked for
@@ -45,12 +45,12 @@ LARGEST = {
 }
 
 
-def scenes(seed: int) -> dict[str, Scene]:
+def scenes(seed: int) -> dict[str, RigScene]:
     """The motions of one object, coarsely meshed."""
-    return {motion: replace(bar(motion, seed), mesh_spacing=SPACING) for motion in MOTIONS}
+    return {motion: replace(specimen(motion, seed), mesh_spacing=SPACING) for motion in MOTIONS}
 
 
-def tracks(scene: Scene, hidden: Hidden, seed: int) -> Float[Array, "T J 3"]:
+def tracks(scene: RigScene, hidden: Hidden, seed: int) -> Float[Array, "T J 3"]:
     """What is recorded, without noise [m]."""
     ideal = recording.ideal(scene, run(scene, hidden), np.random.default_rng(seed))
     return hidden.record(ideal, scene.motion).tracks

@@ -7,7 +7,7 @@ from scipy.spatial.transform import Rotation
 
 from data.rig.hidden.effect import Act, Hidden
 from data.rig.mesh import surface_shares
-from data.rig.scene import Scene
+from data.rig.rig_scene import RigScene
 from data.rig.world import World, firm
 from physreal_core.array_types import Array, Float
 
@@ -124,7 +124,7 @@ class ObstaclePlane(Hidden):
     elevation: float
     distance: float
 
-    def things(self, scene: Scene) -> str:
+    def things(self, scene: RigScene) -> str:
         flat = np.cos(self.elevation)
         towards = np.array([flat * np.cos(self.azimuth), flat * np.sin(self.azimuth), np.sin(self.elevation)])
         middle = (np.asarray(scene.body.lower) + scene.body.upper) / 2
@@ -141,7 +141,7 @@ class ObstacleSphere(Hidden):
     z: float
     radius: float
 
-    def things(self, scene: Scene) -> str:
+    def things(self, scene: RigScene) -> str:
         return f'<geom type="sphere" size="{self.radius}" pos="{self.x} {self.y} {self.z}" {_SMOOTH} {firm(_STEP)}/>'
 
 
@@ -154,7 +154,7 @@ class ObstaclePost(Hidden):
     height: float
     radius: float
 
-    def things(self, scene: Scene) -> str:
+    def things(self, scene: RigScene) -> str:
         ends = f"{self.x} {self.y} -0.5 {self.x} {self.y} {self.height - self.radius}"
         return f'<geom type="capsule" size="{self.radius}" fromto="{ends}" {_SMOOTH} {firm(_STEP)}/>'
 

@@ -10,7 +10,7 @@ from physreal_core.array_types import Array, Float
 
 if TYPE_CHECKING:
     from data.rig.recording import Recording
-    from data.rig.scene import Motion, Scene
+    from data.rig.rig_scene import Motion, RigScene
     from data.rig.world import World
 
 Act = Callable[[float], None]
@@ -37,15 +37,15 @@ class Hidden:
         """By what factor it may stiffen the material; explicit steps shorten by its root."""
         return 1.0
 
-    def changed(self, scene: Scene) -> Scene:
+    def changed(self, scene: RigScene) -> RigScene:
         """The scene as it truly is."""
         return scene
 
-    def things(self, scene: Scene) -> str:
+    def things(self, scene: RigScene) -> str:
         """XML of further things in the world."""
         return ""
 
-    def elasticity(self, scene: Scene) -> str:
+    def elasticity(self, scene: RigScene) -> str:
         """XML attributes that it needs where the flex is made."""
         return ""
 

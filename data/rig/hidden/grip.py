@@ -5,7 +5,7 @@ from dataclasses import dataclass
 import numpy as np
 
 from data.rig.hidden.effect import Act, Hidden
-from data.rig.scene import Motion
+from data.rig.rig_scene import Motion
 from data.rig.world import World
 from physreal_core.array_types import Array, Float
 

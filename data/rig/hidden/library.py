@@ -7,7 +7,6 @@ from collections.abc import Callable, Mapping
 
 import numpy as np
 
-from data.rig.bar import run
 from data.rig.hidden.around import Gravity, LinearDrag, QuadraticDrag, Wind
 from data.rig.hidden.contact import (
     GroundAdhesion,
@@ -32,11 +31,12 @@ from data.rig.hidden.material import (
 )
 from data.rig.hidden.measurement import CameraDrift, DepthBias, FrameRate
 from data.rig.hidden.outside import Breathing, Magnet, Tether, Turntable
-from data.rig.scene import Scene
+from data.rig.rig_scene import RigScene
+from data.rig.specimen import run
 from physreal_core.array_types import Array, Float
 from physreal_core.errors import InputError
 
-Scenes = Mapping[str, Scene]  # by motion, of one object
+Scenes = Mapping[str, RigScene]  # by motion, of one object
 Maker = Callable[[float, Scenes, np.random.Generator], Hidden]
 """From an amplitude, the scenes of a case and a generator for directions and places to the effect."""
 

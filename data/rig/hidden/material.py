@@ -6,7 +6,7 @@ import numpy as np
 
 from data.rig.hidden.effect import Act, Hidden
 from data.rig.hidden.elements import PLASTIC, Elements, EnergyForces, deviator
-from data.rig.scene import Scene
+from data.rig.rig_scene import RigScene
 from data.rig.world import World
 from physreal_core.array_types import Array, Float
 
@@ -35,7 +35,7 @@ class MaxwellCreep(Hidden):
 
     rate: float
 
-    def elasticity(self, scene: Scene) -> str:
+    def elasticity(self, scene: RigScene) -> str:
         return PLASTIC
 
     def prepare(self, world: World) -> Act:
@@ -54,7 +54,7 @@ class PlasticYield(Hidden):
 
     inverse_yield_strain: float
 
-    def elasticity(self, scene: Scene) -> str:
+    def elasticity(self, scene: RigScene) -> str:
         # MuJoCo's yield strain is sqrt(2/3) |dev E|, at which the von Mises stress is 3 mu times as much.
         return f'yield="{2 * (1 + scene.material.poissons_ratio) / (3 * self.inverse_yield_strain)}"'
 
@@ -130,7 +130,7 @@ class RestShape(Hidden):
     curvature_1: float
     curvature_2: float
 
-    def elasticity(self, scene: Scene) -> str:
+    def elasticity(self, scene: RigScene) -> str:
         return PLASTIC
 
     def prepare(self, world: World) -> Act:

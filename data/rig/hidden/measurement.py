@@ -10,7 +10,7 @@ from scipy.spatial.transform import Rotation
 
 from data.rig.hidden.effect import Hidden
 from data.rig.recording import Recording
-from data.rig.scene import Motion, Scene
+from data.rig.rig_scene import Motion, RigScene
 from physreal_core.array_types import Array, Float
 
 
@@ -66,7 +66,7 @@ class FrameRate(Hidden):
 
     excess: float
 
-    def changed(self, scene: Scene) -> Scene:
+    def changed(self, scene: RigScene) -> RigScene:
         return replace(scene, fps=scene.fps / (1 + self.excess))
 
     def record(self, recording: Recording, motion: Motion) -> Recording:

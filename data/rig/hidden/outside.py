@@ -6,7 +6,7 @@ import numpy as np
 
 from data.rig.hidden.effect import Act, Hidden
 from data.rig.hidden.elements import PLASTIC, Elements
-from data.rig.scene import Scene
+from data.rig.rig_scene import RigScene
 from data.rig.world import World
 
 
@@ -40,7 +40,7 @@ class Breathing(Hidden):
     stretch: float
     frequency: float
 
-    def elasticity(self, scene: Scene) -> str:
+    def elasticity(self, scene: RigScene) -> str:
         return PLASTIC
 
     def prepare(self, world: World) -> Act:

@@ -11,7 +11,7 @@ from physreal_core.array_types import Array, Float
 
 if TYPE_CHECKING:
     from data.rig.recording import Recording
-    from data.rig.scene import Motion, Scene
+    from data.rig.rig_scene import Motion, RigScene
     from data.rig.world import World
 
 
@@ -27,15 +27,15 @@ class Together(Hidden):
     def hardening(self) -> float:
         return prod(part.hardening() for part in self.parts)
 
-    def changed(self, scene: Scene) -> Scene:
+    def changed(self, scene: RigScene) -> RigScene:
         for part in self.parts:
             scene = part.changed(scene)
         return scene
 
-    def things(self, scene: Scene) -> str:
+    def things(self, scene: RigScene) -> str:
         return "".join(part.things(scene) for part in self.parts)
 
-    def elasticity(self, scene: Scene) -> str:
+    def elasticity(self, scene: RigScene) -> str:
         return " ".join({part.elasticity(scene) for part in self.parts})
 
     def placed(self, points: Float[Array, "P 3"]) -> Float[Array, "P 3"]:

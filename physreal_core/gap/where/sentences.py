@@ -2,16 +2,12 @@
 
 from __future__ import annotations
 
-from typing import TYPE_CHECKING
-
 import numpy as np
 from scipy import stats
 
 from physreal_core.array_types import Array, Bool, Float
-
-if TYPE_CHECKING:
-    from physreal_core.gap.where.signatures import Signature
-    from physreal_core.gap.where.where import Onset, Place, Where
+from physreal_core.gap.where.findings import Onset, Place, Where
+from physreal_core.gap.where.signatures import Signature
 
 _HALF_WIDTH = float(stats.norm.ppf(0.95))
 _MOTION_WORDS = {

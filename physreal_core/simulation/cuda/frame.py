@@ -128,7 +128,11 @@ def step_kernels(config: SimulationConfig, gripped: bool, led: bool | None) -> S
 
     def halves(name: str, integers: int) -> dict[tuple[bool, bool], wp.Kernel]:
         return {
-            half: kernel(f"{name}_{''.join(str(int(b)) for b in half)}", f"template {name}<{_cpp(half[0])}, {_cpp(half[1])}>", integers)
+            half: kernel(
+                f"{name}_{''.join(str(int(b)) for b in half)}",
+                f"template {name}<{_cpp(half[0])}, {_cpp(half[1])}>",
+                integers,
+            )
             for half in HALVES
         }
 

@@ -3,8 +3,6 @@
 Constants of particles exist twice: as the caller counts and in the order of the kernels.
 """
 
-from collections.abc import Sequence
-
 import numpy as np
 import torch
 

@@ -12,7 +12,7 @@ import numpy as np
 import torch
 import warp as wp
 
-from physreal_core.array_types import Array, Bool, Float, Int, Tensor
+from physreal_core.array_types import Array, Bool, Float, Tensor
 from physreal_core.errors import InputError
 from physreal_core.simulation.body import Body, Clamp, Grip, PointLoad
 from physreal_core.simulation.box import LARGEST_EDGE, largest_box, lattice_offset, small_enough

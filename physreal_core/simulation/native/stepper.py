@@ -143,7 +143,10 @@ class NativeStepper:
         for kind, residual in (("elastic", config.elastic_residual), ("plastic", config.plastic_residual)):
             if residual is not None:
                 frames[f"weights_{kind}"], frames[f"latent_{kind}_size"] = residual.weight_count, residual.latent_size
-                frames[f"beta_{kind}"], frames["strain_scale"] = getattr(residual, f"beta_{kind}"), residual.strain_scale
+                frames[f"beta_{kind}"], frames["strain_scale"] = (
+                    getattr(residual, f"beta_{kind}"),
+                    residual.strain_scale,
+                )
 
     def _set_adjoints(self) -> None:
         r, n, frames = self.rollouts, self.particles, self._frames

@@ -9,7 +9,6 @@ from types import SimpleNamespace
 
 import numpy as np
 import warp as wp
-
 from physreal_core.simulation.constitutive import (
     ResidualConfig,
     elastic_functions,

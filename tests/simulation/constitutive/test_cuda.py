@@ -6,8 +6,8 @@ import numpy as np
 import pytest
 import torch
 import warp as wp
-
 from physreal_core.simulation.constitutive import reference
+
 from tests.simulation.constitutive import test_elasticity, test_plasticity, test_residual
 from tests.simulation.constitutive.kernels import elastic, plastic, plastic_residual, stress_residual
 from tests.simulation.constitutive.points import generic_points

@@ -3,9 +3,9 @@
 import numpy as np
 import pytest
 import torch
+from physreal_core.simulation.constitutive import ELASTIC_LAWS, elastic_functions, reference
 
 from physreal_core.errors import InputError
-from physreal_core.simulation.constitutive import ELASTIC_LAWS, elastic_functions, reference
 from tests.simulation.constitutive.kernels import elastic
 from tests.simulation.constitutive.points import directional, generic_points, inner, rotations, special_points
 

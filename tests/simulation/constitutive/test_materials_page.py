@@ -6,8 +6,8 @@ from pathlib import Path
 
 import numpy as np
 import torch
-
 from physreal_core.simulation.constitutive import ELASTIC_LAWS, PLASTIC_LAWS, reference
+
 from tests.simulation.constitutive.kernels import elastic
 from tests.simulation.constitutive.points import directional, generic_points, inner
 

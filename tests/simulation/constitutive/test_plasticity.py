@@ -5,9 +5,9 @@ import math
 import numpy as np
 import pytest
 import torch
+from physreal_core.simulation.constitutive import PLASTIC_LAWS, PLASTIC_PARAMETERS, plastic_functions, reference
 
 from physreal_core.errors import InputError
-from physreal_core.simulation.constitutive import PLASTIC_LAWS, PLASTIC_PARAMETERS, plastic_functions, reference
 from tests.simulation.constitutive.kernels import plastic
 from tests.simulation.constitutive.points import directional, generic_points, inner, rotations, special_points
 

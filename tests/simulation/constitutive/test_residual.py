@@ -5,9 +5,9 @@ import dataclasses
 import numpy as np
 import pytest
 import torch
+from physreal_core.simulation.constitutive import ResidualConfig, initial_weights, reference, split_weights
 
 from physreal_core.errors import InputError
-from physreal_core.simulation.constitutive import ResidualConfig, initial_weights, reference, split_weights
 from tests.simulation.constitutive.kernels import CONFIG, plastic_residual, stress_residual
 from tests.simulation.constitutive.points import directional, generic_points, inner, rotations, special_points
 

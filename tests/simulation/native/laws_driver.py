@@ -7,10 +7,10 @@ from types import SimpleNamespace
 
 import numpy as np
 import warp as wp
+from physreal_core.simulation.constitutive import ResidualConfig
 
 from physreal_core.native import native_module
 from physreal_core.simulation import native
-from physreal_core.simulation.constitutive import ResidualConfig
 
 HEADER = Path(__file__).with_name("laws_driver.h")
 HEADERS = Path(native.__file__).parent

@@ -5,8 +5,8 @@ from types import SimpleNamespace
 import numpy as np
 import pytest
 import torch
-
 from physreal_core.simulation.constitutive import ResidualConfig, reference
+
 from tests.simulation.constitutive import kernels
 from tests.simulation.constitutive.points import generic_points, rotations, special_points
 from tests.simulation.native.laws_driver import ELASTIC, LANES, elementary, material

@@ -16,7 +16,7 @@ JITTER = 0.2  # of the particle spacing
 
 
 @dataclass(frozen=True)
-class Scene:
+class Workload:
     """A block of particles and how long it is simulated.
 
     Args:

@@ -21,7 +21,7 @@ def hand(t: np.ndarray) -> np.ndarray:
     return 0.05 * (1.0 - np.cos(np.pi * phase))
 
 
-def bar(t: np.ndarray, swing: np.ndarray | float = 0.03, lag: np.ndarray | float = 0.0) -> np.ndarray:
+def points(t: np.ndarray, swing: np.ndarray | float = 0.03, lag: np.ndarray | float = 0.0) -> np.ndarray:
     """Points of the bar at times t [s], shape [T, J, 3]: it follows the hand, and swings sideways once that has stopped.
 
     Args:

@@ -77,7 +77,7 @@ class Noise:
 
 
 @dataclass(frozen=True)
-class Scene:
+class RigScene:
     """One capture: `body` and `hand` at time 0 in the world frame, what the hand does, and how it is filmed.
 
     The hand holds the nodes in `grasp`, or where that is None those within `grip_reach` [m] of its surface.
@@ -135,10 +135,10 @@ def mitten(grasp: tuple[float, float, float], towards: tuple[float, float, float
     )
 
 
-def plush_lift() -> Scene:
+def plush_lift() -> RigScene:
     """The head is lifted 0.11 m, moved sideways and held: legs leave the ground last, swing and settle."""
     grasp = (0.080, 0.0, 0.030)
-    return Scene(
+    return RigScene(
         name="plush_lift",
         description="a stuffed animal",
         body=plush_body(),
@@ -147,10 +147,10 @@ def plush_lift() -> Scene:
     )
 
 
-def plush_push() -> Scene:
+def plush_push() -> RigScene:
     """The same animal held at its hips: pressed down and pushed over the table, then raised, the head dragging."""
     grasp = (-0.045, 0.0, 0.030)
-    return Scene(
+    return RigScene(
         name="plush_push",
         description="a stuffed animal",
         body=plush_body(),

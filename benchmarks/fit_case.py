@@ -39,7 +39,7 @@ NOISE_3D, NOISE_2D, LOST = 0.001, 0.3, 0.1  # m, px, share of the entries withou
 
 
 @dataclass(frozen=True)
-class Scene:
+class FitCase:
     """What a fit is given, and what it is not.
 
     Args:
@@ -55,7 +55,7 @@ class Scene:
     tracks: torch.Tensor
 
 
-def make_scene(particles: int, frames: int, device: str, seed: int = 0) -> Scene:
+def make_case(particles: int, frames: int, device: str, seed: int = 0) -> FitCase:
     """The sequence with about `particles` particles, simulated and rendered on `device`."""
     mesh = rounded_block()
     spacing = (mesh.volume / particles) ** (1 / 3)
@@ -92,7 +92,7 @@ def make_scene(particles: int, frames: int, device: str, seed: int = 0) -> Scene
         elastic_law="fixed_corotated",
         simulation={"ground_height": 0.0, "courant": 0.4, "dtype": "float32"},
     )
-    return Scene(problem, start, youngs_modulus, moved)
+    return FitCase(problem, start, youngs_modulus, moved)
 
 
 def rounded_block(vertices: int = 3000) -> Mesh:

@@ -11,7 +11,7 @@ from collections.abc import Callable
 import numpy as np
 
 from data.rig.hidden.effect import NOTHING, Hidden
-from data.rig.scene import Material, Motion, Scene, View, mitten
+from data.rig.rig_scene import Material, Motion, RigScene, View, mitten
 from data.rig.shapes import Block
 from data.rig.simulate import simulate
 from data.rig.trajectory import Trajectory
@@ -22,7 +22,7 @@ SPACING = 0.011  # of the finite elements [m]
 _SETTLE = 0.1  # [s]; the bar lies flat, so there is little to settle
 
 
-def bar(motion: str, seed: int) -> Scene:
+def specimen(motion: str, seed: int) -> RigScene:
     """The bar and one of the `MOTIONS`; material, sizes and directions of the motion follow from the seed.
 
     Captures of one seed show the same object.
@@ -30,7 +30,7 @@ def bar(motion: str, seed: int) -> Scene:
     material = np.random.default_rng([seed, 0])
     path = np.random.default_rng([seed, 1 + list(MOTIONS).index(motion)])
     half = LENGTH / 2
-    return Scene(
+    return RigScene(
         name=motion,
         description="a foam bar",
         body=Block((-half, -WIDTH / 2, 0.0), (half, WIDTH / 2, HEIGHT)),
@@ -78,7 +78,7 @@ MOTIONS: dict[str, Callable[[np.random.Generator], Motion]] = {"lift_swing": lif
 HELD_ABOVE = {"lift_swing": -1.0, "press_drag": HEIGHT / 2}  # the hand holds what of its end lies above this height [m]
 
 
-def run(scene: Scene, hidden: Hidden = NOTHING) -> Trajectory:
+def run(scene: RigScene, hidden: Hidden = NOTHING) -> Trajectory:
     """The truth of a bar's scene: undamped and symplectic unless the effect takes an implicit step."""
     implicit = hidden.implicit_step()
     return simulate(
@@ -92,7 +92,7 @@ def run(scene: Scene, hidden: Hidden = NOTHING) -> Trajectory:
     )
 
 
-def explicit_step(scene: Scene) -> float:
+def explicit_step(scene: RigScene) -> float:
     """A stable step [s]: 0.42 of the time that a pressure wave takes through an element.
 
     The limit itself is near 0.55, that of a corner tetrahedron's height of 1 / sqrt 3 edges.

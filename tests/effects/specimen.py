@@ -13,7 +13,9 @@ VIEW = np.array([[1.0, 0, 0, 0.05], [0, 0, 1, -0.6], [0, -1, 0, 0.05], [0, 0, 0,
 """A camera 0.6 m before the scene, looking along +y."""
 
 
-def bar(counts: tuple[int, int, int], spacing: float = 0.01, density: float = 500.0, corner=(0.0, 0.0, 0.0)) -> Body:
+def lattice_body(
+    counts: tuple[int, int, int], spacing: float = 0.01, density: float = 500.0, corner=(0.0, 0.0, 0.0)
+) -> Body:
     """Particles on a lattice, half a spacing inside the faces of a box that begins at `corner`."""
     index = np.stack(np.meshgrid(*[np.arange(n) for n in counts], indexing="ij"), -1).reshape(-1, 3)
     x0 = (index + 0.5) * spacing + np.asarray(corner)
@@ -21,7 +23,7 @@ def bar(counts: tuple[int, int, int], spacing: float = 0.01, density: float = 50
 
 
 @dataclass(frozen=True)
-class Scene:
+class Specimen:
     """One body with its hand, and a uniform material; float64 throughout.
 
     Args:
@@ -87,15 +89,15 @@ def material(body: Body, E: float = 2e4, nu: float = 0.3, **others: float | list
     return Parameters(**tensors, **rest)
 
 
-def held_bar(frames: int = 6, fps: float = 60.0) -> Scene:
+def held_specimen(frames: int = 6, fps: float = 60.0) -> Specimen:
     """A bar that lies on the ground and is dragged along and up by one end, seen by a camera."""
-    body = bar((8, 3, 3))
+    body = lattice_body((8, 3, 3))
     points = np.array([[0.08, 0.0, 0.04], [0.08, 0.03, 0.04]])
     held = np.flatnonzero(body.x0[:, 0] > 0.06)
     lengths = np.linalg.norm(body.x0[held] - points[held % 2], axis=1)
     time = torch.arange(frames, dtype=torch.float64)[:, None, None] / fps
     way = torch.tensor([0.5, 0.3, 0.6], dtype=torch.float64) * time + torch.tensor([0.0, 8.0, 0.0]) * time**2
-    return Scene(
+    return Specimen(
         body,
         torch.as_tensor(points) + way,
         fps,

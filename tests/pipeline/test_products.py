@@ -220,6 +220,8 @@ FOREIGN = {
     "data/importers/images.py": {"camera.json"},  # of the recording that is imported
     "physreal_core/geometry/grip.py": {"controllers.npz"},  # says where an error comes from
     "stages/summarise.py": {"loss.csv", "frames.csv"},  # plots, means over sequences
+    # what DVC watches of a companion, and plots; it must not import numpy for a name
+    "pipeline/graph.py": {"tracks.npz", "controllers.npz", "particles.npz", "loss.csv", "frames.csv"},
 }
 
 

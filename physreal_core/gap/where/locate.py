@@ -10,8 +10,9 @@ from physreal_core.effects import Setting
 from physreal_core.gap.interactions.interaction import Interaction
 from physreal_core.gap.noise.model import Noise
 from physreal_core.gap.where.comparison import Comparison
+from physreal_core.gap.where.findings import Where
 from physreal_core.gap.where.phases import label_phases, on_ground
-from physreal_core.gap.where.where import Where, find_where
+from physreal_core.gap.where.where import find_where
 
 
 def locate(

@@ -8,7 +8,7 @@ import numpy as np
 
 from physreal_core.array_types import Array, Bool, Float
 from physreal_core.gap.where.comparison import Comparison, agreement, frame_agreement
-from physreal_core.gap.where.findings import Cell, Onset, Place, Where
+from physreal_core.gap.where.findings import SIGNIFICANT, Cell, Onset, Place, Where
 from physreal_core.gap.where.phases import MOTIONS, Phases
 from physreal_core.gap.where.sentences import where_sentence
 from physreal_core.gap.where.signatures import signatures

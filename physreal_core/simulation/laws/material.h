@@ -2,6 +2,7 @@
 // that add to the parameters' rows.
 #pragma once
 
+#include "adjoint.h"
 #include "residual.h"
 
 namespace physreal {

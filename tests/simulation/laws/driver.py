@@ -212,7 +212,8 @@ def term(name: str, form: str, dtype: str = "float64", device: str = "cpu") -> E
         arrays = {key: _rows(value, dtype, 1.0 if key == "mass" else 0.0) for key, value in state.items()}
         arrays["F"] = _rows(state["F"], dtype, np.eye(3).ravel())
         arrays["values"], arrays["numbers"] = _rows(values, dtype, 1.0), shared.astype(dtype)
-        arrays |= {f"{key}_bar": np.zeros_like(arrays[key]) for key in ("x", "v", "mass", "rate", "F")}
+        arrays |= {f"{key}_bar": np.zeros_like(arrays[key]) for key in ("x", "v", "mass", "rate")}
+        arrays["F_bar"] = np.ones_like(arrays["F"])  # a law's own sum: it adds
         stride = arrays["F"].shape[1]
         arrays["value_bars"] = np.zeros_like(arrays["values"])
         arrays["number_bars"] = np.zeros((NUMBERS.count, stride), dtype)
@@ -223,6 +224,7 @@ def term(name: str, form: str, dtype: str = "float64", device: str = "cpu") -> E
             return arrays[key].T[:n].astype(np.float64)
 
         bars = {key: particles(f"{key}_bar") for key in ("x", "v", "mass", "rate", "F")}
+        bars["F"] -= 1.0
         bars |= {key: particles("value_bars")[:, place] for key, place in rows.items()}
         bars |= {key: particles("number_bars")[:, place].sum(0) for key, place in numbers.items()}
         bars |= {key: bars[key].reshape(np.shape(value)) for key, value in inputs.items()}

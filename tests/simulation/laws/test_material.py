@@ -1,20 +1,21 @@
-"""Native laws and residuals: held to the Warp functions of `constitutive/`, values and adjoints, at every kind of F."""
+"""The material in both number types: lanes and float32 held to one particle in float64, a whole to its parts, at every kind of F."""
 
 from types import SimpleNamespace
 
 import numpy as np
 import pytest
 import torch
-from physreal_core.simulation.constitutive import ResidualConfig, reference
 
-from tests.simulation.constitutive import kernels
-from tests.simulation.constitutive.points import generic_points, rotations, special_points
-from tests.simulation.native.laws_driver import ELASTIC, LANES, elementary, material
+from physreal_core.simulation.laws import ELASTIC_LAWS, ResidualConfig, reference
+from tests.simulation.laws import driver
+from tests.simulation.laws.driver import CONFIG, DTYPES, LANES, PARTNER, elementary, material
+from tests.simulation.laws.points import generic_points, rotations, special_points
 
 TOLERANCE = {"float64": 1e-12, "float32": 2e-5}
 """Relative errors that rounding leaves: of 1e-16, and of 6e-8, where singular values are as small as 1/50."""
-DTYPES = sorted(TOLERANCE)
-LAWS = sorted(ELASTIC)
+LAWS = sorted(ELASTIC_LAWS)
+NUMBERS = [("lanes", "float64"), ("lanes", "float32"), ("one", "float32")]
+"""Number types, other than that of the measure: one particle in float64, which the other files hold to twins and differences."""
 FLOWS = [  # law and its parameters: viscous, perfect; with cohesion and friction, without either
     ("von_mises", (0.5, 0.3)),
     ("von_mises", (0.5, 0.0)),
@@ -23,9 +24,6 @@ FLOWS = [  # law and its parameters: viscous, perfect; with cohesion and frictio
     ("drucker_prager", (0.0, 0.5)),
 ]
 DT, SHARE = 0.1, 0.2
-PARTNER = {"neo_hookean": "von_mises", "fixed_corotated": "drucker_prager", "hencky": "identity"}
-"""Elastic and plastic laws that are compiled together, each tried alone."""
-PARTNER |= {plastic: elastic for elastic, plastic in PARTNER.items()}
 
 
 def problem(dtype: str, count: int = 40, dilated: bool = False) -> SimpleNamespace:
@@ -44,8 +42,8 @@ def problem(dtype: str, count: int = 40, dilated: bool = False) -> SimpleNamespa
         "seed": rng.normal(size=F.shape),
         "E": np.linspace(3.0, 6.0, n),
         "nu": np.linspace(0.05, 0.45, n),
-        "latent": rng.normal(size=(n, kernels.CONFIG.latent_size)),
-        "weights": 0.7 * rng.normal(size=kernels.CONFIG.weight_count),
+        "latent": rng.normal(size=(n, CONFIG.latent_size)),
+        "weights": 0.7 * rng.normal(size=CONFIG.weight_count),
     }
     return SimpleNamespace(**{name: value.astype(dtype).astype(np.float64) for name, value in values.items()})
 
@@ -59,45 +57,12 @@ def assert_close(ours: np.ndarray, expected: np.ndarray, tolerance: float, floor
     assert np.max(difference / size) < tolerance
 
 
-def test_elementary_functions_are_accurate_to_about_one_ulp():
-    rng = np.random.default_rng(7)
-    for dtype in DTYPES:
-        info = np.finfo(dtype)
-        lowest, highest = np.log(float(info.smallest_subnormal)), np.log(float(info.max))
-        numbers = np.exp(np.concatenate([rng.uniform(-0.5, 0.5, 4096), rng.uniform(lowest, highest, 4096)]))
-        for row, inputs, exact in ((0, numbers, np.log), (1, rng.uniform(lowest, 0.999 * highest, 8192), np.exp)):
-            x = inputs.astype(dtype)
-            expected = exact(x.astype(np.longdouble))
-            ulp = np.spacing(abs(expected).astype(dtype))
-            assert np.max(abs(elementary(x, dtype)[row] - expected) / ulp) < 1.3
-        x = rng.uniform(-100.0, 100.0, 8192).astype(dtype)
-        sine, cosine = elementary(x, dtype)[2:4]
-        np.testing.assert_allclose(sine, np.sin(x.astype(np.longdouble)), rtol=0, atol=info.eps)
-        np.testing.assert_allclose(cosine, np.cos(x.astype(np.longdouble)), rtol=0, atol=info.eps)
-
-
-@pytest.mark.parametrize("dtype", DTYPES)
-def test_elementary_functions_at_the_ends_of_their_range(dtype):
-    x = np.array([0.0, -0.0, -1.0, np.inf, -np.inf, np.nan, 1.0, 1000.0, -1000.0] + 7 * [1.0], dtype)
-    log, exp = elementary(x, dtype)[:2]
-    with np.errstate(all="ignore"):
-        np.testing.assert_allclose(log, np.log(x), rtol=1e-7)
-        np.testing.assert_allclose(exp, np.exp(x), rtol=1e-7)
-
-
-def test_sum_is_that_of_all_lanes():
-    x = 2.0 ** np.arange(16)
-    sums = elementary(x, "float64")[4]
-    lanes = 16 // len(set(sums))
-    np.testing.assert_array_equal(sums, np.repeat(x.reshape(-1, lanes).sum(1), lanes))
-
-
-@pytest.mark.parametrize("dtype", DTYPES)
+@pytest.mark.parametrize("form, dtype", NUMBERS)
 @pytest.mark.parametrize("law", LAWS)
-def test_stress_and_its_adjoint_are_those_of_the_warp_functions(law, dtype):
+def test_stress_and_its_adjoint_are_those_of_one_particle_in_float64(law, form, dtype):
     a = problem(dtype)
-    ours = material(law, PARTNER[law], None, dtype)(a.F, a.seed, a.E, a.nu)
-    expected = kernels.elastic(law)(a.F, a.E, a.nu, a.seed)
+    ours = material(law, PARTNER[law], None, form, dtype)(a.F, a.seed, a.E, a.nu)
+    expected = driver.elastic(law, "one")(a.F, a.E, a.nu, a.seed)
     tolerance, modulus = TOLERANCE[dtype], a.E.max()
     assert_close(ours.out, expected.tau, tolerance, modulus)
     assert_close(ours.F_bar, expected.F_bar, tolerance, modulus)
@@ -106,14 +71,14 @@ def test_stress_and_its_adjoint_are_those_of_the_warp_functions(law, dtype):
     assert not ours.padding.any()
 
 
-@pytest.mark.parametrize("dtype", DTYPES)
+@pytest.mark.parametrize("form, dtype", NUMBERS)
 @pytest.mark.parametrize("law, y", FLOWS)
-def test_flow_and_its_adjoint_are_those_of_the_warp_functions(law, y, dtype):
+def test_flow_and_its_adjoint_are_those_of_one_particle_in_float64(law, y, form, dtype):
     a = problem(dtype, dilated=y[1] == 0.0 and law == "drucker_prager")  # at volume one that law has a kink
     parameters = np.tile(np.array(y, dtype).astype(np.float64), (len(a.F), 1))
-    ours = material(PARTNER[law], law, None, dtype)(a.F, a.seed, a.E, a.nu, y=parameters, dt=DT, flow=True)
+    ours = material(PARTNER[law], law, None, form, dtype)(a.F, a.seed, a.E, a.nu, y=parameters, dt=DT, flow=True)
     dt = np.full(len(a.F), np.array(DT, dtype), np.float64)
-    expected = kernels.plastic(law)(a.F, a.E, a.nu, parameters, dt, a.seed)
+    expected = driver.plastic(law, "one")(a.F, a.E, a.nu, parameters, dt, a.seed)
     flowed = (expected.F_new != a.F).any((1, 2))
     assert 5 < flowed.sum() < len(a.F) - 5
     np.testing.assert_array_equal(ours.out[~flowed], a.F[~flowed])
@@ -127,10 +92,10 @@ def test_flow_and_its_adjoint_are_those_of_the_warp_functions(law, y, dtype):
     assert not ours.padding.any()
 
 
-def test_nothing_flows_where_no_particle_yields():
+def test_nothing_flows_where_no_particle_yields(form):
     a = problem("float64")
     y = np.tile((1e9, 0.0), (len(a.F), 1))
-    ours = material("neo_hookean", "von_mises", None, "float64")(a.F, a.seed, a.E, a.nu, y=y, dt=DT, flow=True)
+    ours = material("neo_hookean", "von_mises", None, form, "float64")(a.F, a.seed, a.E, a.nu, y=y, dt=DT, flow=True)
     np.testing.assert_array_equal(ours.out, a.F)
     np.testing.assert_array_equal(ours.F_bar, a.seed)
     assert not ours.E_bar.any() and not ours.nu_bar.any() and not ours.y_bar.any()
@@ -138,7 +103,7 @@ def test_nothing_flows_where_no_particle_yields():
 
 @pytest.mark.parametrize("dtype", DTYPES)
 @pytest.mark.parametrize("strain", [1e-3, 0.03, 0.6])
-def test_flow_begins_at_the_surface_where_all_particles_are_near_it(strain, dtype):
+def test_flow_begins_at_the_surface_where_all_particles_are_near_it(strain, dtype, form):
     """Blocks of which every particle is just inside, or just outside: none of either may be told from a bound alone."""
     rng = np.random.default_rng(5)
     count, E, nu = 32, 4.0, 0.25
@@ -147,7 +112,7 @@ def test_flow_begins_at_the_surface_where_all_particles_are_near_it(strain, dtyp
     direction /= np.linalg.norm(direction, axis=1, keepdims=True)
     yield_stress = np.sqrt(1.5) * strain * E / (1 + nu)  # where |dev eps| is `strain`
     y = np.tile((yield_stress, 0.0), (count, 1))
-    evaluate = material("neo_hookean", "von_mises", None, dtype)
+    evaluate = material("neo_hookean", "von_mises", None, form, dtype)
     for factor in (0.999, 1.001):
         sigma = np.exp(factor * strain * direction + rng.normal(size=(count, 1)) / 10)
         F = (rotations(count, rng) * sigma[:, None, :]) @ rotations(count, rng)
@@ -157,38 +122,38 @@ def test_flow_begins_at_the_surface_where_all_particles_are_near_it(strain, dtyp
 
 
 def hybrid_stress(law: str, a: SimpleNamespace) -> SimpleNamespace:
-    """Expert and residual together, from the Warp functions in float64."""
-    expert = kernels.elastic(law)(a.F, a.E, a.nu, a.seed)
-    neural = kernels.stress_residual()(a.F, expert.tau, a.E, a.latent, a.weights, a.seed)
-    expert_bar = kernels.elastic(law)(a.F, a.E, a.nu, a.seed + neural.tau_exp_bar)
+    """Expert and residual together, from either alone, for one particle in float64."""
+    expert = driver.elastic(law, "one")(a.F, a.E, a.nu, a.seed)
+    neural = driver.residual("stress", "one")(a.F, expert.tau, a.E, a.latent, a.weights, a.seed)
+    expert_bar = driver.elastic(law, "one")(a.F, a.E, a.nu, a.seed + neural.expert_bar)
     return SimpleNamespace(
         out=expert.tau + neural.delta,
         F_bar=neural.F_bar + expert_bar.F_bar,
         E_bar=neural.E_bar + expert_bar.E_bar,
         nu_bar=expert_bar.nu_bar,
         latent_bar=neural.latent_bar,
-        weights_bar=neural.weights_bar.sum(0),
+        weights_bar=neural.weights_bar,
     )
 
 
 def hybrid_flow(law: str, y: np.ndarray, a: SimpleNamespace, dtype: str) -> SimpleNamespace:
     """The same of plastic flow; without a law, y is not used."""
     dt, share = (np.full(len(a.F), np.array(value, dtype), np.float64) for value in (DT, SHARE))
-    expert = None if law == "identity" else kernels.plastic(law)(a.F, a.E, a.nu, y, dt, a.seed)
+    expert = None if law == "identity" else driver.plastic(law, "one")(a.F, a.E, a.nu, y, dt, a.seed)
     F = a.F if expert is None else expert.F_new
-    neural = kernels.plastic_residual()(a.F, F, share, a.latent, a.weights, a.seed)
-    bar = a.seed + neural.F_exp_bar
+    neural = driver.residual("plastic", "one")(a.F, F, share, a.latent, a.weights, a.seed)
+    bar = a.seed + neural.expert_bar
     zero = np.zeros(len(a.F))
     none = SimpleNamespace(F_bar=bar, E_bar=zero, nu_bar=zero, y_bar=np.zeros((len(a.F), 2)))
-    expert_bar = none if expert is None else kernels.plastic(law)(a.F, a.E, a.nu, y, dt, bar)
+    expert_bar = none if expert is None else driver.plastic(law, "one")(a.F, a.E, a.nu, y, dt, bar)
     return SimpleNamespace(
         out=F + neural.delta,
-        F_bar=neural.F_trial_bar + expert_bar.F_bar,
+        F_bar=neural.F_bar + expert_bar.F_bar,
         E_bar=expert_bar.E_bar,
         nu_bar=expert_bar.nu_bar,
         y_bar=expert_bar.y_bar,
         latent_bar=neural.latent_bar,
-        weights_bar=neural.weights_bar.sum(0),
+        weights_bar=neural.weights_bar,
     )
 
 
@@ -199,9 +164,9 @@ MANY = 1300
 
 @pytest.mark.parametrize("dtype", DTYPES)
 @pytest.mark.parametrize("law, plastic", HYBRIDS)
-def test_stress_with_its_residual(law, plastic, dtype):
+def test_stress_with_its_residual(law, plastic, dtype, form):
     a = problem(dtype, MANY)
-    evaluate = material(law, plastic, kernels.CONFIG, dtype)
+    evaluate = material(law, plastic, CONFIG, form, dtype)
     ours = evaluate(a.F, a.seed, a.E, a.nu, latent=a.latent, weights=a.weights)
     expected = hybrid_stress(law, a)
     tolerance = TOLERANCE[dtype]
@@ -214,10 +179,10 @@ def test_stress_with_its_residual(law, plastic, dtype):
 
 @pytest.mark.parametrize("dtype", DTYPES)
 @pytest.mark.parametrize("elastic, law", HYBRIDS)
-def test_flow_with_its_residual(elastic, law, dtype):
+def test_flow_with_its_residual(elastic, law, dtype, form):
     a = problem(dtype, MANY)
     y = np.tile(np.array((0.5, 0.3), dtype).astype(np.float64), (len(a.F), 1))
-    evaluate = material(elastic, law, kernels.CONFIG, dtype)
+    evaluate = material(elastic, law, CONFIG, form, dtype)
     settings = {"latent": a.latent, "weights": a.weights, "dt": DT, "share": SHARE, "flow": True}
     ours = evaluate(a.F, a.seed, a.E, a.nu, y=y, **settings)
     expected = hybrid_flow(law, y, a, dtype)
@@ -230,7 +195,7 @@ def test_flow_with_its_residual(elastic, law, dtype):
 
 
 @pytest.mark.parametrize("config", [ResidualConfig(latent_size=0, hidden=5), ResidualConfig()], ids=str)
-def test_networks_of_other_sizes_against_torch(config):
+def test_networks_of_other_sizes_against_torch(config, form):
     F = generic_points(41, np.random.default_rng(3))
     rng = np.random.default_rng(4)
     n = len(F)
@@ -242,7 +207,7 @@ def test_networks_of_other_sizes_against_torch(config):
     flow = F_ + reference.plastic_residual(
         config, F_, F_, torch.full((n,), SHARE, dtype=torch.float64), latent_, weights_
     )
-    evaluate = material("neo_hookean", "identity", config, "float64")
+    evaluate = material("neo_hookean", "identity", config, form, "float64")
     for kind, twin in enumerate((stress, flow)):
         ours = evaluate(F, seed, E, nu, latent=latent, weights=weights, share=SHARE, flow=kind == 1)
         grads = torch.autograd.grad(twin, leaves, torch.tensor(seed), retain_graph=True, allow_unused=True)
@@ -263,21 +228,21 @@ def some_inverted() -> tuple[SimpleNamespace, np.ndarray]:
 
 
 @pytest.mark.parametrize("law", LAWS)
-def test_stress_of_inverted_particles_alone_is_not_a_number(law):
+def test_stress_of_inverted_particles_alone_is_not_a_number(law, form):
     a, inverted = some_inverted()
-    ours = material(law, PARTNER[law], None, "float64")(a.F, a.seed, a.E, a.nu)
-    expected = kernels.elastic(law)(a.F[~inverted], a.E[~inverted], a.nu[~inverted], a.seed[~inverted])
+    ours = material(law, PARTNER[law], None, form, "float64")(a.F, a.seed, a.E, a.nu)
+    expected = driver.elastic(law, "one")(a.F[~inverted], a.E[~inverted], a.nu[~inverted], a.seed[~inverted])
     np.testing.assert_array_equal(np.isnan(ours.out).any((1, 2)), inverted)
     assert_close(ours.out[~inverted], expected.tau, 1e-12, a.E.max())
     assert_close(ours.F_bar[~inverted], expected.F_bar, 1e-12, a.E.max())
 
 
-def test_flow_leaves_inverted_particles_as_they_are_and_its_residual_makes_them_no_number():
+def test_flow_leaves_inverted_particles_as_they_are_and_its_residual_makes_them_no_number(form):
     a, inverted = some_inverted()
     y = np.tile((0.5, 0.3), (len(a.F), 1))
-    ours = material("neo_hookean", "von_mises", None, "float64")(a.F, a.seed, a.E, a.nu, y=y, dt=DT, flow=True)
+    ours = material("neo_hookean", "von_mises", None, form, "float64")(a.F, a.seed, a.E, a.nu, y=y, dt=DT, flow=True)
     np.testing.assert_array_equal(ours.out[inverted], a.F[inverted])
-    hybrid = material("fixed_corotated", "von_mises", kernels.CONFIG, "float64")
+    hybrid = material("fixed_corotated", "von_mises", CONFIG, form, "float64")
     ours = hybrid(a.F, a.seed, a.E, a.nu, y=y, latent=a.latent, weights=a.weights, flow=True)
     np.testing.assert_array_equal(np.isnan(ours.out).any((1, 2)), inverted)
 
@@ -290,11 +255,11 @@ def test_narrower_processors_give_the_same(machine, dtype):
     arguments = (a.F, a.seed, a.E, a.nu, y, a.latent, a.weights, DT, SHARE)
     for flow in (False, True):
         ours, wide = (
-            material("fixed_corotated", "von_mises", kernels.CONFIG, dtype, m)(*arguments, flow=flow)
+            material("fixed_corotated", "von_mises", CONFIG, "lanes", dtype, machine=m)(*arguments, flow=flow)
             for m in (machine, "host")
         )
         for name in ("out", "F_bar", "E_bar", "nu_bar", "y_bar"):
             assert_close(getattr(ours, name), getattr(wide, name), TOLERANCE[dtype], a.E.max())
         assert_close(ours.latent_bar[int(flow)], wide.latent_bar[int(flow)], TOLERANCE[dtype], 1.0)
         assert_close(ours.weights_bar[int(flow)][None], wide.weights_bar[int(flow)][None], TOLERANCE[dtype])
-        assert not ours.padding.any()
+        assert ours.width == LANES[machine] and not ours.padding.any()

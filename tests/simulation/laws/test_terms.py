@@ -1,23 +1,18 @@
-"""The optional laws' kernels and their adjoints, held to the torch twins and torch's derivatives of them."""
+"""The optional laws in both number types, values and adjoints, held to the torch twins and torch's derivatives of them."""
 
 import math
 
 import numpy as np
 import pytest
 import torch
-import warp as wp
-from physreal_core.simulation.plain.particle_forces import particle_force_kernels
-from physreal_core.simulation.plain.stress_terms import stress_term_kernels
 
-from physreal_core.simulation import term_laws
-from physreal_core.simulation.scalars import scalar_types
-from tests.simulation.constitutive.points import generic_points
-
-wp.init()  # before tensors are wrapped for it
+from physreal_core.simulation.laws import terms_reference
+from tests.simulation.laws.driver import DTYPES, friction, term
+from tests.simulation.laws.points import generic_points
 
 COUNT = 40
-TYPES = scalar_types("float64")
-VECTORS = {(): TYPES.scalar, (2,): TYPES.vec2, (3,): TYPES.vec3, (3, 3): TYPES.mat33}
+TOLERANCE = {"float64": (1e-11, 1e-10, 1e-11), "float32": (2e-5, 2e-5, 2e-5)}
+"""Relative to the number itself, of values and of adjoints; and to the largest."""
 CAPSULES = {
     "post": (0.1, -0.1, 0.2, 0.3, 0.1, 0.5, 0.8, 900.0),
     "ball": (0.1, -0.1, 0.2, 0.0, 0.0, 0.0, 0.9, 900.0),
@@ -28,134 +23,133 @@ def random(*shape: int, seed: int = 0) -> torch.Tensor:
     return torch.randn(shape, generator=torch.Generator().manual_seed(seed), dtype=torch.float64)
 
 
-def wrapped(tensor: torch.Tensor, slots: bool = False) -> wp.array:
-    """[N, ...] as a Warp array of vectors; [1, N, ...] as one slot of a state."""
-    tensor = tensor.detach().contiguous()
-    return wp.from_torch(tensor[None] if slots else tensor, VECTORS[tuple(tensor.shape[1:])])
-
-
-def assert_law(law, forward, adjoint, inputs: dict[str, torch.Tensor], states: tuple[str, ...]) -> None:
-    """`forward(slot, *inputs, out)` is law(**inputs), and `adjoint` its vector-Jacobian product; both add.
-
-    The adjoint takes the inputs, the result's adjoint, and bars of the inputs, those of the states first. An input of one
-    entry is for all particles, its bar one for each.
-    """
-    leaves = {name: value.clone().requires_grad_() for name, value in inputs.items()}
-    expected = law(**leaves)
-    seed = random(*expected.shape, seed=9)
-    (expected * seed).sum().backward()
-    stress = expected.ndim == 3
-    arguments = [wrapped(value, name in states) for name, value in inputs.items()]
-    before = random(*expected.shape, seed=8)
-    out = before.clone()
-    wp.launch(forward, COUNT, inputs=[0, *arguments, wrapped(out, stress)], device="cpu")
-    expected = expected.detach()
-    torch.testing.assert_close(out - before, expected, rtol=1e-11, atol=1e-11 * float(expected.abs().max()))
-
-    order = [name for name in inputs if name in states] + [name for name in inputs if name not in states]
-    bars = {name: torch.ones(COUNT, *inputs[name].shape[1:], dtype=torch.float64) for name in order}
-    given = [*arguments, wrapped(seed), *(wrapped(bar) for bar in bars.values())]
-    wp.launch(adjoint, COUNT, inputs=[0, *given], device="cpu")
-    for name, bar in bars.items():
-        found = (bar - 1.0).sum(0, keepdim=True) if len(inputs[name]) == 1 else bar - 1.0
-        scale = float(leaves[name].grad.abs().max())
-        torch.testing.assert_close(found, leaves[name].grad, rtol=1e-10, atol=1e-11 * scale, msg=name)
-
-
-def test_drag():
-    kernels = particle_force_kernels("float64")
-    v = random(COUNT, 3)
-    v[0] = 0.0  # |v| has no derivative there, the force has
-    inputs = {"linear": random(COUNT, seed=1).abs(), "quadratic": random(COUNT, seed=2).abs(), "v": v}
-    assert_law(term_laws.drag, kernels.drag, kernels.drag_adjoint, inputs, ("v",))
-
-
-def test_adhesion():
-    kernels = particle_force_kernels("float64")
-    inputs = {
-        "peak": random(COUNT).abs(),
-        "reach": torch.tensor([0.7], dtype=torch.float64),
-        "start": random(COUNT, 3, seed=1),
-        "x": random(COUNT, 3, seed=2),
-    }
-
-    def law(peak, reach, start, x):
-        return term_laws.adhesion((x - start)[:, 2], peak, reach)
-
-    assert_law(law, kernels.adhesion, kernels.adhesion_adjoint, inputs, ("x",))
-
-
-def test_adhesion_is_a_cohesive_zone():
-    """The largest pull is `peak` at u = `reach`, and the work of separation e times their product."""
-    height = torch.linspace(0, 0.1, 200001, dtype=torch.float64)
-    pull = -term_laws.adhesion(height, torch.tensor(3.0), torch.tensor(0.002))[:, 2]
-    assert float(pull.max()) == pytest.approx(3.0, rel=1e-6)
-    assert float(height[pull.argmax()]) == pytest.approx(0.002, rel=1e-3)
-    assert float(torch.trapezoid(pull, height)) == pytest.approx(math.e * 3.0 * 0.002, rel=1e-5)
-
-
-@pytest.mark.parametrize("kind", CAPSULES)
-def test_obstacle(kind):
-    kernels = particle_force_kernels("float64")
-    x, mass = 0.5 * random(COUNT, 3), random(COUNT, seed=1).abs()
-    capsule = torch.tensor(CAPSULES[kind], dtype=torch.float64)
-    leaves = [x.clone().requires_grad_(), mass.clone().requires_grad_(), capsule.clone().requires_grad_()]
-    expected, seed = term_laws.obstacle(*leaves), random(COUNT, 3, seed=9)
-    (expected * seed).sum().backward()
-    touching = (expected.detach() != 0).any(1)
-    assert 5 < int(touching.sum()) < COUNT  # some are in it, some are not
-    force = torch.zeros(COUNT, 3, dtype=torch.float64)
-    model = [wp.from_torch(capsule), wrapped(mass), wrapped(x, True)]
-    wp.launch(kernels.obstacle, COUNT, inputs=[0, *model, wrapped(force)], device="cpu")
-    torch.testing.assert_close(force, expected.detach(), rtol=1e-12, atol=1e-12)
-    x_bar, mass_bar, capsule_bar = torch.zeros_like(x), torch.zeros_like(mass), torch.zeros(COUNT, 8).double()
-    given = [wrapped(seed), wrapped(x_bar), wrapped(mass_bar), wp.from_torch(capsule_bar)]
-    wp.launch(kernels.obstacle_adjoint, COUNT, inputs=[0, *model, *given], device="cpu")
-    torch.testing.assert_close(x_bar, leaves[0].grad, rtol=1e-9, atol=1e-10)
-    torch.testing.assert_close(mass_bar, leaves[1].grad, rtol=1e-9, atol=1e-10)
-    expected_bar = leaves[2].grad
-    if kind == "ball":  # a sphere has no axis: the derivative by it starts with its square
-        expected_bar = torch.cat([expected_bar[:3], capsule_bar.sum(0)[3:6], expected_bar[6:]])
-    torch.testing.assert_close(capsule_bar.sum(0), expected_bar, rtol=1e-9, atol=1e-8)
-
-
-def test_obstacle_pushes_outwards_by_depth():
-    """A ball of radius 0.9: at 0.5 from its middle the acceleration is k 0.4, away from it; outside it is zero."""
-    capsule = torch.tensor(CAPSULES["ball"], dtype=torch.float64)
-    centre, mass = capsule[:3], torch.tensor([2.0, 2.0], dtype=torch.float64)
-    x = centre + torch.tensor([[0.0, 0.5, 0.0], [0.0, 0.0, 0.91]], dtype=torch.float64)
-    force = term_laws.obstacle(x, mass, capsule)
-    expected = torch.tensor([[0.0, 2.0 * 900.0 * 0.4, 0.0], [0.0, 0.0, 0.0]], dtype=torch.float64)
-    torch.testing.assert_close(force, expected, rtol=1e-9, atol=1e-9)
-
-
 def stretches() -> torch.Tensor:
     """Random F, one of them 1."""
     F = generic_points(COUNT - 1, np.random.default_rng(0))
     return torch.as_tensor(np.concatenate([np.eye(3)[None], F]))
 
 
-def test_viscosity():
-    kernels = stress_term_kernels("float64")
+def assert_close(found: np.ndarray, expected: torch.Tensor, relative: float, of_largest: float, name: str) -> None:
+    expected = expected.detach().numpy()
+    np.testing.assert_allclose(found, expected, rtol=relative, atol=of_largest * abs(expected).max(), err_msg=name)
+
+
+def assert_law(law, name: str, form: str, dtype: str, inputs: dict[str, torch.Tensor], device: str = "cpu") -> None:
+    """The header of `name` is law(**inputs), with its vector-Jacobian product; what it has no use for has no adjoint."""
+    leaves = {key: value.to(getattr(torch, dtype)).double().requires_grad_() for key, value in inputs.items()}
+    expected = law(**leaves)
+    seed = random(*expected.shape, seed=9).to(getattr(torch, dtype)).double()
+    (expected * seed).sum().backward()
+    values = {key: leaf.detach().numpy() for key, leaf in leaves.items()}
+    found = term(name, form, dtype, device)(seed.numpy(), **values)
+    of_value, of_adjoint, of_largest = TOLERANCE[dtype]
+    assert_close(found.value, expected, of_value, of_largest, name)
+    for key, bar in found.bars.items():
+        if key in inputs:
+            assert_close(bar, leaves[key].grad, of_adjoint, of_largest, key)
+        else:
+            assert not bar.any(), key
+
+
+def drag_case() -> tuple:
+    v = random(COUNT, 3)
+    v[0] = 0.0  # |v| has no derivative there, the force has
+    inputs = {"linear_drag": random(COUNT, seed=1).abs(), "quadratic_drag": random(COUNT, seed=2).abs(), "v": v}
+    return lambda linear_drag, quadratic_drag, v: terms_reference.drag(v, linear_drag, quadratic_drag), inputs
+
+
+def adhesion_case() -> tuple:
+    inputs = {
+        "adhesion": random(COUNT).abs(),
+        "adhesion_range": torch.tensor([0.7], dtype=torch.float64),
+        "start_height": random(COUNT, seed=1),
+        "x": random(COUNT, 3, seed=2),
+    }
+    return lambda adhesion, adhesion_range, start_height, x: terms_reference.adhesion(
+        x[:, 2] - start_height, adhesion, adhesion_range
+    ), inputs
+
+
+def obstacle_case() -> tuple:
+    capsule = torch.tensor(CAPSULES["post"], dtype=torch.float64)
+    inputs = {"x": 0.5 * random(COUNT, 3), "mass": random(COUNT, seed=1).abs(), "obstacle": capsule}
+    return lambda x, mass, obstacle: terms_reference.obstacle(x, mass, obstacle), inputs
+
+
+def viscosity_case() -> tuple:
     rate = random(COUNT, 3, 3)
-    inputs = {"coefficients": random(COUNT, 2, seed=1).abs(), "F": stretches(), "rate": rate + rate.mT}
+    inputs = {"viscosity": random(COUNT, 2, seed=1).abs(), "F": stretches(), "rate": rate + rate.mT}
 
-    def law(coefficients, F, rate):  # the rate is symmetric, and so is its adjoint
-        return term_laws.viscosity(F, (rate + rate.mT) / 2, coefficients)
+    def law(viscosity, F, rate):  # the rate is symmetric, and so is its adjoint
+        return terms_reference.viscosity(F, (rate + rate.mT) / 2, viscosity)
 
-    assert_law(law, kernels.viscosity, kernels.viscosity_adjoint, inputs, ("F", "rate"))
-
-
-def test_stiffening():
-    kernels = stress_term_kernels("float64")
-    inputs = {"modulus": random(COUNT, seed=1).abs(), "F": stretches()}
-    assert_law(term_laws.stiffening, kernels.stiffening, kernels.stiffening_adjoint, inputs, ("F",))
+    return law, inputs
 
 
-def test_fibres():
-    kernels = stress_term_kernels("float64")
-    inputs = {"modulus": random(COUNT, seed=1).abs(), "direction": random(COUNT, 3, seed=2), "F": stretches()}
-    assert_law(term_laws.fibres, kernels.fibres, kernels.fibres_adjoint, inputs, ("F",))
+def stiffening_case() -> tuple:
+    inputs = {"stiffening": random(COUNT, seed=1).abs(), "F": stretches()}
+    return lambda stiffening, F: terms_reference.stiffening(F, stiffening), inputs
+
+
+def fibres_case() -> tuple:
+    inputs = {"fibre_modulus": random(COUNT, seed=1).abs(), "fibre_direction": random(COUNT, 3, seed=2), "F": stretches()}
+    return lambda fibre_modulus, fibre_direction, F: terms_reference.fibres(F, fibre_modulus, fibre_direction), inputs
+
+
+CASES = {
+    "drag": drag_case,
+    "adhesion": adhesion_case,
+    "obstacle": obstacle_case,
+    "viscosity": viscosity_case,
+    "stiffening": stiffening_case,
+    "fibres": fibres_case,
+}
+
+
+@pytest.mark.parametrize("dtype", DTYPES)
+@pytest.mark.parametrize("name", CASES)
+def test_value_and_adjoint_are_those_of_the_torch_twin(name, dtype, form):
+    law, inputs = CASES[name]()
+    assert_law(law, name, form, dtype, inputs)
+
+
+def test_adhesion_is_a_cohesive_zone():
+    """The largest pull is `peak` at u = `reach`, and the work of separation e times their product."""
+    height = torch.linspace(0, 0.1, 200001, dtype=torch.float64)
+    pull = -terms_reference.adhesion(height, torch.tensor(3.0), torch.tensor(0.002))[:, 2]
+    assert float(pull.max()) == pytest.approx(3.0, rel=1e-6)
+    assert float(height[pull.argmax()]) == pytest.approx(0.002, rel=1e-3)
+    assert float(torch.trapezoid(pull, height)) == pytest.approx(math.e * 3.0 * 0.002, rel=1e-5)
+
+
+@pytest.mark.parametrize("kind", CAPSULES)
+def test_obstacle(kind, form):
+    x, mass = 0.5 * random(COUNT, 3), random(COUNT, seed=1).abs()
+    capsule = torch.tensor(CAPSULES[kind], dtype=torch.float64)
+    leaves = [x.clone().requires_grad_(), mass.clone().requires_grad_(), capsule.clone().requires_grad_()]
+    expected, seed = terms_reference.obstacle(*leaves), random(COUNT, 3, seed=9)
+    (expected * seed).sum().backward()
+    touching = (expected.detach() != 0).any(1)
+    assert 5 < int(touching.sum()) < COUNT  # some are in it, some are not
+    found = term("obstacle", form)(seed.numpy(), x=x.numpy(), mass=mass.numpy(), obstacle=capsule.numpy())
+    np.testing.assert_allclose(found.value, expected.detach().numpy(), rtol=1e-12, atol=1e-12)
+    np.testing.assert_allclose(found.bars["x"], leaves[0].grad.numpy(), rtol=1e-9, atol=1e-10)
+    np.testing.assert_allclose(found.bars["mass"], leaves[1].grad.numpy(), rtol=1e-9, atol=1e-10)
+    expected_bar = leaves[2].grad.numpy()
+    if kind == "ball":  # a sphere has no axis: the derivative by it starts with its square
+        expected_bar[3:6] = found.bars["obstacle"][3:6]
+    np.testing.assert_allclose(found.bars["obstacle"], expected_bar, rtol=1e-9, atol=1e-8)
+
+
+def test_obstacle_pushes_outwards_by_depth(form):
+    """A ball of radius 0.9: at 0.5 from its middle the acceleration is k 0.4, away from it; outside it is zero."""
+    capsule = np.array(CAPSULES["ball"])
+    x = capsule[:3] + np.array([[0.0, 0.5, 0.0], [0.0, 0.0, 0.91]])
+    expected = [[0.0, 2.0 * 900.0 * 0.4, 0.0], [0.0, 0.0, 0.0]]
+    of_twin = terms_reference.obstacle(*(torch.as_tensor(a) for a in (x, np.full(2, 2.0), capsule)))
+    of_header = term("obstacle", form)(np.ones((2, 3)), x=x, mass=np.full(2, 2.0), obstacle=capsule).value
+    for force in (of_twin.numpy(), of_header):
+        np.testing.assert_allclose(force, expected, rtol=1e-9, atol=1e-9)
 
 
 ENERGIES = {
@@ -170,5 +164,32 @@ def test_stress_is_the_energys(law):
     F, modulus = stretches().requires_grad_(), random(COUNT, seed=1).abs()
     (P,) = torch.autograd.grad(ENERGIES[law](F, modulus).sum(), F)
     direction = () if law == "stiffening" else (torch.tensor([0.6, 0.0, 0.8]).double().expand(COUNT, 3),)
-    tau = getattr(term_laws, law)(F, modulus, *direction)
+    tau = getattr(terms_reference, law)(F, modulus, *direction)
     torch.testing.assert_close(tau, P @ F.mT, rtol=1e-10, atol=1e-10)
+
+
+FRICTIONS = {"static peak": (0.3, 0.2, 0.05), "a slope that ends at zero": (0.2, 0.3, -0.6), "Coulomb's": (0.0, 0.01, 0.0)}
+
+
+def assert_friction(kind: str, dtype: str, device: str = "cpu") -> None:
+    rng = np.random.default_rng(3)
+    dynamic, law, speed, seed = (
+        np.asarray(a, dtype).astype(np.float64)
+        for a in (0.4, FRICTIONS[kind], rng.uniform(0.0, 2.0, COUNT), rng.normal(size=COUNT))
+    )
+    leaves = [torch.tensor(a, requires_grad=True) for a in (dynamic, law, speed)]
+    expected = terms_reference.friction_coefficient(*leaves)
+    assert bool((expected == 0).any()) == (kind == "a slope that ends at zero")
+    (expected * torch.tensor(seed)).sum().backward()
+    found = friction(dtype, device)(dynamic, law, speed, seed)
+    of_value, of_adjoint, of_largest = TOLERANCE[dtype]
+    assert_close(found.value, expected, of_value, of_largest, "value")
+    for name, leaf in zip(("dynamic_bar", "law_bar", "speed_bar"), leaves, strict=True):
+        assert_close(getattr(found, name), leaf.grad, of_adjoint, of_largest, name)
+
+
+@pytest.mark.parametrize("dtype", DTYPES)
+@pytest.mark.parametrize("kind", FRICTIONS)
+def test_friction_is_the_torch_twins(kind, dtype):
+    """Of one node at a time: no form of the step has friction on lanes."""
+    assert_friction(kind, dtype)

@@ -13,7 +13,7 @@ import numpy as np
 import warp as wp
 
 from physreal_core.native import native_module
-from physreal_core.simulation.laws import ResidualConfig
+from physreal_core.simulation.laws import PLASTIC_LAWS, ResidualConfig
 from physreal_core.simulation.layout import Structure
 from physreal_core.simulation.particle_rows import NUMBERS, TERM_ROWS
 from physreal_core.simulation.scalars import scalar_types
@@ -23,9 +23,7 @@ from physreal_core.simulation.terms import FORCE_TERMS
 HEADER = Path(__file__).with_name("driver.h")
 FORMS = ("lanes", "one")
 DTYPES = ("float32", "float64")
-PARTNER = {"neo_hookean": "von_mises", "fixed_corotated": "drucker_prager", "hencky": "identity"}
-"""Elastic and plastic laws that are compiled together, each tried alone."""
-PARTNER |= {plastic: elastic for elastic, plastic in PARTNER.items()}
+PAIRS = {"neo_hookean": "von_mises", "fixed_corotated": "drucker_prager", "hencky": "identity"}
 CONFIG = ResidualConfig(latent_size=3, hidden=8, beta_elastic=0.5, beta_plastic=0.2)
 MOST_LANES = 16
 MACHINES = {"host": None, "avx2": "-target-cpu haswell", "sse": "-U__AVX__"}
@@ -91,6 +89,13 @@ TERM_POINTS = Structure(
 )
 
 
+def partner(law: str) -> str:
+    """The plastic law that is compiled together with an elastic one, or the other way; each is tried alone."""
+    if law in PLASTIC_LAWS:
+        return {plastic: elastic for elastic, plastic in PAIRS.items()}.get(law, "neo_hookean")
+    return PAIRS.get(law, "identity")
+
+
 @cache
 def material(
     elastic: str,
@@ -117,7 +122,7 @@ def material(
         network = f"Network<{residual.latent_size}, {residual.hidden}>"
     names = (class_name(elastic), class_name(plastic), network, network)
     launch = _launcher(
-        f"{elastic}_{plastic}_{tag}_{machine}",
+        "_".join([elastic, plastic, tag, machine, *([] if folder is None else [folder.name])]),
         form,
         dtype,
         f"drive_material<V, {', '.join(f'physreal::{name}' for name in names)}>",
@@ -135,7 +140,7 @@ def material(
 
 def elastic(law: str, form: str, dtype: str = "float64", device: str = "cpu", folder: Path | None = None) -> Evaluate:
     """`(F, E, nu, tau_bar) -> tau, F_bar, E_bar, nu_bar`, of an expert alone."""
-    of_material = material(law, PARTNER.get(law, "identity"), None, form, dtype, device, folder=folder)
+    of_material = material(law, partner(law), None, form, dtype, device, folder=folder)
 
     def evaluate(F, E, nu, seed) -> SimpleNamespace:
         found = of_material(F, seed, E, nu)
@@ -146,7 +151,7 @@ def elastic(law: str, form: str, dtype: str = "float64", device: str = "cpu", fo
 
 def plastic(law: str, form: str, dtype: str = "float64", device: str = "cpu") -> Evaluate:
     """`(F, E, nu, y, dt, F_new_bar) -> F_new, F_bar, E_bar, nu_bar, y_bar`; dt [N] is the same for all."""
-    of_material = material(PARTNER[law], law, None, form, dtype, device)
+    of_material = material(partner(law), law, None, form, dtype, device)
 
     def evaluate(F, E, nu, y, dt, seed) -> SimpleNamespace:
         found = of_material(F, seed, E, nu, y=y, dt=_common(dt), flow=True)
@@ -198,8 +203,9 @@ def term(name: str, form: str, dtype: str = "float64", device: str = "cpu") -> E
 
     def evaluate(seed, **inputs) -> SimpleNamespace:
         n = len(seed)
-        state = {"x": np.zeros((n, 3)), "v": np.zeros((n, 3)), "mass": np.ones(n), "rate": np.zeros((n, 3, 3))}
-        state |= {"F": np.tile(np.eye(3), (n, 1, 1)), "force_seed": np.zeros((n, 3)), "stress_seed": np.zeros((n, 3, 3))}
+        vectors, matrices = np.zeros((n, 3)), np.zeros((n, 3, 3))
+        state = {"x": vectors, "v": vectors, "mass": np.ones(n), "rate": matrices, "F": matrices + np.eye(3)}
+        state |= {"force_seed": vectors, "stress_seed": matrices}
         values, shared = np.zeros((n, TERM_ROWS.count)), np.zeros(NUMBERS.count)
         for key, value in inputs.items():
             if key in rows:
@@ -342,7 +348,8 @@ def _launcher(
 
 def _rows(values: np.ndarray, dtype: str, fill: float | np.ndarray) -> np.ndarray:
     """[N, ...] as rows [numbers, N], filled up to whole blocks."""
-    values = np.asarray(values, dtype).reshape(len(values), -1).T
+    values = np.asarray(values, dtype)
+    values = values.reshape(len(values), int(np.prod(values.shape[1:]))).T
     padding = -values.shape[1] % MOST_LANES
     fill = np.broadcast_to(np.reshape(fill, (-1, 1)), (len(values), padding))
     return np.concatenate([values, fill], axis=1, dtype=dtype).copy()
@@ -370,8 +377,7 @@ def _evaluate(
     arrays |= {f"{name}_bar": np.zeros_like(arrays[name]) for name in bars}
     if residual is not None:
         arrays["weights"] = np.asarray(weights, dtype)
-        # without a code there is nothing to point at
-        arrays["latent"] = _rows(latent, dtype, 0.0) if residual.latent_size else np.zeros((0, len(arrays["E"][0])), dtype)
+        arrays["latent"] = _rows(latent, dtype, 0.0)
         for kind in ("elastic", "plastic"):
             arrays[f"latent_{kind}_bar"] = np.zeros_like(arrays["latent"])
             arrays[f"network_{kind}_bar"] = np.zeros_like(arrays["weights"])

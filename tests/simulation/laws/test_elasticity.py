@@ -3,7 +3,6 @@
 import numpy as np
 import pytest
 import torch
-from physreal_core.simulation.constitutive import ELASTIC_LAWS, elastic_functions, reference
 
 from physreal_core.simulation.laws import ELASTIC_LAWS, reference
 from tests.simulation.laws.driver import elastic

@@ -1,43 +1,57 @@
-"""docs/materials.md: the law that it adds as an example compiles, and its adjoint is right."""
+"""docs/materials.md: the law that it adds as an example compiles in both number types, and its adjoint is right."""
 
-import importlib.util
 import re
 from pathlib import Path
 
 import numpy as np
+import pytest
 import torch
-from physreal_core.simulation.constitutive import ELASTIC_LAWS, PLASTIC_LAWS, reference
 
-from tests.simulation.constitutive.kernels import elastic
-from tests.simulation.constitutive.points import directional, generic_points, inner
+from physreal_core.simulation.laws import ELASTIC_LAWS, PLASTIC_LAWS, reference
+from physreal_core.simulation.step_layout import LAWS_FOLDER
+from tests.simulation.laws.driver import elastic
+from tests.simulation.laws.points import directional, generic_points, inner
 
 PAGE = Path(__file__).resolve().parents[3] / "docs" / "materials.md"
 LAW = "saint_venant_kirchhoff"
 
 
-def test_the_page_names_every_law():
+def saint_venant_kirchhoff(F: np.ndarray, E: float, nu: float) -> np.ndarray:
+    mu, lam = (float(a) for a in reference.lame(*torch.tensor([E, nu], dtype=torch.float64)))
+    G = (F.transpose(0, 2, 1) @ F - np.eye(3)) / 2
+    S = 2 * mu * G + lam * np.trace(G, axis1=1, axis2=2)[:, None, None] * np.eye(3)
+    return F @ S @ F.transpose(0, 2, 1)
+
+
+def headers() -> list[str]:
+    """The page's headers of the law: with its adjoint written, and from its value alone."""
+    return re.findall(r"```cpp\n(.*?)```", PAGE.read_text(), re.DOTALL)
+
+
+@pytest.fixture(params=range(2), ids=["adjoint written", "adjoint derived"])
+def folder(request, tmp_path: Path) -> Path:
+    """Where the page's law stands, as in the folder of the laws."""
+    (tmp_path / "elastic").mkdir()
+    (tmp_path / "elastic" / f"{LAW}.h").write_text(headers()[request.param])
+    return tmp_path
+
+
+def test_the_page_names_every_law_and_no_file_that_is_not_there():
     text = PAGE.read_text()
     assert all(f"`{law}`" in text for law in (*ELASTIC_LAWS, *PLASTIC_LAWS))
+    named = set(re.findall(r"`(?:laws/)?((?:\w+/)*\w+\.(?:h|py))`", text)) - {f"elastic/{LAW}.h"}
+    assert {"residual.h", "reference.py", "return_map.h", "derived_adjoint.h", "plastic/von_mises.h"} <= named
+    assert all((LAWS_FOLDER / name).exists() or (PAGE.parents[1] / name).exists() for name in named)
 
 
-def test_the_example_law_is_right(tmp_path, monkeypatch):
-    source = tmp_path / f"{LAW}.py"  # Warp reads a function's source from its file
-    source.write_text(re.search(r"```python\n(.*?)```", PAGE.read_text(), re.DOTALL)[1])
-    spec = importlib.util.spec_from_file_location(LAW, source)
-    module = importlib.util.module_from_spec(spec)
-    spec.loader.exec_module(module)
-    monkeypatch.setitem(ELASTIC_LAWS, LAW, getattr(module, LAW))
-
+def test_the_example_law_is_right(folder, form):
     rng = np.random.default_rng(1)
     F = generic_points(20, rng)
     E, nu = np.full(20, 3.0), np.full(20, 0.3)
     seed, direction = rng.normal(size=(2, 20, 3, 3))
-    evaluate = elastic(LAW)
+    evaluate = elastic(LAW, form, folder=folder)
     out = evaluate(F, E, nu, seed)
-    mu, lam = reference.lame(*torch.tensor([3.0, 0.3], dtype=torch.float64))
-    G = (F.transpose(0, 2, 1) @ F - np.eye(3)) / 2
-    S = 2 * mu.item() * G + lam.item() * np.trace(G, axis1=1, axis2=2)[:, None, None] * np.eye(3)
-    np.testing.assert_allclose(out.tau, F @ S @ F.transpose(0, 2, 1), rtol=1e-12, atol=1e-12)
+    np.testing.assert_allclose(out.tau, saint_venant_kirchhoff(F, 3.0, 0.3), rtol=1e-12, atol=1e-12)
     ones = np.ones(20)
     for measured, exact in (
         (directional(lambda x: evaluate(x, E, nu, seed).tau, F, direction, seed, 1e-3), inner(out.F_bar, direction)),

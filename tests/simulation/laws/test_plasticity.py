@@ -5,7 +5,6 @@ import math
 import numpy as np
 import pytest
 import torch
-from physreal_core.simulation.constitutive import PLASTIC_LAWS, PLASTIC_PARAMETERS, plastic_functions, reference
 
 from physreal_core.simulation.laws import PLASTIC_LAWS, reference
 from tests.simulation.laws.driver import plastic

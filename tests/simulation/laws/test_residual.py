@@ -5,7 +5,6 @@ import dataclasses
 import numpy as np
 import pytest
 import torch
-from physreal_core.simulation.constitutive import ResidualConfig, initial_weights, reference, split_weights
 
 from physreal_core.errors import InputError
 from physreal_core.simulation.laws import ResidualConfig, initial_weights, reference, split_weights

@@ -92,7 +92,11 @@ def stiffening_case() -> tuple:
 
 
 def fibres_case() -> tuple:
-    inputs = {"fibre_modulus": random(COUNT, seed=1).abs(), "fibre_direction": random(COUNT, 3, seed=2), "F": stretches()}
+    inputs = {
+        "fibre_modulus": random(COUNT, seed=1).abs(),
+        "fibre_direction": random(COUNT, 3, seed=2),
+        "F": stretches(),
+    }
     return lambda fibre_modulus, fibre_direction, F: terms_reference.fibres(F, fibre_modulus, fibre_direction), inputs
 
 
@@ -168,7 +172,11 @@ def test_stress_is_the_energys(law):
     torch.testing.assert_close(tau, P @ F.mT, rtol=1e-10, atol=1e-10)
 
 
-FRICTIONS = {"static peak": (0.3, 0.2, 0.05), "a slope that ends at zero": (0.2, 0.3, -0.6), "Coulomb's": (0.0, 0.01, 0.0)}
+FRICTIONS = {
+    "static peak": (0.3, 0.2, 0.05),
+    "a slope that ends at zero": (0.2, 0.3, -0.6),
+    "Coulomb's": (0.0, 0.01, 0.0),
+}
 
 
 def assert_friction(kind: str, dtype: str, device: str = "cpu") -> None:

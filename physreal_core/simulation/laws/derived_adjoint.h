@@ -1,5 +1,5 @@
-// The adjoint of an elastic law from its value alone, by forward differentiation: a number that carries its derivative along one
-// direction (a dual number) goes through the law in place of V, once for each entry of F and for E and nu.
+// The adjoint of an elastic law from its value alone, by forward differentiation: a dual number, which carries its derivative
+// along one direction, goes through the law in place of V, once for each entry of F and for E and nu.
 //
 // For laws that only call what stands below, and whose value is differentiable as it is computed: polar_rotation() is, the
 // directions of principal() are not where singular values repeat.
@@ -57,7 +57,7 @@ struct LaneTraits<Dual<V>> {
     static constexpr int COUNT = LaneTraits<V>::COUNT;
 };
 
-// An elastic law (see neo_hookean.h) of a class with `template <class V> static Mat3<V> stress(const Mat3<V>& F, V E, V nu)`.
+// An elastic law from a class with `template <class V> static Mat3<V> stress(const Mat3<V>& F, V E, V nu)`.
 template <class V, class Value>
 class DerivedAdjoint {
     Mat3<V> F_;

@@ -1,4 +1,4 @@
-// The laws on many particles, values and adjoints: materials, residuals alone, optional laws, friction, and elementary functions.
+// The laws on many particles, values and adjoints: materials, residuals alone, optional laws, friction; elementary functions.
 // V is lanes or one number. Arrays are rows of `stride` numbers; `first` and `last` are whole blocks.
 #pragma once
 #include "friction.h"
@@ -116,7 +116,7 @@ inline void drive_residual(const Points<Scalar<V>>& a, Index first, Index last) 
 
 // --- optional laws
 
-// A block of particles as the laws see it, see term.h. The adjoint of a number that all share stays one of each particle.
+// A block of particles as the laws see it, see term.h. The adjoint of a shared number stays one of each particle.
 template <class V>
 class TermAt {
     using S = Scalar<V>;
@@ -185,7 +185,7 @@ inline void drive_friction(S dynamic, const S* law, const S* speed, const S* see
 
 // --- elementary functions
 
-// Eight rows: log, exp, sine, cosine, square root and its inverse, absolute value, and in all lanes of a block their sum.
+// Eight rows: log, exp, sine, cosine, square root and its inverse, absolute value, and their sum in all lanes of a block.
 template <class V>
 inline void elementary(const Scalar<V>* x, Scalar<V>* out, Index count) {
     for (Index p = 0; p < count; p += LaneTraits<V>::COUNT) {

@@ -1,7 +1,7 @@
 """The laws' headers as numpy functions of many particles: values and adjoints, in both number types and precisions.
 
-Every evaluator takes float64 arrays and returns a namespace of float64 arrays; inside, the header runs in `dtype`. `form` is
-"lanes", vectors of particles as the CPU takes them, or "one", a particle at a time as a GPU's thread does, on any device.
+Every evaluator takes float64 arrays and returns a namespace of float64 arrays; inside, the header runs in `dtype`.
+`form` is "lanes", vectors of particles as the CPU takes them, or "one", a particle at a time as a GPU's thread takes it.
 """
 
 from collections.abc import Callable
@@ -110,8 +110,8 @@ def material(
     """`evaluate(F, seed, E, nu, y, latent, weights, dt, share, flow)`.
 
     It gives `out` (stress or F) and `F_bar` [N, 3, 3]; `E_bar`, `nu_bar` [N]; `y_bar` [N, 2]; of both networks, elastic
-    first, `latent_bar` [2, N, L] and `weights_bar` [2, W]; `padding`, all adjoints of the lanes beyond the last particle;
-    and `width`, the particles of a block.
+    first, `latent_bar` [2, N, L] and `weights_bar` [2, W]; `padding`, all adjoints of the lanes beyond the last
+    particle; and `width`, the particles of a block.
 
     residual: the networks of both residuals, none where None.
     folder: where else to look for laws.
@@ -193,9 +193,9 @@ def residual(kind: str, form: str, dtype: str = "float64", device: str = "cpu") 
 def term(name: str, form: str, dtype: str = "float64", device: str = "cpu") -> Evaluate:
     """`evaluate(seed, **inputs) -> value, bars` of the optional law `name`: a force [N, 3] or a stress [N, 3, 3].
 
-    Inputs are the state `x`, `v`, `mass`, `rate`, `F`, the rows and the numbers of `particle_rows` by their names, each [N, ...]
-    but the numbers [...]; what is not given is zero, or one for F. `bars` are the adjoints of all of them, of those that were
-    given in their shapes.
+    Inputs are the state `x`, `v`, `mass`, `rate`, `F`, and the rows and the numbers of `particle_rows` by their names, each
+    [N, ...] but the numbers [...]. What is not given is zero, or one for mass and F. `bars` are the adjoints of all, of
+    those that were given in their shapes.
     """
     launch = _launcher("terms", form, dtype, "drive_terms<V>", points=TERM_POINTS)
     rows, numbers = TERM_ROWS.places(), NUMBERS.places()
@@ -239,8 +239,9 @@ def term(name: str, form: str, dtype: str = "float64", device: str = "cpu") -> E
     return evaluate
 
 
+@cache
 def friction(dtype: str, device: str = "cpu") -> Evaluate:
-    """`(dynamic, law [3], speed [N], seed [N]) -> value, speed_bar [N], dynamic_bar, law_bar [3]`; for one node at a time."""
+    """`(dynamic, law [3], speed [N], seed [N]) -> value, speed_bar [N], dynamic_bar, law_bar [3]`, node by node."""
     scalar, c_type = scalar_types(dtype).scalar, _C_TYPES[dtype]
     arguments = "(dynamic, law.data, speed.data, seed.data, out.data, speed.shape[0], node)"
     array, array2 = wp.array(dtype=scalar), wp.array2d(dtype=scalar)
@@ -269,7 +270,7 @@ ELEMENTARY = ("log", "exp", "sin", "cos", "sqrt", "inverse_sqrt", "abs", "sum")
 
 @cache
 def elementary(form: str, dtype: str) -> Evaluate:
-    """`evaluate(x)`: the functions `ELEMENTARY` of x [N], each [N] in `dtype`; sum: that of its block, in all lanes of it."""
+    """`evaluate(x)`: the functions `ELEMENTARY` of x [N], [N] in `dtype`; sum: that of a block, in all its lanes."""
     scalar, number = scalar_types(dtype).scalar, _number(form, dtype)
     array, array2 = wp.array(dtype=scalar), wp.array2d(dtype=scalar)
 

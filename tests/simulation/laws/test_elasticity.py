@@ -1,4 +1,4 @@
-"""Elastic experts in both number types: against torch twins, finite differences, objectivity and linear elasticity at small strain."""
+"""Elastic experts in both number types: torch twins, finite differences, objectivity, linear elasticity at small strain."""
 
 import numpy as np
 import pytest

@@ -1,4 +1,4 @@
-"""The material in both number types: lanes and float32 held to one particle in float64, a whole to its parts, at every kind of F."""
+"""The material at every kind of F: lanes and float32 are one particle in float64, the whole is the sum of its parts."""
 
 from types import SimpleNamespace
 
@@ -15,7 +15,7 @@ TOLERANCE = {"float64": 1e-12, "float32": 2e-5}
 """Relative errors that rounding leaves: of 1e-16, and of 6e-8, where singular values are as small as 1/50."""
 LAWS = sorted(ELASTIC_LAWS)
 NUMBERS = [("lanes", "float64"), ("lanes", "float32"), ("one", "float32")]
-"""Number types, other than that of the measure: one particle in float64, which the other files hold to twins and differences."""
+"""Beside the measure, one particle in float64, which the other files hold to torch twins and finite differences."""
 FLOWS = [  # law and its parameters: viscous, perfect; with cohesion and friction, without either
     ("von_mises", (0.5, 0.3)),
     ("von_mises", (0.5, 0.0)),
@@ -29,7 +29,7 @@ DT, SHARE = 0.1, 0.2
 def problem(dtype: str, count: int = 40, dilated: bool = False) -> SimpleNamespace:
     """F = 1, repeated and extreme singular values, random ones: an odd number, which no width divides.
 
-    All numbers are those of `dtype`, so that only the arithmetic on them differs; `dilated` leaves out what keeps its volume.
+    All numbers are those of `dtype`, so that only the arithmetic on them differs; `dilated` leaves out F that keep volume.
     """
     rng = np.random.default_rng(1)
     F = np.concatenate([np.eye(3)[None], special_points(rng), generic_points(count, rng), 1.01 * np.eye(3)[None]])

@@ -1,4 +1,4 @@
-"""Plastic experts in both number types: elastic domain untouched, surface reached, objectivity, adjoints on both sides of the kink."""
+"""Plastic experts in both number types: elastic domain, surface, objectivity, adjoints on both sides of the kink."""
 
 import math
 

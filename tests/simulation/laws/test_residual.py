@@ -1,4 +1,4 @@
-"""Neural residuals in both number types: exactly zero at the start, bounded for any weights, objective, with the right adjoints."""
+"""Neural residuals in both number types: zero at the start, bounded for any weights, objective, adjoints."""
 
 import dataclasses
 

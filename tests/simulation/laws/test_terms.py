@@ -1,4 +1,4 @@
-"""The optional laws in both number types, values and adjoints, held to the torch twins and torch's derivatives of them."""
+"""The optional laws in both number types, and friction: values and adjoints are those of the torch twins."""
 
 import math
 
@@ -35,7 +35,7 @@ def assert_close(found: np.ndarray, expected: torch.Tensor, relative: float, of_
 
 
 def assert_law(law, name: str, form: str, dtype: str, inputs: dict[str, torch.Tensor], device: str = "cpu") -> None:
-    """The header of `name` is law(**inputs), with its vector-Jacobian product; what it has no use for has no adjoint."""
+    """The header of `name` is law(**inputs), with its vector-Jacobian product; nothing else has an adjoint."""
     leaves = {key: value.to(getattr(torch, dtype)).double().requires_grad_() for key, value in inputs.items()}
     expected = law(**leaves)
     seed = random(*expected.shape, seed=9).to(getattr(torch, dtype)).double()

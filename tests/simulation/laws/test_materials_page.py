@@ -52,6 +52,7 @@ def test_the_example_law_is_right(folder, form):
     evaluate = elastic(LAW, form, folder=folder)
     out = evaluate(F, E, nu, seed)
     np.testing.assert_allclose(out.tau, saint_venant_kirchhoff(F, 3.0, 0.3), rtol=1e-12, atol=1e-12)
+    assert np.isnan(evaluate(F @ np.diag([1.0, 1.0, -1.0]), E, nu, seed).tau).all()  # inverted
     ones = np.ones(20)
     for measured, exact in (
         (directional(lambda x: evaluate(x, E, nu, seed).tau, F, direction, seed, 1e-3), inner(out.F_bar, direction)),

@@ -1,5 +1,6 @@
 """All candidate effects by name, in the order in which they act. A new one is a file in its family and a line here."""
 
+from physreal_core.effects.around.buoyancy import Buoyancy
 from physreal_core.effects.around.gravity import Gravity
 from physreal_core.effects.around.linear_drag import LinearDrag
 from physreal_core.effects.around.quadratic_drag import QuadraticDrag
@@ -36,6 +37,7 @@ EFFECTS: dict[str, Effect] = {
         QuadraticDrag(),
         Wind(),
         Gravity(),
+        Buoyancy(),  # along gravity as it is then
         SoftSpot(),
         KelvinVoigt(),
         MaxwellCreep(),

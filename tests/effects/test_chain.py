@@ -11,6 +11,7 @@ VISIBLE: dict[str, dict[str, float]] = {
     "quadratic_drag": {"rate": 3.0},
     "wind": {"x": 1.0, "y": -0.5, "z": 0.3},
     "gravity": {"tilt_x": 0.1, "tilt_y": -0.2, "excess": 0.1},
+    "buoyancy": {"fluid_density": 150.0},
     "kelvin_voigt": {"time": 0.01},
     "maxwell_creep": {"rate": 3.0},
     "plastic_yield": {"inverse_yield_strain": 60.0},

@@ -92,6 +92,7 @@ STAGES: Graph = graph_of(
     Stage("segment_and_track", ("parse_video",), reads_capture=True, files=("data/models",), roles=_PERCEIVED),
     Stage("build_object", ("parse_video", "segment_and_track"), reads_capture=True),
     Stage("fit_pose", ("parse_video", "segment_and_track", "build_object")),
+    Stage("measure_body", ("parse_video", "fit_pose")),
     Stage("sample_particles", ("parse_video", "segment_and_track", "fit_pose")),
     Stage("fit_global", _OBSERVED, roles=("fits",)),
     Stage("fit_patches", (*_OBSERVED, "fit_global"), roles=("fits",)),

@@ -6,7 +6,7 @@ A law of elasticity is `elastic/<name>.h`, one of plastic flow `plastic/<name>.h
 
 from physreal_core.simulation.laws.residual_config import ResidualConfig, initial_weights, split_weights
 
-ELASTIC_LAWS = ("neo_hookean", "fixed_corotated", "hencky", "saint_venant_kirchhoff")
+ELASTIC_LAWS = ("neo_hookean", "fixed_corotated", "hencky")
 """Kirchhoff stress [Pa] from F, E, nu. Outside det F > 0 it is not a number, so that a rollout stops there."""
 
 PLASTIC_LAWS = {

@@ -118,7 +118,6 @@ def term_values(x0: np.ndarray) -> dict[str, torch.Tensor]:
         "stiffening": 500.0 * random(count),
         "fibre_modulus": 1e3 * random(count),
         "fibre_direction": direction / direction.norm(dim=1, keepdim=True),
-        "pressure": 200.0 * random(count),
         "friction_law": torch.tensor([0.2, 0.3, 0.1], dtype=torch.float64),
     }
 

@@ -17,7 +17,7 @@ import torch
 
 from physreal_core.simulation import Body, Clamp, Grip, Parameters, PointLoad, SimulationConfig, Simulator, States
 from physreal_core.simulation.laws import ResidualConfig, initial_weights
-from physreal_core.simulation.terms import TERMS
+from physreal_core.simulation.terms import TERMS, term_shapes
 
 REFERENCE = Path(__file__).parent / "results" / "agreement_cpu.npz"
 # Sums over threads come in another order on a GPU: rounding (1e-16, 6e-8) grows over some fifty substeps, and float32
@@ -103,23 +103,20 @@ def term_values(x0: np.ndarray) -> dict[str, torch.Tensor]:
         return 0.5 + torch.rand(shape, generator=generator, dtype=torch.float64)
 
     direction = random(count, 3)
-    return {
+    own = {
         "gravity": torch.tensor([1.0, 0.5, -9.0], dtype=torch.float64),
         "density": 300.0 * random(count),
         "force": 1e-4 * random(count, 3),
         "initial_position": torch.as_tensor(x0) + 1e-4 * random(count, 3),
         "initial_deformation": torch.eye(3, dtype=torch.float64) + 0.02 * random(count, 3, 3),
-        "linear_drag": 1e-3 * random(count),
-        "quadratic_drag": 2e-3 * random(count),
-        "adhesion": 5e-3 * random(count),
         "adhesion_range": torch.tensor(1e-3, dtype=torch.float64),
         "obstacle": torch.tensor([0.07, 0.03, 0.01, 0.0, 0.01, 0.01, 0.02, 1e4], dtype=torch.float64),
-        "viscosity": random(count, 2),
-        "stiffening": 500.0 * random(count),
-        "fibre_modulus": 1e3 * random(count),
         "fibre_direction": direction / direction.norm(dim=1, keepdim=True),
         "friction_law": torch.tensor([0.2, 0.3, 0.1], dtype=torch.float64),
     }
+    fields = {name: field for parameters in TERMS.values() for name, field in parameters.items() if name not in own}
+    shapes = term_shapes(TERMS, count)
+    return own | {name: field.visible * random(*shapes[name]) for name, field in fields.items()}
 
 
 def run(case: Case, device: str, dtype: str) -> dict[str, np.ndarray]:

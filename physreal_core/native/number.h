@@ -1,11 +1,11 @@
-// A number of type V, float or double or the lanes of `lanes.h`, and the elementary functions on it, so that one source of
-// a law serves a GPU's thread, which has one particle, and a CPU's, which has a register full of them. Where lanes are in use
-// their header comes before the laws': names for built-in types are looked up where a template is written.
+// A number of type V, float or double or the lanes of `lanes.h`, and the elementary functions on it, so that one source
+// of a law serves a GPU's thread, which has one particle, and a CPU's, which has a register full of them. Where lanes
+// are in use their header comes before the laws': names for built-in types are looked up where a template is written.
 // Nothing here hides a NaN: it goes through every function.
 #pragma once
 
-// A loop that a GPU's compiler leaves as one, where unrolled it would be thousands of lines; and one that it must unroll, so that
-// what it indexes stays in registers.
+// A loop that a GPU's compiler leaves as one, where unrolled it would be thousands of lines; and one that it must
+// unroll, so that what it indexes stays in registers.
 #if defined(__CUDA_ARCH__)
 #define ONE_AT_A_TIME _Pragma("unroll 1")
 #define UNROLLED _Pragma("unroll")

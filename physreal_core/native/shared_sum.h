@@ -1,8 +1,8 @@
 // Adding all particles' shares of a few numbers that they have in common, such as the gradient of a network's weights.
 //
-// On a GPU the 32 threads of a warp first sum among themselves: in each step two threads exchange half of what they hold, so
-// that N numbers cost about N shuffles and end in as many threads, which add them to neighbouring addresses at once. It pays
-// where neighbouring particles add to the same row.
+// On a GPU the 32 threads of a warp first sum among themselves: in each step two threads exchange half of what they
+// hold, so that N numbers cost about N shuffles and end in as many threads, which add them to neighbouring addresses at
+// once. It pays where neighbouring particles add to the same row.
 #pragma once
 
 namespace physreal {

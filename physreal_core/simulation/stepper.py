@@ -4,7 +4,6 @@ from collections.abc import Sequence
 from dataclasses import dataclass, replace
 from typing import Protocol, runtime_checkable
 
-import numpy as np
 import torch
 
 from physreal_core.array_types import Array, Bool, Float, Int, Tensor
@@ -167,8 +166,3 @@ class Stepper(Protocol):
 
     def gradients(self) -> dict[str, Tensor]:
         """Adjoints of the parameters in use by name, with an axis of rollouts."""
-
-
-def report_of(failures: np.ndarray, bounds: np.ndarray) -> Report:
-    """From failures [R, 2] and lower corner, upper corner and speed [R, 7]."""
-    return Report(failures, bounds[:, :3], bounds[:, 3:6], bounds[:, 6])

@@ -25,10 +25,13 @@ class TermField:
         shape: its full shape, where `PARTICLES` stands for their number.
         dormant: the value at which the term is absent, of the shape's last axis or one number for all; None where it is
             the body's or the configuration's own.
+        visible: a size of each number at which the term plainly acts on a soft block of a few centimetres (2 kPa, particles
+            of 0.3 g), which tests and benchmarks scatter about; None where they choose the whole parameter.
     """
 
     shape: tuple[int | str, ...]
     dormant: float | tuple[float, ...] | None = 0.0
+    visible: float | None = None
 
     @property
     def size(self) -> int:
@@ -42,13 +45,16 @@ TERMS: dict[str, dict[str, TermField]] = {
     "force": {"force": TermField((PARTICLES, 3))},
     "initial_position": {"initial_position": TermField((PARTICLES, 3), None)},
     "initial_deformation": {"initial_deformation": TermField((PARTICLES, 3, 3), None)},
-    "drag": {"linear_drag": TermField((PARTICLES,)), "quadratic_drag": TermField((PARTICLES,))},
-    "adhesion": {"adhesion": TermField((PARTICLES,)), "adhesion_range": TermField((), 1e-3)},
+    "drag": {
+        "linear_drag": TermField((PARTICLES,), visible=1e-3),
+        "quadratic_drag": TermField((PARTICLES,), visible=2e-3),
+    },
+    "adhesion": {"adhesion": TermField((PARTICLES,), visible=5e-3), "adhesion_range": TermField((), 1e-3)},
     "obstacle": {"obstacle": TermField((8,))},
-    "viscosity": {"viscosity": TermField((PARTICLES, 2))},
-    "stiffening": {"stiffening": TermField((PARTICLES,))},
+    "viscosity": {"viscosity": TermField((PARTICLES, 2), visible=1.0)},
+    "stiffening": {"stiffening": TermField((PARTICLES,), visible=500.0)},
     "fibres": {
-        "fibre_modulus": TermField((PARTICLES,)),
+        "fibre_modulus": TermField((PARTICLES,), visible=1e3),
         "fibre_direction": TermField((PARTICLES, 3), (1.0, 0.0, 0.0)),
     },
     "friction_law": {"friction_law": TermField((3,), (0.0, 1e-2, 0.0))},

@@ -1,8 +1,9 @@
-// Adding particles' shares to grid nodes on a GPU: neighbours in a warp that share nodes add up first, 16 bytes at a time.
+// Adding particles' shares to grid nodes on a GPU: neighbours in a warp that share nodes add up first, 16 bytes at a
+// time.
 //
-// From sm_90 on, one `red.v4.f32` moves a node's four numbers; four scalar atomics would be four times the traffic that limits a
-// transfer. Threads of up to 8 consecutive particles with the same base node sum by shuffles, and one of them writes. On
-// other cards, in double precision and on the CPU every particle adds its own shares.
+// From sm_90 on, one `red.v4.f32` moves a node's four numbers; four scalar atomics would be four times the traffic that
+// limits a transfer. Threads of up to 8 consecutive particles with the same base node sum by shuffles, and one of them
+// writes. On other cards, in double precision and on the CPU every particle adds its own shares.
 #pragma once
 #include "vec4.h"
 

@@ -1,7 +1,7 @@
 // Node phases on the boxes of all rollouts at once: velocities from momenta, and on the way back both adjoints in one.
 //
-// Every rollout has `nodes` rows of storage, of which its box takes the first. Slots count from the frame's first one, `first[0]`,
-// so that one CUDA graph serves every frame that is kept.
+// Every rollout has `nodes` rows of storage, of which its box takes the first. Slots count from the frame's first one,
+// `first[0]`, so that one CUDA graph serves every frame that is kept.
 #pragma once
 #include "nodes.h"
 #include "report.h"
@@ -24,8 +24,12 @@ class NodeOfRollout {
 
     unsigned char kind_in(const Vec4<S>* momenta) const {
         if (!(momenta[n_][3] > f_.mass_floor) || !(f_.has_ground || f_.clamps)) return FREE;
-        const Scene<S> scene = {{f_.offset[0], f_.offset[1], f_.offset[2]}, f_.cell, f_.clamps, f_.has_ground,
-                                f_.clamp_lower, f_.clamp_upper};
+        const Scene<S> scene = {{f_.offset[0], f_.offset[1], f_.offset[2]},
+                                f_.cell,
+                                f_.clamps,
+                                f_.has_ground,
+                                f_.clamp_lower,
+                                f_.clamp_upper};
         const int k = own_ % box_[5], j = own_ / box_[5] % box_[4], i = own_ / (box_[4] * box_[5]);
         const auto kind = scene.kind_of(i + box_[0], j + box_[1], k + box_[2], box_[2]);
         return phase_.kind_now(kind, momenta[n_][3], [&] { return momenta[n_ - 1][3]; });
@@ -37,8 +41,9 @@ public:
     NodeOfRollout(const Frame<S>& f, int n)
         : f_(f), n_(n), rollout_(n / int(f.nodes)), own_(n - rollout_ * int(f.nodes)), box_(f.box + 6 * rollout_) {
         const S* g = f.gravity + 3 * rollout_;
-        phase_ = {f.timing[0], {g[0], g[1], g[2]}, f.mass_floor, f.touching, f.friction[rollout_],
-                  TERMS & term::friction_law ? f.friction_law + 3 * rollout_ : nullptr};
+        phase_ = {f.timing[0],          {g[0], g[1], g[2]},
+                  f.mass_floor,         f.touching,
+                  f.friction[rollout_], TERMS & term::friction_law ? f.friction_law + 3 * rollout_ : nullptr};
     }
 
     // Whether this row of storage belongs to the rollout's box.
@@ -56,8 +61,8 @@ public:
         momentum(f_.first[0] + cleared_slot)[n_] = {};
     }
 
-    // slot: the substep whose momenta's adjoint is asked for (arriving); the velocities are those of the one before (leaving).
-    // The adjoint of the nodes' velocity becomes that of (momentum, mass); rows by turns.
+    // slot: the substep whose momenta's adjoint is asked for (arriving); the velocities are those of the one before
+    // (leaving). The adjoint of the nodes' velocity becomes that of (momentum, mass); rows by turns.
     void turn(int slot, int arriving, int leaving) const {
         if (!used()) return;
         if (arriving) {

@@ -1,9 +1,10 @@
-// Particle phases fused: grid to particle, plastic flow, stress, grip and particle to grid in one kernel; and their adjoint.
+// Particle phases fused: grid to particle, plastic flow, stress, grip and particle to grid in one kernel; and their
+// adjoint.
 //
-// Between two launches lies one node phase. A launch that opens a frame only scatters (LEAVING), one that closes it only gathers
-// (ARRIVING); the adjoint's launch at a state takes the adjoints of the momenta that this state scattered (ARRIVING), then
-// scatters those of the velocities it was gathered from (LEAVING). Slots count from the frame's first one, `first[0]`, so that
-// one CUDA graph serves every frame.
+// Between two launches lies one node phase. A launch that opens a frame only scatters (LEAVING), one that closes it
+// only gathers (ARRIVING); the adjoint's launch at a state takes the adjoints of the momenta that this state scattered
+// (ARRIVING), then scatters those of the velocities it was gathered from (LEAVING). Slots count from the frame's first
+// one, `first[0]`, so that one CUDA graph serves every frame.
 #pragma once
 #include "grip.h"
 #include "material.h"
@@ -12,7 +13,8 @@
 
 namespace physreal {
 
-// INPUTS: whether masses and forces have adjoints; TERMS: bits of the optional laws in use; LED: whether the controller points have.
+// INPUTS: whether masses and forces have adjoints; TERMS: bits of the optional laws in use; LED: whether the controller
+// points have.
 template <class S, bool INPUTS, Index TERMS, bool GRIPPED, bool LED, class Material>
 class ParticleOfRollout {
     const Frame<S>& f_;
@@ -30,7 +32,8 @@ public:
           box_(f.box + 6 * rollout_),
           dt_(f.timing[0]),
           per_metre_(1 / f.cell),
-          material_(material_arrays<INPUTS>(f, f.timing[0], f.timing[1], f.network_elastic + rollout_ * f.weights_elastic,
+          material_(material_arrays<INPUTS>(f, f.timing[0], f.timing[1],
+                                            f.network_elastic + rollout_ * f.weights_elastic,
                                             f.network_plastic + rollout_ * f.weights_plastic,
                                             f.network_elastic_bar + weight_row() * f.weights_elastic,
                                             f.network_plastic_bar + weight_row() * f.weights_plastic, (S*)nullptr)) {}
@@ -141,16 +144,11 @@ private:
     // --- forces and stresses
 
     Grip<S> grip(int substep) const {
-        return {f_.grip_controller,
-                f_.grip_weight,
-                f_.grip_rest_length,
-                f_.controllers + 6 * rollout_ * f_.controller_points,
-                f_.controller_points,
-                f_.grip_stiffness[rollout_],
-                f_.grip_damping[rollout_],
-                f_.grip_softening,
-                S(substep) * f_.timing[1],
-                f_.timing[2]};
+        return {f_.grip_controller,        f_.grip_weight,
+                f_.grip_rest_length,       f_.controllers + 6 * rollout_ * f_.controller_points,
+                f_.controller_points,      f_.grip_stiffness[rollout_],
+                f_.grip_damping[rollout_], f_.grip_softening,
+                S(substep) * f_.timing[1], f_.timing[2]};
     }
 
     // The particle as the optional laws see it, see term.h; adjoints of the state stay here.
@@ -286,8 +284,8 @@ private:
         const Derivatives<S> moved(grid(f_.velocity, 0), place);
         const Mat3<S> step = (dt_ * per_metre_) * moved.gradient();
         if constexpr (FLOWS) F_bar = material_.flow_adjoint(p_, F + step * F, F_bar);
-        const Field<S> field(v_bar + dt_ * x_bar, S(0), per_metre_ * C_bar,
-                             (dt_ * per_metre_) * (F_bar * transpose(F)), place);
+        const Field<S> field(v_bar + dt_ * x_bar, S(0), per_metre_ * C_bar, (dt_ * per_metre_) * (F_bar * transpose(F)),
+                             place);
         field.scatter(grid(f_.node_bar, (slot + 1) % 2), place);
         x_bar = x_bar + per_metre_ * moved.slope(field, place);
         F_bar += transpose(step) * F_bar;

@@ -1,6 +1,7 @@
-// What the host learns of a frame with one copy, nine integers a rollout: first failure outside the grid and first one not finite,
-// each substep x N + particle, and then the largest values of -x, -y, -z, x, y, z over all particles, now and where their
-// velocities take them within a frame [m], and the largest speed [m/s], as the bits of double in an order that integers keep.
+// What the host learns of a frame with one copy, nine integers a rollout: first failure outside the grid and first one
+// not finite, each substep x N + particle, and then the largest values of -x, -y, -z, x, y, z over all particles, now
+// and where their velocities take them within a frame [m], and the largest speed [m/s], as the bits of double in an
+// order that integers keep.
 #pragma once
 #include "number.h"
 

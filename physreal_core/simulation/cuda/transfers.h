@@ -1,7 +1,8 @@
-// Transfers between one particle and its 27 nodes with quadratic B-splines (APIC). Distances and derivatives are per cell.
+// Transfers between one particle and its 27 nodes with quadratic B-splines (APIC). Distances and derivatives are per
+// cell.
 //
-// A particle's contribution to a node is w q + sum_a (d_a w) A_a + sum_a (d_a d_a w) B_a, its `Field`; what it takes from the
-// nodes are sums of their values with the weights and their derivatives. One is the other's adjoint.
+// A particle's contribution to a node is w q + sum_a (d_a w) A_a + sum_a (d_a d_a w) B_a, its `Field`; what it takes
+// from the nodes are sums of their values with the weights and their derivatives. One is the other's adjoint.
 #pragma once
 #include "adder.h"
 #include "matrix.h"
@@ -11,7 +12,7 @@ namespace physreal {
 // Where a particle lies in a box of stored nodes, origin and count as six integers; z runs fastest.
 template <class S>
 struct Place {
-    bool inside;  // all 27 nodes are stored; false for a position that is not a number
+    bool inside;           // all 27 nodes are stored; false for a position that is not a number
     int base, row, layer;  // storage index of the base node, and steps from there along y and x
     S w[3][3], dw[3][3];   // weights and their derivatives [axis][node]
     S fraction[3];         // distance from the base node, in [1/2, 3/2)
@@ -68,8 +69,8 @@ struct Field {
     Mat3<S> A, B;  // columns: shares of the weight's first and second derivatives along x, y, z
     Mat3<S> apic;  // the share of A that is scattered with the nodes' offsets
 
-    // q: (momentum, mass) or their likes; apic: its columns are scattered with four times weight and offset along the axes;
-    // gradient: with the weight's derivatives.
+    // q: (momentum, mass) or their likes; apic: its columns are scattered with four times weight and offset along the
+    // axes; gradient: with the weight's derivatives.
     Field(const Vec3<S>& momentum, S mass, const Mat3<S>& apic, const Mat3<S>& gradient, const Place<S>& at)
         : q{{momentum[0], momentum[1], momentum[2], mass}}, A(apic + gradient), apic(apic) {
         for (int a = 0; a < 3; ++a)
@@ -96,8 +97,8 @@ struct Field {
     }
 };
 
-// Sums of node values with the weights, and their derivatives by the axes in the name. What is not used costs nothing once
-// compiled.
+// Sums of node values with the weights, and their derivatives by the axes in the name. What is not used costs nothing
+// once compiled.
 template <class S>
 struct Derivatives {
     using V = Vec4<S>;
@@ -127,13 +128,13 @@ struct Derivatives {
     Vec3<S> slope(const Field<S>& field, const Place<S>& at) const {
         const V ax = column(field.A, 0), ay = column(field.A, 1), az = column(field.A, 2);
         const V bx = column(field.B, 0), by = column(field.B, 1), bz = column(field.B, 2);
-        const V &q = field.q;
-        return {{at.skew_slope(0) * dot(column(field.apic, 0), xx) + dot(q, x) + dot(ax, xx) + dot(ay, xy) + dot(az, xz) +
-                     dot(by, yyx) + dot(bz, zzx),
-                 at.skew_slope(1) * dot(column(field.apic, 1), yy) + dot(q, y) + dot(ax, xy) + dot(ay, yy) + dot(az, yz) +
-                     dot(bx, xxy) + dot(bz, zzy),
-                 at.skew_slope(2) * dot(column(field.apic, 2), zz) + dot(q, z) + dot(ax, xz) + dot(ay, yz) + dot(az, zz) +
-                     dot(bx, xxz) + dot(by, yyz)}};
+        const V& q = field.q;
+        return {{at.skew_slope(0) * dot(column(field.apic, 0), xx) + dot(q, x) + dot(ax, xx) + dot(ay, xy) +
+                     dot(az, xz) + dot(by, yyx) + dot(bz, zzx),
+                 at.skew_slope(1) * dot(column(field.apic, 1), yy) + dot(q, y) + dot(ax, xy) + dot(ay, yy) +
+                     dot(az, yz) + dot(bx, xxy) + dot(bz, zzy),
+                 at.skew_slope(2) * dot(column(field.apic, 2), zz) + dot(q, z) + dot(ax, xz) + dot(ay, yz) +
+                     dot(az, zz) + dot(bx, xxz) + dot(by, yyz)}};
     }
 
 private:
@@ -150,7 +151,9 @@ private:
         V value, y, z, yy, yz, zz, yyz, zzy;
         Plane(const V* n, const Place<S>& at) {
             const Line a(n, at), b(n + at.row, at), c(n + 2 * at.row, at);
-            const auto weighed = [&](const S* w, const V& p, const V& q, const V& r) { return w[0] * p + w[1] * q + w[2] * r; };
+            const auto weighed = [&](const S* w, const V& p, const V& q, const V& r) {
+                return w[0] * p + w[1] * q + w[2] * r;
+            };
             value = weighed(at.w[1], a.value, b.value, c.value);
             y = weighed(at.dw[1], a.value, b.value, c.value);
             z = weighed(at.w[1], a.z, b.z, c.z);

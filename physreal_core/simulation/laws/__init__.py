@@ -4,10 +4,13 @@ A law of elasticity is `elastic/<name>.h`, one of plastic flow `plastic/<name>.h
 `terms/<name>.h` (its table is `simulation.terms`); the class has the name without underscores, FixedCorotated.
 """
 
+from pathlib import Path
+
 from physreal_core.simulation.laws.residual_config import ResidualConfig, initial_weights, split_weights
 
-ELASTIC_LAWS = ("neo_hookean", "fixed_corotated", "hencky")
-"""Kirchhoff stress [Pa] from F, E, nu. Outside det F > 0 it is not a number, so that a rollout stops there."""
+ELASTIC_LAWS = tuple(sorted(header.stem for header in Path(__file__).with_name("elastic").glob("*.h")))
+"""Kirchhoff stress [Pa] from F, E, nu: every header in `elastic/`. Outside det F > 0 it is not a number, so that a
+rollout stops there."""
 
 PLASTIC_LAWS = {
     "identity": (),

@@ -1,8 +1,8 @@
-// The adjoint of an elastic law from its value alone, by forward differentiation: a dual number, which carries its derivative
-// along one direction, goes through the law in place of V, once for each entry of F and for E and nu.
+// The adjoint of an elastic law from its value alone, by forward differentiation: a dual number, which carries its
+// derivative along one direction, goes through the law in place of V, once for each entry of F and for E and nu.
 //
-// For laws that only call what stands below, and whose value is differentiable as it is computed: polar_rotation() is, the
-// directions of principal() are not where singular values repeat.
+// For laws that only call what stands below, and whose value is differentiable as it is computed: polar_rotation() is,
+// the directions of principal() are not where singular values repeat.
 #pragma once
 
 #include "adjoint.h"

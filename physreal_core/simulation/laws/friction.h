@@ -1,5 +1,5 @@
-// Friction of a node that slides: mu(s) = max(0, mu_f + excess exp(-s / static speed) + rate s), Coulomb's where there is no law.
-// The twin stands in terms_reference.py, with its source.
+// Friction of a node that slides: mu(s) = max(0, mu_f + excess exp(-s / static speed) + rate s), Coulomb's where there
+// is no law. The twin stands in terms_reference.py, with its source.
 #pragma once
 #include "number.h"
 

@@ -1,5 +1,5 @@
-// Grip phase (paper, eq. interaction_force, and a dashpot along the same line): forces of the bonds between controller points
-// and a particle, and their adjoint.
+// Grip phase (paper, eq. interaction_force, and a dashpot along the same line): forces of the bonds between controller
+// points and a particle, and their adjoint.
 //
 // Per bond of particle x and controller point a, with r = x - a, l = |r|, d = r / l:
 //     f = -w (k_f (l / l0 - 1) + c_f (v - da/dt) . d) d
@@ -11,12 +11,12 @@ namespace physreal {
 
 template <class S>
 struct Grip {
-    const int* controller;             // [bonds]
-    const S *weight, *rest_length;     // [bonds]
-    const S* points;                   // [2, point_count, 3] at both ends of the frame
+    const int* controller;          // [bonds]
+    const S *weight, *rest_length;  // [bonds]
+    const S* points;                // [2, point_count, 3] at both ends of the frame
     Index point_count;
-    S stiffness, damping, softening;   // softening [m2] of the distance
-    S time, frame_rate;                // time: since the frame's start, in frames
+    S stiffness, damping, softening;  // softening [m2] of the distance
+    S time, frame_rate;               // time: since the frame's start, in frames
 
     Vec3<S> force(Index first, Index last, const Vec3<S>& x, const Vec3<S>& v, Vec3<S> f) const {
         for (Index e = first; e < last; e++) {

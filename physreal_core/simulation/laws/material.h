@@ -1,5 +1,5 @@
-// The material of a particle, or of a block of lanes: expert law plus, where there is a network, its neural residual, with adjoints
-// that add to the parameters' rows.
+// The material of a particle, or of a block of lanes: expert law plus, where there is a network, its neural residual,
+// with adjoints that add to the parameters' rows.
 #pragma once
 
 #include "adjoint.h"
@@ -7,8 +7,9 @@
 
 namespace physreal {
 
-// Rows of `stride` particles, those of a block that is not full with F = 1, valid E and nu, and adjoints of zero. The bars and
-// the workspace are for the adjoints only; each thread of a CPU has its own workspace and its own bars of the networks.
+// Rows of `stride` particles, those of a block that is not full with F = 1, valid E and nu, and adjoints of zero. The
+// bars and the workspace are for the adjoints only; each thread of a CPU has its own workspace and its own bars of the
+// networks.
 template <class S>
 struct MaterialArrays {
     const S *E, *nu;   // Young's modulus [Pa], Poisson's ratio
@@ -24,7 +25,8 @@ struct MaterialArrays {
     S* workspace;                                // Material::workspace_size scalars
 };
 
-// A form's frame has rows `constants` and `bars` as the layout says (particle_rows.py), and the numbers of the residuals.
+// A form's frame has rows `constants` and `bars` as the layout says (particle_rows.py), and the numbers of the
+// residuals.
 template <bool TERMS, class Frame, class S>
 inline MaterialArrays<S> material_arrays(const Frame& f, S dt, S share, const S* network_elastic,
                                          const S* network_plastic, S* network_elastic_bar, S* network_plastic_bar,
@@ -76,7 +78,9 @@ struct HybridStress {
     Mat3<V> tau;
 
     HybridStress(const Mat3<V>& F, V E, V nu, const ResidualInputs<Scalar<V>>& inputs)
-        : expert(F, E, nu), residual(F, rotation(expert, F, 0), expert.tau, E, inputs), tau(expert.tau + residual.delta) {}
+        : expert(F, E, nu),
+          residual(F, rotation(expert, F, 0), expert.tau, E, inputs),
+          tau(expert.tau + residual.delta) {}
 };
 
 template <class V, class Expert>

@@ -1,5 +1,5 @@
-// The residuals' network: two hidden layers of x / sqrt(1 + x^2), and its adjoint. That activation (the inverse square root unit
-// of Carlile et al. 2017) is smooth and bounded like tanh, and vectorises. The flat weights lie as
+// The residuals' network: two hidden layers of x / sqrt(1 + x^2), and its adjoint. That activation (the inverse square
+// root unit of Carlile et al. 2017) is smooth and bounded like tanh, and vectorises. The flat weights lie as
 // residual_config.weight_shapes says.
 #pragma once
 
@@ -17,8 +17,8 @@ inline void add_product(const Scalar<V>* w, const V* x, V* y) {
     constexpr int TILE = ROWS < 8 ? ROWS : 8;
     V sums[TILE];
     for (int r = 0; r < TILE; ++r) sums[r] = y[r];
-    ONE_AT_A_TIME for (int c = 0; c < COLUMNS; ++c)
-        for (int r = 0; r < TILE; ++r) sums[r] += w[r * ROW_STRIDE + c * COLUMN_STRIDE] * x[c];
+    ONE_AT_A_TIME for (int c = 0; c < COLUMNS; ++c) for (int r = 0; r < TILE; ++r) sums[r] +=
+        w[r * ROW_STRIDE + c * COLUMN_STRIDE] * x[c];
     for (int r = 0; r < TILE; ++r) y[r] = sums[r];
     if constexpr (ROWS > TILE)
         add_product<ROWS - TILE, COLUMNS, ROW_STRIDE, COLUMN_STRIDE>(w + TILE * ROW_STRIDE, x, y + TILE);
@@ -72,8 +72,8 @@ public:
         BATCH * sizeof(Block) / sizeof(S) + LaneTraits<V>::COUNT;  // scalars; room to align
 
     BatchedAdjoint(S* workspace, S* weights_bar)
-        : batch_(reinterpret_cast<Block*>(
-              (reinterpret_cast<unsigned long long>(workspace) + alignof(V) - 1) / alignof(V) * alignof(V))),
+        : batch_(reinterpret_cast<Block*>((reinterpret_cast<unsigned long long>(workspace) + alignof(V) - 1) /
+                                          alignof(V) * alignof(V))),
           weights_bar_(weights_bar) {}
 
     // Inputs' adjoint of one block; the weights' is added when the batch is full or finished.

@@ -1,9 +1,9 @@
 // Node phase: momentum to velocity, gravity, clamps, Coulomb contact with the ground, and its adjoint.
 //
-// Contact acts, after all forces, on the nodes of the lattice layer k = 0 and below, and on those next to the plane, k = 1,
-// where the body touches it (touch.py). With v the free velocity of such a node and v_z < 0, the plane takes out the normal
-// impulse m |v_z|, the tangential velocity loses at most mu |v_z| and sticks where that is more than it has. Nodes that leave
-// the plane (v_z >= 0) are free.
+// Contact acts, after all forces, on the nodes of the lattice layer k = 0 and below, and on those next to the plane, k
+// = 1, where the body touches it (touch.py). With v the free velocity of such a node and v_z < 0, the plane takes out
+// the normal impulse m |v_z|, the tangential velocity loses at most mu |v_z| and sticks where that is more than it has.
+// Nodes that leave the plane (v_z >= 0) are free.
 #pragma once
 #include "friction.h"
 
@@ -35,7 +35,8 @@ struct Scene {
     }
 };
 
-// What a node's velocity follows from beside its (momentum, mass). `Node` is any type of four S: a vector of lanes, or Vec4.
+// What a node's velocity follows from beside its (momentum, mass). `Node` is any type of four S: a vector of lanes, or
+// Vec4.
 template <class S>
 struct NodePhase {
     S dt, gravity[3], mass_floor, touching;

@@ -9,9 +9,10 @@
 // Both are objective, bounded (|delta tau| <= beta_e |tau_exp|, |delta F| <= beta_p |F_exp| per frame), exactly zero
 // with zero output weights, and differentiable wherever det F > 0.
 //
-// Features of the strain, F = R U: the three elementary symmetric functions of U - I (sorted singular values themselves have
-// no derivative where two meet); the six entries 00, 11, 22, 01, 02, 12 of F^T F - I, in the axes of the undeformed body; and
-// J - 1. Turning the deformed body changes none of them; turning the undeformed body in its axes changes the six.
+// Features of the strain, F = R U: the three elementary symmetric functions of U - I (sorted singular values themselves
+// have no derivative where two meet); the six entries 00, 11, 22, 01, 02, 12 of F^T F - I, in the axes of the
+// undeformed body; and J - 1. Turning the deformed body changes none of them; turning the undeformed body in its axes
+// changes the six.
 #pragma once
 
 #include "matrix.h"
@@ -19,8 +20,8 @@
 
 namespace physreal {
 
-// Of one residual: the network's flat weights, the particle's latent code (rows `stride` apart), the residual's bound, and
-// the strain that counts as one.
+// Of one residual: the network's flat weights, the particle's latent code (rows `stride` apart), the residual's bound,
+// and the strain that counts as one.
 template <class S>
 struct ResidualInputs {
     const S* weights;
@@ -55,7 +56,8 @@ public:
                                             C(0, 1),         C(0, 2),
                                             C(1, 2),         determinant(F) - S_(1)};
         for (int j = 0; j < STRAIN_FEATURES; ++j) h_.inputs[j] = (S_(1) / inputs.strain_scale) * strains[j];
-        for (int q = 0; q < Net::LATENT; ++q) h_.inputs[STRAIN_FEATURES + q] = load<V>(inputs.latent + q * inputs.stride);
+        for (int q = 0; q < Net::LATENT; ++q)
+            h_.inputs[STRAIN_FEATURES + q] = load<V>(inputs.latent + q * inputs.stride);
         Net::forward(inputs.weights, h_, slopes_, b_);
         V square = b_[0] * b_[0];
         for (int o = 1; o < OUTPUTS; ++o) square += b_[o] * b_[o];

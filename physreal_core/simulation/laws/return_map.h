@@ -1,10 +1,9 @@
 // The shared half of every plastic expert: an isotropic return map in log strain, F_new = exp(delta eps) F_trial.
 //
-// With eps = log V of the trial F = V R, split into its deviator of norm q and its trace t, an isotropic law only has to
-// say where (q, t) goes; direction of the deviator, principal frame and rotation R stay. Inside the yield surface F is
-// returned untouched. At the surface the map has a kink: values join, derivatives jump, and exactly on it the elastic
-// side's hold.
-// Exponential return in log strain: Simo, CMAME 99 (1992).
+// With eps = log V of the trial F = V R, split into its deviator of norm q and its trace t, an isotropic law only has
+// to say where (q, t) goes; direction of the deviator, principal frame and rotation R stay. Inside the yield surface F
+// is returned untouched. At the surface the map has a kink: values join, derivatives jump, and exactly on it the
+// elastic side's hold. Exponential return in log strain: Simo, CMAME 99 (1992).
 #pragma once
 
 #include "adjoint.h"

@@ -1,5 +1,5 @@
-// The optional laws in use (Frame::terms) of a thread's particles: forces and stresses beside the others, and adjoints that add to
-// the laws' rows and sums.
+// The optional laws in use (Frame::terms) of a thread's particles: forces and stresses beside the others, and adjoints
+// that add to the laws' rows and sums.
 #pragma once
 #include "rows.h"
 
@@ -12,7 +12,8 @@ class TermLaws : ParticleRows<S> {
     using Rows::first_, Rows::frame_, Rows::last_, Rows::matrix, Rows::put, Rows::row_of, Rows::vector;
 
 public:
-    // Rows of the state, of the particles' masses and of the laws' parameters (row::), and their adjoints; the numbers' adjoints.
+    // Rows of the state, of the particles' masses and of the laws' parameters (row::), and their adjoints; the numbers'
+    // adjoints.
     struct Arrays {
         const S *x, *v, *rate, *mass, *values;
         S *x_bar, *v_bar, *rate_bar, *mass_bar, *value_bars, *number_bars;
@@ -54,7 +55,8 @@ public:
         StressTerms::each(frame_.terms, [&](auto law) { law.adjoint(at, F, T, F_bar); });
     }
 
-    // --- the mean rate of deformation, that of the last substeps with weights that fade -------------------------------
+    // --- the mean rate of deformation, that of the last substeps with weights that fade
+    // -------------------------------
 
     void average_rate(Index p, const S* rate, const Mat3<V>& C, S* next) const {
         if (!has(term::viscosity)) return;

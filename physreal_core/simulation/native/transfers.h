@@ -3,8 +3,9 @@
 // zero fills the vector.
 //
 // Distances are in cells; d_a w is a weight's derivative by the particle's position along axis a.
-// A particle's contribution to a node is w q + sum_a (d_a w) g_a + sum_a (d_a d_a w) c_a, its `Field`; what it takes from
-// the nodes are sums of their values with the weights and their derivatives, its `Moments`. One is the other's adjoint.
+// A particle's contribution to a node is w q + sum_a (d_a w) g_a + sum_a (d_a d_a w) c_a, its `Field`; what it takes
+// from the nodes are sums of their values with the weights and their derivatives, its `Moments`. One is the other's
+// adjoint.
 #pragma once
 #include "lanes.h"
 #include "matrix.h"
@@ -205,11 +206,17 @@ template <class S>
 struct FieldBlock {
     using V = Lanes<S>;
 
-    // q: (momentum, mass) or their likes; apic: its columns are scattered with four times weight and offset along the axes;
-    // gradient: with the weight's derivatives.
+    // q: (momentum, mass) or their likes; apic: its columns are scattered with four times weight and offset along the
+    // axes; gradient: with the weight's derivatives.
     FieldBlock(const Vec3<V>& q, V mass, const Mat3<V>& apic, const Mat3<V>& gradient, const Stencil<S>& stencil)
-        : q(q), mass(mass), apic(apic), A(apic + gradient), B(stencil.skewed(apic)), q_(q[0], q[1], q[2], mass),
-          gradient_{column(A, 0), column(A, 1), column(A, 2)}, curvature_{column(B, 0), column(B, 1), column(B, 2)} {}
+        : q(q),
+          mass(mass),
+          apic(apic),
+          A(apic + gradient),
+          B(stencil.skewed(apic)),
+          q_(q[0], q[1], q[2], mass),
+          gradient_{column(A, 0), column(A, 1), column(A, 2)},
+          curvature_{column(B, 0), column(B, 1), column(B, 2)} {}
 
     Field<S> of(int l) const {
         return {q_[l],
@@ -368,7 +375,8 @@ private:
     static void each(const Derivatives<Node<S>>& d, Use use) {
         use(0, d.value), use(1, d.x), use(2, d.y), use(3, d.z), use(4, d.xx), use(5, d.yy), use(6, d.zz);
         if constexpr (ADJOINT)
-            use(7, d.xy), use(8, d.xz), use(9, d.yz), use(10, d.xxy), use(11, d.xxz), use(12, d.yyx), use(13, d.yyz), use(14, d.zzx), use(15, d.zzy);
+            use(7, d.xy), use(8, d.xz), use(9, d.yz), use(10, d.xxy), use(11, d.xxz), use(12, d.yyx), use(13, d.yyz),
+                use(14, d.zzx), use(15, d.zzy);
     }
     Vec3<V> vector(int row) const {
         return {{rows_[row].template lanes<0>(), rows_[row].template lanes<1>(), rows_[row].template lanes<2>()}};

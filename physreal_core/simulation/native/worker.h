@@ -33,10 +33,10 @@ public:
           first_node_(share_of(box_.nodes(), thread, frame.threads)),
           last_node_(share_of(box_.nodes(), thread + 1, frame.threads)),
           scratch_(frame.scratch + 4 * thread * Index(box_.nodes() + 4)),
-          material_(material_arrays<TERMS>(
-              frame, frame.dt, frame.share, frame.network_elastic, frame.network_plastic,
-              frame.network_elastic_bar + thread * frame.weights_elastic,
-              frame.network_plastic_bar + thread * frame.weights_plastic, frame.networks + thread * frame.network_numbers)),
+          material_(material_arrays<TERMS>(frame, frame.dt, frame.share, frame.network_elastic, frame.network_plastic,
+                                           frame.network_elastic_bar + thread * frame.weights_elastic,
+                                           frame.network_plastic_bar + thread * frame.weights_plastic,
+                                           frame.networks + thread * frame.network_numbers)),
           laws_(frame, thread),
           barrier_(frame.shared + 64 * pass, frame.threads, frame.yield_address) {}
 
@@ -105,28 +105,37 @@ private:
 
     typename TermLaws<S>::Arrays law_arrays(const S* now) const {
         S* bar = frame_.adjoint;
-        return {now + X * frame_.stride, now + VELOCITY * frame_.stride, rate(now), constants(constant::mass),
-                constants(constant::COUNT), bar + X * frame_.stride, bar + VELOCITY * frame_.stride, rate(bar),
-                input_bars(input::mass), input_bars(input::COUNT), particle_sums() + particle_sum::numbers};
+        return {now + X * frame_.stride,
+                now + VELOCITY * frame_.stride,
+                rate(now),
+                constants(constant::mass),
+                constants(constant::COUNT),
+                bar + X * frame_.stride,
+                bar + VELOCITY * frame_.stride,
+                rate(bar),
+                input_bars(input::mass),
+                input_bars(input::COUNT),
+                particle_sums() + particle_sum::numbers};
     }
 
     NodePhase<S> node_phase() const {
         const Frame<S>& f = frame_;
-        return {f.dt, {f.gravity[0], f.gravity[1], f.gravity[2]}, f.mass_floor, f.touching, f.friction,
-                laws_.has(term::friction_law) ? f.friction_law : nullptr};
+        return {f.dt,         {f.gravity[0], f.gravity[1], f.gravity[2]},
+                f.mass_floor, f.touching,
+                f.friction,   laws_.has(term::friction_law) ? f.friction_law : nullptr};
     }
 
     Grip<S> grip(Index substep) const {
         const Frame<S>& f = frame_;
-        return {f.grip_controller, f.grip_weight, f.grip_rest_length, f.controllers, f.controller_points,
-                f.grip_stiffness, f.grip_damping, f.grip_softening, S(substep) * f.share, f.frame_rate};
+        return {f.grip_controller, f.grip_weight,  f.grip_rest_length, f.controllers,        f.controller_points,
+                f.grip_stiffness,  f.grip_damping, f.grip_softening,   S(substep) * f.share, f.frame_rate};
     }
 
     // --- in and out
     // -----------------------------------------------------------------------------------------------------
 
-    // Particles in the order of their cells, those of a cell as the caller counts; one outside the box, which will be found to be,
-    // counts to the first cell.
+    // Particles in the order of their cells, those of a cell as the caller counts; one outside the box, which will be
+    // found to be, counts to the first cell.
     void sort_particles() {
         const Frame<S>& f = frame_;
         const int nodes = box_.nodes();
@@ -202,8 +211,8 @@ private:
 
     void mark_nodes() {
         const Frame<S>& f = frame_;
-        const Scene<S> scene = {{f.offset[0], f.offset[1], f.offset[2]}, f.cell, f.clamps, f.has_ground,
-                                f.clamp_lower, f.clamp_upper};
+        const Scene<S> scene = {
+            {f.offset[0], f.offset[1], f.offset[2]}, f.cell, f.clamps, f.has_ground, f.clamp_lower, f.clamp_upper};
         for (Index n = first_node_; n < last_node_; n++) {
             const Index k = n % f.count[2], j = n / f.count[2] % f.count[1], i = n / (f.count[1] * f.count[2]);
             f.kind[n] = scene.kind_of(i + f.origin[0], j + f.origin[1], k + f.origin[2], f.origin[2]);
@@ -237,7 +246,8 @@ private:
         }
         const Grip<S> bonds = grip(s);
         for_gripped([&](Index place, Index first, Index end) {
-            put_at(frame_.force, place, bonds.force(first, end, at(now, X, place), at(now, VELOCITY, place), at(before_grip, 0, place)));
+            put_at(frame_.force, place,
+                   bonds.force(first, end, at(now, X, place), at(now, VELOCITY, place), at(before_grip, 0, place)));
         });
     }
 
@@ -314,7 +324,8 @@ private:
     MomentBlock<ADJOINT, S> gathered(const S* grid, const Stencil<S>& stencil, Index p) const {
         MomentBlock<ADJOINT, S> moments;
         for (int l = 0; l < lanes_from(p); l++)
-            moments.set(l, gather<ADJOINT>(grid + 4 * Index(stencil.base[l]), box_, stencil.weights(l), stencil.slopes(l)));
+            moments.set(
+                l, gather<ADJOINT>(grid + 4 * Index(stencil.base[l]), box_, stencil.weights(l), stencil.slopes(l)));
         return moments;
     }
 
@@ -426,7 +437,8 @@ private:
         Scatter<S> scatter(scratch_, box_);
         for (Index p = first_; p < last_; p += LANES) {
             Vec3<V> x = vector(now, X, p);
-            Mat3<V> F = matrix(now, DEFORMATION, p), F_bar = matrix(bar, DEFORMATION, p), C_bar = matrix(bar, AFFINE, p);
+            Mat3<V> F = matrix(now, DEFORMATION, p), F_bar = matrix(bar, DEFORMATION, p),
+                    C_bar = matrix(bar, AFFINE, p);
             if constexpr (TERMS) C_bar = laws_.average_rate_adjoint(p, C_bar, rate(bar));
             Stencil<S> stencil(x.v, box_);
             const auto moments = gathered<true>(frame_.velocity, stencil, p);
@@ -493,14 +505,15 @@ private:
             material_.stress_adjoint(p, stress, F, tau_bar, F_bar);
             if constexpr (TERMS) laws_.stress_adjoint(law_arrays(now), p, F, tau_bar, F_bar);
             put(bar, DEFORMATION, p, F_bar);
-            if constexpr (TERMS) inputs_adjoint(p, vector(now, VELOCITY, p), C, q_bar, moments.fourth_value(), apic_bar);
+            if constexpr (TERMS)
+                inputs_adjoint(p, vector(now, VELOCITY, p), C, q_bar, moments.fourth_value(), apic_bar);
         }
         grip_adjoint(s, now);
         if (TERMS && laws_.has(ForceTerms::TERMS)) laws_.forces_adjoint(law_arrays(now));
     }
 
-    // Without optional terms v_bar = m q_bar on entry, of which the force's adjoint is dt q_bar; with them that stands in
-    // frame.force_bar.
+    // Without optional terms v_bar = m q_bar on entry, of which the force's adjoint is dt q_bar; with them that stands
+    // in frame.force_bar.
     void grip_adjoint(Index s, const S* now) {
         const Grip<S> bonds = grip(s);
         S* bar = frame_.adjoint;
@@ -538,7 +551,8 @@ template <class S, bool TERMS, template <class> class Elastic, class Plastic, cl
           class PlasticNetwork>
 using WorkerOf = Worker<S, TERMS, Material<Lanes<S>, Elastic, Plastic, ElasticNetwork, PlasticNetwork>>;
 
-// Calls run(frame, thread within it) for the frames: one is shared by all threads, of many each thread takes one after the other.
+// Calls run(frame, thread within it) for the frames: one is shared by all threads, of many each thread takes one after
+// the other.
 template <class S, class Run>
 inline void for_frames(unsigned long long frames, unsigned long long workspaces, int count, unsigned long long next,
                        int thread, Run run) {

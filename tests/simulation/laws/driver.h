@@ -1,5 +1,5 @@
-// The laws on many particles, values and adjoints: materials, residuals alone, optional laws, friction; elementary functions.
-// V is lanes or one number. Arrays are rows of `stride` numbers; `first` and `last` are whole blocks.
+// The laws on many particles, values and adjoints: materials, residuals alone, optional laws, friction; elementary
+// functions. V is lanes or one number. Arrays are rows of `stride` numbers; `first` and `last` are whole blocks.
 #pragma once
 #include "friction.h"
 #include "material.h"
@@ -185,7 +185,8 @@ inline void drive_friction(S dynamic, const S* law, const S* speed, const S* see
 
 // --- elementary functions
 
-// Eight rows: log, exp, sine, cosine, square root and its inverse, absolute value, and their sum in all lanes of a block.
+// Eight rows: log, exp, sine, cosine, square root and its inverse, absolute value, and their sum in all lanes of a
+// block.
 template <class V>
 inline void elementary(const Scalar<V>* x, Scalar<V>* out, Index count) {
     for (Index p = 0; p < count; p += LaneTraits<V>::COUNT) {

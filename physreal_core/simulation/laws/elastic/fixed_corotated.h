@@ -1,7 +1,7 @@
 // Fixed corotated elasticity: tau = 2 mu (F - R) F^T + lambda J (J - 1) I.
 //
-// Source: Stomakhin, Howes, Schroeder, Teran, "Energetically consistent invertible elasticity", SCA 2012, with energy mu
-// |F - R|^2 + lambda/2 (J - 1)^2 per undeformed volume and tau = P F^T. The rotation R comes from Newton's polar
+// Source: Stomakhin, Howes, Schroeder, Teran, "Energetically consistent invertible elasticity", SCA 2012, with energy
+// mu |F - R|^2 + lambda/2 (J - 1)^2 per undeformed volume and tau = P F^T. The rotation R comes from Newton's polar
 // iteration, so that nothing is singular where singular values repeat.
 #pragma once
 

@@ -1,8 +1,8 @@
 // Hencky elasticity (St. Venant-Kirchhoff in the logarithmic strain): tau = 2 mu eps + lambda tr(eps) I, eps = log V.
 //
 // Source: Simo, "Algorithms for static and dynamic multiplicative plasticity", CMAME 99 (1992), with energy
-// mu eps:eps + lambda/2 (tr eps)^2 per undeformed volume; in MPM: Klar et al., "Drucker-Prager elastoplasticity for sand
-// animation", SIGGRAPH 2016.
+// mu eps:eps + lambda/2 (tr eps)^2 per undeformed volume; in MPM: Klar et al., "Drucker-Prager elastoplasticity for
+// sand animation", SIGGRAPH 2016.
 #pragma once
 
 #include "adjoint.h"

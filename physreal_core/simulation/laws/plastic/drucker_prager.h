@@ -1,10 +1,10 @@
 // Drucker-Prager plasticity with cohesion: |dev tau| + alpha tr(tau) <= k in the Hencky stress, flow without dilatancy.
 //
-// y = (friction angle phi [rad], cohesion c [Pa]), alpha = sqrt(2/3) 2 sin phi / (3 - sin phi) and k = sqrt(2/3) 6 c cos
-// phi / (3 - sin phi): the cone through the outer (triaxial compression) edges of Mohr-Coulomb's.
-// Beyond the tip tr(tau) = k / alpha = 3 c cot phi the strain goes to the tip: the material opens without resistance.
-// Source: Klar et al., "Drucker-Prager elastoplasticity for sand animation", SIGGRAPH 2016 (their case c = 0; cohesion
-// shifts the cone along the hydrostatic axis). Their volume correction is left out, since it needs a state variable.
+// y = (friction angle phi [rad], cohesion c [Pa]), alpha = sqrt(2/3) 2 sin phi / (3 - sin phi) and k = sqrt(2/3) 6 c
+// cos phi / (3 - sin phi): the cone through the outer (triaxial compression) edges of Mohr-Coulomb's. Beyond the tip
+// tr(tau) = k / alpha = 3 c cot phi the strain goes to the tip: the material opens without resistance. Source: Klar et
+// al., "Drucker-Prager elastoplasticity for sand animation", SIGGRAPH 2016 (their case c = 0; cohesion shifts the cone
+// along the hydrostatic axis). Their volume correction is left out, since it needs a state variable.
 #pragma once
 
 #include "lame.h"

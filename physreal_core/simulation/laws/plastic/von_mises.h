@@ -1,12 +1,11 @@
 // Von Mises plasticity with Perzyna viscosity: |dev tau| <= sqrt(2/3) sigma_y, with dev tau = 2 mu dev eps (Hencky).
 //
-// y = (yield stress sigma_y in uniaxial tension [Pa], viscosity eta [Pa s]). Above the surface the deviatoric log strain
-// flows at (|dev tau| - sqrt(2/3) sigma_y) / eta, integrated implicitly: a step keeps (eta/dt) / (2 mu + eta/dt) of the
-// excess over the surface, so that the material does not depend on dt. eta = 0 is perfect plasticity, the radial return.
-// Sources: Simo and Hughes, "Computational Inelasticity", 1998 (radial return; Perzyna); in log strain: Simo, CMAME 99
-// (1992).
-// There is no hardening: it would need the accumulated plastic strain as a state variable that the particles do not
-// carry.
+// y = (yield stress sigma_y in uniaxial tension [Pa], viscosity eta [Pa s]). Above the surface the deviatoric log
+// strain flows at (|dev tau| - sqrt(2/3) sigma_y) / eta, integrated implicitly: a step keeps (eta/dt) / (2 mu + eta/dt)
+// of the excess over the surface, so that the material does not depend on dt. eta = 0 is perfect plasticity, the radial
+// return. Sources: Simo and Hughes, "Computational Inelasticity", 1998 (radial return; Perzyna); in log strain: Simo,
+// CMAME 99 (1992). There is no hardening: it would need the accumulated plastic strain as a state variable that the
+// particles do not carry.
 #pragma once
 
 #include "lame.h"

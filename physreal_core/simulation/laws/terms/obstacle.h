@@ -1,5 +1,5 @@
-// Obstacle: f = m k max(0, -phi) grad phi, phi the signed distance of a capsule: centre, half axis (zero for a ball), radius,
-// stiffness.
+// Obstacle: f = m k max(0, -phi) grad phi, phi the signed distance of a capsule: centre, half axis (zero for a ball),
+// radius, stiffness.
 #pragma once
 #include "term.h"
 

@@ -51,6 +51,15 @@ def hencky(F: Float[Tensor, "... 3 3"], E: Tensor, nu: Tensor) -> Float[Tensor, 
     return U @ torch.diag_embed(principal) @ U.mT
 
 
+def saint_venant_kirchhoff(F: Float[Tensor, "... 3 3"], E: Tensor, nu: Tensor) -> Float[Tensor, "... 3 3"]:
+    """Kirchhoff stress [Pa], F (2 mu G + lambda tr(G) I) F^T with the Green strain G = (F^T F - I) / 2."""
+    mu, lam = lame(E, nu)
+    identity = torch.eye(3, dtype=F.dtype)
+    G = (F.mT @ F - identity) / 2
+    volumetric = (lam * G.diagonal(dim1=-2, dim2=-1).sum(-1))[..., None, None] * identity
+    return F @ (2 * mu[..., None, None] * G + volumetric) @ F.mT
+
+
 def von_mises(F: Float[Tensor, "... 3 3"], E: Tensor, nu: Tensor, y: Float[Tensor, "... 2"], dt: Tensor) -> Tensor:
     """Return map; y = (yield stress [Pa], viscosity [Pa s])."""
     two_mu = 2 * lame(E, nu)[0]

@@ -20,6 +20,7 @@ from physreal_core.effects.grip.grip_slip import GripSlip
 from physreal_core.effects.mass.density_gradient import DensityGradient
 from physreal_core.effects.mass.payload import Payload
 from physreal_core.effects.material.fibres import Fibres
+from physreal_core.effects.material.internal_pressure import InternalPressure
 from physreal_core.effects.material.kelvin_voigt import KelvinVoigt
 from physreal_core.effects.material.maxwell_creep import MaxwellCreep
 from physreal_core.effects.material.plastic_yield import PlasticYield
@@ -44,6 +45,7 @@ EFFECTS: dict[str, Effect] = {
         PlasticYield(),
         StrainStiffening(),
         Fibres(),
+        InternalPressure(),
         RestShape(),
         Payload(),
         DensityGradient(),

@@ -40,6 +40,7 @@ class Parameters:
         stiffening: Yeoh's second coefficient c of c (I1_bar - 3)^2 [Pa], shape [N].
         fibre_modulus: k of k / 8 (|F a|^2 - 1)^2 [Pa], shape [N].
         fibre_direction: unit vector a of the undeformed body, shape [N, 3].
+        pressure: p of the Cauchy stress -p 1 of a gas in the body [Pa], shape [N].
         friction_law: static excess of mu_f, the speed over which it fades [m/s], rise with speed [s/m], shape [3].
     """
 
@@ -68,6 +69,7 @@ class Parameters:
     stiffening: Float[Tensor, "..."] | None = None
     fibre_modulus: Float[Tensor, "..."] | None = None
     fibre_direction: Float[Tensor, "... 3"] | None = None
+    pressure: Float[Tensor, "..."] | None = None
     friction_law: Float[Tensor, "... 3"] | None = None
 
 

@@ -57,13 +57,14 @@ TERMS: dict[str, dict[str, TermField]] = {
         "fibre_modulus": TermField((PARTICLES,), visible=1e3),
         "fibre_direction": TermField((PARTICLES, 3), (1.0, 0.0, 0.0)),
     },
+    "pressure": {"pressure": TermField((PARTICLES,), visible=200.0)},
     "friction_law": {"friction_law": TermField((3,), (0.0, 1e-2, 0.0))},
 }
 """Parameters by term, then by name of the field of `Parameters`."""
 
 FORCE_TERMS = ("drag", "adhesion", "obstacle")
 """Terms whose law is a force on particles."""
-STRESS_TERMS = ("viscosity", "stiffening", "fibres")
+STRESS_TERMS = ("viscosity", "stiffening", "fibres", "pressure")
 """Terms whose law is a stress in particles. `friction_law` acts on nodes; the others replace what the step is given."""
 
 TERM_OF = {name: term for term, parameters in TERMS.items() for name in parameters}

@@ -17,6 +17,7 @@ VISIBLE: dict[str, dict[str, float]] = {
     "plastic_yield": {"inverse_yield_strain": 60.0},
     "strain_stiffening": {"ratio": 4.0},
     "fibres": {"ratio": 1.0, "azimuth": 0.4, "elevation": 0.3},
+    "internal_pressure": {"ratio": 0.1},
     "soft_spot": {"loss": 0.6, "x": 0.04, "y": 0.02, "z": 0.01, "radius": 0.015},
     "rest_shape": {"stretch": 0.03, "curvature_1": 0.6, "curvature_2": -0.8},
     "payload": {"ratio": 0.3, "x": 0.03, "y": 0.02, "z": 0.02, "radius": 0.015},

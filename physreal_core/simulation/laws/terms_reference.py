@@ -102,6 +102,16 @@ def fibres(F: Float[Tensor, "... 3 3"], modulus: Tensor, direction: Float[Tensor
     return (0.5 * modulus * stretch)[..., None, None] * (g[..., :, None] * g[..., None, :])
 
 
+def pressure(F: Float[Tensor, "... 3 3"], gauge: Tensor) -> Float[Tensor, "... 3 3"]:
+    """-p J 1, the stress of the energy -p J: the work that a gas of constant pressure does on what it fills.
+
+    Args:
+        F: deformation gradient.
+        gauge: p, over the pressure around the body [Pa].
+    """
+    return (-gauge * torch.linalg.det(F))[..., None, None] * torch.eye(3, dtype=F.dtype)
+
+
 def friction_coefficient(dynamic: Tensor, law: Float[Tensor, "3"], speed: Float[Tensor, "..."]) -> Float[Tensor, "..."]:
     """mu(s) = max(0, mu_f + excess exp(-s / static speed) + rate s): Coulomb's with a static peak and a slope.
 

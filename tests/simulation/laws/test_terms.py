@@ -100,6 +100,11 @@ def fibres_case() -> tuple:
     return lambda fibre_modulus, fibre_direction, F: terms_reference.fibres(F, fibre_modulus, fibre_direction), inputs
 
 
+def pressure_case() -> tuple:
+    inputs = {"pressure": random(COUNT, seed=1), "F": stretches()}
+    return lambda pressure, F: terms_reference.pressure(F, pressure), inputs
+
+
 CASES = {
     "drag": drag_case,
     "adhesion": adhesion_case,
@@ -107,6 +112,7 @@ CASES = {
     "viscosity": viscosity_case,
     "stiffening": stiffening_case,
     "fibres": fibres_case,
+    "pressure": pressure_case,
 }
 
 
@@ -159,6 +165,7 @@ def test_obstacle_pushes_outwards_by_depth(form):
 ENERGIES = {
     "stiffening": lambda F, c: c * (torch.linalg.det(F) ** (-2 / 3) * F.square().sum((-2, -1)) - 3.0) ** 2,
     "fibres": lambda F, k: k / 8 * ((F @ torch.tensor([0.6, 0.0, 0.8]).double()).square().sum(-1) - 1.0) ** 2,
+    "pressure": lambda F, p: -p * torch.linalg.det(F),
 }
 
 
@@ -167,7 +174,7 @@ def test_stress_is_the_energys(law):
     """tau = dW/dF F^T, of the energies that the laws are named after."""
     F, modulus = stretches().requires_grad_(), random(COUNT, seed=1).abs()
     (P,) = torch.autograd.grad(ENERGIES[law](F, modulus).sum(), F)
-    direction = () if law == "stiffening" else (torch.tensor([0.6, 0.0, 0.8]).double().expand(COUNT, 3),)
+    direction = (torch.tensor([0.6, 0.0, 0.8]).double().expand(COUNT, 3),) if law == "fibres" else ()
     tau = getattr(terms_reference, law)(F, modulus, *direction)
     torch.testing.assert_close(tau, P @ F.mT, rtol=1e-10, atol=1e-10)
 

@@ -8,7 +8,7 @@ import torch
 from physreal_core.simulation import Parameters
 from physreal_core.simulation.native import NativeStepper
 from tests.simulation.conftest import FUSED, NATIVE, take_fused
-from tests.simulation.native.test_frame import FRAMES, assert_equal, scene, states_and_gradients
+from tests.simulation.native.test_frame import FRAMES, WIDTHS, assert_equal, scene, states_and_gradients
 
 TERMS = ("drag", "adhesion", "obstacle", "viscosity", "stiffening", "fibres", "friction_law")
 
@@ -37,7 +37,7 @@ def with_laws(given: Parameters, count: int) -> Parameters:
     return replace(given, **{name: value.to(dtype).clone().requires_grad_() for name, value in values.items()})
 
 
-@pytest.mark.parametrize("dtype", ["float64", "float32"])
+@pytest.mark.parametrize("dtype", WIDTHS)
 @pytest.mark.parametrize("material", [{}, {"elastic_law": "hencky", "plastic_law": "von_mises"}])
 def test_native_is_fused(dtype, material, monkeypatch):
     results = []

@@ -162,8 +162,8 @@ def read_trimesh(path: Path, *, merge: bool = False) -> "trimesh.Trimesh":
         raise InputError("file is missing", where=str(path), expected=expected)
     EpsImagePlugin.gs_binary = False  # a texture may be an image of any kind: none of them starts Ghostscript
     try:
-        with path.open("rb") as file:
-            loaded = trimesh.load_mesh(file, file_type=path.suffix[1:].lower(), process=merge)
+        no_other_files = trimesh.resolvers.ZipResolver({})
+        loaded = trimesh.load(path, process=merge, resolver=no_other_files)
         if isinstance(loaded, trimesh.Scene):
             loaded = loaded.to_mesh()
     except Exception as error:  # trimesh raises whatever its parsers raise

@@ -218,7 +218,7 @@ def _write_shape(source: Path, draft: Path) -> bool:
     path = source / "shape" / "matching" / "final_mesh.glb"
     if not path.exists():
         return False
-    mesh = read_trimesh(regular_file(path), merge=True)
+    mesh = read_trimesh(regular_file(path))
     mesh.apply_transform(np.diag([*np.diag(Z_UP), 1.0]))
     mesh.export(draft / "shape_prior.glb")
     return True

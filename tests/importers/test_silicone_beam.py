@@ -59,7 +59,7 @@ def test_faults_are_named(recording, tmp_path):
     with pytest.raises(InputError, match="miss their mounts"):
         import_capture(recording, tmp_path / "beam")
     np.savez(recording, markers=arrays["markers"])
-    with pytest.raises(InputError, match="no field 'fps'"):
+    with pytest.raises(InputError, match="no array 'fps'"):
         import_capture(recording, tmp_path / "beam")
 
 

@@ -1,42 +1,12 @@
-"""What importers are given by hand and find in recordings: options, numbers, arrays, folders, each checked with one error."""
+"""What importers find in recordings: numbers, arrays, words, folders, each checked with one error."""
 
-import functools
-import typing
-from collections.abc import Callable
 from pathlib import Path
-from typing import Annotated, Any
+from typing import Any
 
 import numpy as np
-from pydantic import Field, TypeAdapter, ValidationError
 
 from physreal_core.array_types import Array
 from physreal_core.errors import InputError
-
-Positive = Annotated[float, Field(gt=0, allow_inf_nan=False, description="a positive number")]
-Share = Annotated[float, Field(gt=0, le=1, description="a share, above 0 and at most 1")]
-Count = Annotated[int, Field(ge=0, description="a whole number, counted from 0")]
-AtLeastOne = Annotated[int, Field(ge=1, description="a whole number, at least 1")]
-
-
-def checked_options(import_capture: Callable[..., None]) -> Callable[..., None]:
-    """The importer with its keyword arguments checked against its own annotations; InputError names the option."""
-
-    @functools.wraps(import_capture)
-    def checked(source: Path, destination: Path, **options: Any) -> None:
-        kinds = typing.get_type_hints(import_capture, include_extras=True)
-        for name, value in options.items():
-            try:
-                TypeAdapter(kinds.get(name, Any)).validate_python(value, strict=True)
-            except ValidationError as error:
-                raise InputError(
-                    f"{name} = {value!r}",
-                    where="options of the import",
-                    expected=_meaning(kinds[name]) or error.errors()[0]["msg"],
-                    remedy=f"change {name}=",
-                ) from None
-        import_capture(Path(source), Path(destination), **options)
-
-    return checked
 
 
 def folder(path: Path, holds: str) -> Path:
@@ -109,12 +79,3 @@ def words(value: Any, where: str, name: str) -> str:
     if not isinstance(value, str):
         raise InputError(f"{name} is no string", where=where, expected="words", remedy=f"put {name} in quotes")
     return value
-
-
-def _meaning(kind: Any) -> str:
-    """What an option's annotation says of it."""
-    for part in (kind, *typing.get_args(kind)):
-        for note in typing.get_args(part)[1:]:
-            if getattr(note, "description", None):
-                return note.description
-    return ""

@@ -13,7 +13,8 @@ from typing import Any
 
 import numpy as np
 
-from data.importers._values import Positive, checked_options, folder, numbers, positive, whole, words
+from data.importers._options import Positive
+from data.importers._values import folder, numbers, positive, whole, words
 from data.importers._writing import copy_image, new_capture, write_description, write_image
 from physreal_core.array_types import Array
 from physreal_core.errors import InputError
@@ -26,7 +27,6 @@ _INTRINSICS = ("fx", "fy", "cx", "cy")
 _LAYOUT = "color/0.png ... and camera.json"
 
 
-@checked_options
 def import_capture(
     source: Path,
     destination: Path,
@@ -47,9 +47,10 @@ def import_capture(
         controller: what moves it.
 
     Raises:
-        InputError: no images, no intrinsics, colour and depth of different counts or sizes, or an option that cannot be.
+        InputError: no images, no intrinsics, or colour and depth of different counts or sizes.
     """
-    camera = read_camera(folder(source, _LAYOUT))
+    source = folder(Path(source), _LAYOUT)
+    camera = read_camera(source)
     colour, depth = _frames(source / "color", _COLOUR), _frames(source / "depth", _DEPTH)
     if not colour:
         raise InputError(

@@ -13,8 +13,9 @@ from typing import Any
 
 import numpy as np
 
+from data.importers._options import Index
 from data.importers._phystwin import Z_UP, FinalData, turn_up
-from data.importers._values import Count, checked_options, flags, folder, numbers, positive, whole, words
+from data.importers._values import flags, folder, numbers, positive, whole, words
 from data.importers._writing import copy_image, new_capture, write_description, write_image
 from data.importers.images import read_depth
 from data.importers.safe_pickle import load_pickle
@@ -35,12 +36,11 @@ _LAYOUT = "color/, metadata.json and calibrate.pkl, as PhysTwin's cases have"
 _METADATA = ("WH", "intrinsics", "fps")
 
 
-@checked_options
 def import_capture(
     source: Path,
     destination: Path,
     *,
-    camera: Count = 0,
+    camera: Index = 0,
     results: bool = True,
     description: str = "",
     controller: str = "hand",
@@ -58,7 +58,8 @@ def import_capture(
     Raises:
         InputError: a file, key or frame is missing, of the wrong shape or not finite, or a pickle holds more than arrays.
     """
-    described = _metadata(folder(source, _LAYOUT) / "metadata.json", camera)
+    source = folder(Path(source), _LAYOUT)
+    described = _metadata(source / "metadata.json", camera)
     size, frames = (described["width"], described["height"]), _frame_count(source, camera, described)
     labels, final = _labels(source, camera), FinalData.find(source)
     with new_capture(destination) as draft:

@@ -5,27 +5,28 @@ from typing import Any
 
 import numpy as np
 
-from data.importers._values import AtLeastOne, checked_options, numbers, positive, whole
+from data.importers._options import Count
+from data.importers._values import numbers, positive, whole
 from data.importers._writing import new_capture, write_description, write_image
 from physreal_core.errors import InputError
 from pipeline.reading.files import regular_file
 
 
-@checked_options
 def import_capture(
     source: Path,
     destination: Path,
     *,
     description: str = "",
     controller: str = "hand",
-    frames: AtLeastOne | None = None,
+    frames: Count | None = None,
 ) -> None:
     """Writes the capture; `frames` limits how many are read.
 
     Raises:
         InputError: Open3D or its RealSense reader is missing, or the file cannot be read or holds what cannot be.
     """
-    reader = open_bag(regular_file(source, expected="a .bag of a RealSense camera", remedy="name the recording's file"))
+    source = regular_file(source, expected="a .bag of a RealSense camera", remedy="name the recording's file")
+    reader = open_bag(source)
     try:
         with new_capture(destination) as folder:
             described = describe(reader.metadata, source)

@@ -12,7 +12,8 @@ from pathlib import Path
 
 import numpy as np
 
-from data.importers._values import Positive, Share, checked_options, numbers, positive
+from data.importers._options import Positive, Share
+from data.importers._values import numbers, positive
 from data.importers._writing import first_part_observed, new_capture, rigid, write_description
 from physreal_core.array_types import Array, Float
 from physreal_core.errors import InputError
@@ -42,7 +43,6 @@ MOUNTS = np.array(
 TIP, BASE = slice(0, 3), slice(3, 6)
 
 
-@checked_options
 def import_capture(source: Path, destination: Path, *, duration: Positive | None = 2.0, split: Share = 0.5) -> None:
     """One recording (gravity_V2_a.npz, load52_V2_b.npz, ...; beam.stl beside it) as a capture without images.
 
@@ -57,6 +57,7 @@ def import_capture(source: Path, destination: Path, *, duration: Positive | None
     Raises:
         InputError: a file or field is missing, the markers do not fit their mounts, or the beam is never let go.
     """
+    source = Path(source)
     markers, fps, load = _read(source)
     T_world_recording, misfit = _align(markers[0], source)
     world = markers @ T_world_recording[:3, :3].T + T_world_recording[:3, 3]

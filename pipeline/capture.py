@@ -3,15 +3,14 @@
 Conventions: SI units, world z up with the support plane at z = 0, OpenCV camera axes (docs/conventions.md).
 """
 
-import json
 from pathlib import Path
 from typing import Annotated, Any, Literal
 
 import numpy as np
 from pydantic import BaseModel, BeforeValidator, ConfigDict, Field, PlainSerializer, ValidationError, model_validator
 
-from physreal_core.errors import InputError
 from pipeline.config import as_input_error
+from pipeline.reading.text import read_record
 
 FILE = "capture.json"
 
@@ -120,13 +119,7 @@ def read_capture(folder: Path) -> Capture:
         InputError: naming the file and the key that is missing, misspelt or unusable.
     """
     path = folder / FILE
-    try:
-        values = json.loads(path.read_text())
-    except FileNotFoundError:
-        raise InputError("there is no capture.json", where=str(folder), remedy="see docs/captures.md") from None
-    except json.JSONDecodeError as error:
-        raise InputError(f"not readable as JSON: {error}", where=str(path)) from None
-    return capture_of(values, str(path))
+    return capture_of(read_record(path, remedy="see docs/captures.md"), str(path))
 
 
 def capture_of(values: dict[str, Any], file: str = FILE) -> Capture:

@@ -18,7 +18,7 @@ HEADER = """\
 # Not to be edited: `physreal compose --check` would fail.
 """
 
-COUNTED_OF_PIPELINE = ("pipeline/capture.py", "pipeline/frames.py", "pipeline/products")
+COUNTED_OF_PIPELINE = ("pipeline/capture.py", "pipeline/frames.py", "pipeline/products", "pipeline/reading")
 """What of pipeline/ reads artifacts, files or folders. A change in its other modules alters no result."""
 
 LIGHT = ("physreal_core/errors.py", "physreal_core/array_types.py")

@@ -1,6 +1,5 @@
 """The image files of a capture: listed, read one by one, every fault named by file and frame."""
 
-import io
 from collections.abc import Iterator
 from dataclasses import dataclass
 from pathlib import Path
@@ -11,11 +10,12 @@ from physreal_core.array_types import Array
 from physreal_core.errors import InputError
 from pipeline.capture import Capture, read_capture
 from pipeline.products.given_tracks import GivenTracks3d
+from pipeline.reading.images import read_image
+from pipeline.reading.videos import read_video
 
 COLOUR, DEPTH = "color", "depth"  # folders of images
 IMAGE_KINDS = (".png", ".jpg", ".jpeg")
 DEPTH_FORMAT = "one 16-bit channel, depth in millimetres, 0 = no reading"
-PNG_START, PNG_END = b"\x89PNG", b"IEND\xaeB`\x82"
 
 
 @dataclass(frozen=True)
@@ -72,7 +72,8 @@ def read_frames(
     """
     files = list_frames(folder)
     size = (capture.height, capture.width)
-    frames = _video_frames(files.colour[0]) if files.is_video else ((path, read_colour(path)) for path in files.colour)
+    video = files.colour[0]
+    frames = ((video, f) for f in read_video(video)) if files.is_video else ((f, read_colour(f)) for f in files.colour)
     count = 0
     for count, (path, colour) in enumerate(frames, start=1):
         _same_size(path, colour.shape[:2], size)
@@ -97,7 +98,7 @@ def read_frames(
 
 def read_colour(path: Path) -> Array:
     """[height, width, 3] uint8 RGB."""
-    image = _decode(path)
+    image = read_image(path)
     if image.mode not in ("RGB", "RGBA", "L", "P"):
         raise InputError(f"a colour image of mode {image.mode}", where=str(path), expected="8 bits per channel, RGB")
     return np.asarray(image.convert("RGB"))
@@ -105,7 +106,7 @@ def read_colour(path: Path) -> Array:
 
 def read_grey(path: Path) -> Array:
     """[height, width] uint8, e.g. a mask of 0 and 255."""
-    return np.asarray(_decode(path).convert("L"))
+    return np.asarray(read_image(path).convert("L"))
 
 
 def read_depth(path: Path, plausible: tuple[float, float]) -> Array:
@@ -114,7 +115,7 @@ def read_depth(path: Path, plausible: tuple[float, float]) -> Array:
     Raises:
         InputError: not a 16-bit PNG, or a median that no depth in millimetres has.
     """
-    image = _decode(path)
+    image = read_image(path)
     if not image.mode.startswith("I"):
         raise InputError(f"a depth image of mode {image.mode}", where=str(path), expected=DEPTH_FORMAT)
     values = np.asarray(image)
@@ -173,33 +174,6 @@ def _numbered(folder: Path, suffixes: tuple[str, ...]) -> list[Path]:
                 f"frame {index} is missing", where=str(folder), expected=f"{index:06d}{path.suffix}, not {path.name}"
             )
     return files
-
-
-def _decode(path: Path):
-    from PIL import Image
-
-    try:
-        data = path.read_bytes()
-        if data.startswith(PNG_START) and PNG_END not in data[-64:]:
-            raise OSError("its end is missing")
-        image = Image.open(io.BytesIO(data))
-        image.load()
-    except (OSError, SyntaxError, ValueError) as error:
-        raise InputError(f"the image cannot be read, is it truncated? ({error})", where=str(path)) from None
-    return image
-
-
-def _video_frames(path: Path) -> Iterator[tuple[Path, Array]]:
-    import cv2
-
-    video = cv2.VideoCapture(str(path))
-    if not video.isOpened():
-        raise InputError("the video cannot be opened", where=str(path))
-    while True:
-        more, frame = video.read()
-        if not more:
-            return
-        yield path, np.ascontiguousarray(frame[..., ::-1])
 
 
 def _same_size(path: Path, got: tuple[int, ...], size: tuple[int, int]) -> None:

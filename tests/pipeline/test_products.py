@@ -129,7 +129,7 @@ def test_frames_and_masks_are_read_one_by_one(tmp_path):
     some = Masks.load(tmp_path, [2, 0])
     assert np.array_equal(some.object, masks.object[[2, 0]])
     assert np.array_equal(some.controller, masks.controller[[2, 0]])
-    with pytest.raises(InputError, match=r"masks/object/000003\.png"):
+    with pytest.raises(InputError, match=r"masks/object: there is no 000003\.png"):
         Masks.load(tmp_path, [3])
 
 

@@ -5,7 +5,7 @@ derived from `StageParameters`; nothing else has to be registered.
 """
 
 from pipeline.config._base import StageParameters
-from pipeline.config._errors import as_input_error, unknown_key
+from pipeline.config._errors import as_input_error, as_input_errors, unknown_key
 from pipeline.config._parameters import (
     Parameters,
     Prediction,
@@ -20,6 +20,7 @@ __all__ = [
     "Prediction",
     "StageParameters",
     "as_input_error",
+    "as_input_errors",
     "load_parameters",
     "read_parameters",
     "stage_model",

@@ -218,7 +218,9 @@ def _judge_split(capture: Capture, file: str, found: Findings) -> None:
 def _judge_hint(key: str, hint: Hint, capture: Capture, file: str, found: Findings) -> None:
     given = [name for name in ("point", "box", "colour") if getattr(hint, name) is not None]
     if not given:
-        found.fault(f"{key} is empty", where=file, expected="a point, a box or a colour", remedy=f"fill or remove {key}")
+        found.fault(
+            f"{key} is empty", where=file, expected="a point, a box or a colour", remedy=f"fill or remove {key}"
+        )
     if len(given) > 1:
         found.warn(f"{key} has {' and '.join(given)}; {given[0]} alone is used", where=file)
     if capture.width is None or capture.height is None:

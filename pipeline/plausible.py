@@ -103,7 +103,9 @@ def judge_number(found: Findings, key: str, value: float, limit: Limit, file: st
         )
     elif not limit.low <= value <= limit.high:
         found.warn(
-            f"{key} = {value:g}{unit} is unusual", where=file, expected=f"{limit.low:g} to {limit.high:g}{unit} as a rule"
+            f"{key} = {value:g}{unit} is unusual",
+            where=file,
+            expected=f"{limit.low:g} to {limit.high:g}{unit} as a rule",
         )
 
 
@@ -191,29 +193,32 @@ def judge_box(found: Findings, key: str, lower: Array, upper: Array, file: str) 
 
 def judge_pixel(found: Findings, key: str, point: Float[Array, "2"], size: tuple[int, int], file: str) -> None:
     """A pixel (u, v) of an image of that (width, height)."""
-    if not (-0.5 <= point[0] <= size[0] - 0.5 and -0.5 <= point[1] <= size[1] - 0.5):
+    last = np.array(size) - 1
+    if (point < 0).any() or (point > last).any():
         found.fault(
             f"{key} = {point.tolist()} lies outside the image",
             where=file,
-            expected=f"(u, v) within {size[0]} x {size[1]} px",
+            expected=f"0..{last[0]}, 0..{last[1]} px",
             remedy=f"change {key} in {file}",
         )
 
 
 def judge_rectangle(found: Findings, key: str, box: Float[Array, "4"], size: tuple[int, int], file: str) -> None:
     """A box (u0, v0, u1, v1) around a part of an image of that (width, height)."""
-    lower, upper, whole = box[:2], box[2:], np.array(size, float)
-    inside = np.minimum(upper, whole - 0.5) - np.maximum(lower, -0.5)
-    if (upper - lower < 1).any() or (inside < 1).any():
+    lower, upper, last = box[:2], box[2:], np.array(size) - 1
+    what = ""
+    if (upper - lower < 1).any():
+        what = "has no area"
+    elif (lower < 0).any() or (upper > last).any():
+        what = "lies outside the image or reaches out of it"
+    if what:
         found.fault(
-            f"{key} = {box.tolist()} " + ("has no area" if (upper - lower < 1).any() else "lies outside the image"),
+            f"{key} = {box.tolist()} {what}",
             where=file,
-            expected=f"(u0, v0, u1, v1) with u0 < u1 and v0 < v1, within {size[0]} x {size[1]} px",
+            expected=f"(u0, v0, u1, v1) with u0 < u1 and v0 < v1, within 0..{last[0]}, 0..{last[1]} px",
             remedy=f"change {key} in {file}",
         )
-    elif (lower < -1).any() or (upper > whole).any():
-        found.warn(f"{key} = {box.tolist()} reaches out of the image", where=file, expected=f"{size[0]} x {size[1]} px")
-    elif inside.prod() > 0.95 * whole.prod():
+    elif (upper - lower).prod() > 0.95 * last.prod():
         found.warn(f"{key} = {box.tolist()} is all of the image", where=file, expected="a box around one thing")
 
 

@@ -21,8 +21,8 @@ HEADER = """\
 COUNTED_OF_PIPELINE = ("pipeline/capture.py", "pipeline/frames.py", "pipeline/products", "pipeline/reading")
 """What of pipeline/ reads artifacts, files or folders. A change in its other modules alters no result."""
 
-LIGHT = ("physreal_core/errors.py", "physreal_core/array_types.py")
-"""Error messages and annotations, which compute nothing."""
+LIGHT = ("physreal_core/errors.py", "physreal_core/array_types.py", "physreal_core/evidence.py")
+"""Error messages, annotations and refusals, which compute nothing."""
 
 OTHER_SOURCES = (".h", ".cpp", ".cu")
 """Endings of sources that modules read and no import names."""
@@ -96,13 +96,17 @@ def _stage_file(stage: Stage, root: Path) -> str:
 
 
 def _entry(stage: Stage, role: str, code: list[str]) -> dict[str, Any]:
-    """`foreach` and not `matrix`, because only that gives both a sequence's name and what stands under it."""
+    """`foreach` and not `matrix`, because only that gives both a sequence's name and what stands under it.
+
+    Nothing of params.yaml stands in `cmd`: DVC would put the name there before the shell reads the line, so that a name
+    could hold a command, and no quotes hold against a name with a quote in it. DVC tells the stage its name in DVC_STAGE.
+    """
     home = "clips" if role == "clips" else "sequences"
     told = [f"{role}.{SEQUENCE}"] if stage.of_model or stage.of_companion else []
     output = f"data/captures/{SEQUENCE}" if stage.makes_capture else f"data/artifacts/{stage.name}/{SEQUENCE}"
     body = {
         "wdir": "../..",
-        "cmd": f"python -m stages.{stage.name} {SEQUENCE}",
+        "cmd": f"python -m stages.{stage.name}",
         "params": ["seed", stage.name, *told, f"{home}.{SEQUENCE}.{stage.name}"],
         "deps": [*code, *_data(stage, role)],
         # DVC deletes outputs that do not persist before a stage runs, and a capture may be somebody's own.

@@ -64,10 +64,10 @@ def add_sequence(name: str, role: str, project: Project) -> str:
     Returns:
         What was done and what comes next, for the user.
     """
+    from pipeline.check import Purpose, check_capture
     from pipeline.compose import render
-    from pipeline.frames import check_capture
 
-    found = check_capture(project.capture(name))
+    found = check_capture(project.capture(name), Purpose(clip=role == "clips"))
     raw = read_parameters(project.parameters)
     home = "clips" if role == "clips" else "sequences"
     raw[home] = {**(raw.get(home) or {}), name: {}}

@@ -18,7 +18,7 @@ from typing import Any
 from filelock import FileLock, Timeout
 
 from physreal_core.errors import InputError, SimulationError
-from pipeline.config import Parameters, load_parameters
+from pipeline.config import Parameters, check_name, load_parameters
 from pipeline.graph import STAGES, Graph
 from pipeline.progress import Progress, Timings, show_progress
 from pipeline.project import CODE_ROOT, Project
@@ -210,6 +210,7 @@ def run_stage(
     """
     project = project or Project.find()
     parameters = load_parameters(project.parameters, graph)
+    parameters.sequence(sequence)
     source = Path(inspect.getsourcefile(run))
     destination = project.output(stage, sequence, graph[stage].makes_capture)
     with _only_copy(project, stage, sequence):
@@ -233,12 +234,23 @@ def run_stage(
 
 
 def main(stage: str, run: Callable[[StageContext], None], graph: Graph = STAGES) -> None:
-    """`python -m stages.<stage> <sequence>`: exit code 2 and one plain sentence for what the user can mend."""
+    """`python -m stages.<stage> <sequence>`: exit code 2 and one plain sentence for what the user can mend.
+
+    Under DVC no sequence is given: the stage's name there, <stage>@<sequence>, stands in the variable DVC_STAGE.
+    """
     parser = argparse.ArgumentParser(prog=f"python -m stages.{stage}", description=inspect.getdoc(run))
-    parser.add_argument("sequence", help="a name under `sequences` in params.yaml")
-    arguments = parser.parse_args()
-    with exit_on_input_error(f"{stage} {arguments.sequence}"):
-        run_stage(stage, arguments.sequence, run, graph=graph)
+    given_by_dvc = os.environ.get("DVC_STAGE", "").rpartition(":")[2].partition("@")[2]
+    parser.add_argument(
+        "sequence",
+        nargs="?" if given_by_dvc else None,
+        default=given_by_dvc,
+        help="a name under `sequences` in params.yaml; default: that of the stage which DVC runs",
+    )
+    sequence = parser.parse_args().sequence
+    with exit_on_input_error(stage):
+        check_name(sequence, "params.yaml")
+    with exit_on_input_error(f"{stage} {sequence}"):
+        run_stage(stage, sequence, run, graph=graph)
 
 
 @contextmanager

@@ -2,6 +2,7 @@
 
 import difflib
 import typing
+from typing import Any
 
 from pydantic import BaseModel, ValidationError
 
@@ -9,16 +10,26 @@ from physreal_core.errors import InputError
 
 
 def as_input_error(error: ValidationError, model: type[BaseModel], file: str, prefix: str = "") -> InputError:
-    """The first fault in `error` as an InputError.
+    """The first of `as_input_errors`."""
+    return as_input_errors(error, model, file, prefix)[0]
+
+
+def as_input_errors(error: ValidationError, model: type[BaseModel], file: str, prefix: str = "") -> list[InputError]:
+    """Every fault in `error` as an InputError.
 
     Args:
         error: what pydantic raised on validating `model`.
         file: the file the values came from.
         prefix: key below which the values stand in that file, e.g. "fit_global".
     """
-    fault = error.errors()[0]
-    location = [part for part in fault["loc"] if part != "[key]"]
-    key = ".".join(str(part) for part in ([prefix] if prefix else []) + location)
+    return [_as_input_error(fault, model, file, prefix) for fault in error.errors()]
+
+
+def _as_input_error(fault: Any, model: type[BaseModel], file: str, prefix: str) -> InputError:
+    if "[key]" in fault["loc"]:
+        return _wrong_name(fault, file)
+    location = list(fault["loc"])
+    key = _short(".".join(str(part) for part in ([prefix] if prefix else []) + location))
     holder = _model_at(model, location[:-1]) or model
     if fault["type"] == "extra_forbidden":
         return unknown_key(key, str(location[-1]), list(holder.model_fields), file)
@@ -26,9 +37,8 @@ def as_input_error(error: ValidationError, model: type[BaseModel], file: str, pr
         return InputError(
             f"the key {key} is missing", where=file, expected=_meaning(holder, location), remedy=f"add {key}"
         )
-    got = f"{key} = {fault['input']!r}" if location else f"{key or 'the file'} is not usable"
-    expected = fault["msg"][:1].lower() + fault["msg"][1:]
-    expected = expected.removeprefix("input should be ").removeprefix("value error, ").partition(" or instance of ")[0]
+    got = f"{key} = {_short(repr(fault['input']))}" if location else f"{key or 'the file'} is not usable"
+    expected = _expected(fault)
     meaning = _meaning(holder, location)
     return InputError(
         got, where=file, expected=f"{expected} ({meaning})" if meaning else expected, remedy=f"change {key} in {file}"
@@ -37,6 +47,7 @@ def as_input_error(error: ValidationError, model: type[BaseModel], file: str, pr
 
 def unknown_key(key: str, name: str, known: list[str], file: str) -> InputError:
     """A key that nothing reads, with the nearest one that something does."""
+    key = _short(key)
     nearest = difflib.get_close_matches(name, known, n=1, cutoff=0.5)
     parent = key.rpartition(".")[0]
     expected = f"one of {', '.join(known)}" if known else "no keys here"
@@ -44,6 +55,28 @@ def unknown_key(key: str, name: str, known: list[str], file: str) -> InputError:
         right = f"{parent}.{nearest[0]}" if parent else nearest[0]
         return InputError(f"unknown key {key}; did you mean {right}?", where=file, remedy="rename or remove it")
     return InputError(f"unknown key {key}", where=file, expected=expected, remedy="rename or remove it")
+
+
+def _wrong_name(fault: dict[str, Any], file: str) -> InputError:
+    """A key of a mapping from names that is no name."""
+    block = fault["loc"][0]
+    return InputError(
+        f"{_short(repr(fault['input']))} is no name under {block}",
+        where=file,
+        expected=_expected(fault),
+        remedy=f"change that name under {block} in {file}",
+    )
+
+
+def _expected(fault: dict[str, Any]) -> str:
+    expected = fault["msg"][:1].lower() + fault["msg"][1:]
+    return expected.removeprefix("input should be ").removeprefix("value error, ").partition(" or instance of ")[0]
+
+
+def _short(text: str, limit: int = 120) -> str:
+    """Text for a message of one line: what a terminal would act on is written out, and the end of a long one is left out."""
+    plain = "".join(letter if letter.isprintable() else repr(letter)[1:-1] for letter in text[:limit])
+    return plain if len(text) <= limit else f"{plain}..."
 
 
 def _model_at(model: type[BaseModel], location: list) -> type[BaseModel] | None:

@@ -5,17 +5,16 @@ import importlib.util
 from dataclasses import dataclass
 from functools import cached_property
 from pathlib import Path
-from typing import Annotated, Any, Literal
+from typing import Any, Literal
 
 import yaml
-from pydantic import BaseModel, Field, StringConstraints, ValidationError, create_model, field_validator
+from pydantic import BaseModel, Field, ValidationError, create_model, field_validator
 
 from physreal_core.errors import InputError
 from pipeline.config._base import StageParameters
 from pipeline.config._errors import as_input_error, unknown_key
+from pipeline.config._names import Name, check_name
 from pipeline.graph import PERCEPTION, STAGES, Graph, Stage
-
-Name = Annotated[str, StringConstraints(pattern=r"^[A-Za-z0-9][A-Za-z0-9_-]*$")]
 
 
 class Prediction(StageParameters):
@@ -122,6 +121,7 @@ class Parameters:
 
     def sequence(self, name: str) -> Any:
         """The block of one sequence, InputError if there is none."""
+        check_name(name, self.file)
         if name not in self.sequences:
             raise unknown_key(f"sequences.{name}", name, list(self.sequences), self.file)
         return self.sequences[name]
@@ -163,10 +163,10 @@ def validate_parameters(raw: dict[str, Any], file: str = "params.yaml", graph: G
     except ValidationError as error:
         raise as_input_error(error, model, file) from None
     parameters = Parameters(values, raw, file, graph)
+    _check_roles(parameters)
     for name in parameters.sequences:
         for stage in graph:
             parameters.stage(stage, name)
-    _check_roles(parameters)
     return parameters
 
 
@@ -177,6 +177,9 @@ def load_parameters(path: Path, graph: Graph = STAGES) -> Parameters:
 
 def _check_roles(parameters: Parameters) -> None:
     values, file = parameters.values, parameters.file
+    for name in values.clips:
+        if name in values.sequences:
+            raise InputError(f"{name} is in clips and in sequences", where=file, expected="one of the two")
     for role in ("rigged", "fits", "predictions"):
         for name in getattr(values, role):
             if name not in values.sequences:

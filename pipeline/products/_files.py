@@ -1,7 +1,9 @@
 """Arrays and records on disk: written plainly, read through `pipeline.reading`."""
 
 import dataclasses
+import io
 import json
+import zipfile
 from pathlib import Path
 from typing import Any, ClassVar, TypeVar
 
@@ -36,7 +38,7 @@ class ArrayFile:
         """Write the file into `folder`."""
         fields = {self.key(field.name): getattr(self, field.name) for field in dataclasses.fields(self)}
         arrays = {key: self.on_disk(np.asarray(value)) for key, value in fields.items() if value is not None}
-        (np.savez_compressed if self.COMPRESSED else np.savez)(folder / self.FILE, **arrays)
+        write_arrays(folder / self.FILE, arrays, self.COMPRESSED)
 
     @classmethod
     def load(cls: type[File], folder: Path) -> File:  # noqa: PYI019, beartype takes no Self at a method
@@ -70,6 +72,18 @@ class ArrayFile:
         """The array in the type that the file holds."""
         kinds = {"f": np.float32, "i": np.int32, "u": np.int32}
         return array.astype(kinds.get(array.dtype.kind, array.dtype), copy=False)
+
+
+def write_arrays(path: Path, arrays: dict[str, Array], compressed: bool) -> None:
+    """Write an .npz as numpy does, but for the members' headers: numpy's are other bytes with other versions of Python."""
+    with zipfile.ZipFile(path, "w") as file:
+        for name, array in arrays.items():
+            data = io.BytesIO()
+            np.lib.format.write_array(data, array, allow_pickle=False)
+            member = zipfile.ZipInfo(f"{name}.npy")
+            member.compress_type = zipfile.ZIP_DEFLATED if compressed else zipfile.ZIP_STORED
+            member.external_attr = 0o600 << 16
+            file.writestr(member, data.getbuffer())
 
 
 def check_points(arrays: dict[str, Any], name: str, path: Path, last: int) -> None:

@@ -8,7 +8,6 @@ import inspect
 import json
 import os
 import shutil
-import sys
 from collections.abc import Callable, Iterator
 from contextlib import contextmanager
 from functools import cached_property
@@ -17,8 +16,9 @@ from typing import Any
 
 from filelock import FileLock, Timeout
 
-from physreal_core.errors import InputError, SimulationError
+from physreal_core.errors import InputError
 from pipeline.config import Parameters, check_name, load_parameters
+from pipeline.faults import one_sentence
 from pipeline.graph import STAGES, Graph
 from pipeline.progress import Progress, Timings, show_progress
 from pipeline.project import CODE_ROOT, Project
@@ -217,6 +217,7 @@ def run_stage(
         if graph[stage].makes_capture:
             _refuse_to_replace(destination, stage)
         context = StageContext(stage, sequence, project, parameters, digest_code(source, (project.root, CODE_ROOT)))
+        _check_device(context)
         provenance = context.provenance  # every input is read and checked before any work is done
         _empty(context.output)
         try:
@@ -247,20 +248,10 @@ def main(stage: str, run: Callable[[StageContext], None], graph: Graph = STAGES)
         help="a name under `sequences` in params.yaml; default: that of the stage which DVC runs",
     )
     sequence = parser.parse_args().sequence
-    with exit_on_input_error(stage):
+    with one_sentence(stage):
         check_name(sequence, "params.yaml")
-    with exit_on_input_error(f"{stage} {sequence}"):
+    with one_sentence(f"{stage} {sequence}"):
         run_stage(stage, sequence, run, graph=graph)
-
-
-@contextmanager
-def exit_on_input_error(who: str) -> Iterator[None]:
-    """Ends the process with exit code 2 and one sentence, no traceback, for what the user can mend."""
-    try:
-        yield
-    except (InputError, SimulationError) as error:
-        print(f"{who}: {error}", file=sys.stderr)
-        sys.exit(2)
 
 
 @contextmanager
@@ -284,6 +275,22 @@ def _only_copy(project: Project, stage: str, sequence: str) -> Iterator[None]:
         yield
     finally:
         lock.release()
+
+
+def _check_device(context: StageContext) -> None:
+    """A card that is asked for is there."""
+    device = getattr(context.params, "device", "cpu")
+    if not device.startswith("cuda"):
+        return
+    import torch
+
+    if not torch.cuda.is_available():
+        raise InputError(
+            f"{context.stage}.device = {device}, but torch sees no such card",
+            where="params.yaml",
+            expected="cpu, or a machine with an NVIDIA card and a CUDA build of torch",
+            remedy=f"set {context.stage}.device to cpu, there or under sequences.{context.sequence}",
+        )
 
 
 def _refuse_to_replace(capture: Path, stage: str) -> None:

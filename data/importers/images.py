@@ -14,6 +14,7 @@ from typing import Any
 
 import numpy as np
 
+from data.importers._options import Positive
 from data.importers._writing import copy_image, new_capture, write_description, write_image
 from physreal_core.errors import InputError
 
@@ -24,8 +25,8 @@ def import_capture(
     source: Path,
     destination: Path,
     *,
-    fps: float | None = None,
-    depth_unit: float = 0.001,
+    fps: Positive | None = None,
+    depth_unit: Positive = 0.001,
     description: str | None = None,
     controller: str | None = None,
 ) -> None:

@@ -13,6 +13,7 @@ from typing import Any
 
 import numpy as np
 
+from data.importers._options import Index
 from data.importers._writing import copy_image, new_capture, write_description, write_image
 from data.importers.images import read_depth
 from data.importers.safe_pickle import load_pickle
@@ -31,7 +32,7 @@ def import_capture(
     source: Path,
     destination: Path,
     *,
-    camera: int = 0,
+    camera: Index = 0,
     results: bool = True,
     description: str = "",
     controller: str = "hand",

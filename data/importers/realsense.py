@@ -5,12 +5,13 @@ from typing import Any
 
 import numpy as np
 
+from data.importers._options import Count
 from data.importers._writing import new_capture, write_description, write_image
 from physreal_core.errors import InputError
 
 
 def import_capture(
-    source: Path, destination: Path, *, description: str = "", controller: str = "hand", frames: int | None = None
+    source: Path, destination: Path, *, description: str = "", controller: str = "hand", frames: Count | None = None
 ) -> None:
     """Writes the capture; `frames` limits how many are read.
 

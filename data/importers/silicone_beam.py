@@ -12,6 +12,7 @@ from pathlib import Path
 
 import numpy as np
 
+from data.importers._options import Positive, Share
 from data.importers._writing import first_part_observed, new_capture, rigid, write_description
 from physreal_core.array_types import Array, Float
 from physreal_core.errors import InputError
@@ -38,7 +39,7 @@ MOUNTS = np.array(
 TIP, BASE = slice(0, 3), slice(3, 6)
 
 
-def import_capture(source: Path, destination: Path, *, duration: float | None = 2.0, split: float = 0.5) -> None:
+def import_capture(source: Path, destination: Path, *, duration: Positive | None = 2.0, split: Share = 0.5) -> None:
     """One recording (gravity_V2_a.npz, load52_V2_b.npz, ...; beam.stl beside it) as a capture without images.
 
     Its tracks are the three markers at the tip; those at the base sit on the clamp's block, not on the beam.

@@ -22,7 +22,7 @@ from pipeline.faults import one_sentence
 from pipeline.graph import STAGES, Graph
 from pipeline.progress import Progress, Timings, show_progress
 from pipeline.project import CODE_ROOT, Project
-from pipeline.provenance import digest_code, digest_folder, digest_of, read_provenance, write_provenance
+from pipeline.provenance import digest_code, digest_file, digest_folder, digest_of, read_provenance, write_provenance
 
 
 class StageContext:
@@ -113,6 +113,9 @@ class StageContext:
                 inputs[f"{self.companion}/{name}"] = digest_folder(self.companion_input(name))
         if self._spec.reads_capture:
             inputs["capture"] = digest_folder(self.capture)
+        for name in self.params.files():  # one that is missing is the stage's to name: it may not need it
+            if (self._project.root / name).is_file():
+                inputs[name] = digest_file(self._project.root / name)
         return {"stage": self.stage, "sequence": self.sequence, "inputs": inputs, **self._parameters_used()}
 
     @property
@@ -173,8 +176,8 @@ def checked_artifact(project: Project, parameters: Parameters, stage: str, seque
                 remedy=rerun,
             )
     for name, digest in record["inputs"].items():
-        source = _input_folder(project, name, sequence)
-        if source.is_dir() and digest_folder(source) != digest:
+        source = _input_place(project, name, sequence)
+        if source.exists() and (digest_folder if source.is_dir() else digest_file)(source) != digest:
             raise InputError(f"its output was made from another version of {source}", where=where, remedy=rerun)
     return folder
 
@@ -185,10 +188,12 @@ def _target(parameters: Parameters, stage: str, sequence: str) -> str:
     return spec.target(role, sequence)
 
 
-def _input_folder(project: Project, name: str, sequence: str) -> Path:
-    """The folder that an entry under `inputs` in provenance.json stands for."""
+def _input_place(project: Project, name: str, sequence: str) -> Path:
+    """The folder or file that an entry under `inputs` in provenance.json stands for."""
     if name == "capture":
         return project.capture(sequence)
+    if name.startswith("data/"):
+        return project.root / name
     other, _, stage = name.rpartition("/")
     return project.artifact(stage, other or sequence)
 

@@ -23,6 +23,10 @@ class StageParameters(BaseModel):
             raise ValueError("a number, not a truth value")
         return value
 
+    def files(self) -> tuple[str, ...]:
+        """Files that the parameters name, as paths from the project's root: their content counts as an input."""
+        return ()
+
     def as_settings(self, kind: type[Settings], **given: Any) -> Settings:
         """The core's frozen dataclass `kind`, filled with what stands here under the names of its fields.
 

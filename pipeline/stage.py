@@ -216,13 +216,13 @@ def run_stage(
     project = project or Project.find()
     parameters = load_parameters(project.parameters, graph)
     parameters.sequence(sequence)
+    _check_device(stage, sequence, parameters)
     source = Path(inspect.getsourcefile(run))
     destination = project.output(stage, sequence, graph[stage].makes_capture)
     with _only_copy(project, stage, sequence):
         if graph[stage].makes_capture:
             _refuse_to_replace(destination, stage)
         context = StageContext(stage, sequence, project, parameters, digest_code(source, (project.root, CODE_ROOT)))
-        _check_device(context)
         provenance = context.provenance  # every input is read and checked before any work is done
         _empty(context.output)
         try:
@@ -282,19 +282,19 @@ def _only_copy(project: Project, stage: str, sequence: str) -> Iterator[None]:
         lock.release()
 
 
-def _check_device(context: StageContext) -> None:
+def _check_device(stage: str, sequence: str, parameters: Parameters) -> None:
     """A card that is asked for is there."""
-    device = getattr(context.params, "device", "cpu")
+    device = getattr(parameters.stage(stage, sequence), "device", "cpu")
     if not device.startswith("cuda"):
         return
     import torch
 
     if not torch.cuda.is_available():
         raise InputError(
-            f"{context.stage}.device = {device}, but torch sees no such card",
+            f"{stage}.device = {device}, but torch sees no such card",
             where="params.yaml",
             expected="cpu, or a machine with an NVIDIA card and a CUDA build of torch",
-            remedy=f"set {context.stage}.device to cpu, there or under sequences.{context.sequence}",
+            remedy=f"set {stage}.device to cpu, there or under sequences.{sequence}",
         )
 
 

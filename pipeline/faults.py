@@ -4,6 +4,7 @@ import errno
 import sys
 from collections.abc import Iterator
 from contextlib import contextmanager
+from pathlib import Path
 
 from physreal_core.errors import InputError, SimulationError
 
@@ -42,24 +43,45 @@ def one_sentence(who: str) -> Iterator[None]:
         _end(f"{who}: {fault}")
 
 
-def fault_of_system(error: BaseException) -> InputError | None:
+@contextmanager
+def writing_to(place: Path) -> Iterator[None]:
+    """What the system refuses inside is an InputError, about `place` where nobody knows the file.
+
+    Raises:
+        InputError: what was refused, where, and what to do.
+    """
+    try:
+        yield
+    except InputError:
+        raise
+    except Exception as error:
+        if (fault := fault_of_system(error, str(place))) is None:
+            raise
+        raise fault from error
+
+
+def fault_of_system(error: BaseException, place: str = "") -> InputError | None:
     """What the system refused, where that is why `error` was raised; None where it is not.
 
     The errors that `error` was raised from are looked at too: libraries wrap the system's in their own, and some keep
     only its words.
+
+    Args:
+        error: what was raised.
+        place: what it is about, where the system does not say which file.
     """
     chain: list[BaseException] = []
     link: BaseException | None = error
     while link is not None and link not in chain:
         chain.append(link)
-        link = link.__cause__ or link.__context__
+        link = link.__cause__ or (None if link.__suppress_context__ else link.__context__)
     for link in chain:
         if isinstance(link, OSError) and link.errno in _MENDABLE:
             what, remedy = _MENDABLE[link.errno]
-            return InputError(what, where=_place(link), remedy=remedy)
+            return InputError(what, where=_place(link) or place, remedy=remedy)
     for number, (what, remedy) in _MENDABLE.items():
         if any(f"(os error {number})" in str(link) for link in chain):
-            return InputError(what, remedy=remedy)
+            return InputError(what, where=place, remedy=remedy)
     return None
 
 

@@ -14,6 +14,7 @@ from typing import Any
 
 from physreal_core.errors import InputError
 from pipeline.config import Parameters, check_name, load_parameters, unknown_key
+from pipeline.faults import writing_to
 from pipeline.graph import STAGES
 from pipeline.project import Project
 
@@ -57,7 +58,8 @@ def import_capture(kind: str, source: Path, name: str, options: list[str], role:
     _refuse_taken(name, role, project)
     with _draft(name, project) as draft:
         with _speaking_of(draft, f"{name} as imported from {source}"):
-            importer.import_capture(source, draft, **keywords)
+            with writing_to(draft):
+                importer.import_capture(source, draft, **keywords)
             found = _check(draft)
         said = _put_in_place(draft, name, role, project)
     return f"wrote {project.capture(name)}\n{_told(name, role, found, said)}"

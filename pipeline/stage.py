@@ -18,7 +18,7 @@ from filelock import FileLock, Timeout
 
 from physreal_core.errors import InputError
 from pipeline.config import Parameters, check_name, load_parameters
-from pipeline.faults import one_sentence
+from pipeline.faults import one_sentence, writing_to
 from pipeline.graph import STAGES, Graph
 from pipeline.progress import Progress, Timings, show_progress
 from pipeline.project import CODE_ROOT, Project
@@ -226,8 +226,9 @@ def run_stage(
         provenance = context.provenance  # every input is read and checked before any work is done
         _empty(context.output)
         try:
-            run(context)
-            write_provenance(context.output, provenance)
+            with writing_to(context.output):
+                run(context)
+                write_provenance(context.output, provenance)
             output = _put_in_place(context.output, destination)
         finally:
             shutil.rmtree(context.output, ignore_errors=True)

@@ -12,7 +12,7 @@ def write_whole(path: Path, text: str) -> None:
     same file at once the later one wins; who reads before it writes needs a lock.
 
     Raises:
-        OSError: the text cannot be written; nothing is left behind.
+        OSError: the text cannot be written, with `path` as its file name; nothing is left behind.
     """
     path = Path(os.path.realpath(path))
     draft = path.with_name(f".{path.name}.{os.getpid()}.new")
@@ -24,6 +24,9 @@ def write_whole(path: Path, text: str) -> None:
         if path.exists():
             shutil.copymode(path, draft)
         os.replace(draft, path)
+    except OSError as error:
+        error.filename, error.filename2 = str(path), None
+        raise
     finally:
         draft.unlink(missing_ok=True)
     _sync_folder(path.parent)

@@ -55,7 +55,7 @@ class Objective:
             require_tracks(self._known_entries(), "the objective's tracks")
         if masks is not None and config.mask > 0.0:
             largest = (masks.coverage * masks.known).sum((1, 2)).max()
-            require_pixels(float(largest), "the largest silhouette", "the objective's masks")
+            require_pixels(round(float(largest)), "the largest silhouette", "the objective's masks")
         elif config.settled == motion == 0.0:
             raise InputError(
                 "no term of the objective has a weight and a measurement",

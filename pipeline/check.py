@@ -17,7 +17,17 @@ from physreal_core.errors import InputError
 from pipeline.capture import FILE, Capture
 from pipeline.check_given import check_description, check_given, judge_counts, read_each, require_world
 from pipeline.config import Parameters
-from pipeline.frames import COLOUR, DEPTH, FrameFiles, count_track_frames, list_frames, read_frame, read_frames
+from pipeline.frames import (
+    COLOUR,
+    DEPTH,
+    FrameFiles,
+    backproject,
+    count_track_frames,
+    list_frames,
+    read_depth,
+    read_frame,
+    read_frames,
+)
 from pipeline.plausible import Findings, judge_points
 from pipeline.products.controllers import Controllers
 from pipeline.products.given_tracks import GivenTracks2d, GivenTracks3d
@@ -39,11 +49,13 @@ class Purpose:
     Attributes:
         clip: perception only; None where it is not known.
         depth_range: the nearest and the farthest plausible median of a depth image [m].
+        plane_tolerance: distance of a point on the support plane from it [m].
         close_holes: whether `build_object` caps the holes of a shape prior.
     """
 
     clip: bool | None = None
     depth_range: tuple[float, float] = DEPTH_RANGE
+    plane_tolerance: float = 0.006
     close_holes: bool = False
 
 
@@ -55,7 +67,7 @@ def purpose_of(folder: Path, project: Project, parameters: Parameters) -> Purpos
     parsing = parameters.stage("parse_video", name)
     clip = name in parameters.values.clips
     holes = False if clip else parameters.stage("build_object", name).close_holes
-    return Purpose(clip, (parsing.min_depth, parsing.max_depth), holes)
+    return Purpose(clip, (parsing.min_depth, parsing.max_depth), parsing.plane_tolerance, holes)
 
 
 def check_capture(folder: Path, purpose: Purpose = Purpose()) -> str:
@@ -114,9 +126,25 @@ def check_frames(folder: Path, capture: Capture, purpose: Purpose, found: Findin
             found.warn("color.mp4 is not used, the images in color/ are", where=str(folder))
         read = lambda frame: read_frame(files, frame, capture, purpose.depth_range)
         read_each(count, read, f"{folder.name}: frames", found)
+    if capture.T_world_camera is None and files.depth and not found.faults:
+        _check_plane(files.depth[0], capture, purpose, found)
     if count == 1:
         found.fault("there is one frame", where=str(folder), expected="two or more", remedy="record a motion")
     return count, len(files.depth)
+
+
+def _check_plane(path: Path, capture: Capture, purpose: Purpose, found: Findings) -> None:
+    """The table in frame 0, which defines the world where no pose does."""
+    from physreal_core.geometry.plane import fit_plane
+
+    depth = read_depth(path, purpose.depth_range)
+    near, far = (1000 * limit for limit in purpose.depth_range)
+    points = backproject(np.where((depth >= near) & (depth <= far), depth, 0), capture.K)
+    try:
+        fit_plane(points, tolerance=purpose.plane_tolerance)
+    except InputError as error:
+        remedy = error.remedy or "let the table be seen in frame 0, or give T_world_camera in capture.json"
+        found.fault(error.what, where=str(path), expected=error.expected, remedy=remedy)
 
 
 def _count_video(folder: Path, capture: Capture, purpose: Purpose, found: Findings) -> int:

@@ -9,6 +9,8 @@ import numpy as np
 import pytest
 from PIL import Image
 
+from data.importers import images as images_importer
+from data.importers import silicone_beam
 from physreal_core.errors import InputError
 from pipeline.check import Purpose, check_capture, examine
 from pipeline.cli import main
@@ -427,6 +429,39 @@ def test_one_frame_is_no_recording(video):
     without("tracks2d.npz", "tracks3d.npz", "controllers.npz", "truth.npz", "candidates")(video)
     fault = the_fault(video, keys(frame_count=None))
     assert fault.what == "there is one frame" and fault.expected == "two or more"
+
+
+def test_a_world_that_no_table_shows_is_refused_before_it_is_needed(video, tmp_path):
+    scattered = np.random.default_rng(0).integers(300, 3000, (HEIGHT, WIDTH)).astype(np.uint16)
+    image("depth/000000.png", scattered)(video)
+    fault = the_fault(video, keys(T_world_camera=None))
+    assert "of the points lie on one plane" in fault.what and "depth/000000.png" in fault.where
+    assert "T_world_camera" in fault.remedy
+    with pytest.raises(InputError, match="of the points lie on one plane"):
+        parse(tmp_path)
+
+
+def test_a_world_that_the_table_shows_passes(video, tmp_path):
+    without("tracks3d.npz", "controllers.npz")(video)
+    keys(T_world_camera=None)(video)
+    assert not examine(video)[1].faults
+    parse(tmp_path)
+
+
+BEAMS = ("gravity_V2_a", "gravity_V2_b", "load52_V2_a", "load52_V2_b")
+
+
+@pytest.mark.parametrize("name", BEAMS)
+def test_a_real_beam_passes_without_a_word(real_data, tmp_path, name):
+    silicone_beam.import_capture(real_data / "silicone_beam" / f"{name}.npz", tmp_path / "beam")
+    _, found = examine(tmp_path / "beam", Purpose(clip=False))
+    assert (found.faults, found.warnings) == ([], [])
+
+
+def test_a_real_clip_passes_without_a_word(real_data, tmp_path):
+    images_importer.import_capture(real_data / "phystwin_single_lift_rope", tmp_path / "rope")
+    _, found = examine(tmp_path / "rope", Purpose(clip=True))
+    assert (found.faults, found.warnings) == ([], [])
 
 
 def test_closed_holes_pass_where_they_are_asked_for(video):

@@ -166,6 +166,15 @@ def test_a_search_with_too_few_tracks_is_refused(given, name):
     assert what in raised.value.what and expected in raised.value.expected and raised.value.remedy
 
 
+@pytest.mark.parametrize(("frames", "told"), [((0,), False), ((0, 4, 5), False), ((0, 2, 4), True)])
+def test_no_error_of_tracks_is_told_where_none_is_known(given, frames, told):
+    """`tracks 0.00 mm` would be said of it."""
+    objective = objective_of(tracks(given, of_frames(*frames)), motion=0.0, mask=1.0)
+    with torch.no_grad():
+        _, terms = objective(scene.model().fields, 3)
+    assert ("track_error" in terms) == told
+
+
 def test_a_search_without_tracks_is_refused(given):
     with pytest.raises(InputError, match="0 3D tracks on the object"):
         Experiment(dataclasses.replace(given, tracks=None), scene.model())

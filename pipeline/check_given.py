@@ -91,7 +91,9 @@ def read_each(count: int, work: Callable[[int], Any], label: str, found: Finding
             bar.advance()
     found.faults += errors[:SHOWN]
     if len(errors) > SHOWN:
-        found.fault(f"{len(errors) - SHOWN} more images have faults", where=label)
+        found.fault(
+            f"{len(errors) - SHOWN} more of {count} images have faults", where=label, remedy="mend those listed first"
+        )
     return results
 
 
@@ -298,7 +300,7 @@ def _judge_masks(folder: Path, role: Role, facts: list[tuple[float, int] | None]
             expected=f"at least {LEAST_PIXELS} in frame 0, where the object is placed",
             remedy="look at the mask, or leave masks/object out",
         )
-    empty = sum(share == 0.0 for share in shares)
+    empty = sum(fact is not None and fact[1] == 0 for fact in facts)
     if empty > len(shares) / 2:
         found.warn(f"{empty} of {len(shares)} masks are empty", where=where)
 

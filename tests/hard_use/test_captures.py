@@ -404,7 +404,7 @@ def test_all_faults_are_listed_a_line_each_and_the_exit_code_is_two(video, tmp_p
 def test_many_faults_alike_are_counted(video):
     images("color/*.png", lambda c: c[:20])(video)
     _, found = examine(video)
-    assert len(found.faults) == 6 and "1 more images have faults" in found.faults[-1].what
+    assert len(found.faults) == 6 and "1 more of 6 images have faults" in found.faults[-1].what
 
 
 def test_the_first_fault_says_how_many_follow(video):
@@ -420,6 +420,24 @@ def test_without_depth_a_clip_passes_and_a_fit_does_not(video, clip):
     assert [fault.what for fault in found.faults] == (
         [] if clip else ["there is neither depth nor tracks3d.npz, so nothing can be fitted"]
     )
+
+
+@pytest.mark.parametrize(("frames", "faults"), [(FRAMES, 0), (FRAMES - 2, 1), (FRAMES + 1, 1), (0, 1)])
+def test_a_video_file_has_as_many_frames_as_there_is_depth(video, frames, faults):
+    import imageio_ffmpeg
+
+    without("color")(video)
+    (video / "color.mp4").write_bytes(b"no video")
+    if frames:
+        writer = imageio_ffmpeg.write_frames(str(video / "color.mp4"), (WIDTH, HEIGHT), fps=30, macro_block_size=2)
+        writer.send(None)
+        for frame in range(frames):
+            writer.send(np.full((HEIGHT, WIDTH, 3), 20 * frame, np.uint8))
+        writer.close()
+    keys(frame_count=None)(video)
+    _, found = examine(video)
+    told = [str(fault) for fault in found.faults]
+    assert (len(told) > 0) == (faults > 0) and all(str(video) in line for line in told), told
 
 
 def test_one_frame_is_no_recording(video):

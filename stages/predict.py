@@ -14,6 +14,7 @@ from pipeline.products.particles import Particles
 from pipeline.stage import StageContext, main
 from stages._fit import roll_out
 from stages._problem import load_problem
+from stages._substeps import tell_substeps
 
 
 def run(context: StageContext) -> None:
@@ -31,6 +32,7 @@ def run(context: StageContext) -> None:
         save_model(folder, model)
         with context.timed(f"rollout {stage}"):
             objective = Objective(placed, model, LossConfig(), device=context.params.device)
+            tell_substeps(context, objective.rollouts, model.fields)
             roll_out(objective, model).save(folder)
 
 

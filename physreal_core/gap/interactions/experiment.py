@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import dataclasses
+import math
 from collections.abc import Iterable, Sequence
 from dataclasses import dataclass
 
@@ -19,7 +20,7 @@ from physreal_core.gap.interactions.discretisation import UNCHANGED, Discretisat
 from physreal_core.gap.interactions.interaction import EffectValues, Placement, Trial
 from physreal_core.rendering import carry_points
 from physreal_core.simulation import SimulationConfig, Simulator, States
-from physreal_core.simulation.timestep import substeps_per_frame
+from physreal_core.simulation.timestep import LARGEST_SUBSTEPS, needed_substeps
 
 LARGEST_BATCH = 256
 """Rollouts at once. A GPU is full long before, and their states must fit beside each other."""
@@ -179,7 +180,9 @@ class Experiment:
 
     def _substeps(self, rollout: _Rollout) -> int:
         """Substeps per frame that a rollout takes by itself."""
-        return substeps_per_frame(self.problem.body, rollout.config, rollout.inputs.parameters)
+        return math.ceil(
+            min(LARGEST_SUBSTEPS, needed_substeps(self.problem.body, rollout.config, rollout.inputs.parameters))
+        )
 
     def _run(
         self, batch: Sequence[_Rollout], discretisation: Discretisation = UNCHANGED

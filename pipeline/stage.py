@@ -17,6 +17,7 @@ from typing import Any
 
 from filelock import FileLock, Timeout
 
+from physreal_core.checkpoints import Checkpoints
 from physreal_core.errors import InputError, SimulationError
 from pipeline.config import Parameters, load_parameters
 from pipeline.graph import STAGES, Graph
@@ -219,7 +220,8 @@ def run_stage(
         provenance = context.provenance  # every input is read and checked before any work is done
         _empty(context.output)
         try:
-            run(context)
+            with Checkpoints(context.scratch):
+                run(context)
             write_provenance(context.output, provenance)
             output = _put_in_place(context.output, destination)
         finally:

@@ -13,7 +13,7 @@ from physreal_core.errors import InputError
 DEPTH = 50
 """How deep containers may be nested."""
 
-TIMES, FREELY = 16, 2**20
+TIMES, FREELY = 16, 2**18
 """What the contents may grow to: `FREELY`, and so many times the file's size [bytes, or elements of containers]."""
 
 _TYPE = re.compile(r"b1|[iu][1248]|f[248]|c8|c16|[SU][1-9]\d{0,8}", re.ASCII)

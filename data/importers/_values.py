@@ -34,7 +34,9 @@ def numbers(value: Any, shape: tuple[int | str, ...], where: str, name: str, *, 
     try:
         array = np.asarray(value)
     except (ValueError, OverflowError, RecursionError):
-        raise InputError(f"{name} has rows of different lengths", where=where, expected=expected) from None
+        raise InputError(
+            f"{name} has rows of different lengths", where=where, expected=expected, remedy=f"mend {name}"
+        ) from None
     if array.dtype.kind not in "iuf":
         raise InputError(f"{name} holds no numbers", where=where, expected=expected, remedy=f"mend {name}")
     fits = len(shape) == array.ndim and all(

@@ -10,7 +10,7 @@ from typing import Any, ClassVar, TypeVar
 import numpy as np
 
 from physreal_core.array_types import Array
-from physreal_core.errors import InputError
+from pipeline.products._shapes import as_annotated
 from pipeline.reading.arrays import read_npz
 
 File = TypeVar("File", bound="ArrayFile")
@@ -45,7 +45,7 @@ class ArrayFile:
         """Read the file in `folder`.
 
         Raises:
-            InputError: the file or an array in it is missing.
+            InputError: the file or an array in it is missing, or an array is of another kind or shape.
         """
         return cls.read(folder / cls.FILE)
 
@@ -56,11 +56,15 @@ class ArrayFile:
 
     @classmethod
     def arrays(cls, path: Path) -> dict[str, Any]:
-        """What the file holds, by field; of an array without dimensions, the number."""
+        """What the file holds, by field, each of the kind and shape that the field is annotated with."""
         fields = {cls.key(field.name): field for field in dataclasses.fields(cls)}
         needed = [key for key, field in fields.items() if field.default is dataclasses.MISSING]
         arrays = read_npz(path, needed, list(fields), cls.REMEDY)
-        return {fields[key].name: array if array.ndim else array.item() for key, array in arrays.items()}
+        sizes: dict[str, int] = {}
+        return {
+            fields[key].name: as_annotated(array, fields[key].type, key, path, sizes, cls.REMEDY)
+            for key, array in arrays.items()
+        }
 
     @classmethod
     def key(cls, field: str) -> str:
@@ -84,42 +88,6 @@ def write_arrays(path: Path, arrays: dict[str, Array], compressed: bool) -> None
             member.compress_type = zipfile.ZIP_DEFLATED if compressed else zipfile.ZIP_STORED
             member.external_attr = 0o600 << 16
             file.writestr(member, data.getbuffer())
-
-
-def check_points(arrays: dict[str, Any], name: str, path: Path, last: int) -> None:
-    """InputError unless the array `name` of the file holds real numbers in the shape [frames, points, last]."""
-    shape, kind = np.shape(arrays[name]), np.asarray(arrays[name]).dtype
-    if len(shape) != 3 or shape[0] == 0 or shape[2] != last:
-        raise InputError(
-            f"{name} has the shape {shape}",
-            where=str(path),
-            expected=f"[frames, points, {last}]",
-            remedy=f"write {name} in that shape",
-        )
-    if kind.kind not in "fiu":
-        raise InputError(f"{name} holds {kind}", where=str(path), expected="real numbers", remedy=f"mend {name}")
-    arrays[name] = arrays[name].astype(kind if kind.kind == "f" else np.float32, copy=False)
-
-
-def check_entries(arrays: dict[str, Any], name: str, of: str, path: Path, kinds: str) -> None:
-    """InputError unless the array `name`, if it is there, has one number of the given kinds per point of the array `of`."""
-    if name not in arrays:
-        return
-    array, shape = np.asarray(arrays[name]), np.shape(arrays[of])[:2]
-    if array.shape != shape:
-        raise InputError(
-            f"{name} has the shape {array.shape}",
-            where=str(path),
-            expected=f"[frames, points] = {shape}",
-            remedy=f"write {name} in that shape, or leave it out",
-        )
-    if array.dtype.kind not in kinds:
-        raise InputError(
-            f"{name} holds {array.dtype}",
-            where=str(path),
-            expected="truth values" if "b" in kinds else "real numbers",
-            remedy=f"mend {name}, or leave it out",
-        )
 
 
 def write_record(path: Path, record: dict[str, Any], default: Any = None) -> None:

@@ -1,10 +1,9 @@
 """Points of the hand or gripper that moves the object, measured by segment_and_track or given beside a capture."""
 
 from dataclasses import dataclass
-from pathlib import Path
 
 from physreal_core.array_types import Array, Float
-from pipeline.products._files import ArrayFile, check_points, run_again
+from pipeline.products._files import ArrayFile, run_again
 
 
 @dataclass(frozen=True)
@@ -20,10 +19,3 @@ class Controllers(ArrayFile):
     COMPRESSED = True
 
     points: Float[Array, "T C 3"]
-
-    @classmethod
-    def read(cls, path: Path) -> "Controllers":
-        """Read the file, InputError also for points of another shape."""
-        arrays = cls.arrays(path)
-        check_points(arrays, "points", path, 3)
-        return cls(**arrays)

@@ -1,10 +1,9 @@
 """Tracks that a capture brings: from motion capture, from another tracker, from a dataset (docs/captures.md)."""
 
 from dataclasses import dataclass
-from pathlib import Path
 
 from physreal_core.array_types import Array, Bool, Float
-from pipeline.products._files import ArrayFile, check_entries, check_points
+from pipeline.products._files import ArrayFile
 
 _SEE = "see docs/captures.md"
 
@@ -27,17 +26,6 @@ class GivenTracks3d(ArrayFile):
     valid3d: Bool[Array, "T J"] | None = None
     sigma3d: Float[Array, "T J"] | None = None
 
-    @classmethod
-    def read(cls, path: Path) -> "GivenTracks3d":
-        """Read the file, InputError also for points of another shape."""
-        arrays = cls.arrays(path)
-        check_points(arrays, "points3d", path, 3)
-        check_entries(arrays, "valid3d", "points3d", path, "biu")
-        check_entries(arrays, "sigma3d", "points3d", path, "f")
-        if "valid3d" in arrays:
-            arrays["valid3d"] = arrays["valid3d"].astype(bool)
-        return cls(**arrays)
-
 
 @dataclass(frozen=True)
 class GivenTracks2d(ArrayFile):
@@ -54,13 +42,3 @@ class GivenTracks2d(ArrayFile):
 
     points2d: Float[Array, "T J 2"]
     visible: Bool[Array, "T J"] | None = None
-
-    @classmethod
-    def read(cls, path: Path) -> "GivenTracks2d":
-        """Read the file, InputError also for points of another shape."""
-        arrays = cls.arrays(path)
-        check_points(arrays, "points2d", path, 2)
-        check_entries(arrays, "visible", "points2d", path, "biu")
-        if "visible" in arrays:
-            arrays["visible"] = arrays["visible"].astype(bool)
-        return cls(**arrays)

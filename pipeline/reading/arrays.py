@@ -43,6 +43,7 @@ def read_npz(
         with zipfile.ZipFile(path) as archive:
             members = {info.filename.removesuffix(".npy"): info for info in archive.infolist()}
             if missing := [name for name in needed if name not in members]:
+                remedy = remedy or f"add {missing[0]}"
                 raise InputError(f"no array {missing[0]!r}", where=str(path), expected=expected, remedy=remedy)
             wanted = {name: members[name] for name in (needed if known is None else known) if name in members}
             _bounded(path, sum(info.file_size for info in wanted.values()))

@@ -32,7 +32,8 @@ def regular_file(path: Path, *, limit: int | None = None, expected: str = "", re
         found = path.stat()
     except (FileNotFoundError, NotADirectoryError):
         what = f"{path.name} is a link to nothing" if path.is_symlink() else f"there is no {path.name}"
-        raise InputError(what, where=str(path.parent), expected=expected, remedy=remedy) from None
+        remedy = remedy or f"put {path.name} there"
+        raise InputError(what, where=str(path.parent), expected=expected or "a file", remedy=remedy) from None
     except (OSError, ValueError) as error:  # ValueError: a zero byte in the name
         raise unreadable(path, error, expected=expected) from None
     if not stat.S_ISREG(found.st_mode):
@@ -61,7 +62,7 @@ def unreadable(path: Path, error: Exception, *, expected: str = "") -> InputErro
     """What is said where the system does not let a file be read."""
     reason = os.strerror(error.errno) if isinstance(error, OSError) and error.errno else str(error)
     remedy = "allow yourself to read it (chmod u+r)" if isinstance(error, PermissionError) else "look at the disk"
-    return InputError(f"it cannot be read: {reason}", where=str(path), expected=expected, remedy=remedy)
+    return InputError(f"it cannot be read: {reason}", where=str(path), expected=expected or "a file", remedy=remedy)
 
 
 def too_large(path: Path, what: str, expected: str) -> InputError:

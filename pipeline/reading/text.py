@@ -80,6 +80,7 @@ def read_record(path: Path, needed: Sequence[str] = (), remedy: str = "") -> dic
             remedy=remedy or MEND,
         )
     if missing := [key for key in needed if key not in record]:
+        remedy = remedy or f"add {missing[0]}"
         raise InputError(f"no key {missing[0]!r}", where=str(path), expected=expected, remedy=remedy)
     return record
 
@@ -105,18 +106,19 @@ def read_rows(path: Path, needed: Sequence[str] = (), remedy: str = "") -> list[
         InputError: as of `read_text`; a column is missing, or a row has more or fewer cells than the head.
     """
     expected = f"columns {', '.join(needed)}" if needed else "comma-separated values"
-    text = read_text(path, expected=expected, remedy=remedy)
+    text, mend = read_text(path, expected=expected, remedy=remedy), remedy or MEND
     reader = csv.DictReader(io.StringIO(text, newline=""), strict=True)
     try:
         rows = list(reader)
     except csv.Error as error:
-        raise InputError(f"not readable as .csv: {error}", where=str(path), expected=expected, remedy=remedy) from None
+        raise InputError(f"not readable as .csv: {error}", where=str(path), expected=expected, remedy=mend) from None
     if missing := [name for name in needed if name not in (reader.fieldnames or ())]:
+        remedy = remedy or f"add {missing[0]}"
         raise InputError(f"no column {missing[0]!r}", where=str(path), expected=expected, remedy=remedy)
     for index, row in enumerate(rows):
         if None in row or None in row.values():
             raise InputError(
-                "more or fewer cells than the head has", where=f"{path}, row {index}", expected=expected, remedy=remedy
+                "more or fewer cells than the head has", where=f"{path}, row {index}", expected=expected, remedy=mend
             )
     return rows
 

@@ -120,6 +120,20 @@ def test_the_size_is_looked_at_first(tmp_path):
     refused(lambda: read_bytes(tmp_path / "sparse.bin", limit=1000, expected="bytes"), "1000000000000 bytes", "1000")
 
 
+def test_real_recordings_are_within_the_bounds(real_data):
+    """No bound refuses what was really recorded."""
+    read = {".npz": read_npz, ".png": image_size, ".jpg": image_size, ".json": read_record, ".csv": read_text}
+    files = [path for path in real_data.rglob("*") if path.suffix in read and path.is_file()]
+    assert files
+    for path in files:
+        read[path.suffix](path)
+        if path.suffix == ".npz":
+            with np.load(path, allow_pickle=False) as known:
+                found = read_npz(path, known.files)
+                for name in known.files:
+                    np.testing.assert_array_equal(found[name], known[name])
+
+
 # --- text, JSON, tables -------------------------------------------------------------------------------------------
 
 

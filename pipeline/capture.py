@@ -3,15 +3,30 @@
 Conventions: SI units, world z up with the support plane at z = 0, OpenCV camera axes (docs/conventions.md).
 """
 
-import json
 from pathlib import Path
 from typing import Annotated, Any, Literal
 
 import numpy as np
 from pydantic import BaseModel, BeforeValidator, ConfigDict, Field, PlainSerializer, ValidationError, model_validator
 
-from physreal_core.errors import InputError
-from pipeline.config import as_input_error
+from pipeline.config import as_input_errors
+from pipeline.plausible import (
+    DENSITY,
+    FORCE,
+    FRAME_RATE,
+    IMAGE_SIDE,
+    MASS,
+    RADIUS,
+    Findings,
+    judge_box,
+    judge_camera_matrix,
+    judge_number,
+    judge_pixel,
+    judge_place,
+    judge_pose,
+    judge_rectangle,
+)
+from pipeline.reading.text import read_record
 
 FILE = "capture.json"
 
@@ -22,7 +37,7 @@ def _matrix(*shape: int) -> Any:
     def read(value: Any) -> np.ndarray:
         try:
             array = np.asarray(value, dtype=np.float64)
-        except (TypeError, ValueError):
+        except (TypeError, ValueError, OverflowError):
             raise ValueError(f"numbers in the shape {'x'.join(map(str, shape))}") from None
         if array.shape != shape or not np.isfinite(array).all():
             raise ValueError(f"finite numbers in the shape {'x'.join(map(str, shape))}, not {array.shape}")
@@ -117,24 +132,119 @@ def read_capture(folder: Path) -> Capture:
     """capture.json in a capture's folder or in parse_video's output.
 
     Raises:
-        InputError: naming the file and the key that is missing, misspelt or unusable.
+        InputError: naming the file and the key that is missing, misspelt, unusable or impossible.
     """
+    return capture_of(read_description(folder), str(folder / FILE))
+
+
+def read_description(folder: Path) -> dict[str, Any]:
+    """What capture.json holds, not yet checked; InputError where it is missing or no JSON."""
     path = folder / FILE
-    try:
-        values = json.loads(path.read_text())
-    except FileNotFoundError:
-        raise InputError("there is no capture.json", where=str(folder), remedy="see docs/captures.md") from None
-    except json.JSONDecodeError as error:
-        raise InputError(f"not readable as JSON: {error}", where=str(path)) from None
-    return capture_of(values, str(path))
+    return read_record(path, remedy="see docs/captures.md")
 
 
 def capture_of(values: dict[str, Any], file: str = FILE) -> Capture:
-    """`values` as a checked Capture, InputError naming the key."""
+    """`values` as a checked Capture, InputError naming the first key that is unusable or impossible."""
+    found = Findings()
+    capture = judged_capture(values, file, found)
+    found.require_none()
+    return capture
+
+
+def judged_capture(values: dict[str, Any], file: str, found: Findings) -> Capture | None:
+    """`values` as a Capture, with what is impossible or odd in `found`; None where they are no capture.json at all."""
     try:
-        return Capture.model_validate(values)
+        capture = Capture.model_validate(values)
     except ValidationError as error:
-        raise as_input_error(error, Capture, file) from None
+        found.faults += as_input_errors(error, Capture, file)
+        return None
+    judge_capture(capture, file, found)
+    return capture
+
+
+def judge_capture(capture: Capture, file: str, found: Findings) -> None:
+    """What no camera, set-up or object can be like, and what is unusual (pipeline/plausible.py)."""
+    judge_number(found, "fps", capture.fps, FRAME_RATE, file)
+    if capture.density is not None:
+        judge_number(found, "density", capture.density, DENSITY, file)
+    if capture.width is not None and capture.height is not None:
+        judge_number(found, "width", capture.width, IMAGE_SIDE, file)
+        judge_number(found, "height", capture.height, IMAGE_SIDE, file)
+        if capture.K is not None:
+            judge_camera_matrix(found, capture.K, capture.width, capture.height, file)
+    if capture.T_world_camera is not None:
+        _judge_camera_pose(capture.T_world_camera, file, found)
+    if capture.T_world_object is not None:
+        judge_pose(found, "T_world_object", capture.T_world_object, file, scaled=True)
+    if capture.split is not None:
+        _judge_split(capture, file, found)
+    for name, hint in capture.hints.items():
+        _judge_hint(f"hints.{name}", hint, capture, file, found)
+    _judge_hints_together(capture.hints, file, found)
+    for number, clamp in enumerate(capture.clamps):
+        judge_box(found, f"clamps[{number}]", clamp.lower, clamp.upper, file)
+    for number, payload in enumerate(capture.payloads):
+        _judge_payload(f"payloads[{number}]", payload, file, found)
+
+
+def _judge_camera_pose(T: np.ndarray, file: str, found: Findings) -> None:
+    before = len(found.faults)
+    judge_pose(found, "T_world_camera", T, file)
+    if len(found.faults) == before and T[2, 3] < 0:
+        found.warn(
+            f"T_world_camera puts the camera {-T[2, 3]:.3g} m below the table",
+            where=file,
+            expected="camera to world, with z up and the table at z = 0",
+        )
+
+
+def _judge_split(capture: Capture, file: str, found: Findings) -> None:
+    split = capture.split
+    if capture.frame_count is not None and split.test[1] > capture.frame_count:
+        found.fault(
+            f"split {split.train} {split.test} reaches past the last of frame_count = {capture.frame_count} frames",
+            where=file,
+            remedy=f"change split in {file}",
+        )
+
+
+def _judge_hint(key: str, hint: Hint, capture: Capture, file: str, found: Findings) -> None:
+    given = [name for name in ("point", "box", "colour") if getattr(hint, name) is not None]
+    if not given:
+        found.fault(
+            f"{key} is empty", where=file, expected="a point, a box or a colour", remedy=f"fill or remove {key}"
+        )
+    if len(given) > 1:
+        found.warn(f"{key} has {' and '.join(given)}; {given[0]} alone is used", where=file)
+    if capture.width is None or capture.height is None:
+        return
+    size = (capture.width, capture.height)
+    if hint.point is not None:
+        judge_pixel(found, f"{key}.point", hint.point, size, file)
+    if hint.box is not None:
+        judge_rectangle(found, f"{key}.box", hint.box, size, file)
+
+
+def _judge_hints_together(hints: dict[str, Hint], file: str, found: Findings) -> None:
+    """Object and controller are two things."""
+    if len(hints) < 2:
+        return
+    for name in ("point", "box"):
+        one, other = (getattr(hints[role], name) for role in ("object", "controller"))
+        if one is not None and other is not None and np.array_equal(one, other):
+            found.fault(
+                f"hints.object.{name} and hints.controller.{name} are both {one.tolist()}",
+                where=file,
+                expected="object and controller at two places",
+                remedy=f"change one of them in {file}",
+            )
+
+
+def _judge_payload(key: str, payload: Payload, file: str, found: Findings) -> None:
+    judge_place(found, f"{key}.point", payload.point, file)
+    judge_number(found, f"{key}.radius", payload.radius, RADIUS, file)
+    judge_number(found, f"{key}.mass", payload.mass, MASS, file)
+    judge_number(found, f"{key}.force", float(np.linalg.norm(payload.force)), FORCE, file)
 
 
 def write_capture(folder: Path, capture: Capture) -> None:

@@ -96,20 +96,27 @@ def _compose(parsed: argparse.Namespace) -> int:
 
 
 def _check(parsed: argparse.Namespace) -> int:
+    from pipeline.check import examine, purpose_of, tell
     from pipeline.config import load_parameters
-    from pipeline.frames import check_capture
     from pipeline.project import Project
 
     project = Project.find()
     parameters = load_parameters(project.parameters)
     print(f"{project.parameters}: {len(parameters.sequences)} sequences, every key known and in range")
     folders = [Path(name) for name in parsed.captures] or [project.capture(name) for name in parameters.sequences]
+    faults = 0
     for folder in folders:
         if not folder.exists() and folder.name in parameters.values.rigged:
             print(f"{folder}: not there yet; `dvc repro` makes it")
             continue
-        print(f"{folder}: {check_capture(folder)}")
-    return 0
+        summary, found = examine(folder, purpose_of(folder, project, parameters))
+        tell(found.warnings)
+        for fault in found.faults:
+            print(f"physreal: {fault}", file=sys.stderr)
+        faults += len(found.faults)
+        count = f"{len(found.faults)} fault{'s'[: len(found.faults) - 1]}; " if found.faults else ""
+        print(f"{folder}: {count}{summary or 'not read any further'}")
+    return 2 if faults else 0
 
 
 def _import(parsed: argparse.Namespace) -> int:

@@ -18,11 +18,11 @@ HEADER = """\
 # Not to be edited: `physreal compose --check` would fail.
 """
 
-COUNTED_OF_PIPELINE = ("pipeline/capture.py", "pipeline/frames.py", "pipeline/products")
+COUNTED_OF_PIPELINE = ("pipeline/capture.py", "pipeline/frames.py", "pipeline/products", "pipeline/reading")
 """What of pipeline/ reads artifacts, files or folders. A change in its other modules alters no result."""
 
-LIGHT = ("physreal_core/errors.py", "physreal_core/array_types.py")
-"""Error messages and annotations, which compute nothing."""
+LIGHT = ("physreal_core/errors.py", "physreal_core/array_types.py", "physreal_core/evidence.py")
+"""Error messages, annotations and refusals, which compute nothing."""
 
 OTHER_SOURCES = (".h", ".cpp", ".cu")
 """Endings of sources that modules read and no import names."""

@@ -1,6 +1,5 @@
 """The image files of a capture: listed, read one by one, every fault named by file and frame."""
 
-import io
 from collections.abc import Iterator
 from dataclasses import dataclass
 from pathlib import Path
@@ -9,13 +8,14 @@ import numpy as np
 
 from physreal_core.array_types import Array
 from physreal_core.errors import InputError
-from pipeline.capture import Capture, read_capture
+from pipeline.capture import Capture
 from pipeline.products.given_tracks import GivenTracks3d
+from pipeline.reading.images import read_image
+from pipeline.reading.videos import read_video
 
 COLOUR, DEPTH = "color", "depth"  # folders of images
 IMAGE_KINDS = (".png", ".jpg", ".jpeg")
 DEPTH_FORMAT = "one 16-bit channel, depth in millimetres, 0 = no reading"
-PNG_START, PNG_END = b"\x89PNG", b"IEND\xaeB`\x82"
 
 
 @dataclass(frozen=True)
@@ -71,33 +71,47 @@ def read_frames(
             without a reading in frame 0, where the object is placed.
     """
     files = list_frames(folder)
-    size = (capture.height, capture.width)
-    frames = _video_frames(files.colour[0]) if files.is_video else ((path, read_colour(path)) for path in files.colour)
+    if not files.is_video:
+        for frame in range(len(files.colour)):
+            yield read_frame(files, frame, capture, depth_range)
+        return
     count = 0
-    for count, (path, colour) in enumerate(frames, start=1):
-        _same_size(path, colour.shape[:2], size)
-        if not files.depth:
-            yield colour, None
-            continue
-        if count > len(files.depth):
+    for count, colour in enumerate(read_video(files.colour[0]), start=1):
+        _same_size(files.colour[0], colour.shape[:2], capture)
+        if files.depth and count > len(files.depth):
             break
-        depth = read_depth(files.depth[count - 1], depth_range)
-        _same_size(files.depth[count - 1], depth.shape, size)
-        if count == 1 and not depth.any():
-            raise InputError(
-                "no reading at all",
-                where=str(files.depth[0]),
-                expected=DEPTH_FORMAT,
-                remedy="start where the sensor sees; metres rounded to whole numbers are lost, convert them before",
-            )
-        yield colour, depth
-    if files.depth:
-        _same_count(folder, count, len(files.depth))
+        yield colour, _depth_of(files, count - 1, capture, depth_range)
+    _same_count(folder, count, len(files.depth))
+
+
+def read_frame(
+    files: FrameFiles, frame: int, capture: Capture, depth_range: tuple[float, float]
+) -> tuple[Array, Array | None]:
+    """One frame of `read_frames`, of a capture whose colour frames are images. Raises as that does."""
+    colour = read_colour(files.colour[frame])
+    _same_size(files.colour[frame], colour.shape[:2], capture)
+    return colour, _depth_of(files, frame, capture, depth_range)
+
+
+def _depth_of(files: FrameFiles, frame: int, capture: Capture, depth_range: tuple[float, float]) -> Array | None:
+    if not files.depth:
+        return None
+    path = files.depth[frame]
+    depth = read_depth(path, depth_range)
+    _same_size(path, depth.shape, capture)
+    if frame == 0 and not depth.any():
+        raise InputError(
+            "no reading at all",
+            where=str(path),
+            expected=DEPTH_FORMAT,
+            remedy="start where the sensor sees; metres rounded to whole numbers are lost, convert them before",
+        )
+    return depth
 
 
 def read_colour(path: Path) -> Array:
     """[height, width, 3] uint8 RGB."""
-    image = _decode(path)
+    image = read_image(path)
     if image.mode not in ("RGB", "RGBA", "L", "P"):
         raise InputError(f"a colour image of mode {image.mode}", where=str(path), expected="8 bits per channel, RGB")
     return np.asarray(image.convert("RGB"))
@@ -105,7 +119,7 @@ def read_colour(path: Path) -> Array:
 
 def read_grey(path: Path) -> Array:
     """[height, width] uint8, e.g. a mask of 0 and 255."""
-    return np.asarray(_decode(path).convert("L"))
+    return np.asarray(read_image(path).convert("L"))
 
 
 def read_depth(path: Path, plausible: tuple[float, float]) -> Array:
@@ -114,7 +128,7 @@ def read_depth(path: Path, plausible: tuple[float, float]) -> Array:
     Raises:
         InputError: not a 16-bit PNG, or a median that no depth in millimetres has.
     """
-    image = _decode(path)
+    image = read_image(path)
     if not image.mode.startswith("I"):
         raise InputError(f"a depth image of mode {image.mode}", where=str(path), expected=DEPTH_FORMAT)
     values = np.asarray(image)
@@ -133,17 +147,6 @@ def read_depth(path: Path, plausible: tuple[float, float]) -> Array:
             remedy="convert the unit, or widen parse_video.min_depth / max_depth in params.yaml",
         )
     return depth
-
-
-def check_capture(folder: Path, depth_range: tuple[float, float] = (0.1, 8.0)) -> str:
-    """Read a whole capture without keeping anything; what it holds, in a line. InputError at its first fault."""
-    capture = read_capture(folder)
-    if capture.kind == "tracks":
-        return f"{count_track_frames(folder)} frames of tracked points, no images"
-    count = with_depth = 0
-    for _, depth in read_frames(folder, capture, depth_range):
-        count, with_depth = count + 1, with_depth + (depth is not None)
-    return f"{count} frames of {capture.width}x{capture.height} at {capture.fps:g} Hz, depth in {with_depth}"
 
 
 def count_track_frames(folder: Path) -> int:
@@ -175,39 +178,12 @@ def _numbered(folder: Path, suffixes: tuple[str, ...]) -> list[Path]:
     return files
 
 
-def _decode(path: Path):
-    from PIL import Image
-
-    try:
-        data = path.read_bytes()
-        if data.startswith(PNG_START) and PNG_END not in data[-64:]:
-            raise OSError("its end is missing")
-        image = Image.open(io.BytesIO(data))
-        image.load()
-    except (OSError, SyntaxError, ValueError) as error:
-        raise InputError(f"the image cannot be read, is it truncated? ({error})", where=str(path)) from None
-    return image
-
-
-def _video_frames(path: Path) -> Iterator[tuple[Path, Array]]:
-    import cv2
-
-    video = cv2.VideoCapture(str(path))
-    if not video.isOpened():
-        raise InputError("the video cannot be opened", where=str(path))
-    while True:
-        more, frame = video.read()
-        if not more:
-            return
-        yield path, np.ascontiguousarray(frame[..., ::-1])
-
-
-def _same_size(path: Path, got: tuple[int, ...], size: tuple[int, int]) -> None:
-    if tuple(got) != size:
+def _same_size(path: Path, got: tuple[int, ...], capture: Capture) -> None:
+    if tuple(got) != (capture.height, capture.width):
         raise InputError(
             f"{got[1]}x{got[0]} pixels",
             where=str(path),
-            expected=f"{size[1]}x{size[0]}, as width and height in capture.json say for colour and depth",
+            expected=f"{capture.width}x{capture.height}, as width and height in capture.json say for colour and depth",
         )
 
 

@@ -7,8 +7,8 @@ from functools import lru_cache
 from pathlib import Path
 from typing import Any
 
-from physreal_core.errors import InputError
 from pipeline.project import CODE_ROOT
+from pipeline.reading.text import read_record
 
 FILE = "provenance.json"
 
@@ -67,12 +67,9 @@ def write_provenance(folder: Path, record: dict[str, Any]) -> None:
 
 def read_provenance(folder: Path) -> dict[str, Any]:
     """The record in an artifact's folder, InputError where there is none."""
-    path = folder / FILE
-    if not path.is_file():
-        raise InputError(
-            "the artifact has no provenance.json", where=str(folder), remedy="delete it and run `dvc repro`"
-        )
-    return json.loads(path.read_text())
+    return read_record(
+        folder / FILE, ("stage", "inputs", "parameters", "seed"), "delete the folder and run `dvc repro`"
+    )
 
 
 def _imported_names(path: Path, roots: tuple[Path, ...]) -> list[str]:

@@ -1,12 +1,12 @@
 """How far every sequence is, and where the time went, at a glance."""
 
-import json
 from typing import Any
 
 from physreal_core.errors import InputError
 from pipeline.config import Parameters, load_parameters
 from pipeline.graph import STAGES
 from pipeline.project import Project
+from pipeline.reading.text import read_record
 from pipeline.stage import checked_artifact
 
 
@@ -47,7 +47,7 @@ def stages_of(parameters: Parameters, sequence: str) -> list[str]:
 def _last_run(project: Project, stage: str, sequence: str) -> dict[str, Any]:
     """What the stage recorded of its last run on this machine; empty where it never ran here."""
     path = project.record(stage, sequence)
-    return json.loads(path.read_text()) if path.is_file() else {}
+    return read_record(path, ("seconds", "peak_memory_mb"), f"delete {path}") if path.exists() else {}
 
 
 def _state(project: Project, parameters: Parameters, stage: str, sequence: str) -> str:

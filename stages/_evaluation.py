@@ -7,6 +7,7 @@ import numpy as np
 import torch
 
 from physreal_core.errors import InputError
+from physreal_core.evidence import require_pixels, require_tracks
 from physreal_core.fitting.model_file import read_model_file
 from physreal_core.geometry.mesh import Mesh
 from physreal_core.geometry.surface import scatter
@@ -71,6 +72,17 @@ class Sequence:
     @property
     def T_world_camera(self) -> Array:
         return self.camera.T_world_camera.numpy()
+
+    def require_measurement(self) -> None:
+        """InputError where no frame after the first has a track on the object or a mask to compare a model with."""
+        if self.tracks_valid[1:].any():
+            return
+        if self.camera is not None:
+            frames = range(1, self.frame_count)
+            largest = max((int(Masks.load(self.perceived, [frame]).object.sum()) for frame in frames), default=0)
+            require_pixels(largest, "the largest mask of the object after frame 0", str(self.perceived))
+            return
+        require_tracks(self.tracks_valid, str(self.perceived / MeasuredTracks.FILE))
 
     def measured(self, frame: int) -> Measured:
         """Reads one frame."""

@@ -32,6 +32,7 @@ def run(context: StageContext) -> None:
     """metrics.json, frames.csv, and per model a video: measured, rendered, overlay with tracks."""
     with context.timed("read"):
         sequence = load_sequence(context)
+        sequence.require_measurement()
     metrics, table = {}, {}
     for stage, folder in context.models().items():
         replay = Replay(sequence, folder, context.params.device)

@@ -6,8 +6,10 @@ from pathlib import Path
 import numpy as np
 
 from physreal_core.errors import InputError
-from pipeline.capture import Capture, Split, read_capture, write_capture
+from pipeline.capture import FILE, Capture, Split, write_capture
+from pipeline.check_given import check_description, check_given, judge_counts, require_world
 from pipeline.frames import count_track_frames, list_frames, read_frames
+from pipeline.plausible import Findings
 from pipeline.products.camera import RecordedCamera
 from pipeline.products.images import FrameImages
 from pipeline.products.quality import Quality
@@ -40,24 +42,32 @@ class Judgement:
 
 def run(context: StageContext) -> None:
     """Frames at working size, camera.json, the normalised capture.json and quality.json."""
-    capture = read_capture(context.capture)
+    found = Findings()
+    capture = check_description(context.capture, found)
+    found.require_none()
     if capture.kind == "tracks":
-        _write(context, capture, count_track_frames(context.capture), Judgement(), {})
+        frames = count_track_frames(context.capture)
+        _check_beside(context, capture, frames, found)
+        _write(context, capture, frames, Judgement(), {}, found)
         return
+    require_world(capture, list_frames(context.capture), context.capture)
     scale = min(1.0, context.params.max_width / capture.width)
     frames, quality, first_depth = _copy_frames(context, capture, scale)
+    _check_beside(context, capture, frames, found)
     scaled = scale_capture(capture, scale)
     plane: dict = {}
     if first_depth is not None:
         with context.timed("support plane"):
             scaled, plane = _set_world(scaled, first_depth, context)
-    elif scaled.T_world_camera is None:
-        raise InputError(
-            "neither depth nor T_world_camera is there, so the world cannot be set",
-            where=str(context.capture),
-            remedy="give T_world_camera in capture.json, or record depth",
-        )
-    _write(context, scaled, frames, quality, plane)
+    _write(context, scaled, frames, quality, plane, found)
+
+
+def _check_beside(context: StageContext, capture: Capture, frames: int, found: Findings) -> None:
+    """frame_count, split, and the results of other tools, for the frames that are used."""
+    if context.params.max_frames is None:
+        judge_counts(capture, frames, str(context.capture / FILE), found)
+    check_given(context.capture, capture, frames, found, fitted=False)
+    found.require_none()
 
 
 def scale_capture(capture: Capture, scale: float) -> Capture:
@@ -71,7 +81,8 @@ def scale_capture(capture: Capture, scale: float) -> Capture:
     K[:2, 2] += 0.5 * ratio - 0.5
 
     def move(pixels: np.ndarray) -> np.ndarray:
-        return ((pixels.reshape(-1, 2) + 0.5) * ratio - 0.5).ravel()
+        moved = (pixels.reshape(-1, 2) + 0.5) * ratio - 0.5
+        return moved.clip(0, [width - 1, height - 1]).ravel()
 
     hints = {
         name: hint.model_copy(
@@ -102,8 +113,8 @@ def _copy_frames(context: StageContext, capture: Capture, scale: float) -> tuple
             bar.advance()
             if count == context.params.max_frames:
                 break
-    if count == 0:
-        raise InputError("there are no frames", where=str(context.capture))
+    if count < 2:
+        raise InputError(f"there are {count} frames", where=str(context.capture), expected="two or more")
     return count, quality, first_depth
 
 
@@ -167,14 +178,16 @@ def backproject(depth: np.ndarray, K: np.ndarray) -> np.ndarray:
     return np.stack([(u - K[0, 2]) / K[0, 0] * z, (v - K[1, 2]) / K[1, 1] * z, z], axis=1)
 
 
-def _write(context: StageContext, capture: Capture, frames: int, quality: Judgement, plane: dict) -> None:
-    split = _split(capture, frames, context.params.max_frames, context.capture / "capture.json")
+def _write(
+    context: StageContext, capture: Capture, frames: int, quality: Judgement, plane: dict, found: Findings
+) -> None:
+    split = _split(capture, frames, context.capture / FILE)
     capture = capture.model_copy(update={"frame_count": frames, "split": split})
     write_capture(context.output, capture)
     RecordedCamera(
         capture.fps, capture.width, capture.height, capture.K, capture.T_world_camera, capture.frame_count
     ).save(context.output)
-    warnings = quality.warnings()
+    warnings = [*map(str, found.warnings), *quality.warnings()]
     if plane.get("fitted") and (plane["tilt_deg"] > 3 or abs(plane["height_m"]) > 0.02):
         off = f"the support plane is {plane['tilt_deg']:.1f} deg and {plane['height_m']:.3f} m off z = 0"
         warnings.append(f"{off}; without T_world_camera in capture.json it defines the world")
@@ -183,13 +196,10 @@ def _write(context: StageContext, capture: Capture, frames: int, quality: Judgem
         print(f"parse_video {context.sequence}: {warning}")
 
 
-def _split(capture: Capture, frames: int, limit: int | None, file: Path) -> Split:
+def _split(capture: Capture, frames: int, file: Path) -> Split:
     """The split, cut to the frames that are used."""
-    if limit is None and capture.frame_count not in (None, frames):
-        raise InputError(f"frame_count = {capture.frame_count}, but there are {frames} frames", where=str(file))
     split = capture.observed(frames)
-    last = split.train[1] if limit else split.test[1]
-    if last > frames:
+    if split.train[1] > frames:
         raise InputError(
             f"split {split.train} {split.test} reaches past the last of {frames} frames",
             where=str(file),

@@ -48,12 +48,16 @@ def fit_material(
     """Moves `variables` from `start`, all other fields of `model` held, and returns the model with the best values found.
 
     A variable with rate zero is held too.
+
+    Raises:
+        InputError: no variable moves, or too little is measured (`Objective.require_evidence`).
     """
     moved = [variable for variable in variables if variable.rate > 0.0]
     if not moved:
         raise InputError(
             "every variable has rate 0", expected="at least one to fit", remedy="give one a rate above zero"
         )
+    objective.require_evidence()
     descent = Descent(
         moved,
         start,
@@ -76,6 +80,7 @@ def start_from_scan(
     moved = {variable.name: variable for variable in variables if variable.rate > 0.0}
     if config.count < 2 or "youngs_modulus" not in moved:
         return model, []
+    objective.require_evidence()
     found = []
     for grip in _grips(model, moved.get("grip_stiffness"), config):
         held = model.with_fields(grip_stiffness=torch.tensor(grip, dtype=torch.float64))

@@ -2,13 +2,17 @@
 
 import math
 
+import numpy as np
 import torch
 from torch import Tensor
 
+from physreal_core.array_types import Array, Bool
+from physreal_core.errors import InputError
+from physreal_core.evidence import require_pixels, require_tracks
 from physreal_core.fitting import losses
 from physreal_core.fitting.losses import LossConfig
 from physreal_core.fitting.model import PATCH_FIELDS, Model
-from physreal_core.fitting.problem import Problem
+from physreal_core.fitting.problem import Problem, require_hold
 from physreal_core.fitting.rollouts import Fields, Rollouts
 from physreal_core.fitting.stopwatch import Stopwatch
 from physreal_core.simulation import States
@@ -41,6 +45,33 @@ class Objective:
         if self.config.settled > 0.0:
             return min(self.config.settled_simulated, self.problem.observed)
         return self.problem.observed
+
+    def require_evidence(self) -> None:
+        """Raises InputError where too little is measured for the terms that have a weight, or where nothing holds the body."""
+        config, masks = self.config, self.problem.masks
+        require_hold(self.problem)
+        motion = config.motion * (config.motion_3d or config.motion_2d)
+        if config.settled > 0.0 or motion > 0.0:
+            require_tracks(self._known_entries(), "the objective's tracks")
+        if masks is not None and config.mask > 0.0:
+            largest = (masks.coverage * masks.known).sum((1, 2)).max()
+            require_pixels(float(largest), "the largest silhouette", "the objective's masks")
+        elif config.settled == motion == 0.0:
+            raise InputError(
+                "no term of the objective has a weight and a measurement",
+                where="losses",
+                expected="motion with tracks, or mask with silhouettes",
+                remedy="change losses of the stage in params.yaml",
+            )
+
+    def _known_entries(self) -> Bool[Array, "frames tracks"]:
+        """Entries of tracks that the objective's motion term compares, over its observed frames."""
+        config, tracks, observed = self.config, self.problem.tracks, self.problem.observed
+        if tracks is None:
+            return np.zeros((observed, 0), bool)
+        first = max(0, observed - config.settled_measured) if config.settled > 0.0 else 0
+        in_space = config.settled > 0.0 or config.motion_3d > 0.0 or tracks.visible is None
+        return (tracks.valid3d if in_space else tracks.visible)[first:observed].cpu().numpy()
 
     def rollout(self, fields: Fields, frames: int) -> States:
         """States under patch fields, F as the motion since frame 0, for a measurement of `frames` frames.

@@ -112,6 +112,19 @@ class Problem:
         return _moved(self, device)
 
 
+def require_hold(problem: Problem) -> None:
+    """InputError where a hand is measured that holds nothing: the model knows no other way in which it moves the body."""
+    controllers = problem.controllers.shape[1]
+    held = problem.clamps or (problem.grip is not None and len(problem.grip.particles) > 0)
+    if controllers > 0 and not held:
+        raise InputError(
+            f"none of {controllers} controller points holds a particle",
+            where="the grip",
+            expected="a hand that touches the object in frame 0",
+            remedy="check the controller's mask and the object's pose, or widen sample_particles.grip.radius in params.yaml",
+        )
+
+
 def _moved(record, device: str):
     """A copy of a dataclass whose tensors, and whatever else knows how, are on `device`."""
     fields = {field.name: getattr(record, field.name) for field in dataclasses.fields(record)}

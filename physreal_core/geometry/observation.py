@@ -6,7 +6,7 @@ import numpy as np
 import torch
 
 from physreal_core.array_types import Array, Bool, Float
-from physreal_core.errors import InputError
+from physreal_core.evidence import require_pixels
 from physreal_core.rendering import Camera
 
 
@@ -29,13 +29,7 @@ class Observation:
     camera: Camera
 
     def __post_init__(self) -> None:
-        if self.mask.sum() < 20:
-            raise InputError(
-                f"the object's mask has {self.mask.sum()} pixels in frame 0",
-                where="masks/object/000000.png",
-                expected="at least 20",
-                remedy="look at overlay.mp4 of segment_and_track and give a hint in capture.json",
-            )
+        require_pixels(int(self.mask.sum()), "the object's mask", "masks/object/000000.png, frame 0")
 
     @property
     def measured(self) -> Bool[Array, "H W"]:
@@ -54,18 +48,13 @@ class Observation:
         Without any depth in the whole image (a colour camera) the mask's pixels are laid onto the plane z = 0.
 
         Raises:
-            InputError: fewer than 20 of them.
+            InputError: too few of them.
         """
         if not (self.depth > 0).any():
             return self._on_plane()
         v, u = np.nonzero(self.measured)
-        if len(u) < 20:
-            raise InputError(
-                f"{len(u)} depth readings on the object in frame 0",
-                where="depth/000000.png",
-                expected="at least 20",
-                remedy="check the depth image and the mask, or give T_world_object in capture.json",
-            )
+        remedy = "check the depth image and the mask, or give T_world_object in capture.json"
+        require_pixels(len(u), "the depth on the object", "depth/000000.png, frame 0", remedy)
         pixels = torch.as_tensor(np.stack([u, v], axis=1).astype(float))
         return self.camera.unproject(pixels, torch.as_tensor(self.depth[v, u].astype(float))).numpy()
 
@@ -75,6 +64,8 @@ class Observation:
         eye = self.camera.centre.numpy()
         directions = self.camera.unproject(pixels, torch.ones(len(u), dtype=torch.float64)).numpy() - eye
         down = directions[:, 2] < -1e-3
+        remedy = "check T_world_camera in capture.json, and the mask"
+        require_pixels(int(down.sum()), "the part of the object's mask below the horizon", "frame 0", remedy)
         return eye + directions[down] * (eye[2] / -directions[down, 2:])
 
     def reduced(self, factor: float, share: float = 0.5) -> "Observation":

@@ -4,6 +4,7 @@ from pathlib import Path
 
 import warp as wp
 
+wp.config.log_level = wp.LOG_WARNING  # else Warp's banner and compile notes run through every progress bar
 SHARED = Path(__file__).parent
 # Products and sums may fuse; there is no fast-math: NaN and infinity keep their meaning, a state that blew up must be seen.
 # 512: else clang splits the vectors in two on some processors.

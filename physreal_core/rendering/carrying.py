@@ -62,7 +62,6 @@ def _launch(phase: str, tensors, outputs) -> None:
 @cache
 def _kernels(scalar: str) -> SimpleNamespace:
     """`carry` and `carry_adjoint` by thread, and the same over all threads of a CUDA launch."""
-    wp.config.log_level = wp.LOG_WARNING  # else the banner goes to the standard output of every stage
     wp.init()
     header = Path(__file__).parent / "cuda" / "carrying.h"
     module = native_module(f"physreal_carrying_{scalar}", header, cuda=True)

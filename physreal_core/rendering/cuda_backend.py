@@ -88,7 +88,6 @@ class CudaRun:
 @cache
 def _kernels(scalar: str) -> SimpleNamespace:
     """The phases of cuda/rasteriser.h by name; each takes the scene, as so many bytes."""
-    wp.config.log_level = wp.LOG_WARNING  # else the banner goes to the standard output of every stage
     wp.init()
     here = Path(__file__).parent
     module = native_module(

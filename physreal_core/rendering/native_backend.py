@@ -78,7 +78,6 @@ def _threads(work: int, least: int) -> int:
 @cache
 def _kernels(scalar: str) -> SimpleNamespace:
     """The phases of native/rasteriser.h by name; each takes the scene's address and the thread's number."""
-    wp.config.log_level = wp.LOG_WARNING  # else the banner goes to the standard output of every stage
     wp.init()
     module = native_module(f"physreal_rasteriser_{scalar}", Path(__file__).parent / "native" / "rasteriser.h")
 

@@ -1,8 +1,5 @@
 """Where the grid's lattice lies in the world, and the box of its nodes that a frame needs."""
 
-import math
-from dataclasses import dataclass
-
 import numpy as np
 
 from physreal_core.array_types import Array, Bool, Float
@@ -22,18 +19,6 @@ Found from the stretch of a hanging bar, whose upper end seems to be held this f
 """
 LARGEST_EDGE = 400  # nodes; a body that needs more than this has run away
 SMALLEST_LIMIT = 1 << 20  # nodes: a grid of 16 MB in float32, so that a small body may fly far
-
-
-@dataclass(frozen=True)
-class GridBox:
-    """Nodes origin .. origin + count - 1 of the world-fixed lattice, per axis."""
-
-    origin: tuple[int, int, int]
-    count: tuple[int, int, int]
-
-    @property
-    def nodes(self) -> int:
-        return math.prod(self.count)
 
 
 def lattice_offset(body: Body, ground_height: float | None, clamps: tuple[Clamp, ...]) -> Float[Array, "3"]:
@@ -76,7 +61,15 @@ def box_corners(
     cell: float,
     offset: Float[Array, "3"],
 ) -> tuple[Float[Array, "*rollouts 3"], Float[Array, "*rollouts 3"]]:
-    """First node and number of nodes per axis of the boxes that `grid_box` makes, whole numbers, whatever their size."""
+    """First node and number of nodes per axis of the boxes that hold all 27 nodes of every position within `margin` [m] of
+    lower .. upper [m], whole numbers, whatever their size.
+
+    Args:
+        lower, upper: corners of where the particles are expected [m].
+        margin: distance by which they may miss it [m].
+        cell: dx [m].
+        offset: position of lattice node (0, 0, 0) [m].
+    """
     margin = np.asarray(margin)[..., None]
     first = np.floor((lower - margin - offset) / cell - 0.5)
     last = np.floor((upper + margin - offset) / cell - 0.5) + 3
@@ -86,26 +79,3 @@ def box_corners(
 def small_enough(count: Float[Array, "*rollouts 3"], largest: int) -> Bool[Array, "*rollouts"] | np.bool_:
     """Whether the bodies in boxes of so many nodes per axis, `largest` of them at most, have not run away."""
     return np.isfinite(count).all(-1) & (count.max(-1) <= LARGEST_EDGE) & (count.prod(-1) <= largest)
-
-
-def grid_box(
-    lower: Float[Array, "3"],
-    upper: Float[Array, "3"],
-    margin: float,
-    cell: float,
-    offset: Float[Array, "3"],
-    largest: int,
-) -> GridBox | None:
-    """Box that holds all 27 nodes of every position within `margin` [m] of lower .. upper; None if it is too large.
-
-    Args:
-        lower, upper: corners of where the particles are expected [m].
-        margin: distance by which they may miss it [m].
-        cell: dx [m].
-        offset: position of lattice node (0, 0, 0) [m].
-        largest: nodes that it may have, see `largest_box`.
-    """
-    first, count = box_corners(lower, upper, margin, cell, offset)
-    if not small_enough(count, largest):
-        return None
-    return GridBox(tuple(int(i) for i in first), tuple(int(c) for c in count))

@@ -70,6 +70,11 @@ class SimulationConfig:
             raise InputError(f"{self.terms}", where=where, expected="each term once")
 
     @property
+    def torch_dtype(self) -> torch.dtype:
+        """`dtype` as torch names it."""
+        return getattr(torch, self.dtype)
+
+    @property
     def elastic_residual(self) -> ResidualConfig | None:
         """Residual of the stress, None if its bound leaves no room for one."""
         return self.residual if self.residual is not None and self.residual.beta_elastic > 0 else None

@@ -57,7 +57,7 @@ class Frames:
 
     def __init__(self, body: Body, config: SimulationConfig, stepper: Stepper, substeps: Substeps) -> None:
         self.config, self.stepper, self._substeps_of = config, stepper, substeps
-        self._x0 = torch.tensor(body.x0, dtype=stepper.types.torch_dtype, device=config.device)
+        self._x0 = torch.tensor(body.x0, dtype=stepper.dtype, device=config.device)
         self._gravity = np.linalg.norm(config.gravity)  # its size in each rollout under way
 
     # --- forward ------------------------------------------------------------------------------------------------

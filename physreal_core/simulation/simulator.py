@@ -152,7 +152,7 @@ class Simulator:
         shapes = self._stepper.shapes
         if rollouts is not None:
             shapes = {name: (rollouts, *shape) for name, shape in shapes.items()}
-        return complete(parameters, shapes, self._dormant, self._stepper.types.torch_dtype, self.config.device)
+        return complete(parameters, shapes, self._dormant, self._stepper.dtype, self.config.device)
 
     def _rollouts(self, parameters: Parameters, controllers: Tensor) -> int:
         """Length of the axis of rollouts."""
@@ -172,7 +172,7 @@ class Simulator:
 
     def _check_controllers(self, controllers: Tensor) -> Tensor:
         needed = 0 if self.grip is None or len(self.grip.particles) == 0 else int(self.grip.controllers.max()) + 1
-        points = torch.as_tensor(controllers).to(self._stepper.types.torch_dtype)
+        points = torch.as_tensor(controllers).to(self._stepper.dtype)
         if points.ndim != 3 or points.shape[0] < 1 or points.shape[1] < needed or points.shape[2] != 3:
             raise InputError(f"shape {tuple(points.shape)}", where="controllers", expected=f"(T, at least {needed}, 3)")
         if not bool(torch.isfinite(points).all()):

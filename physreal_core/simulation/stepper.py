@@ -8,7 +8,6 @@ import torch
 
 from physreal_core.array_types import Array, Bool, Float, Int, Tensor
 from physreal_core.simulation.parameters import Parameters
-from physreal_core.simulation.scalars import ScalarTypes
 
 NOT_FAILED = torch.iinfo(torch.int64).max
 
@@ -89,7 +88,7 @@ class Stepper(Protocol):
     """Arrays and kernels of R rollouts of one body; `Frames` decides which frames run, and holds the states between them.
 
     Attributes:
-        types: scalar types of the arrays.
+        dtype: of the arrays.
         device: torch device of the arrays.
         rollouts, particles: R and N.
         cell: edge of a grid cell [m].
@@ -100,7 +99,7 @@ class Stepper(Protocol):
         holder: the record whose frames are kept, if any.
     """
 
-    types: ScalarTypes
+    dtype: torch.dtype
     device: str
     rollouts: int
     particles: int

@@ -5,7 +5,7 @@ derived from `StageParameters`; nothing else has to be registered.
 """
 
 from pipeline.config._base import StageParameters
-from pipeline.config._errors import as_input_error, unknown_key
+from pipeline.config._errors import as_input_error, as_input_errors, unknown_key
 from pipeline.config._names import RULE, Name, check_name
 from pipeline.config._parameters import (
     Parameters,
@@ -23,6 +23,7 @@ __all__ = [
     "Prediction",
     "StageParameters",
     "as_input_error",
+    "as_input_errors",
     "check_name",
     "load_parameters",
     "read_parameters",

@@ -10,14 +10,22 @@ from physreal_core.errors import InputError
 
 
 def as_input_error(error: ValidationError, model: type[BaseModel], file: str, prefix: str = "") -> InputError:
-    """The first fault in `error` as an InputError.
+    """The first of `as_input_errors`."""
+    return as_input_errors(error, model, file, prefix)[0]
+
+
+def as_input_errors(error: ValidationError, model: type[BaseModel], file: str, prefix: str = "") -> list[InputError]:
+    """Every fault in `error` as an InputError.
 
     Args:
         error: what pydantic raised on validating `model`.
         file: the file the values came from.
         prefix: key below which the values stand in that file, e.g. "fit_global".
     """
-    fault = error.errors()[0]
+    return [_as_input_error(fault, model, file, prefix) for fault in error.errors()]
+
+
+def _as_input_error(fault: Any, model: type[BaseModel], file: str, prefix: str) -> InputError:
     if "[key]" in fault["loc"]:
         return _wrong_name(fault, file)
     location = list(fault["loc"])

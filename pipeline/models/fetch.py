@@ -20,6 +20,7 @@ from pathlib import Path
 from physreal_core.errors import InputError
 from pipeline.models.catalogue import NETWORKS, Network
 from pipeline.provenance import digest_code, digest_of
+from pipeline.reading.text import read_record
 from pipeline.whole_files import write_whole
 
 MANIFEST = "manifest.json"
@@ -210,7 +211,7 @@ def _read_member(archive: Path, member: str) -> bytes:
 
 def _manifest(folder: Path) -> dict[str, dict[str, str]]:
     path = folder / MANIFEST
-    return json.loads(path.read_text()) if path.is_file() else {}
+    return read_record(path, remedy="delete it and run `physreal models`") if path.exists() else {}
 
 
 def _record(folder: Path, name: str, files: Sequence[str]) -> None:

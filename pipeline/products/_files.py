@@ -1,9 +1,9 @@
-"""Arrays and records on disk: written plainly, read with one clear error for what is missing."""
+"""Arrays and records on disk: written plainly, read through `pipeline.reading`."""
 
 import dataclasses
+import io
 import json
 import zipfile
-from collections.abc import Sequence
 from pathlib import Path
 from typing import Any, ClassVar, TypeVar
 
@@ -11,6 +11,7 @@ import numpy as np
 
 from physreal_core.array_types import Array
 from physreal_core.errors import InputError
+from pipeline.reading.arrays import read_npz
 
 File = TypeVar("File", bound="ArrayFile")
 
@@ -37,7 +38,7 @@ class ArrayFile:
         """Write the file into `folder`."""
         fields = {self.key(field.name): getattr(self, field.name) for field in dataclasses.fields(self)}
         arrays = {key: self.on_disk(np.asarray(value)) for key, value in fields.items() if value is not None}
-        (np.savez_compressed if self.COMPRESSED else np.savez)(folder / self.FILE, **arrays)
+        write_arrays(folder / self.FILE, arrays, self.COMPRESSED)
 
     @classmethod
     def load(cls: type[File], folder: Path) -> File:  # noqa: PYI019, beartype takes no Self at a method
@@ -58,7 +59,7 @@ class ArrayFile:
         """What the file holds, by field; of an array without dimensions, the number."""
         fields = {cls.key(field.name): field for field in dataclasses.fields(cls)}
         needed = [key for key, field in fields.items() if field.default is dataclasses.MISSING]
-        arrays = read_arrays(path, needed, list(fields), cls.REMEDY)
+        arrays = read_npz(path, needed, list(fields), cls.REMEDY)
         return {fields[key].name: array if array.ndim else array.item() for key, array in arrays.items()}
 
     @classmethod
@@ -73,22 +74,16 @@ class ArrayFile:
         return array.astype(kinds.get(array.dtype.kind, array.dtype), copy=False)
 
 
-def read_arrays(path: Path, needed: Sequence[str], known: Sequence[str], remedy: str) -> dict[str, Array]:
-    """The `known` arrays of an .npz that are there.
-
-    Raises:
-        InputError: the file is missing or unreadable, or lacks one of those that are `needed`.
-    """
-    expected = f"arrays {', '.join(needed)}"
-    if not path.is_file():
-        raise InputError(f"there is no {path.name}", where=str(path.parent), expected=expected, remedy=remedy)
-    try:
-        with np.load(path, allow_pickle=False) as file:
-            if missing := [name for name in needed if name not in file]:
-                raise InputError(f"no array {missing[0]!r}", where=str(path), expected=expected, remedy=remedy)
-            return {name: file[name] for name in known if name in file}
-    except (OSError, zipfile.BadZipFile) as error:
-        raise InputError(f"not readable as .npz: {error}", where=str(path), remedy=remedy) from None
+def write_arrays(path: Path, arrays: dict[str, Array], compressed: bool) -> None:
+    """Write an .npz as numpy does, but for the members' headers: numpy's are other bytes with other versions of Python."""
+    with zipfile.ZipFile(path, "w") as file:
+        for name, array in arrays.items():
+            data = io.BytesIO()
+            np.lib.format.write_array(data, array, allow_pickle=False)
+            member = zipfile.ZipInfo(f"{name}.npy")
+            member.compress_type = zipfile.ZIP_DEFLATED if compressed else zipfile.ZIP_STORED
+            member.external_attr = 0o600 << 16
+            file.writestr(member, data.getbuffer())
 
 
 def check_points(arrays: dict[str, Any], name: str, path: Path, last: int) -> None:
@@ -101,24 +96,6 @@ def check_points(arrays: dict[str, Any], name: str, path: Path, last: int) -> No
 def write_record(path: Path, record: dict[str, Any], default: Any = None) -> None:
     """Write JSON; `default` turns what JSON does not know into what it does."""
     path.write_text(json.dumps(record, indent=1, default=default) + "\n")
-
-
-def read_record(path: Path, needed: Sequence[str], remedy: str) -> dict[str, Any]:
-    """The JSON record in a file.
-
-    Raises:
-        InputError: the file is missing or no JSON, or lacks a key that is needed.
-    """
-    expected = f"keys {', '.join(needed)}" if needed else ""
-    if not path.is_file():
-        raise InputError(f"there is no {path.name}", where=str(path.parent), expected=expected, remedy=remedy)
-    try:
-        record = json.loads(path.read_text())
-    except json.JSONDecodeError as error:
-        raise InputError(f"not readable as JSON: {error}", where=str(path), remedy=remedy) from None
-    if missing := [key for key in needed if key not in record]:
-        raise InputError(f"no key {missing[0]!r}", where=str(path), expected=expected, remedy=remedy)
-    return record
 
 
 def run_again(stage: str) -> str:

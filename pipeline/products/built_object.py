@@ -9,8 +9,9 @@ import numpy as np
 from physreal_core.array_types import Array, Float
 from physreal_core.geometry.mesh import Mesh, load_mesh, save_mesh
 from physreal_core.rendering.gaussians import Gaussians
-from pipeline.products._files import read_record, run_again, write_record
+from pipeline.products._files import run_again, write_record
 from pipeline.products.gaussians import load_gaussians, save_gaussians
+from pipeline.reading.text import read_record
 
 MESH, FACTS = "object.glb", "object.json"
 

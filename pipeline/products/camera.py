@@ -6,7 +6,8 @@ from pathlib import Path
 import numpy as np
 
 from physreal_core.array_types import Array, Float
-from pipeline.products._files import read_record, run_again, write_record
+from pipeline.products._files import run_again, write_record
+from pipeline.reading.text import read_record
 
 FILE = "camera.json"
 _KEYS = ("fps", "width", "height", "K", "T_world_camera", "frame_count")

@@ -5,7 +5,8 @@ from dataclasses import dataclass
 from pathlib import Path
 from typing import Any
 
-from pipeline.products._files import read_record, write_record
+from pipeline.products._files import write_record
+from pipeline.reading.text import read_record
 
 FILE = "fit.json"
 _SHARES = ("residual", "residual_without_effect")

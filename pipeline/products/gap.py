@@ -3,12 +3,13 @@
 from pathlib import Path
 from typing import Any
 
-from safetensors.torch import load_file, save_file
+from safetensors.torch import save_file
 from torch import Tensor
 
-from physreal_core.errors import InputError
 from physreal_core.gap.report import Added, Candidate, Disagreement, FittedEffect, GapReport, Verdict
-from pipeline.products._files import read_record, run_again, write_record
+from pipeline.products._files import run_again, write_record
+from pipeline.reading.tensors import read_tensors
+from pipeline.reading.text import read_record
 
 REPORT, TENSORS, ADDED = "gap.json", "gap.safetensors", "gap_after.json"
 _BASELINE = "baseline"
@@ -28,10 +29,8 @@ def load_gap(folder: Path) -> GapReport:
     """What `save_gap` wrote, InputError where a file or a key is missing."""
     again = run_again("find_gap")
     record = read_record(folder / REPORT, ("verdict", "candidates", "test", "where", "baseline"), again)
-    if not (folder / TENSORS).is_file():
-        raise InputError(f"there is no {TENSORS}", where=str(folder), remedy=again)
     groups: dict[str, dict[str, Tensor]] = {_BASELINE: {}}
-    for key, tensor in load_file(str(folder / TENSORS)).items():
+    for key, tensor in read_tensors(folder / TENSORS, remedy=again).items():
         group, _, name = key.partition("/")
         groups.setdefault(group, {})[name] = tensor
     verdict = record["verdict"]

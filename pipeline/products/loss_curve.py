@@ -7,6 +7,7 @@ from pathlib import Path
 from typing import Any
 
 from physreal_core.errors import InputError
+from pipeline.reading.text import read_rows
 
 FILE = "loss.csv"
 
@@ -35,10 +36,12 @@ class LossCurve:
     @classmethod
     def load(cls, folder: Path) -> "LossCurve":
         """Read loss.csv, InputError where there is none; all values are floats."""
-        if not (folder / FILE).is_file():
-            raise InputError(f"there is no {FILE}", where=str(folder), remedy="run the fit stage again")
-        with (folder / FILE).open(newline="") as file:
-            return cls([{name: float(cell) for name, cell in row.items() if cell} for row in csv.DictReader(file)])
+        remedy = "run the fit stage again"
+        rows = read_rows(folder / FILE, remedy=remedy)
+        try:
+            return cls([{name: float(cell) for name, cell in row.items() if cell} for row in rows])
+        except ValueError as error:
+            raise InputError(f"no number: {error}", where=str(folder / FILE), remedy=remedy) from None
 
     def of(self, column: str) -> list[float]:
         """One column, in the order of the evaluations, where it applies."""

@@ -5,7 +5,8 @@ from dataclasses import dataclass, field
 from pathlib import Path
 from typing import Any
 
-from pipeline.products._files import read_record, run_again, write_record
+from pipeline.products._files import run_again, write_record
+from pipeline.reading.text import read_record
 
 FILE = "quality.json"
 

@@ -9,7 +9,8 @@ from typing import Any
 
 from physreal_core.errors import InputError
 from physreal_core.evaluation.scores import FrameScores
-from pipeline.products._files import read_record, run_again, write_record
+from pipeline.products._files import run_again, write_record
+from pipeline.reading.text import read_record, read_rows
 
 METRICS, FRAMES = "metrics.json", "frames.csv"
 _NAMES = [field.name for field in dataclasses.fields(FrameScores)]
@@ -46,16 +47,14 @@ class Scores:
     def load(cls, folder: Path) -> "Scores":
         """Read both files, InputError where one is missing."""
         metrics = read_record(folder / METRICS, (), run_again("evaluate"))
-        if not (folder / FRAMES).is_file():
-            raise InputError(f"there is no {FRAMES}", where=str(folder), remedy=run_again("evaluate"))
         frames: dict[str, list[FrameScores]] = {}
         observed = 0
-        with (folder / FRAMES).open(newline="") as file:
-            for row in csv.DictReader(file):
-                scores = _frame(row)
-                frames.setdefault(row["stage"], []).append(scores)
-                if row["interval"] == "observed":
-                    observed = max(observed, scores.frame + 1)
+        rows = read_rows(folder / FRAMES, ("stage", "interval", *_NAMES), run_again("evaluate"))
+        for index, row in enumerate(rows):
+            scores = _frame(row, f"{folder / FRAMES}, row {index}")
+            frames.setdefault(row["stage"], []).append(scores)
+            if row["interval"] == "observed":
+                observed = max(observed, scores.frame + 1)
         return cls(metrics, frames, observed)
 
     def curves(self, score: str, scale: float = 1.0) -> dict[str, dict[int, float]]:
@@ -66,6 +65,9 @@ class Scores:
         }
 
 
-def _frame(row: dict[str, str]) -> FrameScores:
+def _frame(row: dict[str, str], where: str) -> FrameScores:
     given = {name: row[name] for name in _NAMES if row[name]}
-    return FrameScores(**{name: int(cell) if name in _COUNTS else float(cell) for name, cell in given.items()})
+    try:
+        return FrameScores(**{name: int(cell) if name in _COUNTS else float(cell) for name, cell in given.items()})
+    except (TypeError, ValueError) as error:
+        raise InputError(f"no scores: {error}", where=where, remedy=run_again("evaluate")) from None

@@ -9,7 +9,8 @@ from PIL import Image
 from data.importers.images import import_capture
 from physreal_core.errors import InputError
 from pipeline.capture import read_capture
-from pipeline.frames import check_capture, read_frames
+from pipeline.check import check_capture
+from pipeline.frames import read_frames
 
 K = [[40.0, 0, 15.5], [0, 41.0, 11.5], [0, 0, 1]]
 

@@ -9,7 +9,7 @@ from data.importers.silicone_beam import AXIS_HEIGHT, MOUNTS, import_capture
 from data.rig.raycast import Raycaster
 from physreal_core.errors import InputError
 from pipeline.capture import read_capture
-from pipeline.frames import check_capture
+from pipeline.check import check_capture
 from pipeline.products.given_tracks import GivenTracks3d
 
 TILT = np.radians(6.6)

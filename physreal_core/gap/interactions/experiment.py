@@ -11,7 +11,7 @@ import torch
 
 from physreal_core.array_types import Array, Bool, Float, Tensor
 from physreal_core.effects import EFFECTS, Inputs
-from physreal_core.errors import InputError
+from physreal_core.evidence import require_tracks
 from physreal_core.fitting.model import Model
 from physreal_core.fitting.problem import Problem
 from physreal_core.fitting.rollouts import Rollouts, roll_out_together
@@ -30,9 +30,6 @@ LIKE_SUBSTEPS = 1.2
 All rollouts of a batch take the substeps that the stiffest needs, and transfers damp once a substep. Without a bound,
 the answer for one body would depend on what else is in the batch.
 """
-
-LEAST_TRACKS = 3
-"""3D tracks on the object. Fewer do not tell how it is turned."""
 
 START_STEP = 1e-3
 """Distance by which a point's start is moved for the derivative by it [m]."""
@@ -71,18 +68,12 @@ class Experiment:
             there.
 
     Raises:
-        InputError: fewer than three tracks on the object have 3D positions.
+        InputError: too few tracks on the object have 3D positions (`evidence`).
     """
 
     def __init__(self, problem: Problem, model: Model, device: str = "cpu", placement: Placement | None = None) -> None:
-        seen = 0 if problem.tracks is None else int(problem.tracks.valid3d.any(0).sum())
-        if seen < LEAST_TRACKS:
-            raise InputError(
-                f"{seen} 3D tracks on the object",
-                where="gap.Experiment",
-                expected=f"{LEAST_TRACKS} or more",
-                remedy="record depth, or give tracks3d.npz with the capture; where most tracks miss the object, its pose is wrong",
-            )
+        known = np.zeros((2, 0), bool) if problem.tracks is None else problem.tracks.valid3d[: problem.observed].numpy()
+        require_tracks(known, "gap.Experiment")
         self.problem, self.model, self.device, self.placement = problem, model, device, placement
         tracks = problem.tracks
         valid = tracks.valid3d.numpy() & np.isfinite(tracks.points3d.numpy()).all(-1)

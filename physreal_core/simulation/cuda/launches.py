@@ -38,7 +38,7 @@ class FrameLaunches:
         self.model, self._count, self._rows = model, model.rollouts * model.particles, model.rollouts * nodes
 
         def empty(*shape: int) -> torch.Tensor:
-            return torch.empty(shape, dtype=model.types.torch_dtype, device=model.device)
+            return torch.empty(shape, dtype=model.dtype, device=model.device)
 
         names = [name for name in SIZES if name != "rate" or model.viscous]
         self.states = {name: empty(slots, self._count, *SIZES[name]) for name in names}

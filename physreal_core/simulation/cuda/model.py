@@ -14,7 +14,6 @@ from physreal_core.simulation.cuda.frame import FRAME
 from physreal_core.simulation.grip_inertia import GripInertia
 from physreal_core.simulation.parameters import Parameters
 from physreal_core.simulation.particle_rows import NUMBERS, PARTICLE_SUMS, ParticleRows
-from physreal_core.simulation.scalars import scalar_types
 from physreal_core.simulation.timestep import rate_memory
 from physreal_core.simulation.touch import TOUCHING
 
@@ -50,7 +49,7 @@ class BodyModel:
         rollouts: int,
         offset: np.ndarray,
     ) -> None:
-        self.types, self.config, self.rollouts = scalar_types(config.dtype), config, rollouts
+        self.dtype, self.config, self.rollouts = config.torch_dtype, config, rollouts
         self.device, self.particles = config.device, len(body.x0)
         self.viscous = "viscosity" in config.terms
         self._body, self._held = body, {}
@@ -65,10 +64,10 @@ class BodyModel:
         self._adjoints()
 
     def _numbers(self, values: np.ndarray) -> Tensor:
-        return torch.as_tensor(values, dtype=self.types.torch_dtype, device=self.device).contiguous()
+        return torch.as_tensor(values, dtype=self.dtype, device=self.device).contiguous()
 
     def _zeros(self, *shape: int, dtype: torch.dtype | None = None) -> Tensor:
-        return torch.zeros(shape, dtype=dtype or self.types.torch_dtype, device=self.device)
+        return torch.zeros(shape, dtype=dtype or self.dtype, device=self.device)
 
     def _give(self, name: str, values: Tensor) -> Tensor:
         """Keep an array alive and give the frame its address."""
@@ -81,7 +80,7 @@ class BodyModel:
         frame["particles"], frame["rollouts"] = self.particles, self.rollouts
         frame["stride"] = self.rollouts * self.particles
         frame["offset"], frame["cell"], frame["touching"] = offset, body.cell, TOUCHING
-        frame["mass_floor"] = torch.finfo(self.types.torch_dtype).eps ** 2 * body.mass.min()
+        frame["mass_floor"] = torch.finfo(self.dtype).eps ** 2 * body.mass.min()
         frame["clamps"], frame["has_ground"] = len(clamps), config.ground_height is not None
         for name, corner in zip(("clamp_lower", "clamp_upper"), held_boxes(clamps, body.cell), strict=True):
             self._give(name, self._numbers(corner))

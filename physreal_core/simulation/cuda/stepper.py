@@ -21,7 +21,6 @@ from physreal_core.simulation.cuda.launches import FrameLaunches
 from physreal_core.simulation.cuda.model import BodyModel
 from physreal_core.simulation.parameters import Parameters
 from physreal_core.simulation.particle_rows import NODE_SUMS
-from physreal_core.simulation.scalars import scalar_types
 from physreal_core.simulation.stepper import Report, Span, State
 
 KEPT_SHARE = 0.25
@@ -78,7 +77,7 @@ class CudaStepper:
         loads: tuple[PointLoad, ...],
         rollouts: int = 1,
     ) -> None:
-        self.types, self.device = scalar_types(config.dtype), config.device
+        self.dtype, self.device = config.torch_dtype, config.device
         self.particles, self.rollouts, self.cell = len(body.x0), rollouts, body.cell
         self.offset = lattice_offset(body, config.ground_height, clamps)
         self.model = BodyModel(body, config, grip, clamps, loads, rollouts, self.offset)
@@ -95,7 +94,7 @@ class CudaStepper:
         self._fresh = True  # whether the state has to be put in anew
         self._launches: FrameLaunches | None = None
         self._graphs: dict[tuple[str, int], wp.Graph] = {}
-        self._lattice = torch.as_tensor(self.offset, dtype=self.types.torch_dtype, device=self.device)
+        self._lattice = torch.as_tensor(self.offset, dtype=self.dtype, device=self.device)
 
     # --- memory -------------------------------------------------------------------------------------------------
 
@@ -103,7 +102,7 @@ class CudaStepper:
         """Bytes of a kept frame: the state of a particle, and 4 numbers a node, for each substep."""
         own = 33 if self.viscous else 24
         numbers = self.rollouts * (own * self.particles + 4 * max(int(NODE_RESERVE * nodes), self.nodes))
-        return (self.substeps + 1) * numbers * self.types.torch_dtype.itemsize
+        return (self.substeps + 1) * numbers * self.dtype.itemsize
 
     def keep_frames(self, holder: object, frames: int, nodes: int) -> int:
         """Make room to keep as many of a rollout's frames as `kept_bytes` allows; who held frames loses them.

@@ -18,7 +18,6 @@ from physreal_core.simulation.grip_inertia import GripInertia
 from physreal_core.simulation.native.frame import FRAME, WORKSPACE, frame_kernels
 from physreal_core.simulation.parameters import Parameters, row_of
 from physreal_core.simulation.particle_rows import NODE_SUMS, PARTICLE_SUMS, ParticleRows
-from physreal_core.simulation.scalars import scalar_types
 from physreal_core.simulation.step_layout import term_bits
 from physreal_core.simulation.stepper import NOT_FAILED, Report, Span, State
 from physreal_core.simulation.timestep import rate_memory
@@ -65,7 +64,7 @@ class NativeStepper:
         threads: int | None = None,
         kept_bytes: int | None = None,
     ) -> None:
-        self.types, self.config, self.rollouts = scalar_types(config.dtype), config, rollouts
+        self.dtype, self.config, self.rollouts = config.torch_dtype, config, rollouts
         self.cell, self.particles = body.cell, len(body.x0)
         self.viscous = "viscosity" in config.terms
         self.offset = lattice_offset(body, config.ground_height, clamps)
@@ -95,10 +94,10 @@ class NativeStepper:
     # --- arrays -------------------------------------------------------------------------------------------------
 
     def _zeros(self, *shape: int, dtype: torch.dtype | None = None) -> Tensor:
-        return torch.zeros(shape, dtype=dtype or self.types.torch_dtype)
+        return torch.zeros(shape, dtype=dtype or self.dtype)
 
     def _numbers(self, array: np.ndarray) -> Tensor:
-        return torch.as_tensor(array).to(self.types.torch_dtype)
+        return torch.as_tensor(array).to(self.dtype)
 
     def _give(self, records: np.ndarray, name: str, value: Tensor, shared: bool = False) -> Tensor:
         """Keep a tensor alive and give the records its address; unless it is shared, each a row of it."""
@@ -129,7 +128,7 @@ class NativeStepper:
         frames["stride"] = -(-self.particles // BLOCK) * BLOCK
         frames["clamps"], frames["has_ground"] = len(clamps), config.ground_height is not None
         frames["offset"], frames["gravity"], frames["cell"] = self.offset, config.gravity, self.cell
-        frames["mass_floor"] = torch.finfo(self.types.torch_dtype).eps ** 2 * body.mass.min()
+        frames["mass_floor"] = torch.finfo(self.dtype).eps ** 2 * body.mass.min()
         frames["touching"], frames["yield_address"] = TOUCHING, _yield_address()
         frames["terms"], frames["frame_rate"] = term_bits(config.terms), config.fps
         for name, array in zip(("clamp_lower", "clamp_upper"), held_boxes(clamps, self.cell), strict=True):
@@ -195,11 +194,11 @@ class NativeStepper:
             self._give(work, "cell_starts", self._zeros(count, self._nodes + 1, dtype=torch.int32))
         if slots > self.slots:
             self.slots, stride = slots, int(self._frames["stride"][0])
-            states = torch.empty(count, slots, self._state_rows, stride, dtype=self.types.torch_dtype)
+            states = torch.empty(count, slots, self._state_rows, stride, dtype=self.dtype)
             self._give(work, "state", states)
         if grid_numbers > self._grid_numbers:
             self._grid_numbers = int(NODE_RESERVE * grid_numbers)
-            self._give(work, "momentum", torch.empty(count, self._grid_numbers, dtype=self.types.torch_dtype))
+            self._give(work, "momentum", torch.empty(count, self._grid_numbers, dtype=self.dtype))
 
     def fitting(self, count: Float[Array, "rollouts 3"]) -> tuple[Bool[Array, " rollouts"], Float[Array, "rollouts 3"]]:
         """Whose boxes of so many nodes per axis have room, and the counts that they get."""
@@ -208,7 +207,7 @@ class NativeStepper:
     def keep_frames(self, holder: object, frames: int, nodes: int) -> int:
         """How many of the rollouts' frames, each with boxes of about `nodes` nodes, may keep their grids; whose were kept is
         forgotten."""
-        frame_bytes = 4 * sum(self.substeps) * int(NODE_RESERVE * nodes) * self.types.torch_dtype.itemsize
+        frame_bytes = 4 * sum(self.substeps) * int(NODE_RESERVE * nodes) * self.dtype.itemsize
         kept = min(frames, self._kept_bytes // frame_bytes)
         self.holder = holder if kept else None
         self._kept = self._kept[:kept] + [self._zeros(0) for _ in range(kept - len(self._kept))]
@@ -262,7 +261,7 @@ class NativeStepper:
         self._point("_end", end)
         if span.kept is not None:
             if grids[-1] > self._kept[span.kept].numel():
-                self._kept[span.kept] = torch.empty(int(NODE_RESERVE * grids[-1]), dtype=self.types.torch_dtype)
+                self._kept[span.kept] = torch.empty(int(NODE_RESERVE * grids[-1]), dtype=self.dtype)
             self._keep_in(span.kept, grids)
         self._status.fill_(NOT_FAILED)
         self._run(self._kernels.forward, span)

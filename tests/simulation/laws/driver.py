@@ -16,7 +16,6 @@ from physreal_core.native import native_module
 from physreal_core.simulation.laws import PLASTIC_LAWS, ResidualConfig
 from physreal_core.simulation.layout import Structure
 from physreal_core.simulation.particle_rows import NUMBERS, TERM_ROWS
-from physreal_core.simulation.scalars import scalar_types
 from physreal_core.simulation.step_layout import LAWS_FOLDER, class_name, layout_text, term_bits
 from physreal_core.simulation.terms import FORCE_TERMS
 
@@ -242,7 +241,7 @@ def term(name: str, form: str, dtype: str = "float64", device: str = "cpu") -> E
 @cache
 def friction(dtype: str, device: str = "cpu") -> Evaluate:
     """`(dynamic, law [3], speed [N], seed [N]) -> value, speed_bar [N], dynamic_bar, law_bar [3]`, node by node."""
-    scalar, c_type = scalar_types(dtype).scalar, _C_TYPES[dtype]
+    scalar, c_type = getattr(wp, dtype), _C_TYPES[dtype]
     arguments = "(dynamic, law.data, speed.data, seed.data, out.data, speed.shape[0], node)"
     array, array2 = wp.array(dtype=scalar), wp.array2d(dtype=scalar)
 
@@ -271,7 +270,7 @@ ELEMENTARY = ("log", "exp", "sin", "cos", "sqrt", "inverse_sqrt", "abs", "sum")
 @cache
 def elementary(form: str, dtype: str) -> Evaluate:
     """`evaluate(x)`: the functions `ELEMENTARY` of x [N], [N] in `dtype`; sum: that of a block, in all its lanes."""
-    scalar, number = scalar_types(dtype).scalar, _number(form, dtype)
+    scalar, number = getattr(wp, dtype), _number(form, dtype)
     array, array2 = wp.array(dtype=scalar), wp.array2d(dtype=scalar)
 
     @wp.func_native(f"physreal::elementary<{number}>(x.data, out.data, x.shape[0]);")

@@ -16,6 +16,7 @@ from typing import Any
 
 from filelock import FileLock, Timeout
 
+from physreal_core.checkpoints import Checkpoints
 from physreal_core.errors import InputError
 from pipeline.config import Parameters, check_name, load_parameters
 from pipeline.faults import one_sentence, writing_to
@@ -219,7 +220,7 @@ def run_stage(
     _check_device(stage, sequence, parameters)
     source = Path(inspect.getsourcefile(run))
     destination = project.output(stage, sequence, graph[stage].makes_capture)
-    with _only_copy(project, stage, sequence):
+    with writing_to(project.scratch(stage, sequence)), _only_copy(project, stage, sequence):
         if graph[stage].makes_capture:
             _refuse_to_replace(destination, stage)
         context = StageContext(stage, sequence, project, parameters, digest_code(source, (project.root, CODE_ROOT)))
@@ -227,7 +228,8 @@ def run_stage(
         _empty(context.output)
         try:
             with writing_to(context.output):
-                run(context)
+                with Checkpoints(context.scratch):
+                    run(context)
                 write_provenance(context.output, provenance)
             output = _put_in_place(context.output, destination)
         finally:

@@ -14,6 +14,7 @@ from physreal_core.perception.settings import PerceptionSettings
 from physreal_core.perception.tracker import Tracker
 from pipeline.config.segment_and_track import OWN_NETWORKS, SegmentAndTrack
 from pipeline.models import default_folder, require
+from pipeline.reading.text import read_text
 from stages._video import given_candidates
 
 _CLIP_KEYS = ("clip_image_onnx", "clip_text_onnx", "clip_tokenizer")
@@ -96,7 +97,7 @@ def _chooser(params: SegmentAndTrack) -> TargetChooser | None:
     texts, images, names = (require(n, default_folder()) for n in ("minilm", "efficientnet", "imagenet_names"))
     return ConseChooser(
         images["efficientnet_lite0.onnx"],
-        names["imagenet_names.txt"].read_text().splitlines(),
+        read_text(names["imagenet_names.txt"]).splitlines(),
         TextEncoder(texts["minilm.onnx"], texts["minilm_tokenizer.json"], threads=threads),
         threads=threads,
     )

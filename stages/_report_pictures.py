@@ -10,7 +10,12 @@ import numpy as np
 matplotlib.use("agg")
 from matplotlib import pyplot
 
+from pipeline.reading.files import read_bytes
+from pipeline.reading.videos import read_video
+
 COLOURS = {"fit_global": "#0f766e", "fit_patches": "#c2410c", "add_effect": "#a21caf", "fit_residual": "#4338ca"}
+EMBEDDED = 2**30
+"""The largest file that is put into the page [bytes]."""
 MEDIA = {".png": "image/png", ".jpg": "image/jpeg", ".svg": "image/svg+xml", ".mp4": "video/mp4"}
 pyplot.rcParams.update(
     {
@@ -27,7 +32,7 @@ pyplot.rcParams.update(
 
 def embed(path: Path) -> str:
     """A file as a data URI."""
-    return _uri(path.read_bytes(), MEDIA[path.suffix])
+    return _uri(read_bytes(path, limit=EMBEDDED, remedy="run the stage that writes it again"), MEDIA[path.suffix])
 
 
 def loss_curves(losses: dict[str, list[float]]) -> str:
@@ -91,10 +96,7 @@ def write_frame_strip(video: Path, path: Path, count: int = 6) -> None:
     """`count` frames of a video, evenly spaced from first to last and numbered, one below the other in one JPEG."""
     import cv2
 
-    reader = cv2.VideoCapture(str(video))
-    frames = []
-    while (read := reader.read())[0]:
-        frames.append(read[1])
+    frames = [cv2.cvtColor(frame, cv2.COLOR_RGB2BGR) for frame in read_video(video, remedy="run evaluate again")]
     chosen = np.linspace(0, len(frames) - 1, count).round().astype(int)
     for index in chosen:
         for colour, width in (((0, 0, 0), 3), ((255, 255, 255), 1)):

@@ -13,10 +13,14 @@ from pathlib import Path
 import numpy as np
 
 from data.importers._options import Positive, Share
+from data.importers._values import numbers, positive
 from data.importers._writing import first_part_observed, new_capture, rigid, write_description
 from physreal_core.array_types import Array, Float
 from physreal_core.errors import InputError
+from physreal_core.geometry.mesh import read_trimesh
 from pipeline.products.given_tracks import GivenTracks3d
+from pipeline.reading.arrays import read_npz
+from pipeline.reading.files import regular_file
 
 LENGTH, WIDTH, AXIS_HEIGHT = 0.100, 0.030, 0.5  # [m]
 DENSITY = 1070.0  # [kg/m^3]
@@ -60,6 +64,13 @@ def import_capture(source: Path, destination: Path, *, duration: Positive | None
     first = _release(world, source)
     last = len(world) if duration is None else min(len(world), first + round(duration * fps))
     points = world[first:last, TIP]
+    if len(points) < 2:
+        raise InputError(
+            f"{len(points)} frames from the release on",
+            where=str(source),
+            expected="at least 2",
+            remedy="keep more of the recording with duration=",
+        )
     with new_capture(destination) as folder:
         _write_beam(source.with_name("beam.stl"), folder / "shape_prior.glb")
         valid = np.ones(points.shape[:2], bool)
@@ -95,16 +106,18 @@ def describe(fps: float, frames: int, load: float, split: float) -> dict:
 
 def _read(source: Path) -> tuple[Float[Array, "T 6 3"], float, float]:
     """Markers [m], frames per second, tip load [N]."""
-    if not source.is_file():
-        raise InputError("no such recording", where=str(source), expected="an .npz with markers, fps, tip_load_newton")
-    with np.load(source, allow_pickle=False) as file:
-        missing = {"markers", "fps", "tip_load_newton"} - set(file.files)
-        if missing:
-            raise InputError(f"no field {min(missing)!r}", where=str(source))
-        markers = np.asarray(file["markers"], float)
-        if markers.ndim != 3 or markers.shape[1:] != MOUNTS.shape or not np.isfinite(markers).all():
-            raise InputError(f"markers of shape {markers.shape}", where=str(source), expected="(T, 6, 3) finite [m]")
-        return markers, float(file["fps"]), float(file["tip_load_newton"])
+    file, where = (
+        read_npz(source, ("markers", "fps", "tip_load_newton"), remedy="name the recording's .npz"),
+        str(source),
+    )
+    markers = numbers(file["markers"], ("frames", *MOUNTS.shape), where, "markers [m]")
+    load = float(numbers(file["tip_load_newton"], (), where, "tip_load_newton [N]"))
+    if load < 0 or len(markers) == 0:
+        what = f"tip_load_newton = {load}" if load < 0 else "no frames"
+        raise InputError(
+            what, where=where, expected="a weight of 0 N or more, over at least one frame", remedy="mend it"
+        )
+    return markers, positive(file["fps"], where, "fps"), load
 
 
 def _align(markers: Float[Array, "6 3"], source: Path) -> tuple[Float[Array, "4 4"], float]:
@@ -120,7 +133,8 @@ def _align(markers: Float[Array, "6 3"], source: Path) -> tuple[Float[Array, "4 
         raise InputError(
             f"the markers miss their mounts by {1000 * misfit:.1f} mm",
             where=f"{source}, frame 0",
-            expected="markers 0-2 at the straight beam's tip, 3-5 at its base",
+            expected="metres, markers 0-2 at the straight beam's tip, 3-5 at its base",
+            remedy="mend the unit or the order of the markers",
         )
     return rigid(turn, shift), misfit
 
@@ -130,17 +144,18 @@ def _release(world: Float[Array, "T 6 3"], source: Path) -> int:
     height = world[:, TIP, 2].mean(axis=1)
     falling = np.flatnonzero(height < height[:10].mean() - _RELEASED)
     if len(falling) == 0:
-        raise InputError("the beam is never let go", where=str(source))
+        what = "the beam is never let go"
+        raise InputError(
+            what, where=str(source), expected=f"a tip that falls by {_RELEASED} m", remedy="choose another"
+        )
     return max(int(falling[0]) - 1, 0)
 
 
 def _write_beam(source: Path, path: Path) -> None:
     """beam.stl (mm, its z from tip to clamp) in the world frame [m]."""
-    import trimesh
-
-    if not source.is_file():
-        raise InputError("the beam's mesh is missing", where=str(source), remedy="put beam.stl beside the recording")
-    mesh = trimesh.load(source)
+    mesh = read_trimesh(
+        regular_file(source, expected="the beam's mesh", remedy="put beam.stl beside the recording"), merge=True
+    )
     turn = np.array([[0, 0, -1], [0, 1, 0], [1, 0, 0]]) / 1000
     mesh.apply_transform(rigid(turn, [LENGTH, -WIDTH / 2, AXIS_HEIGHT - WIDTH / 2]))
     mesh.export(path)

@@ -13,6 +13,7 @@ from physreal_core.errors import InputError
 
 FORMAT = 1
 RECORD, TENSORS = "model.json", "model.safetensors"
+AGAIN = "run the fit stage that writes this model again"
 
 
 def write_model_file(folder: Path, record: dict[str, Any], tensors: dict[str, Tensor], units: dict[str, str]) -> None:
@@ -31,17 +32,26 @@ def read_model_file(folder: Path) -> tuple[dict[str, Any], dict[str, Tensor]]:
     Raises:
         InputError: a file is missing, of another format, or the two disagree.
     """
+    from safetensors import SafetensorError
     from safetensors.torch import load_file
 
     for path in (folder / RECORD, folder / TENSORS):
-        if not path.exists():
-            raise InputError("no such file", where=str(path), remedy="run the fit stage that writes this model")
-    record = json.loads((folder / RECORD).read_text())
-    if record.get("format") != FORMAT:
-        raise InputError(f"format {record.get('format')}", where=str(folder / RECORD), expected=f"format {FORMAT}")
-    tensors = load_file(str(folder / TENSORS))
+        if not path.is_file():
+            raise InputError("no such file", where=str(path), remedy=AGAIN)
+    try:
+        record = json.loads((folder / RECORD).read_bytes())
+        given, listed = record.get("format"), record.get("tensors", {})
+        named = {name: entry["shape"] for name, entry in listed.items()}
+    except (ValueError, RecursionError, AttributeError, KeyError, TypeError) as error:
+        raise InputError(f"not a model's record: {error!r}", where=str(folder / RECORD), remedy=AGAIN) from None
+    if given != FORMAT:
+        raise InputError(f"format {given}", where=str(folder / RECORD), expected=f"format {FORMAT}", remedy=AGAIN)
+    try:
+        tensors = load_file(str(folder / TENSORS))
+    except (SafetensorError, ValueError, KeyError) as error:
+        what = f"not readable as .safetensors: {error}"
+        raise InputError(what, where=str(folder / TENSORS), remedy=AGAIN) from None
     found = {name: list(tensor.shape) for name, tensor in tensors.items()}
-    named = {name: entry["shape"] for name, entry in record["tensors"].items()}
     if found != named:
         raise InputError(f"tensors {found}", where=str(folder / TENSORS), expected=f"{named}, as {RECORD} says")
     return record, tensors

@@ -2,11 +2,15 @@
 
 from dataclasses import dataclass, replace
 from pathlib import Path
+from typing import TYPE_CHECKING
 
 import numpy as np
 
 from physreal_core.array_types import Array, Float, Int
 from physreal_core.errors import InputError
+
+if TYPE_CHECKING:
+    import trimesh
 
 
 @dataclass(frozen=True)
@@ -130,19 +134,7 @@ def load_mesh(path: str | Path) -> Mesh:
     Raises:
         InputError: the file is missing, is no mesh, or has no faces.
     """
-    import trimesh
-
-    path = Path(path)
-    if not path.is_file():
-        raise InputError("file is missing", where=str(path))
-    try:
-        loaded = trimesh.load_mesh(path, process=False)
-        if isinstance(loaded, trimesh.Scene):
-            loaded = loaded.to_mesh()
-    except Exception as error:  # trimesh raises whatever its parsers raise
-        raise InputError(f"no mesh can be read from it ({error})", where=str(path)) from error
-    if not isinstance(loaded, trimesh.Trimesh) or len(loaded.faces) == 0:
-        raise InputError("file holds no triangles", where=str(path), expected="a .glb, .stl, .obj or .ply mesh")
+    loaded = read_trimesh(Path(path))
     colours = _vertex_colours(loaded)
     vertices, index, inverse = np.unique(
         np.asarray(loaded.vertices, float), axis=0, return_index=True, return_inverse=True
@@ -150,6 +142,40 @@ def load_mesh(path: str | Path) -> Mesh:
     faces = inverse.ravel()[np.asarray(loaded.faces)]
     faces = faces[(faces != np.roll(faces, 1, axis=1)).all(axis=1)]
     return oriented(vertices, faces, None if colours is None else colours[index])
+
+
+def read_trimesh(path: Path, *, merge: bool = False) -> "trimesh.Trimesh":
+    """A mesh file as one of trimesh, with its colours or its texture; no other file that it names is opened.
+
+    Args:
+        path: the file.
+        merge: make one vertex of those that lie at the same place.
+
+    Raises:
+        InputError: as of `load_mesh`; a vertex is not finite or a face names none.
+    """
+    import trimesh
+    from PIL import EpsImagePlugin
+
+    expected, remedy = "a .glb, .stl, .obj or .ply mesh", "export the mesh again"
+    if not path.is_file():
+        raise InputError("file is missing", where=str(path), expected=expected)
+    EpsImagePlugin.gs_binary = False  # a texture may be an image of any kind: none of them starts Ghostscript
+    try:
+        no_other_files = trimesh.resolvers.ZipResolver({})
+        loaded = trimesh.load(path, process=merge, resolver=no_other_files)
+        if isinstance(loaded, trimesh.Scene):
+            loaded = loaded.to_mesh()
+    except Exception as error:  # trimesh raises whatever its parsers raise
+        what = f"no mesh can be read from it ({error})"
+        raise InputError(what, where=str(path), expected=expected, remedy=remedy) from error
+    if not isinstance(loaded, trimesh.Trimesh) or len(loaded.faces) == 0:
+        raise InputError("file holds no triangles", where=str(path), expected=expected, remedy=remedy)
+    faces = np.asarray(loaded.faces)
+    if not np.isfinite(loaded.vertices).all() or faces.min() < 0 or faces.max() >= len(loaded.vertices):
+        what = "a vertex is not finite, or a face names a vertex that is not there"
+        raise InputError(what, where=str(path), expected=expected, remedy=remedy)
+    return loaded
 
 
 def save_mesh(path: str | Path, mesh: Mesh) -> None:

@@ -40,10 +40,14 @@ def load_gaussians(path: str | Path) -> Gaussians:
     """
     from plyfile import PlyData, PlyParseError
 
+    remedy = "export the splats in the 3DGS format"
+    if not Path(path).is_file():  # a pipe would never end
+        raise InputError("file is missing", where=str(path), expected="a 3DGS .ply")
     try:
         vertices = PlyData.read(str(path))["vertex"]
-    except (PlyParseError, KeyError, UnicodeDecodeError) as error:
-        raise InputError(f"not a readable .ply: {error}", where=str(path), expected="a 3DGS .ply") from error
+    except (PlyParseError, KeyError, ValueError, MemoryError, OSError) as error:
+        what = f"not a readable .ply: {error}"
+        raise InputError(what, where=str(path), expected="a 3DGS .ply", remedy=remedy) from error
     present = {p.name for p in vertices.properties}
     rest = sum(name.startswith("f_rest_") for name in present)
     names = ["x", "y", "z", *_numbered("f_dc", 3), "opacity", *_numbered("scale", 3), *_numbered("rot", 4)]
@@ -51,7 +55,7 @@ def load_gaussians(path: str | Path) -> Gaussians:
     if missing or rest not in (0, 9, 24, 45):
         raise InputError(
             f"missing {missing}, {rest} f_rest columns", where=str(path),
-            expected="the 3DGS attributes and 0, 9, 24 or 45 f_rest", remedy="export the splats in the 3DGS format",
+            expected="the 3DGS attributes and 0, 9, 24 or 45 f_rest", remedy=remedy,
         )  # fmt: skip
 
     def read(columns: list[str]) -> torch.Tensor:

@@ -87,10 +87,39 @@ def write_arrays(path: Path, arrays: dict[str, Array], compressed: bool) -> None
 
 
 def check_points(arrays: dict[str, Any], name: str, path: Path, last: int) -> None:
-    """InputError unless the array `name` of the file has the shape [frames, points, last]."""
-    shape = np.shape(arrays[name])
+    """InputError unless the array `name` of the file holds real numbers in the shape [frames, points, last]."""
+    shape, kind = np.shape(arrays[name]), np.asarray(arrays[name]).dtype
     if len(shape) != 3 or shape[0] == 0 or shape[2] != last:
-        raise InputError(f"{name} has the shape {shape}", where=str(path), expected=f"[frames, points, {last}]")
+        raise InputError(
+            f"{name} has the shape {shape}",
+            where=str(path),
+            expected=f"[frames, points, {last}]",
+            remedy=f"write {name} in that shape",
+        )
+    if kind.kind not in "fiu":
+        raise InputError(f"{name} holds {kind}", where=str(path), expected="real numbers", remedy=f"mend {name}")
+    arrays[name] = arrays[name].astype(kind if kind.kind == "f" else np.float32, copy=False)
+
+
+def check_entries(arrays: dict[str, Any], name: str, of: str, path: Path, kinds: str) -> None:
+    """InputError unless the array `name`, if it is there, has one number of the given kinds per point of the array `of`."""
+    if name not in arrays:
+        return
+    array, shape = np.asarray(arrays[name]), np.shape(arrays[of])[:2]
+    if array.shape != shape:
+        raise InputError(
+            f"{name} has the shape {array.shape}",
+            where=str(path),
+            expected=f"[frames, points] = {shape}",
+            remedy=f"write {name} in that shape, or leave it out",
+        )
+    if array.dtype.kind not in kinds:
+        raise InputError(
+            f"{name} holds {array.dtype}",
+            where=str(path),
+            expected="truth values" if "b" in kinds else "real numbers",
+            remedy=f"mend {name}, or leave it out",
+        )
 
 
 def write_record(path: Path, record: dict[str, Any], default: Any = None) -> None:

@@ -11,7 +11,7 @@ from physreal_core.geometry.mesh import Mesh, load_mesh, save_mesh
 from physreal_core.rendering.gaussians import Gaussians
 from pipeline.products._files import run_again, write_record
 from pipeline.products.gaussians import load_gaussians, save_gaussians
-from pipeline.reading.text import read_record
+from pipeline.reading.text import read_record, understood
 
 MESH, FACTS = "object.glb", "object.json"
 
@@ -57,16 +57,17 @@ class BuiltObject:
     @classmethod
     def load(cls, folder: Path) -> "BuiltObject":
         """Read the three files, InputError where one or a key is missing."""
-        facts = read_facts(folder)
-        return cls(
-            mesh=load_mesh(folder / MESH),
-            gaussians=load_gaussians(folder),
-            source=facts["source"],
-            frame=facts["frame"],
-            gaussians_from=facts["gaussians"],
-            coloured=facts["coloured"],
-            T_object_prior=np.array(facts["T_object_prior"], dtype=np.float64),
-        )
+        facts, mesh, gaussians = read_facts(folder), load_mesh(folder / MESH), load_gaussians(folder)
+        with understood(folder / FACTS, run_again("build_object")):
+            return cls(
+                mesh=mesh,
+                gaussians=gaussians,
+                source=facts["source"],
+                frame=facts["frame"],
+                gaussians_from=facts["gaussians"],
+                coloured=facts["coloured"],
+                T_object_prior=np.array(facts["T_object_prior"], dtype=np.float64).reshape(4, 4),
+            )
 
 
 def read_facts(folder: Path) -> dict:

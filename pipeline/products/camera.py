@@ -7,7 +7,7 @@ import numpy as np
 
 from physreal_core.array_types import Array, Float
 from pipeline.products._files import run_again, write_record
-from pipeline.reading.text import read_record
+from pipeline.reading.text import read_record, understood
 
 FILE = "camera.json"
 _KEYS = ("fps", "width", "height", "K", "T_world_camera", "frame_count")
@@ -41,8 +41,9 @@ class RecordedCamera:
     def load(cls, folder: Path) -> "RecordedCamera":
         """Read camera.json, InputError where it or a key is missing."""
         record = read_record(folder / FILE, _KEYS, run_again("parse_video"))
-        matrices = {
-            name: None if record[name] is None else np.array(record[name], dtype=np.float64)
-            for name in ("K", "T_world_camera")
-        }
-        return cls(**{name: record[name] for name in _KEYS} | matrices)
+        with understood(folder / FILE, run_again("parse_video")):
+            matrices = {
+                name: None if record[name] is None else np.array(record[name], dtype=np.float64).reshape(size, size)
+                for name, size in (("K", 3), ("T_world_camera", 4))
+            }
+            return cls(**{name: record[name] for name in _KEYS} | matrices)

@@ -6,7 +6,7 @@ from pathlib import Path
 from typing import Any
 
 from pipeline.products._files import write_record
-from pipeline.reading.text import read_record
+from pipeline.reading.text import read_record, understood
 
 FILE = "fit.json"
 _SHARES = ("residual", "residual_without_effect")
@@ -75,8 +75,10 @@ class Fit:
     @classmethod
     def load(cls, folder: Path) -> "Fit":
         """Read fit.json, InputError where it or its values are missing."""
-        record = read_record(folder / FILE, ("values",), "run the fit stage again")
+        remedy = "run the fit stage again"
+        record = read_record(folder / FILE, ("values",), remedy)
         names = [field.name for field in dataclasses.fields(Descent)]
-        descent = Descent(**{name: record[name] for name in names}) if names[0] in record else None
-        shares = {name: ResidualShare(**record[name]) for name in _SHARES if name in record}
-        return cls(record["values"], descent, record.get("scan"), **shares)
+        with understood(folder / FILE, remedy):
+            descent = Descent(**{name: record[name] for name in names}) if names[0] in record else None
+            shares = {name: ResidualShare(**record[name]) for name in _SHARES if name in record}
+            return cls(record["values"], descent, record.get("scan"), **shares)

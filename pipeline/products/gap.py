@@ -9,7 +9,7 @@ from torch import Tensor
 from physreal_core.gap.report import Added, Candidate, Disagreement, FittedEffect, GapReport, Verdict
 from pipeline.products._files import run_again, write_record
 from pipeline.reading.tensors import read_tensors
-from pipeline.reading.text import read_record
+from pipeline.reading.text import read_record, understood
 
 REPORT, TENSORS, ADDED = "gap.json", "gap.safetensors", "gap_after.json"
 _BASELINE = "baseline"
@@ -33,20 +33,21 @@ def load_gap(folder: Path) -> GapReport:
     for key, tensor in read_tensors(folder / TENSORS, remedy=again).items():
         group, _, name = key.partition("/")
         groups.setdefault(group, {})[name] = tensor
-    verdict = record["verdict"]
-    names, members = tuple(verdict["names"]), tuple(map(tuple, verdict["members"]))
-    return GapReport(
-        **{
-            **record,
-            "verdict": Verdict(**{**verdict, "names": names, "members": members}),
-            "candidates": tuple(_candidate(c, groups.get(str(k), {})) for k, c in enumerate(record["candidates"])),
-            "where": tuple(record["where"]),
-            "baseline": _disagreements(record["baseline"]),
-            "information": tuple(record["information"]),
-            "numerical_floor": tuple(record["numerical_floor"]),
-        },
-        fields=groups[_BASELINE],
-    )
+    with understood(folder / REPORT, again):
+        verdict = record["verdict"]
+        names, members = tuple(verdict["names"]), tuple(map(tuple, verdict["members"]))
+        return GapReport(
+            **{
+                **record,
+                "verdict": Verdict(**{**verdict, "names": names, "members": members}),
+                "candidates": tuple(_candidate(c, groups.get(str(k), {})) for k, c in enumerate(record["candidates"])),
+                "where": tuple(record["where"]),
+                "baseline": _disagreements(record["baseline"]),
+                "information": tuple(record["information"]),
+                "numerical_floor": tuple(record["numerical_floor"]),
+            },
+            fields=groups[_BASELINE],
+        )
 
 
 def save_added(folder: Path, added: Added) -> None:
@@ -59,9 +60,10 @@ def load_added(folder: Path) -> Added:
     record = read_record(
         folder / ADDED, ("adopted", "effects", "before", "after", "runner_up"), run_again("add_effect")
     )
-    gaps = {name: _disagreements(record[name]) for name in ("before", "after", "runner_up")}
-    tuples = {name: tuple(record[name]) for name in ("runner_up_names", "numerical_floor")}
-    return Added(**{**record, **gaps, **tuples, "effects": _effects(record["effects"])}, fields={})
+    with understood(folder / ADDED, run_again("add_effect")):
+        gaps = {name: _disagreements(record[name]) for name in ("before", "after", "runner_up")}
+        tuples = {name: tuple(record[name]) for name in ("runner_up_names", "numerical_floor")}
+        return Added(**{**record, **gaps, **tuples, "effects": _effects(record["effects"])}, fields={})
 
 
 def _candidate(record: dict[str, Any], fields: dict[str, Tensor]) -> Candidate:

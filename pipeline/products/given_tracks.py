@@ -4,7 +4,7 @@ from dataclasses import dataclass
 from pathlib import Path
 
 from physreal_core.array_types import Array, Bool, Float
-from pipeline.products._files import ArrayFile, check_points
+from pipeline.products._files import ArrayFile, check_entries, check_points
 
 _SEE = "see docs/captures.md"
 
@@ -32,6 +32,8 @@ class GivenTracks3d(ArrayFile):
         """Read the file, InputError also for points of another shape."""
         arrays = cls.arrays(path)
         check_points(arrays, "points3d", path, 3)
+        check_entries(arrays, "valid3d", "points3d", path, "biu")
+        check_entries(arrays, "sigma3d", "points3d", path, "f")
         if "valid3d" in arrays:
             arrays["valid3d"] = arrays["valid3d"].astype(bool)
         return cls(**arrays)
@@ -58,6 +60,7 @@ class GivenTracks2d(ArrayFile):
         """Read the file, InputError also for points of another shape."""
         arrays = cls.arrays(path)
         check_points(arrays, "points2d", path, 2)
+        check_entries(arrays, "visible", "points2d", path, "biu")
         if "visible" in arrays:
             arrays["visible"] = arrays["visible"].astype(bool)
         return cls(**arrays)

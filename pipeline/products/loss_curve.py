@@ -6,8 +6,7 @@ from dataclasses import dataclass
 from pathlib import Path
 from typing import Any
 
-from physreal_core.errors import InputError
-from pipeline.reading.text import read_rows
+from pipeline.reading.text import read_rows, understood
 
 FILE = "loss.csv"
 
@@ -38,10 +37,8 @@ class LossCurve:
         """Read loss.csv, InputError where there is none; all values are floats."""
         remedy = "run the fit stage again"
         rows = read_rows(folder / FILE, remedy=remedy)
-        try:
+        with understood(folder / FILE, remedy):
             return cls([{name: float(cell) for name, cell in row.items() if cell} for row in rows])
-        except ValueError as error:
-            raise InputError(f"no number: {error}", where=str(folder / FILE), remedy=remedy) from None
 
     def of(self, column: str) -> list[float]:
         """One column, in the order of the evaluations, where it applies."""

@@ -11,7 +11,7 @@ from physreal_core.geometry.mesh import Mesh, load_mesh, save_mesh
 from physreal_core.rendering.gaussians import Gaussians
 from pipeline.products._files import run_again, write_record
 from pipeline.products.gaussians import load_gaussians, save_gaussians
-from pipeline.reading.text import read_record
+from pipeline.reading.text import read_record, understood
 
 MESH, POSE = "mesh.glb", "pose.json"
 _MATRICES = ("T_world_object", "T_world_prior")
@@ -52,6 +52,7 @@ class PlacedObject:
     def load(cls, folder: Path) -> "PlacedObject":
         """Read the three files, InputError where one or a key is missing."""
         record = read_record(folder / POSE, (*_MATRICES, "scale"), run_again("fit_pose"))
-        matrices = {name: np.array(record.pop(name), dtype=np.float64) for name in _MATRICES}
-        scale = record.pop("scale")
+        with understood(folder / POSE, run_again("fit_pose")):
+            matrices = {name: np.array(record.pop(name), dtype=np.float64).reshape(4, 4) for name in _MATRICES}
+            scale = float(record.pop("scale"))
         return cls(load_mesh(folder / MESH), load_gaussians(folder), scale=scale, notes=record, **matrices)

@@ -7,10 +7,9 @@ from dataclasses import dataclass
 from pathlib import Path
 from typing import Any
 
-from physreal_core.errors import InputError
 from physreal_core.evaluation.scores import FrameScores
 from pipeline.products._files import run_again, write_record
-from pipeline.reading.text import read_record, read_rows
+from pipeline.reading.text import read_record, read_rows, understood
 
 METRICS, FRAMES = "metrics.json", "frames.csv"
 _NAMES = [field.name for field in dataclasses.fields(FrameScores)]
@@ -67,7 +66,5 @@ class Scores:
 
 def _frame(row: dict[str, str], where: str) -> FrameScores:
     given = {name: row[name] for name in _NAMES if row[name]}
-    try:
+    with understood(where, run_again("evaluate")):
         return FrameScores(**{name: int(cell) if name in _COUNTS else float(cell) for name, cell in given.items()})
-    except (TypeError, ValueError) as error:
-        raise InputError(f"no scores: {error}", where=where, remedy=run_again("evaluate")) from None

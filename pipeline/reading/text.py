@@ -3,7 +3,8 @@
 import csv
 import io
 import json
-from collections.abc import Sequence
+from collections.abc import Iterator, Sequence
+from contextlib import contextmanager
 from pathlib import Path
 from typing import Any
 
@@ -81,6 +82,20 @@ def read_record(path: Path, needed: Sequence[str] = (), remedy: str = "") -> dic
     if missing := [key for key in needed if key not in record]:
         raise InputError(f"no key {missing[0]!r}", where=str(path), expected=expected, remedy=remedy)
     return record
+
+
+@contextmanager
+def understood(path: Path | str, remedy: str = "") -> Iterator[None]:
+    """Ends in an InputError where what `path` holds is not of the form that the block takes it for."""
+    try:
+        yield
+    except InputError:
+        raise
+    except (AttributeError, IndexError, KeyError, OverflowError, TypeError, ValueError) as error:
+        what = f"no key {error}" if isinstance(error, KeyError) else f"it holds something of another form: {error}"
+        raise InputError(
+            what, where=str(path), expected="what the project itself writes there", remedy=remedy
+        ) from None
 
 
 def read_rows(path: Path, needed: Sequence[str] = (), remedy: str = "") -> list[dict[str, str]]:

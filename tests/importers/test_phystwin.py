@@ -159,5 +159,5 @@ def test_truncated_mask_is_named(case, tmp_path):
 
 
 def test_camera_that_does_not_exist(case, tmp_path):
-    with pytest.raises(InputError, match="color"):
+    with pytest.raises(InputError, match="camera 2"):
         import_capture(case, tmp_path / "sloth", camera=2)

@@ -57,10 +57,12 @@ def import_capture(kind: str, source: Path, name: str, options: list[str], role:
         raise InputError("there is no such file or folder", where=str(source), remedy="name the recording's place")
     _refuse_taken(name, role, project)
     with _draft(name, project) as draft:
-        with _speaking_of(draft, f"{name} as imported from {source}"):
+        try:
             with writing_to(draft):
                 importer.import_capture(source, draft, **keywords)
-            found = _check(draft, role)
+            found = _check(draft, role, project, called=f"{name} as imported from {source}")
+        except InputError as error:
+            raise _about(error, draft, f"{name} as imported from {source}") from error
         said = _put_in_place(draft, name, role, project)
     return f"wrote {project.capture(name)}\n{_told(name, role, found, said)}"
 
@@ -90,14 +92,20 @@ def add_sequence(name: str, role: str, project: Project) -> str:
             where="physreal add",
             remedy="put the capture there, or bring a recording in with `physreal import`",
         )
-    found = _check(project.capture(name), role)
+    found = _check(project.capture(name), role, project, called=str(project.capture(name)))
     return _told(name, role, found, _enter(name, role, project))
 
 
-def _check(folder: Path, role: str) -> str:
-    from pipeline.check import Purpose, check_capture
+def _check(folder: Path, role: str, project: Project, called: str) -> str:
+    """What the capture in `folder` holds, in a line; warnings about it name it as it is `called`."""
+    from pipeline.check import Purpose, examine, tell
 
-    return check_capture(folder, Purpose(clip=role == "clips"))
+    values = load_parameters(project.parameters).values
+    depth_range = (values.parse_video.min_depth, values.parse_video.max_depth)
+    summary, found = examine(folder, Purpose(role == "clips", depth_range, values.build_object.close_holes))
+    found.require_none()
+    tell(_about(warning, folder, called) for warning in found.warnings)
+    return summary
 
 
 def _told(name: str, role: str, found: str, entered: str) -> str:
@@ -176,14 +184,10 @@ def _draft(name: str, project: Project) -> Iterator[Path]:
             shutil.rmtree(draft.parent, ignore_errors=True)
 
 
-@contextmanager
-def _speaking_of(draft: Path, name: str) -> Iterator[None]:
-    """Messages about the draft, which nobody will find, name what it was made from."""
-    try:
-        yield
-    except InputError as error:
-        parts = {key: getattr(error, key).replace(str(draft), name) for key in ("what", "where", "expected", "remedy")}
-        raise InputError(parts.pop("what"), **parts) from error
+def _about(error: InputError, draft: Path, name: str) -> InputError:
+    """The same of what the draft was made from: nobody will find the draft."""
+    parts = {key: getattr(error, key).replace(str(draft), name) for key in ("what", "where", "expected", "remedy")}
+    return InputError(parts.pop("what"), **parts)
 
 
 def _put_in_place(draft: Path, name: str, role: str, project: Project) -> str:

@@ -220,7 +220,7 @@ def run_stage(
     _check_device(stage, sequence, parameters)
     source = Path(inspect.getsourcefile(run))
     destination = project.output(stage, sequence, graph[stage].makes_capture)
-    with _only_copy(project, stage, sequence):
+    with writing_to(project.scratch(stage, sequence)), _only_copy(project, stage, sequence):
         if graph[stage].makes_capture:
             _refuse_to_replace(destination, stage)
         context = StageContext(stage, sequence, project, parameters, digest_code(source, (project.root, CODE_ROOT)))

@@ -12,7 +12,7 @@ from physreal_core.perception.perceive import Networks, Video
 from physreal_core.perception.segmenter import Segmenter
 from physreal_core.perception.settings import PerceptionSettings
 from physreal_core.perception.tracker import Tracker
-from pipeline.config.segment_and_track import SegmentAndTrack
+from pipeline.config.segment_and_track import OWN_NETWORKS, SegmentAndTrack
 from pipeline.models import default_folder, require
 from pipeline.reading.text import read_text
 from stages._video import given_candidates
@@ -121,7 +121,8 @@ def _path(path: str) -> Path:
     network = root / path
     if not network.is_file():
         raise InputError("there is no such network", where=path, remedy="put it there, or a link to it")
-    if linked := [part for part in network.relative_to(root).parents if (root / part).is_symlink()]:
+    inside = (folder for folder in Path(path).parents if len(folder.parts) > len(OWN_NETWORKS.parts))
+    if linked := [folder for folder in inside if (root / folder).is_symlink()]:
         raise InputError(
             f"{linked[0]} is a link to a folder",
             where=path,

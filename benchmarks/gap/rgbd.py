@@ -20,6 +20,7 @@ from pipeline.compose import render
 from pipeline.config import load_parameters, read_parameters, validate_parameters
 from pipeline.products.gap import load_added, load_gap
 from pipeline.project import CODE_ROOT, Project
+from pipeline.whole_files import write_whole
 
 SEEN = ("parse_video", "segment_and_track", "build_object", "fit_pose", "sample_particles")
 FITTED = (*SEEN, "fit_global", "fit_patches", "find_gap", "add_effect")
@@ -53,7 +54,7 @@ def project_of(own: Path) -> Project:
         if not link.is_symlink():
             link.symlink_to(target.resolve())
     if not project.parameters.is_file():
-        project.parameters.write_text(render(validate_parameters(_parameters(motions))))
+        write_whole(project.parameters, render(validate_parameters(_parameters(motions))))
     return project
 
 

@@ -25,5 +25,5 @@ class SimulationError(RuntimeError):
     """A rollout that cannot go on (non-finite state, particle outside the grid); carries frame, substep and particle."""
 
     def __init__(self, what: str, *, frame: int, substep: int, particle: int) -> None:
-        self.frame, self.substep, self.particle = frame, substep, particle
+        self.what, self.frame, self.substep, self.particle = what, frame, substep, particle
         super().__init__(f"{what} (frame {frame}, substep {substep}, particle {particle})")

@@ -47,9 +47,7 @@ def require_tracks(valid: Bool[Array, "frames tracks"] | Any, where: str, remedy
         )
 
 
-def require_pixels(count: float, what: str, where: str, remedy: str = SEE_OVERLAY) -> None:
+def require_pixels(count: int, what: str, where: str, remedy: str = SEE_OVERLAY) -> None:
     """InputError unless there are enough pixels of something, e.g. of the object's mask."""
     if count < LEAST_PIXELS:
-        raise InputError(
-            f"{what} has {count:.0f} pixels", where=where, expected=f"at least {LEAST_PIXELS}", remedy=remedy
-        )
+        raise InputError(f"{what} has {count} pixels", where=where, expected=f"at least {LEAST_PIXELS}", remedy=remedy)

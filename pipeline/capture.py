@@ -176,8 +176,6 @@ def judge_capture(capture: Capture, file: str, found: Findings) -> None:
         _judge_camera_pose(capture.T_world_camera, file, found)
     if capture.T_world_object is not None:
         judge_pose(found, "T_world_object", capture.T_world_object, file, scaled=True)
-    if capture.split is not None:
-        _judge_split(capture, file, found)
     for name, hint in capture.hints.items():
         _judge_hint(f"hints.{name}", hint, capture, file, found)
     _judge_hints_together(capture.hints, file, found)
@@ -195,16 +193,6 @@ def _judge_camera_pose(T: np.ndarray, file: str, found: Findings) -> None:
             f"T_world_camera puts the camera {-T[2, 3]:.3g} m below the table",
             where=file,
             expected="camera to world, with z up and the table at z = 0",
-        )
-
-
-def _judge_split(capture: Capture, file: str, found: Findings) -> None:
-    split = capture.split
-    if capture.frame_count is not None and split.test[1] > capture.frame_count:
-        found.fault(
-            f"split {split.train} {split.test} reaches past the last of frame_count = {capture.frame_count} frames",
-            where=file,
-            remedy=f"change split in {file}",
         )
 
 
@@ -236,7 +224,7 @@ def _judge_hints_together(hints: dict[str, Hint], file: str, found: Findings) ->
                 f"hints.object.{name} and hints.controller.{name} are both {one.tolist()}",
                 where=file,
                 expected="object and controller at two places",
-                remedy=f"change one of them in {file}",
+                remedy=f"change one of the hints in {file}",
             )
 
 

@@ -15,16 +15,30 @@ import numpy as np
 from physreal_core.array_types import Array
 from physreal_core.errors import InputError
 from pipeline.capture import FILE, Capture
-from pipeline.check_given import check_description, check_given, judge_counts, read_each, require_numbers, require_world
+from pipeline.check_given import check_description, check_given, judge_counts, read_each, require_world
 from pipeline.config import Parameters
-from pipeline.frames import FrameFiles, count_track_frames, list_frames, read_frame, read_frames
+from pipeline.frames import (
+    COLOUR,
+    DEPTH,
+    FrameFiles,
+    backproject,
+    count_track_frames,
+    list_frames,
+    read_depth,
+    read_frame,
+    read_frames,
+)
 from pipeline.plausible import Findings, judge_points
-from pipeline.products.given_tracks import GivenTracks3d
+from pipeline.products.controllers import Controllers
+from pipeline.products.given_tracks import GivenTracks2d, GivenTracks3d
 from pipeline.products.masks import ROLES
+from pipeline.products.truth import CaptureTruth
 from pipeline.project import Project
+from pipeline.provenance import FILE as PROVENANCE
 
 DEPTH_RANGE = (0.1, 8.0)
 """Plausible medians of a depth image [m]: the defaults of parse_video."""
+PRIORS = ("shape_prior.glb", "shape_prior.ply")
 BY_CLIP = "enter it with --clip, for perception only"
 
 
@@ -35,11 +49,13 @@ class Purpose:
     Attributes:
         clip: perception only; None where it is not known.
         depth_range: the nearest and the farthest plausible median of a depth image [m].
+        plane_tolerance: distance of a point on the support plane from it [m].
         close_holes: whether `build_object` caps the holes of a shape prior.
     """
 
     clip: bool | None = None
     depth_range: tuple[float, float] = DEPTH_RANGE
+    plane_tolerance: float = 0.006
     close_holes: bool = False
 
 
@@ -51,7 +67,7 @@ def purpose_of(folder: Path, project: Project, parameters: Parameters) -> Purpos
     parsing = parameters.stage("parse_video", name)
     clip = name in parameters.values.clips
     holes = False if clip else parameters.stage("build_object", name).close_holes
-    return Purpose(clip, (parsing.min_depth, parsing.max_depth), holes)
+    return Purpose(clip, (parsing.min_depth, parsing.max_depth), parsing.plane_tolerance, holes)
 
 
 def check_capture(folder: Path, purpose: Purpose = Purpose()) -> str:
@@ -87,6 +103,7 @@ def examine(folder: Path, purpose: Purpose = Purpose()) -> tuple[str, Findings]:
     if frames:
         judge_counts(capture, frames, str(folder / FILE), found)
         check_given(folder, capture, frames, found, fitted=not purpose.clip)
+    check_colours(folder, capture, found)
     check_prior(folder, capture, purpose, found)
     check_truth(folder, frames, found)
     check_names(folder, found)
@@ -109,9 +126,25 @@ def check_frames(folder: Path, capture: Capture, purpose: Purpose, found: Findin
             found.warn("color.mp4 is not used, the images in color/ are", where=str(folder))
         read = lambda frame: read_frame(files, frame, capture, purpose.depth_range)
         read_each(count, read, f"{folder.name}: frames", found)
+    if capture.T_world_camera is None and files.depth and not found.faults:
+        _check_plane(files.depth[0], capture, purpose, found)
     if count == 1:
         found.fault("there is one frame", where=str(folder), expected="two or more", remedy="record a motion")
     return count, len(files.depth)
+
+
+def _check_plane(path: Path, capture: Capture, purpose: Purpose, found: Findings) -> None:
+    """The table in frame 0, which defines the world where no pose does."""
+    from physreal_core.geometry.plane import fit_plane
+
+    depth = read_depth(path, purpose.depth_range)
+    near, far = (1000 * limit for limit in purpose.depth_range)
+    points = backproject(np.where((depth >= near) & (depth <= far), depth, 0), capture.K)
+    try:
+        fit_plane(points, tolerance=purpose.plane_tolerance)
+    except InputError as error:
+        remedy = error.remedy or "let the table be seen in frame 0, or give T_world_camera in capture.json"
+        found.fault(error.what, where=str(path), expected=error.expected, remedy=remedy)
 
 
 def _count_video(folder: Path, capture: Capture, purpose: Purpose, found: Findings) -> int:
@@ -144,9 +177,23 @@ def _count_tracks(folder: Path, found: Findings) -> int:
     return 0
 
 
+def check_colours(folder: Path, capture: Capture, found: Findings) -> None:
+    """Colour words of the hints."""
+    from physreal_core.perception.colour import COLOUR_WORDS
+
+    for name, hint in capture.hints.items():
+        if hint.colour is not None and hint.colour.lower() not in COLOUR_WORDS:
+            found.fault(
+                f"hints.{name}.colour = {hint.colour!r}",
+                where=str(folder / FILE),
+                expected="one of " + ", ".join(COLOUR_WORDS),
+                remedy=f"change hints.{name}.colour, or give a point or a box instead",
+            )
+
+
 def check_prior(folder: Path, capture: Capture, purpose: Purpose, found: Findings) -> None:
     """shape_prior.glb and shape_prior.ply, and what must lie on the object where its pose is known."""
-    glb, ply = folder / "shape_prior.glb", folder / "shape_prior.ply"
+    glb, ply = (folder / name for name in PRIORS)
     if not glb.exists() and not ply.exists():
         if capture.kind == "tracks" and not purpose.clip:
             found.fault(
@@ -158,7 +205,8 @@ def check_prior(folder: Path, capture: Capture, purpose: Purpose, found: Finding
         return
     with found.catching():
         points = _prior_points(glb, ply, purpose)
-        if capture.kind == "tracks" or capture.T_world_object is not None:
+        placed = capture.kind == "tracks" or capture.T_world_object is not None
+        if placed and not any(fault.what.startswith("T_world_object") for fault in found.faults):
             _judge_placed(folder, capture, points, found)
 
 
@@ -234,54 +282,43 @@ def _judge_tracks_on(folder: Path, away: Callable[[Array, Array], float], reach:
 
 def check_truth(folder: Path, frames: int, found: Findings) -> None:
     """truth.npz, which `evaluate` alone reads: lengths, indices, numbers."""
-    from pipeline.products.truth import CaptureTruth
-
     path = folder / CaptureTruth.FILE
     if not path.is_file():
         return
     with found.catching():
-        truth = CaptureTruth.load(folder)
-        for name in _OVER_FRAMES:
-            array = getattr(truth, name)
-            if array is not None and len(array) < frames:
-                found.fault(
-                    f"{name} has {len(array)} frames",
-                    where=str(path),
-                    expected=f"the capture's {frames} frames",
-                    remedy="make truth.npz from the same recording",
-                )
-        for name in ("vertices", "hand", "rest_vertices"):
-            array = getattr(truth, name)
-            if array is not None and not (
-                require_numbers(array, name, path).shape[-1:] == (3,) and np.isfinite(array).all()
-            ):
-                found.fault(f"{name} of shape {array.shape}", where=str(path), expected="finite numbers, [..., 3] m")
-        if truth.vertices is not None and truth.vertices.ndim == 3:
-            _judge_indices(truth, path, found)
+        _judge_truth(CaptureTruth.arrays(path), path, frames, found)
 
 
 _OVER_FRAMES = ("vertices", "hand", "gt_track_3d", "object_points", "object_visibilities", "object_motions_valid")
 
 
-def _judge_indices(truth: Any, path: Path, found: Findings) -> None:
-    count = truth.vertices.shape[1]
+def _judge_truth(truth: dict[str, Any], path: Path, frames: int, found: Findings) -> None:
+    remedy = "make truth.npz from this very recording, or leave it out"
+    for name in _OVER_FRAMES:
+        if name in truth and len(truth[name]) < frames:
+            told = f"{name} has {len(truth[name])} frames"
+            found.fault(told, where=str(path), expected=f"the capture's {frames} frames", remedy=remedy)
+    for name, dimensions in (("vertices", 3), ("hand", 2), ("rest_vertices", 2)):
+        array = np.asarray(truth.get(name, np.zeros((1,) * (dimensions - 1) + (3,))))
+        right = array.ndim == dimensions and array.shape[-1] == 3 and array.dtype.kind in "fiu"
+        if not (right and np.isfinite(array).all()):
+            told = f"{name} is an array of {array.dtype} of the shape {array.shape}"
+            expected = f"finite numbers in metres, {dimensions} axes, the last of length 3"
+            found.fault(told, where=str(path), expected=expected, remedy=remedy)
+            return
     for name in ("gripped", "faces", "tets"):
-        array = getattr(truth, name)
-        if (
-            array is not None
-            and array.size
-            and (array.dtype.kind not in "iu" or array.min() < 0 or array.max() >= count)
-        ):
-            found.fault(
-                f"{name} names a vertex that is not there",
-                where=str(path),
-                expected=f"whole numbers from 0 to {count - 1}",
-            )
+        array, count = (
+            np.asarray(truth.get(name, np.zeros(0, int))),
+            truth["vertices"].shape[1] if "vertices" in truth else 0,
+        )
+        if count and array.size and (array.dtype.kind not in "iu" or array.min() < 0 or array.max() >= count):
+            told = f"{name} names a vertex that is not there"
+            found.fault(told, where=str(path), expected=f"whole numbers from 0 to {count - 1}", remedy=remedy)
 
 
 KNOWN_NAMES = (
-    "capture.json", "color", "color.mp4", "depth", "shape_prior.glb", "shape_prior.ply", "masks", "candidates",
-    "tracks2d.npz", "tracks3d.npz", "controllers.npz", "truth.npz", "provenance.json",
+    FILE, COLOUR, "color.mp4", DEPTH, *PRIORS, "masks", "candidates",
+    GivenTracks2d.FILE, GivenTracks3d.FILE, Controllers.FILE, CaptureTruth.FILE, PROVENANCE,
 )  # fmt: skip
 """What a capture's folder may hold; anything else is its owner's and not read."""
 

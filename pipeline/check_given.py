@@ -59,6 +59,7 @@ def judge_counts(capture: Capture, frames: int, file: str, found: Findings) -> N
         found.fault(
             f"frame_count = {capture.frame_count}, but there are {frames} frames",
             where=file,
+            expected=f"{frames}",
             remedy=f"change frame_count in {file}, or add the missing frames",
         )
     split = capture.observed(frames)
@@ -66,6 +67,7 @@ def judge_counts(capture: Capture, frames: int, file: str, found: Findings) -> N
         found.fault(
             f"split {split.train} {split.test} reaches past the last of {frames} frames",
             where=file,
+            expected=f"at most {frames}",
             remedy=f"change split in {file}",
         )
     if split.train[1] < 2:
@@ -89,7 +91,9 @@ def read_each(count: int, work: Callable[[int], Any], label: str, found: Finding
             bar.advance()
     found.faults += errors[:SHOWN]
     if len(errors) > SHOWN:
-        found.fault(f"{len(errors) - SHOWN} more images have faults", where=label)
+        found.fault(
+            f"{len(errors) - SHOWN} more of {count} images have faults", where=label, remedy="mend those listed first"
+        )
     return results
 
 
@@ -115,13 +119,12 @@ def _check_tracks3d(folder: Path, capture: Capture, frames: int, fitted: bool, f
     if not path.is_file():
         return
     given = GivenTracks3d.load(folder)
-    points = require_numbers(given.points3d, "points3d", path)
+    points = given.points3d
     known = _known(points, given.valid3d, "valid3d", path, found)
     _check_length(len(points), frames, path, found)
     judge_points(found, points, known, capture.fps, str(path), "track")
     if given.sigma3d is not None:
-        _same_shape(given.sigma3d, known, "sigma3d", path)
-        judge_sigma(found, require_numbers(given.sigma3d, "sigma3d", path), known, str(path))
+        judge_sigma(found, given.sigma3d, known, str(path))
     if not fitted:
         return
     observed = capture.observed(min(frames, len(points))).train[1]
@@ -140,11 +143,16 @@ def _check_tracks2d(folder: Path, capture: Capture, frames: int, fitted: bool, f
     if not path.is_file():
         return
     given = GivenTracks2d.load(folder)
-    points = require_numbers(given.points2d, "points2d", path)
+    points = given.points2d
     visible = _known(points, given.visible, "visible", path, found)
     _check_length(len(points), frames, path, found)
     if not visible.any():
-        found.fault("no track is visible in any frame", where=str(path), remedy="leave the file out, or mend `visible`")
+        found.fault(
+            "no track is visible in any frame",
+            where=str(path),
+            expected="a track that is visible",
+            remedy="leave the file out, or mend `visible`",
+        )
         return
     if capture.width is None or capture.height is None:
         return
@@ -164,7 +172,7 @@ def _check_controllers(folder: Path, capture: Capture, frames: int, fitted: bool
     path = folder / Controllers.FILE
     if not path.is_file():
         return
-    points = require_numbers(Controllers.load(folder).points, "points", path)
+    points = Controllers.load(folder).points
     _check_length(len(points), frames, path, found)
     if not np.isfinite(points).all():
         frame, index = np.argwhere(~np.isfinite(points))[0][:2]
@@ -177,25 +185,11 @@ def _check_controllers(folder: Path, capture: Capture, frames: int, fitted: bool
     judge_points(found, points, np.ones(points.shape[:2], bool), capture.fps, str(path), "controller point")
 
 
-def require_numbers(array: Array, name: str, path: Path) -> Array:
-    if array.dtype.kind not in "fiu":
-        raise InputError(f"{name} holds {array.dtype}", where=str(path), expected="real numbers")
-    return array
-
-
-def _same_shape(array: Array, known: Array, name: str, path: Path) -> None:
-    if array.shape != known.shape:
-        raise InputError(
-            f"{name} has the shape {array.shape}", where=str(path), expected=f"[frames, points] = {known.shape}"
-        )
-
-
 def _known(points: Array, flags: Array | None, name: str, path: Path, found: Findings) -> Bool[Array, "frames points"]:
     """Entries with a position. A flag that stands at what is no number is a fault."""
     finite = np.isfinite(points).all(axis=2)
     if flags is None:
         return finite
-    _same_shape(flags, finite, name, path)
     lying = flags & ~finite
     if lying.any():
         frame, index = np.argwhere(lying)[0]
@@ -306,7 +300,7 @@ def _judge_masks(folder: Path, role: Role, facts: list[tuple[float, int] | None]
             expected=f"at least {LEAST_PIXELS} in frame 0, where the object is placed",
             remedy="look at the mask, or leave masks/object out",
         )
-    empty = sum(share == 0.0 for share in shares)
+    empty = sum(fact is not None and fact[1] == 0 for fact in facts)
     if empty > len(shares) / 2:
         found.warn(f"{empty} of {len(shares)} masks are empty", where=where)
 
@@ -328,6 +322,11 @@ def check_candidates(folder: Path, capture: Capture, frames: int, found: Finding
         return
     files = [sorted((home / f"{frame:06d}").glob("*.png")) for frame in range(frames)]
     if not files[0]:
-        found.fault("no candidate in frame 0", where=str(home / "000000"), expected="one image per candidate")
+        found.fault(
+            "no candidate in frame 0",
+            where=str(home / "000000"),
+            expected="one image per candidate",
+            remedy="add them, or leave candidates out",
+        )
     all_files = [path for of_frame in files for path in of_frame]
     read_each(len(all_files), lambda index: _read_mask(all_files[index], capture), f"{folder.name}: candidates", found)

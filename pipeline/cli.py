@@ -9,16 +9,19 @@ from collections.abc import Sequence
 from pathlib import Path
 
 from physreal_core.errors import InputError
+from pipeline.faults import one_sentence
 
 
 def main(arguments: Sequence[str] | None = None) -> None:
     """Run one command; exit code 2 and one plain sentence for what the user can mend."""
-    parsed = _parser().parse_args(arguments)
-    try:
+    parser = _parser()
+    parsed, more = parser.parse_known_args(arguments)
+    if more and not (hasattr(parsed, "options") and all("=" in word and word[0] != "-" for word in more)):
+        parser.error(f"unrecognized arguments: {' '.join(more)}")
+    if more:  # key=value after a flag, which argparse leaves over
+        parsed.options += more
+    with one_sentence("physreal"):
         code = parsed.command(parsed)
-    except InputError as error:
-        print(f"physreal: {error}", file=sys.stderr)
-        code = 2
     sys.exit(code)
 
 
@@ -72,22 +75,22 @@ def _parser() -> argparse.ArgumentParser:
 
 
 def _compose(parsed: argparse.Namespace) -> int:
-    from pipeline.compose import composed_files, options_in
+    from pipeline.compose import composed_files, options_in, stale_files, write_composed
     from pipeline.project import Project
 
     project = Project.find()
     options = parsed.options or (options_in(project.parameters) if parsed.check else [])
     command = " ".join(["physreal compose", *options])
     files = composed_files(options, project)
-    stale = {path: text for path, text in files.items() if not path.is_file() or path.read_text() != text}
-    if parsed.check and stale:
+    if parsed.check:
+        stale = stale_files(files)
         names = ", ".join(str(path.relative_to(project.root)) for path in stale)
-        print(f"stale: {names}; run `{command}`", file=sys.stderr)
-        return 1
-    for path, text in stale.items():
-        path.parent.mkdir(parents=True, exist_ok=True)
-        path.write_text(text)
-        print(f"wrote {path}")
+        if stale:
+            print(f"stale: {names}; run `{command}`", file=sys.stderr)
+            return 1
+    else:
+        for line in write_composed(files, project):
+            print(line)
     print(f"{len(files)} files are what `{command}` gives")
     return 0
 
@@ -120,9 +123,16 @@ def _import(parsed: argparse.Namespace) -> int:
     from pipeline.importing import import_capture, kinds
     from pipeline.project import Project
 
-    if parsed.name is None:
+    if parsed.kind is None:
         print("\n".join(f"{name:14} {text}" for name, text in kinds().items()))
-        return 0 if parsed.kind is None else 2
+        return 0
+    if parsed.name is None:
+        raise InputError(
+            "a recording and a name are missing" if parsed.source is None else "a name is missing",
+            where=f"physreal import {parsed.kind}",
+            expected="physreal import KIND SOURCE NAME [key=value ...]",
+            remedy="name the kind, the recording and the new sequence",
+        )
     role = "clips" if parsed.clip else "fits"
     print(import_capture(parsed.kind, parsed.source, parsed.name, parsed.options, role, Project.find()))
     return 0

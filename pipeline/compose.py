@@ -10,9 +10,11 @@ import yaml
 from pydantic import BaseModel
 
 from physreal_core.errors import InputError
-from pipeline.config import Parameters, validate_parameters
+from pipeline.config import Parameters, read_parameters, validate_parameters
 from pipeline.dvc_files import dvc_files
+from pipeline.parameters_file import parameters_lock, write_parameters
 from pipeline.project import CODE_ROOT, Project
+from pipeline.whole_files import write_whole
 
 CONF = Path(__file__).parent / "conf"
 HEADER = """\
@@ -43,6 +45,42 @@ def composed_files(overrides: list[str], project: Project) -> dict[Path, str]:
     return files
 
 
+def stale_files(files: dict[Path, str]) -> dict[Path, str]:
+    """Those of `files` that do not lie on the disk as they should be."""
+    return {path: text for path, text in files.items() if not path.is_file() or path.read_text() != text}
+
+
+def write_composed(files: dict[Path, str], project: Project) -> list[str]:
+    """Write what is stale of `files`, each whole or not at all. What was done, for the user, in lines."""
+    said = []
+    with parameters_lock(project):
+        for path, text in stale_files(files).items():
+            if path == project.parameters:
+                said += _names_lost(path, text)
+                write_parameters(project, text)
+            else:
+                path.parent.mkdir(parents=True, exist_ok=True)
+                write_whole(path, text)
+            said.append(f"wrote {path}")
+    return said
+
+
+def _names_lost(path: Path, text: str) -> list[str]:
+    """A warning where sequences stand in params.yaml that the composed text has not."""
+    try:
+        before, after = read_parameters(path), yaml.safe_load(text)
+    except InputError:
+        return []  # composing is a way to mend it
+    lost = [
+        str(name)
+        for block in ("sequences", "clips")
+        if isinstance(before.get(block), dict)
+        for name in before[block].keys() - after[block].keys()
+    ]
+    remedy = "an option group in pipeline/conf/sequences keeps them; `physreal add` enters one again"
+    return [f"warning: no longer in {path.name}: {', '.join(sorted(lost))}; {remedy}"] if lost else []
+
+
 def render(parameters: Parameters) -> str:
     """The text of params.yaml for validated values: each key with its meaning and unit beside it."""
     given = " ".join(["physreal compose", *parameters.values.composed_from])
@@ -51,7 +89,7 @@ def render(parameters: Parameters) -> str:
 
 def options_in(path: Path) -> list[str]:
     """What the params.yaml at `path` was composed from."""
-    return (yaml.safe_load(path.read_text()) or {}).get("composed_from") or []
+    return read_parameters(path).get("composed_from") or []
 
 
 def _compose_raw(overrides: list[str], conf: Path) -> dict[str, Any]:
@@ -110,15 +148,28 @@ def _entry(name: str, value: Any, comment: str, indent: int) -> list[str]:
     if isinstance(value, dict) and any(isinstance(part, (BaseModel, dict)) for part in value.values()):
         lines = [f"{margin}{name}:{comment}"]
         for key, part in value.items():
-            lines += _entry(key, part, "", indent + 2)
+            lines += _entry(_flow(key), part, "", indent + 2)
         return lines
     return [f"{margin}{name}: {_flow(value)}{comment}"]
 
 
 def _flow(value: Any) -> str:
     """A value on one line."""
-    text = yaml.safe_dump(_plain(value), default_flow_style=True, width=10_000, sort_keys=False, allow_unicode=True)
+    text = yaml.dump(
+        _plain(value), Dumper=_Quoting, default_flow_style=True, width=10_000, sort_keys=False, allow_unicode=True
+    )
     return text.removesuffix("\n").removesuffix("\n...")
+
+
+class _Quoting(yaml.SafeDumper):
+    """Text that begins with a digit stands in quotes: YAML 1.2, which DVC reads, knows more numbers than YAML 1.1."""
+
+
+def _quoted(dumper: yaml.SafeDumper, text: str) -> yaml.ScalarNode:
+    return dumper.represent_scalar("tag:yaml.org,2002:str", text, style="'" if text[:1].isdigit() else None)
+
+
+_Quoting.add_representer(str, _quoted)
 
 
 def _plain(value: Any) -> Any:

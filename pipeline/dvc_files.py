@@ -21,8 +21,8 @@ HEADER = """\
 COUNTED_OF_PIPELINE = ("pipeline/capture.py", "pipeline/frames.py", "pipeline/products", "pipeline/reading")
 """What of pipeline/ reads artifacts, files or folders. A change in its other modules alters no result."""
 
-LIGHT = ("physreal_core/errors.py", "physreal_core/array_types.py", "physreal_core/evidence.py")
-"""Error messages, annotations and refusals, which compute nothing."""
+LIGHT = tuple(f"physreal_core/{name}.py" for name in ("errors", "array_types", "evidence", "checkpoints"))
+"""Error messages, annotations, refusals and checkpoints, which compute nothing."""
 
 OTHER_SOURCES = (".h", ".cpp", ".cu")
 """Endings of sources that modules read and no import names."""

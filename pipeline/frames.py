@@ -149,6 +149,13 @@ def read_depth(path: Path, plausible: tuple[float, float]) -> Array:
     return depth
 
 
+def backproject(depth: Array, K: Array) -> Array:
+    """Points [readings, 3] in the camera's frame [m] of a depth image [height, width] in mm."""
+    v, u = np.nonzero(depth)
+    z = depth[v, u] / 1000
+    return np.stack([(u - K[0, 2]) / K[0, 0] * z, (v - K[1, 2]) / K[1, 1] * z, z], axis=1)
+
+
 def count_track_frames(folder: Path) -> int:
     """Frames in the tracks3d.npz of a capture without images.
 

@@ -1,16 +1,20 @@
-"""`physreal import`: other people's recordings into data/captures, and their names into params.yaml."""
+"""`physreal import` and `physreal add`: recordings into data/captures, and the names of captures into params.yaml."""
 
 import importlib
 import inspect
 import pkgutil
+import shutil
+import types
+import typing
+from collections.abc import Iterator
+from contextlib import contextmanager, suppress
 from pathlib import Path
 from types import ModuleType
 from typing import Any
 
-import yaml
-
 from physreal_core.errors import InputError
-from pipeline.config import read_parameters, unknown_key, validate_parameters
+from pipeline.config import Parameters, check_name, load_parameters, unknown_key
+from pipeline.faults import writing_to
 from pipeline.graph import STAGES
 from pipeline.project import Project
 
@@ -26,7 +30,9 @@ def kinds() -> dict[str, str]:
 
 
 def import_capture(kind: str, source: Path, name: str, options: list[str], role: str, project: Project) -> str:
-    """Write data/captures/<name> and enter it in params.yaml.
+    """Write data/captures/<name> and enter it in params.yaml: both, or nothing.
+
+    The capture is written to a draft, which is checked as a whole before it takes its place.
 
     Args:
         kind: a name of `kinds`.
@@ -40,21 +46,29 @@ def import_capture(kind: str, source: Path, name: str, options: list[str], role:
         What was done, for the user.
 
     Raises:
-        InputError: no such kind or keyword, the name is taken, or the recording cannot be used.
+        InputError: the name is none or is taken, there is no such kind or keyword, or the recording cannot be used.
     """
     if kind not in kinds():
         raise unknown_key(kind, kind, list(kinds()), "physreal import")
-    if project.capture(name).exists():
-        raise InputError(f"{project.capture(name)} exists", where="physreal import", remedy="choose another name")
+    check_name(name, "physreal import")
     importer = importlib.import_module(f"{PACKAGE}.{kind}")
     keywords = _keywords(importer, options)
-    project.capture(name).parent.mkdir(parents=True, exist_ok=True)
-    importer.import_capture(source, project.capture(name), **keywords)
-    return f"wrote {project.capture(name)}\n{add_sequence(name, role, project)}"
+    if not source.exists():
+        raise InputError("there is no such file or folder", where=str(source), remedy="name the recording's place")
+    _refuse_taken(name, role, project)
+    with _draft(name, project) as draft:
+        with _speaking_of(draft, f"{name} as imported from {source}"):
+            with writing_to(draft):
+                importer.import_capture(source, draft, **keywords)
+            found = _check(draft, role)
+        said = _put_in_place(draft, name, role, project)
+    return f"wrote {project.capture(name)}\n{_told(name, role, found, said)}"
 
 
 def add_sequence(name: str, role: str, project: Project) -> str:
-    """Enter a capture folder in params.yaml, all other values as they were.
+    """Enter a capture folder in params.yaml, all other values and the comments as they were.
+
+    A sequence that is there without the role gets the role; its own values stay.
 
     Args:
         name: a folder in data/captures.
@@ -63,30 +77,165 @@ def add_sequence(name: str, role: str, project: Project) -> str:
 
     Returns:
         What was done and what comes next, for the user.
-    """
-    from pipeline.check import Purpose, check_capture
-    from pipeline.compose import render
 
-    found = check_capture(project.capture(name), Purpose(clip=role == "clips"))
-    raw = read_parameters(project.parameters)
-    home = "clips" if role == "clips" else "sequences"
-    raw[home] = {**(raw.get(home) or {}), name: {}}
-    raw[role] = {**(raw.get(role) or {}), name: {}}
-    project.parameters.write_text(render(validate_parameters(raw, project.parameters.name)))
+    Raises:
+        InputError: the name is none, is entered with this role already or with one that excludes it, or the capture
+            cannot be used.
+    """
+    check_name(name, "physreal add")
+    _entry(load_parameters(project.parameters), name, role)
+    if not project.capture(name).is_dir():
+        raise InputError(
+            f"there is no folder {project.capture(name)}",
+            where="physreal add",
+            remedy="put the capture there, or bring a recording in with `physreal import`",
+        )
+    found = _check(project.capture(name), role)
+    return _told(name, role, found, _enter(name, role, project))
+
+
+def _check(folder: Path, role: str) -> str:
+    from pipeline.check import Purpose, check_capture
+
+    return check_capture(folder, Purpose(clip=role == "clips"))
+
+
+def _told(name: str, role: str, found: str, entered: str) -> str:
     last = [stage for stage in STAGES.values() if role in stage.roles][-1]
-    return f"entered {name} in params.yaml under {role}: {found}\nnext: dvc repro {last.target(role, name)}"
+    return f"{entered}: {found}\nnext: dvc repro {last.target(role, name)}"
+
+
+def _enter(name: str, role: str, project: Project) -> str:
+    from pipeline.parameters_file import enter_names, parameters_lock
+
+    with parameters_lock(project):
+        enter_names(project, _entry(load_parameters(project.parameters), name, role))
+    return f"entered {name} in params.yaml under {role}"
+
+
+def _entry(parameters: Parameters, name: str, role: str) -> dict[str, dict[str, dict[str, Any]]]:
+    """What params.yaml lacks for `name` to have the role: block → name → what is to stand there.
+
+    Raises:
+        InputError: it lacks nothing, or the name has a role that excludes this one.
+    """
+    values, home = parameters.values, "clips" if role == "clips" else "sequences"
+    having = [block for block in ("sequences", "clips", "fits", "predictions") if name in getattr(values, block)]
+    if role in having:
+        raise InputError(
+            f"{name} is entered already, under {role}",
+            where=parameters.file,
+            remedy=f"change its values there, or take {name} out of every block of {parameters.file} and add it anew",
+        )
+    excluded = {"clips": ("sequences",), "fits": ("clips", "predictions")}[role]
+    if hindrance := [block for block in excluded if block in having]:
+        raise InputError(
+            f"{name} is under {hindrance[0]}",
+            where=parameters.file,
+            expected=f"no name under {hindrance[0]} that is to be under {role}",
+            remedy=f"take {name} out of {hindrance[0]} in {parameters.file}, then add it",
+        )
+    model = typing.get_args(type(values).model_fields[home].annotation)[1]
+    missing = {} if home in having else {home: {name: model().model_dump(mode="json")}}
+    return missing if role == home else missing | {role: {name: {"companion": name}}}
+
+
+def _refuse_taken(name: str, role: str, project: Project) -> None:
+    """A capture that is there is its owner's."""
+    if project.capture(name).exists():
+        raise InputError(
+            f"{project.capture(name)} exists",
+            where="physreal import",
+            remedy=f"choose another name, or enter that capture with `physreal add {name}`",
+        )
+    _entry(load_parameters(project.parameters), name, role)
+
+
+@contextmanager
+def _draft(name: str, project: Project) -> Iterator[Path]:
+    """A place for a capture that is not whole yet, beside the others and hidden. What is left there at the end is removed.
+
+    Raises:
+        InputError: another process is importing under this name.
+    """
+    from filelock import FileLock, Timeout
+
+    path = project.import_lock(name)
+    path.parent.mkdir(parents=True, exist_ok=True)
+    try:
+        lock = FileLock(path).acquire(timeout=0)
+    except Timeout:
+        raise InputError(f"{name} is being imported by another process", where="physreal import") from None
+    draft = project.capture_draft(name)
+    with lock:
+        try:
+            shutil.rmtree(draft.parent, ignore_errors=True)
+            draft.parent.mkdir(parents=True)
+            yield draft
+        finally:
+            shutil.rmtree(draft.parent, ignore_errors=True)
+
+
+@contextmanager
+def _speaking_of(draft: Path, name: str) -> Iterator[None]:
+    """Messages about the draft, which nobody will find, name what it was made from."""
+    try:
+        yield
+    except InputError as error:
+        parts = {key: getattr(error, key).replace(str(draft), name) for key in ("what", "where", "expected", "remedy")}
+        raise InputError(parts.pop("what"), **parts) from error
+
+
+def _put_in_place(draft: Path, name: str, role: str, project: Project) -> str:
+    """The draft under its name, and that in params.yaml; where the latter fails, the capture goes as well."""
+    _refuse_taken(name, role, project)
+    place = project.capture(name)
+    draft.rename(place)
+    try:
+        return _enter(name, role, project)
+    except BaseException:
+        with suppress(OSError):
+            place.rename(draft)
+        raise
 
 
 def _keywords(importer: ModuleType, options: list[str]) -> dict[str, Any]:
-    parameters = inspect.signature(importer.import_capture).parameters.values()
-    known = [parameter.name for parameter in parameters if parameter.kind is inspect.Parameter.KEYWORD_ONLY]
-    keywords = {}
+    """The importer's keyword arguments out of `key=value`, each read as the type that the importer gives it."""
+    where = f"physreal import {importer.__name__.rpartition('.')[2]}"
+    signature, hints = (
+        inspect.signature(importer.import_capture),
+        typing.get_type_hints(importer.import_capture, include_extras=True),
+    )
+    known = [p.name for p in signature.parameters.values() if p.kind is inspect.Parameter.KEYWORD_ONLY]
+    keywords: dict[str, Any] = {}
     for option in options:
-        key, equals, value = option.partition("=")
-        if not equals or key not in known:
-            raise unknown_key(key, key, known, f"physreal import {importer.__name__.rpartition('.')[2]}")
-        keywords[key] = yaml.safe_load(value)
+        key, equals, text = option.partition("=")
+        if key not in known:
+            raise unknown_key(key, key, known, where)
+        if not equals:
+            raise InputError(
+                f"{option} has no value", where=where, expected=f"{key}=value", remedy=f"write {key}=value"
+            )
+        if key in keywords:
+            raise InputError(f"{key} is given twice", where=where, remedy="give it once")
+        keywords[key] = _value(text, hints[key], f"{where}, option {key}")
     return keywords
+
+
+def _value(text: str, annotation: Any, where: str) -> Any:
+    from pydantic import ConfigDict, TypeAdapter, ValidationError
+
+    if (
+        isinstance(annotation, types.UnionType)
+        and type(None) in typing.get_args(annotation)
+        and text in ("null", "none")
+    ):
+        return None
+    try:
+        return TypeAdapter(annotation, config=ConfigDict(allow_inf_nan=False)).validate_python(text)
+    except ValidationError as error:
+        expected = error.errors()[0]["msg"].removeprefix("Input should be ").removeprefix("a valid ")
+        raise InputError(f"{text[:80]!r}", where=where, expected=expected, remedy="change the option") from None
 
 
 def _first_line(module: ModuleType) -> str:

@@ -93,13 +93,13 @@ class Findings:
 
 def judge_number(found: Findings, key: str, value: float, limit: Limit, file: str) -> None:
     """A number of capture.json against its limit."""
-    unit = f" {limit.unit}" if limit.unit else ""
+    unit, own = f" {limit.unit}" if limit.unit else "", key.partition("'s ")[0]
     if not limit.lowest <= value <= limit.highest:
         found.fault(
             f"{key} = {value:g}{unit} is impossible",
             where=file,
             expected=f"{limit.lowest:g} to {limit.highest:g}{unit} ({limit.why})",
-            remedy=f"change {key} in {file}",
+            remedy=f"change {own} in {file}",
         )
     elif not limit.low <= value <= limit.high:
         found.warn(
@@ -123,7 +123,8 @@ def judge_camera_matrix(found: Findings, K: Float[Array, "3 3"], width: int, hei
         found.fault(what, where=file, expected=f"{form} with positive fx and fy, no skew", remedy=f"change K in {file}")
         return
     judge_number(found, "K's fx over width", K[0, 0] / width, FOCAL_SHARE, file)
-    judge_number(found, "K's fy over fx", K[1, 1] / K[0, 0], PIXEL_ASPECT, file)
+    if FOCAL_SHARE.lowest <= K[0, 0] / width <= FOCAL_SHARE.highest:
+        judge_number(found, "K's fy over fx", K[1, 1] / K[0, 0], PIXEL_ASPECT, file)
     _judge_principal_point(found, K[:2, 2], np.array([width, height]), file)
 
 
@@ -149,7 +150,7 @@ def judge_pose(found: Findings, key: str, T: Float[Array, "4 4"], file: str, *, 
     lengths = np.linalg.svd(R, compute_uv=False)
     scale = float(lengths.mean())
     if not np.allclose(T[3], [0, 0, 0, 1], atol=1e-6):
-        what = "is transposed" if np.allclose(T[:3, 3], 0) else f"has the last row {T[3].tolist()}"
+        what = "is transposed" if np.allclose(T[:, 3], [0, 0, 0, 1]) else f"has the last row {T[3].tolist()}"
     elif scale == 0:
         what = "has a rotation part of zeros"
     elif np.ptp(lengths) > RIGID_TOLERANCE * scale:

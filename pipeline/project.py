@@ -30,11 +30,24 @@ class Project:
         return self.root / "params.yaml"
 
     @property
+    def parameters_lock(self) -> Path:
+        """Held by who writes params.yaml."""
+        return self.root / ".scratch" / "params.lock"
+
+    @property
     def results(self) -> Path:
         return self.root / "results"
 
     def capture(self, sequence: str) -> Path:
         return self.root / "data" / "captures" / sequence
+
+    def capture_draft(self, sequence: str) -> Path:
+        """Where a capture is written until it is whole: among the captures, so that one rename puts it in place."""
+        return self.root / "data" / "captures" / ".importing" / sequence / "capture"
+
+    def import_lock(self, sequence: str) -> Path:
+        """Held by who imports a capture of this name."""
+        return self.root / ".scratch" / "import" / f"{sequence}.lock"
 
     def artifact(self, stage: str, sequence: str) -> Path:
         return self.root / "data" / "artifacts" / stage / sequence

@@ -27,6 +27,11 @@ def digest_folder(folder: Path) -> str:
     return total.hexdigest()[:16]
 
 
+def digest_file(path: Path) -> str:
+    """Digest of a file's bytes."""
+    return _digest_file(path, path.stat().st_mtime_ns, path.stat().st_size).hex()[:16]
+
+
 @lru_cache(maxsize=100_000)
 def _digest_file(path: Path, _modified: int, _size: int) -> bytes:
     with path.open("rb") as file:

@@ -8,7 +8,6 @@ import inspect
 import json
 import os
 import shutil
-import sys
 from collections.abc import Callable, Iterator
 from contextlib import contextmanager
 from functools import cached_property
@@ -17,12 +16,14 @@ from typing import Any
 
 from filelock import FileLock, Timeout
 
-from physreal_core.errors import InputError, SimulationError
+from physreal_core.checkpoints import Checkpoints
+from physreal_core.errors import InputError
 from pipeline.config import Parameters, check_name, load_parameters
+from pipeline.faults import one_sentence, writing_to
 from pipeline.graph import STAGES, Graph
 from pipeline.progress import Progress, Timings, show_progress
 from pipeline.project import CODE_ROOT, Project
-from pipeline.provenance import digest_code, digest_folder, digest_of, read_provenance, write_provenance
+from pipeline.provenance import digest_code, digest_file, digest_folder, digest_of, read_provenance, write_provenance
 
 
 class StageContext:
@@ -113,6 +114,9 @@ class StageContext:
                 inputs[f"{self.companion}/{name}"] = digest_folder(self.companion_input(name))
         if self._spec.reads_capture:
             inputs["capture"] = digest_folder(self.capture)
+        for name in self.params.files():  # one that is missing is the stage's to name: it may not need it
+            if (self._project.root / name).is_file():
+                inputs[name] = digest_file(self._project.root / name)
         return {"stage": self.stage, "sequence": self.sequence, "inputs": inputs, **self._parameters_used()}
 
     @property
@@ -173,8 +177,8 @@ def checked_artifact(project: Project, parameters: Parameters, stage: str, seque
                 remedy=rerun,
             )
     for name, digest in record["inputs"].items():
-        source = _input_folder(project, name, sequence)
-        if source.is_dir() and digest_folder(source) != digest:
+        source = _input_place(project, name, sequence)
+        if source.exists() and (digest_folder if source.is_dir() else digest_file)(source) != digest:
             raise InputError(f"its output was made from another version of {source}", where=where, remedy=rerun)
     return folder
 
@@ -185,10 +189,12 @@ def _target(parameters: Parameters, stage: str, sequence: str) -> str:
     return spec.target(role, sequence)
 
 
-def _input_folder(project: Project, name: str, sequence: str) -> Path:
-    """The folder that an entry under `inputs` in provenance.json stands for."""
+def _input_place(project: Project, name: str, sequence: str) -> Path:
+    """The folder or file that an entry under `inputs` in provenance.json stands for."""
     if name == "capture":
         return project.capture(sequence)
+    if name.startswith("data/"):
+        return project.root / name
     other, _, stage = name.rpartition("/")
     return project.artifact(stage, other or sequence)
 
@@ -211,6 +217,7 @@ def run_stage(
     project = project or Project.find()
     parameters = load_parameters(project.parameters, graph)
     parameters.sequence(sequence)
+    _check_device(stage, sequence, parameters)
     source = Path(inspect.getsourcefile(run))
     destination = project.output(stage, sequence, graph[stage].makes_capture)
     with _only_copy(project, stage, sequence):
@@ -220,8 +227,10 @@ def run_stage(
         provenance = context.provenance  # every input is read and checked before any work is done
         _empty(context.output)
         try:
-            run(context)
-            write_provenance(context.output, provenance)
+            with writing_to(context.output):
+                with Checkpoints(context.scratch):
+                    run(context)
+                write_provenance(context.output, provenance)
             output = _put_in_place(context.output, destination)
         finally:
             shutil.rmtree(context.output, ignore_errors=True)
@@ -247,20 +256,10 @@ def main(stage: str, run: Callable[[StageContext], None], graph: Graph = STAGES)
         help="a name under `sequences` in params.yaml; default: that of the stage which DVC runs",
     )
     sequence = parser.parse_args().sequence
-    with exit_on_input_error(stage):
+    with one_sentence(stage):
         check_name(sequence, "params.yaml")
-    with exit_on_input_error(f"{stage} {sequence}"):
+    with one_sentence(f"{stage} {sequence}"):
         run_stage(stage, sequence, run, graph=graph)
-
-
-@contextmanager
-def exit_on_input_error(who: str) -> Iterator[None]:
-    """Ends the process with exit code 2 and one sentence, no traceback, for what the user can mend."""
-    try:
-        yield
-    except (InputError, SimulationError) as error:
-        print(f"{who}: {error}", file=sys.stderr)
-        sys.exit(2)
 
 
 @contextmanager
@@ -284,6 +283,22 @@ def _only_copy(project: Project, stage: str, sequence: str) -> Iterator[None]:
         yield
     finally:
         lock.release()
+
+
+def _check_device(stage: str, sequence: str, parameters: Parameters) -> None:
+    """A card that is asked for is there."""
+    device = getattr(parameters.stage(stage, sequence), "device", "cpu")
+    if not device.startswith("cuda"):
+        return
+    import torch
+
+    if not torch.cuda.is_available():
+        raise InputError(
+            f"{stage}.device = {device}, but torch sees no such card",
+            where="params.yaml",
+            expected="cpu, or a machine with an NVIDIA card and a CUDA build of torch",
+            remedy=f"set {stage}.device to cpu, there or under sequences.{sequence}",
+        )
 
 
 def _refuse_to_replace(capture: Path, stage: str) -> None:

@@ -7,6 +7,7 @@ from typing import Any
 
 import torch
 
+from physreal_core.checkpoints import Checkpoints
 from physreal_core.fitting.curriculum import History, fit_material
 from physreal_core.fitting.descent import DescentConfig, DescentResult, Fields
 from physreal_core.fitting.losses import LossConfig
@@ -41,18 +42,17 @@ def descend(
     start: Fields,
     label: str = "fit",
 ) -> tuple[Model, DescentResult]:
-    """Runs the stage's descent with a checkpoint and a live loss curve in the scratch folder, one pair per label."""
+    """Runs the stage's descent with checkpoints and a live loss curve in a folder of the scratch folder, one per label."""
     config = DescentConfig(**context.params.descent.model_dump())
     (context.scratch / label).mkdir(exist_ok=True)
     objective.stopwatch.restart()
-    with context.progress(label, config.iterations + 1) as bar:
+    with Checkpoints(context.scratch / label), context.progress(label, config.iterations + 1) as bar:
         fitted = fit_material(
             objective,
             model,
             variables,
             start,
             config,
-            checkpoint=context.scratch / label / "checkpoint.safetensors",
             on_iteration=_follow(bar, context.scratch / label),
         )
     for part, seconds in objective.stopwatch.stop().items():

@@ -6,6 +6,7 @@ from collections.abc import Callable
 import torch
 
 from physreal_core.fitting.model import Model
+from physreal_core.fitting.rollouts import Rollouts
 from physreal_core.fitting.transfer import register, transfer_model
 from physreal_core.gap.interactions.experiment import Experiment
 from physreal_core.gap.noise.model import ModelError
@@ -13,11 +14,13 @@ from physreal_core.gap.settings import GapSettings
 from pipeline.config.find_gap import FindGap
 from pipeline.stage import StageContext
 from stages._problem import load_problem
+from stages._substeps import tell_substeps
 
 
 def interactions(context: StageContext, model: Model) -> list[Experiment]:
     """The sequence itself, and its companion where it has one, with `model` where the object lies there."""
     own = load_problem(context)
+    tell_substeps(context, Rollouts(own, model), model.fields)
     found = [Experiment(own, model, context.params.device)]
     if context.companion:
         other = load_problem(context, read=context.companion_input)

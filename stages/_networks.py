@@ -110,7 +110,22 @@ def _named(path: str | None, key: str) -> Path:
 
 
 def _path(path: str) -> Path:
-    """A path in params.yaml: absolute, or from the project's root."""
+    """A path in params.yaml, from the project's root.
+
+    Raises:
+        InputError: there is no such file, or it lies behind a link to a folder, which DVC does not look into.
+    """
     from pipeline.project import Project
 
-    return Path(path) if Path(path).is_absolute() else Project.find().root / path
+    root = Project.find().root
+    network = root / path
+    if not network.is_file():
+        raise InputError("there is no such network", where=path, remedy="put it there, or a link to it")
+    if linked := [part for part in network.relative_to(root).parents if (root / part).is_symlink()]:
+        raise InputError(
+            f"{linked[0]} is a link to a folder",
+            where=path,
+            expected="a folder, so that DVC sees what changes in it",
+            remedy="make it a folder with links to the files",
+        )
+    return network

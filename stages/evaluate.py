@@ -1,10 +1,12 @@
 """Stage evaluate: every model's rollout against the measurement, frame by frame, observed and future."""
 
+from dataclasses import asdict
 from pathlib import Path
 from typing import Any
 
 import numpy as np
 
+from physreal_core.checkpoints import record_array, record_of, remembered
 from physreal_core.evaluation import (
     FrameScores,
     cd_l1_oneway,
@@ -36,11 +38,7 @@ def run(context: StageContext) -> None:
     metrics, table = {}, {}
     for stage, folder in context.models().items():
         replay = Replay(sequence, folder, context.params.device)
-        with context.progress(f"score {stage}", sequence.frame_count) as bar:
-            scores, pictures = _score_frames(sequence, replay, context.params, bar)
-        if pictures:
-            with context.timed("video"):
-                write_video(context.output / f"{stage}.mp4", pictures, sequence.capture.fps)
+        scores = _scored(context, sequence, replay, stage)
         intervals = split_scores(scores, sequence.observed)
         metrics[stage] = {name: interval.to_json() for name, interval in intervals.items()}
         if not sequence.camera:
@@ -51,25 +49,64 @@ def run(context: StageContext) -> None:
     Scores(metrics, table, sequence.observed).save(context.output)
 
 
+def _scored(context: StageContext, sequence: Sequence, replay: Replay, stage: str) -> list[FrameScores]:
+    """Scores of every frame; writes the model's video if the capture is one."""
+    video = context.output / f"{stage}.mp4"
+
+    def score() -> dict[str, np.ndarray]:
+        with context.progress(f"score {stage}", sequence.frame_count) as bar:
+            scores, pictures = _score_frames(sequence, replay, context.params, bar)
+        if pictures:
+            with context.timed("video"):
+                write_video(video, pictures, sequence.capture.fps)
+        shown = np.frombuffer(video.read_bytes() if pictures else b"", np.uint8)
+        return {"scores": record_array([asdict(one) for one in scores]), "video": shown}
+
+    found = remembered("scores", lambda: [stage], {"scores": (None,), "video": (None,)}, score)
+    if len(found["video"]):
+        video.write_bytes(found["video"].tobytes())
+    return [FrameScores(**one) for one in record_of(found["scores"])]
+
+
 def _score_frames(sequence: Sequence, replay: Replay, params: Any, bar: Any) -> tuple[list[FrameScores], list]:
     """Scores of every frame, and its picture if the capture is a video."""
+    import cv2
+
     surface = np.stack([replay.carry(t, sequence.surface, replay.surface) for t in range(sequence.frame_count)])
     errors = track_errors(surface, sequence.tracks3d, sequence.tracks_valid)
     scores, pictures = [], []
     for t in range(sequence.frame_count):
-        annotated = errors[t][np.isfinite(errors[t])]
-        found = {"track_count": len(annotated)}
-        if len(annotated):
-            found["track_error"] = float(annotated.mean())
-        if sequence.camera:
-            measured = sequence.measured(t)
-            found |= _distances(sequence, measured, surface[t], params)
-            rgb, alpha = replay.render(t)
-            found |= _image_scores(measured, rgb, alpha)
-            pictures.append(side_by_side(sequence, measured, replay, rgb, alpha, t, params.video_scale))
-        scores.append(FrameScores(frame=t, **found))
+        found = remembered(
+            "frame",
+            lambda t=t: [t, errors[t]],
+            {"scores": (None,), "picture": (None,)},
+            lambda t=t: _score_frame(sequence, replay, params, t, errors[t], surface[t]),
+        )
+        scores.append(FrameScores(frame=t, **record_of(found["scores"])))
+        if len(found["picture"]):
+            pictures.append(cv2.imdecode(found["picture"], cv2.IMREAD_COLOR))
         bar.advance()
     return scores, pictures
+
+
+def _score_frame(
+    sequence: Sequence, replay: Replay, params: Any, t: int, errors: np.ndarray, surface: np.ndarray
+) -> dict[str, np.ndarray]:
+    """Scores of one frame, and its picture as the bytes of a PNG."""
+    import cv2
+
+    annotated, picture = errors[np.isfinite(errors)], np.zeros(0, np.uint8)
+    found: dict[str, Any] = {"track_count": len(annotated)}
+    if len(annotated):
+        found["track_error"] = float(annotated.mean())
+    if sequence.camera:
+        measured = sequence.measured(t)
+        found |= _distances(sequence, measured, surface, params)
+        rgb, alpha = replay.render(t)
+        found |= _image_scores(measured, rgb, alpha)
+        shown = side_by_side(sequence, measured, replay, rgb, alpha, t, params.video_scale)
+        picture = cv2.imencode(".png", shown, (cv2.IMWRITE_PNG_COMPRESSION, 1))[1]
+    return {"scores": record_array(found), "picture": picture}
 
 
 def _distances(sequence: Sequence, measured: Measured, surface: np.ndarray, params: Any) -> dict[str, float | None]:

@@ -12,6 +12,7 @@ from pipeline.products.particles import Particles
 from pipeline.stage import StageContext, main
 from stages._fit import descend, finite_or_none, objective_of, variables_of, write_fit
 from stages._problem import load_problem
+from stages._substeps import tell_substeps
 
 VARIABLES = ("youngs_modulus", "poissons_ratio", "friction_coefficient", "grip_stiffness", "grip_damping")
 
@@ -23,6 +24,7 @@ def run(context: StageContext) -> None:
     model = _initial_model(context)
     objective = objective_of(context, problem, model)
     variables = variables_of({name: getattr(params, name) for name in VARIABLES})
+    tell_substeps(context, objective.rollouts, model.fields, variables)
     config = ScanConfig(**params.scan.model_dump())
     with context.timed("scan"):
         model, found = start_from_scan(objective, model, variables, config)

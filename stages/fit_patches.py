@@ -6,6 +6,7 @@ from pipeline.config.fit_patches import FitPatches
 from pipeline.stage import StageContext, main
 from stages._fit import descend, objective_of, variables_of, write_fit
 from stages._problem import load_problem
+from stages._substeps import tell_substeps
 
 
 def run(context: StageContext) -> None:
@@ -15,6 +16,7 @@ def run(context: StageContext) -> None:
     model = load_model(context.input("fit_global"))
     objective = objective_of(context, problem, model)
     variables = variables_of({name: getattr(params, name) for name in ("youngs_modulus", "poissons_ratio")})
+    tell_substeps(context, objective.rollouts, model.fields, variables)
     model, result = descend(context, objective, model, variables, patch_start(model, variables))
     write_fit(context, objective, model, result)
 

@@ -15,6 +15,7 @@ from pipeline.products.fit import ResidualShare
 from pipeline.stage import StageContext, main
 from stages._fit import descend, finite_or_none, objective_of, variables_of, write_fit
 from stages._problem import load_problem
+from stages._substeps import tell_substeps
 
 
 def run(context: StageContext) -> None:
@@ -36,6 +37,7 @@ def _fit(
     params: FitResidual = context.params
     model = with_residual(start, ResidualConfig(**params.residual.model_dump()), context.seed)
     objective = objective_of(context, problem, model)
+    tell_substeps(context, objective.rollouts, model.fields)
     variables = variables_of(blocks_of(params))
     return objective, *descend(context, objective, model, variables, patch_start(model, variables), label)
 

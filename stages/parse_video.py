@@ -8,7 +8,7 @@ import numpy as np
 from physreal_core.errors import InputError
 from pipeline.capture import FILE, Capture, Split, write_capture
 from pipeline.check_given import check_description, check_given, judge_counts, require_world
-from pipeline.frames import count_track_frames, list_frames, read_frames
+from pipeline.frames import backproject, count_track_frames, list_frames, read_frames
 from pipeline.plausible import Findings
 from pipeline.products.camera import RecordedCamera
 from pipeline.products.images import FrameImages
@@ -169,13 +169,6 @@ def _set_world(capture: Capture, depth: np.ndarray, context: StageContext) -> tu
         "rms_m": round(float(np.sqrt(np.mean(plane.height(points[plane.inliers]) ** 2))), 5),
     }
     return capture.model_copy(update={"T_world_camera": T}), facts
-
-
-def backproject(depth: np.ndarray, K: np.ndarray) -> np.ndarray:
-    """Points [readings, 3] in the camera's frame [m] of a depth image [height, width] in mm."""
-    v, u = np.nonzero(depth)
-    z = depth[v, u] / 1000
-    return np.stack([(u - K[0, 2]) / K[0, 0] * z, (v - K[1, 2]) / K[1, 1] * z, z], axis=1)
 
 
 def _write(

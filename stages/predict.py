@@ -5,15 +5,18 @@ import dataclasses
 import numpy as np
 import torch
 
+from physreal_core.checkpoints import remembered
 from physreal_core.fitting.losses import LossConfig
-from physreal_core.fitting.model import load_model, save_model
+from physreal_core.fitting.model import Model, load_model, save_model
 from physreal_core.fitting.objective import Objective
 from physreal_core.fitting.transfer import transfer_model
 from pipeline.graph import FIT_STAGES
 from pipeline.products.particles import Particles
+from pipeline.products.rollout import Rollout
 from pipeline.stage import StageContext, main
 from stages._fit import roll_out
 from stages._problem import load_problem
+from stages._substeps import tell_substeps
 
 
 def run(context: StageContext) -> None:
@@ -31,7 +34,22 @@ def run(context: StageContext) -> None:
         save_model(folder, model)
         with context.timed(f"rollout {stage}"):
             objective = Objective(placed, model, LossConfig(), device=context.params.device)
-            roll_out(objective, model).save(folder)
+            tell_substeps(context, objective.rollouts, model.fields)
+            _remembered_rollout(stage, objective, model).save(folder)
+
+
+def _remembered_rollout(stage: str, objective: Objective, model: Model) -> Rollout:
+    """The rollout, from its checkpoint where there is one."""
+    shape = objective.problem.frame_count, len(objective.problem.body.x0)
+    shapes = {"x": (*shape, 3), "F": (*shape, 3, 3), "x_seen": (None, shape[1], 3)}
+
+    def rolled() -> dict[str, np.ndarray]:
+        rollout = roll_out(objective, model)
+        seen = np.zeros((0, shape[1], 3), np.float32) if rollout.x_seen is None else rollout.x_seen
+        return {"x": rollout.x, "F": rollout.F, "x_seen": seen}
+
+    found = remembered("rollout", lambda: [stage], shapes, rolled)
+    return Rollout(found["x"], found["F"], found["x_seen"] if len(found["x_seen"]) else None)
 
 
 if __name__ == "__main__":

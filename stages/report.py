@@ -7,12 +7,12 @@ from typing import Any
 import jinja2
 
 from pipeline.capture import read_capture
+from pipeline.faults import one_sentence
 from pipeline.graph import FIT_STAGES, REPORT, STAGES, made_from
 from pipeline.products.particles import Particles
 from pipeline.products.quality import Quality
 from pipeline.provenance import read_provenance
 from pipeline.results import Results
-from pipeline.stage import exit_on_input_error
 from pipeline.status import stages_of
 from pipeline.tables import SHOWN, tables
 from stages._report_pictures import (
@@ -145,5 +145,5 @@ def _provenance(results: Results, name: str) -> dict[str, str]:
 
 
 if __name__ == "__main__":
-    with exit_on_input_error("report"):
+    with one_sentence("report"):
         run(Results.open())

@@ -6,9 +6,9 @@ from collections import defaultdict
 from collections.abc import Iterable
 from pathlib import Path
 
+from pipeline.faults import one_sentence
 from pipeline.graph import FIT_STAGES
 from pipeline.results import INTERVALS, Results
-from pipeline.stage import exit_on_input_error
 from pipeline.tables import tables
 
 
@@ -73,5 +73,5 @@ def _write_curves(path: Path, axis: str, curves: Curves) -> None:
 
 
 if __name__ == "__main__":
-    with exit_on_input_error("summarise"):
+    with one_sentence("summarise"):
         run(Results.open())

@@ -9,19 +9,25 @@ from typing import Any
 import numpy as np
 
 from physreal_core.array_types import Array, Float, UInt8
+from physreal_core.errors import InputError
 from pipeline.capture import capture_of, write_capture
 
 
 @contextmanager
 def new_capture(destination: Path) -> Iterator[Path]:
-    """A draft folder that takes `destination`'s place when the block ends without an error."""
+    """A draft folder that takes `destination`'s place when the block ends without an error.
+
+    Raises:
+        InputError: there is something at `destination`, which is its owner's.
+    """
     destination = Path(destination)
+    if destination.exists():
+        raise InputError(f"{destination} exists", where="import", remedy="choose another place, or move it away")
     draft = destination.with_name(destination.name + ".partial")
     shutil.rmtree(draft, ignore_errors=True)
     draft.mkdir(parents=True)
     try:
         yield draft
-        shutil.rmtree(destination, ignore_errors=True)
         draft.rename(destination)
     finally:
         shutil.rmtree(draft, ignore_errors=True)

@@ -13,12 +13,7 @@ from pipeline.reading.files import regular_file
 
 
 def import_capture(
-    source: Path,
-    destination: Path,
-    *,
-    description: str = "",
-    controller: str = "hand",
-    frames: Count | None = None,
+    source: Path, destination: Path, *, description: str = "", controller: str = "hand", frames: Count | None = None
 ) -> None:
     """Writes the capture; `frames` limits how many are read.
 

@@ -19,6 +19,7 @@ from data.rig.sensor import read_colour, read_depth
 from data.rig.simulate import simulate
 from data.rig.trajectory import Trajectory
 from physreal_core.array_types import Array, Float
+from physreal_core.checkpoints import remembered
 from pipeline.products.truth import CaptureTruth
 
 _PRIOR_SHADE = 0.8  # vertex colours of the prior: the surface under a soft light
@@ -66,7 +67,7 @@ def film(
     random = np.random.default_rng(seed)
     for frame in range(scene.frames):
         pose = hidden.camera(scene.view.pose(), frame / scene.fps)
-        picture = stage.picture(trajectory.vertices[frame], trajectory.hand[frame], pose=pose)
+        picture = _remembered_picture(stage, trajectory.vertices[frame], trajectory.hand[frame], pose)
         if frame == 0:
             named = {"point": _click, "box": _box}[hint]
             hints = {"object": {hint: named(picture, OBJECT)}, "controller": {"point": _click(picture, HAND)}}
@@ -77,6 +78,16 @@ def film(
     replace(simulated_truth(scene, trajectory, stage.hand, T_world_prior), **further_truth).save(draft)
     shutil.rmtree(destination, ignore_errors=True)
     draft.rename(destination)
+
+
+def _remembered_picture(stage: Stage, vertices: Array, hand: Array, pose: Array) -> Picture:
+    """`Stage.picture`, from its checkpoint where there is one."""
+    size = stage.view.height, stage.view.width
+    shapes = {"rgb": (*size, 3), "depth": size, "label": size, "slope": size}
+    found = remembered(
+        "picture", lambda: [vertices, hand, pose], shapes, lambda: vars(stage.picture(vertices, hand, pose=pose))
+    )
+    return Picture(**found)
 
 
 def describe(scene: RigScene, hints: dict) -> dict:

@@ -39,7 +39,7 @@ class Stage:
     """
 
     def __init__(self, scene: RigScene, trajectory: Trajectory, placed: Callable[[Array], Array] = np.asarray) -> None:
-        self._scene = scene
+        self._scene, self.view = scene, scene.view
         hand = mesh_shape(scene.hand, _HAND_SPACING)
         hand.vertices[:] = placed(hand.vertices)
         corners = _TABLE_HALF * np.array([[-1, -1, 0], [1, -1, 0], [1, 1, 0], [-1, 1, 0.0]])

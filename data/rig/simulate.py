@@ -12,6 +12,9 @@ from data.rig.rig_scene import RigScene
 from data.rig.trajectory import Trajectory
 from data.rig.world import World
 from physreal_core.array_types import Array, Float
+from physreal_core.checkpoints import Checkpoints, checkpoints
+
+CHECKPOINT = "simulation"
 
 
 def simulate(
@@ -51,22 +54,50 @@ def simulate(
         act(time)
         hidden.advance(world)
 
-    _settle(world, step, settle, calm)
     times = np.arange((scene.frames - 1) * world.steps + 1) * world.timestep
     hand = scene.motion.displacement(times)
-    frames = [_recorded(world, punctual)]
     held = hidden.held(hand, times, scene.motion)
-    for number in range(1, len(times)):
+    kept = checkpoints() if hidden is NOTHING else Checkpoints()  # hidden effects may have a state of their own
+    frames = _resumed(world, kept, held)
+    if not frames:
+        _settle(world, step, settle, calm)
+        frames = [_recorded(world, punctual)]
+    for number in range((len(frames) - 1) * world.steps + 1, len(times)):
         world.hold_at(held[number], ahead=punctual)
         step(times[number])
         if number % world.steps == 0:
             frames.append(_recorded(world, punctual))
+            if kept.due(CHECKPOINT):
+                kept.put(CHECKPOINT, {"state": _state(world), "frames": np.stack(frames)})
     vertices = np.stack(frames)
     if not np.isfinite(vertices).all():
         raise RuntimeError(
             f"the truth of {scene.name} turned non-finite; a smaller timestep than {timestep} s may help"
         )
     return Trajectory(world.mesh, vertices, hand[:: world.steps], world.gripped)
+
+
+def _state(world: World) -> Float[Array, " S"]:
+    """All that MuJoCo's next step depends on."""
+    import mujoco
+
+    kind = mujoco.mjtState.mjSTATE_INTEGRATION
+    state = np.zeros(mujoco.mj_stateSize(world.model, kind))
+    mujoco.mj_getState(world.model, world.data, state, kind)
+    return state
+
+
+def _resumed(world: World, kept: Checkpoints, held: Float[Array, "S 3"]) -> list[Float[Array, "V 3"]]:
+    """Puts the world where a simulation that was killed had come to, and gives the frames so far; none without one."""
+    import mujoco
+
+    shapes = {"state": _state(world).shape, "frames": (None, len(world.mesh.vertices), 3)}
+    known = kept.get(CHECKPOINT, shapes)
+    if known is None:
+        return []
+    world.hold_at(held[(len(known["frames"]) - 1) * world.steps])
+    mujoco.mj_setState(world.model, world.data, known["state"], mujoco.mjtState.mjSTATE_INTEGRATION)
+    return [*known["frames"]]
 
 
 def _recorded(world: World, punctual: bool) -> Float[Array, "V 3"]:

@@ -7,12 +7,13 @@ import dataclasses
 import math
 from collections.abc import Callable
 from dataclasses import dataclass
-from pathlib import Path
 from typing import Any
 
+import numpy as np
 import torch
 from torch import Tensor
 
+from physreal_core.checkpoints import remembered
 from physreal_core.errors import InputError, SimulationError
 from physreal_core.fitting.descent import Descent, DescentConfig, DescentResult, Fields
 from physreal_core.fitting.model import PATCH_FIELDS, Model
@@ -42,7 +43,6 @@ def fit_material(
     start: Fields,
     config: DescentConfig,
     *,
-    checkpoint: Path | None = None,
     on_iteration: Callable[[History], None] = lambda history: None,
 ) -> tuple[Model, DescentResult]:
     """Moves `variables` from `start`, all other fields of `model` held, and returns the model with the best values found.
@@ -65,7 +65,7 @@ def fit_material(
         objective.full_horizon,
         config,
     )
-    result = descent.run(checkpoint=checkpoint, on_iteration=on_iteration)
+    result = descent.run(on_iteration=on_iteration)
     return model.with_fields(**result.values), result
 
 
@@ -112,8 +112,13 @@ def scan_youngs_modulus(
     centre = model.fields["youngs_modulus"].mean().item()
     steps = [config.factor ** (i - (config.count - 1) / 2) for i in range(config.count)]
     moduli = sorted({min(max(centre * step, variable.lower), variable.upper) for step in steps})
-    totals = objective.totals_at(model.fields, "youngs_modulus", moduli)
-    return list(zip(moduli, totals, strict=True))
+    found = remembered(
+        "scan",
+        lambda: [moduli, *(part for name in sorted(model.fields) for part in (name, model.fields[name]))],
+        {"totals": (len(moduli),)},
+        lambda: {"totals": np.array(objective.totals_at(model.fields, "youngs_modulus", moduli), np.float64)},
+    )
+    return list(zip(moduli, found["totals"].tolist(), strict=True))
 
 
 def uniform_start(model: Model, variables: list[Variable]) -> Fields:

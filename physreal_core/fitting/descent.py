@@ -3,15 +3,15 @@
 import math
 from collections.abc import Callable
 from dataclasses import dataclass
-from pathlib import Path
 from typing import Any
 
 import torch
 from torch import Tensor
 
+from physreal_core.array_types import Array
+from physreal_core.checkpoints import Checkpoints, checkpoints, record_array, record_of
 from physreal_core.errors import SimulationError
 from physreal_core.fitting.adam import adam_step
-from physreal_core.fitting.checkpoint import load_checkpoint, save_checkpoint
 from physreal_core.fitting.variables import Variable
 
 Fields = dict[str, Tensor]
@@ -21,6 +21,11 @@ Evaluate = Callable[[Fields, int], tuple[Tensor, Terms]]
 
 _STATE = ("free", "anchor", "previous", "best", "first", "second")
 """The tensors of a run, each by variable."""
+
+_RECORD = ("iteration", "shrink", "best_total", "start_terms", "history")
+"""The rest of its state."""
+
+CHECKPOINT = "descent"
 
 
 @dataclass(frozen=True)
@@ -106,23 +111,22 @@ class Descent:
         """The variables' current values, differentiable with respect to the free coordinates."""
         return {v.name: v.value(self._free[v.name]) for v in self.variables}
 
-    def run(
-        self,
-        *,
-        checkpoint: Path | None = None,
-        on_iteration: Callable[[list[dict[str, Any]]], None] = lambda history: None,
-    ) -> DescentResult:
-        """Runs to the last iteration, from the checkpoint if there is one. Raises SimulationError if even the start fails."""
-        if checkpoint is not None and (saved := load_checkpoint(checkpoint)) is not None:
-            self._restore(*saved)
+    def run(self, *, on_iteration: Callable[[list[dict[str, Any]]], None] = lambda history: None) -> DescentResult:
+        """Runs to the last iteration, from the checkpoint if there is one (`physreal_core.checkpoints`).
+
+        Raises:
+            SimulationError: even the start fails.
+        """
+        kept = checkpoints()
+        self._resume(kept)
         ended_early = None
         while self.iteration <= self.config.iterations:
             if not self._iterate():
                 ended_early = f"still not finite after {self.config.rejections} halvings of step {self.iteration}"
                 break
             on_iteration(self.history)
-            if checkpoint is not None and self.iteration % self.config.checkpoint_every == 0:
-                save_checkpoint(checkpoint, *self._snapshot())
+            if kept.folder and (self.iteration % self.config.checkpoint_every == 0 or kept.due(CHECKPOINT)):
+                kept.put(CHECKPOINT, self._snapshot())
         values = {v.name: v.value(self._best[v.name]) for v in self.variables}
         return DescentResult(values, self._best_total, self.history, ended_early)
 
@@ -206,9 +210,12 @@ class Descent:
             for name, free in self._free.items():
                 free.copy_(0.5 * (free + self._previous[name]))
 
-    def _snapshot(self) -> tuple[dict[str, Tensor], dict[str, Any]]:
-        tensors = {f"{group}/{name}": getattr(self, f"_{group}")[name] for group in _STATE for name in self._free}
-        tensors["random"] = torch.get_rng_state()
+    def _tensors(self) -> dict[str, Tensor]:
+        """The run's tensors and the state of torch's random numbers."""
+        own = {f"{group}/{name}": getattr(self, f"_{group}")[name] for group in _STATE for name in self._free}
+        return own | {"random": torch.get_rng_state()}
+
+    def _snapshot(self) -> dict[str, Array]:
         record = {
             "iteration": self.iteration,
             "shrink": self._shrink,
@@ -216,15 +223,29 @@ class Descent:
             "start_terms": self._start_terms,
             "history": self.history,
         }
-        return tensors, record
+        arrays = {name: tensor.detach().cpu().numpy() for name, tensor in self._tensors().items()}
+        return arrays | {"record": record_array(record)}
 
-    def _restore(self, tensors: dict[str, Tensor], record: dict[str, Any]) -> None:
+    def _resume(self, kept: Checkpoints) -> None:
+        """Goes on from the last snapshot, where there is one that fits."""
+        shapes = {name: tuple(tensor.shape) for name, tensor in self._tensors().items()}
+        saved = kept.get(CHECKPOINT, {**shapes, "record": (None,)})
+        if saved is None:
+            return
+        try:
+            record = record_of(saved["record"])
+            iteration, shrink, best_total, start_terms, history = (record[name] for name in _RECORD)
+            random = torch.from_numpy(saved["random"])
+            if not 0 <= iteration == len(history) <= self.config.iterations + 1:
+                raise ValueError(f"iteration {iteration} with {len(history)} rows of history")
+            torch.set_rng_state(random)
+        except (ValueError, KeyError, TypeError, RuntimeError) as error:
+            kept.discard(CHECKPOINT, f"its record does not fit: {error}")
+            return
         with torch.no_grad():
             for name, free in self._free.items():
-                free.copy_(tensors[f"free/{name}"])
+                free.copy_(torch.from_numpy(saved[f"free/{name}"]))
         for group in _STATE[1:]:
-            setattr(self, f"_{group}", {name: tensors[f"{group}/{name}"] for name in self._free})
-        torch.set_rng_state(tensors["random"])
-        self.iteration, self._shrink = record["iteration"], record["shrink"]
-        self._best_total, self._start_terms = record["best_total"], record["start_terms"]
-        self.history = record["history"]
+            setattr(self, f"_{group}", {name: torch.from_numpy(saved[f"{group}/{name}"]) for name in self._free})
+        self.iteration, self._shrink, self.history = iteration, shrink, history
+        self._best_total, self._start_terms = best_total, start_terms

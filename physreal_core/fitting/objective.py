@@ -38,6 +38,7 @@ class Objective:
         self.problem, self.config, self.device = self.rollouts.problem, config, device
         self.stopwatch = Stopwatch(device)
         self._x0 = torch.tensor(problem.body.x0, dtype=self.rollouts.dtype, device=device)
+        self._known_from = _first_known_frame(problem)
 
     @property
     def full_horizon(self) -> int:
@@ -55,7 +56,7 @@ class Objective:
             require_tracks(self._known_entries(), "the objective's tracks")
         if masks is not None and config.mask > 0.0:
             largest = (masks.coverage * masks.known).sum((1, 2)).max()
-            require_pixels(float(largest), "the largest silhouette", "the objective's masks")
+            require_pixels(round(float(largest)), "the largest silhouette", "the objective's masks")
         elif config.settled == motion == 0.0:
             raise InputError(
                 "no term of the objective has a weight and a measurement",
@@ -95,7 +96,7 @@ class Objective:
         """The weighted total (differentiable) and its unweighted terms, over the first `horizon` frames.
 
         Terms: `track_3d`, `track_2d`, `mask`, `settled` as they apply, and for the log `track_error` or
-        `settled_error` [m].
+        `settled_error` [m]. There is no `track_error` where no track is known after frame 0.
         """
         return self._measure(self.rollout(fields, horizon), horizon)
 
@@ -145,7 +146,9 @@ class Objective:
         if tracks.points2d is not None and camera is not None:
             terms["track_2d"] = losses.track_loss_2d(carried, tracks, camera, config)
             weighted = weighted + config.motion_2d * terms["track_2d"].double()
-        return config.motion * weighted, {**terms, "track_error": losses.track_error(carried, tracks)}
+        if horizon > self._known_from:
+            terms["track_error"] = losses.track_error(carried, tracks)
+        return config.motion * weighted, terms
 
     def _silhouettes(self, states: States, horizon: int) -> tuple[Tensor, dict[str, Tensor]]:
         """L_mask with its weight, and its term."""
@@ -154,3 +157,11 @@ class Objective:
         seen = self.rollouts.seen(states.x)[:horizon]
         mask = losses.mask_loss(self.problem.masks, self._x0, seen, states.F[:horizon])
         return self.config.mask * mask.double(), {"mask": mask}
+
+
+def _first_known_frame(problem: Problem) -> int:
+    """The first frame after frame 0 in which a track has a 3D position; the number of frames where there is none."""
+    if problem.tracks is None:
+        return problem.frame_count
+    known = problem.tracks.valid3d[1:].any(1).nonzero().flatten()
+    return 1 + int(known[0]) if len(known) else problem.frame_count

@@ -90,6 +90,10 @@ class Rollouts:
             inputs = EFFECTS[name].act(inputs, own, self.setting)
         return dataclasses.replace(inputs, controllers=inputs.controllers[:frames])
 
+    def substeps(self, fields: Fields) -> int:
+        """Substeps a frame that a rollout with these fields takes; InputError where these are too many."""
+        return self._simulator.substeps(self.inputs(fields).parameters)
+
     def states(self, inputs: Inputs, frames: int | None = None) -> States:
         """The simulator's states of the first `frames` frames (default: all of the inputs).
 

@@ -2,10 +2,11 @@
 
 from collections.abc import Callable
 from dataclasses import dataclass, field, replace
+from functools import partial
 
 from physreal_core.geometry.observation import Observation
 from physreal_core.geometry.pose_refinement import refine_pose
-from physreal_core.geometry.pose_search import SearchSettings, search_pose
+from physreal_core.geometry.pose_search import SearchSettings, remembered_pose, search_pose
 from physreal_core.geometry.similarity import Similarity
 from physreal_core.geometry.surface import SurfacePoints
 
@@ -66,14 +67,13 @@ def align(
     half = observation.reduced(0.5)
     refined = []
     for _, pose in found[: settings.candidates]:
-        refined.append(
-            refine_pose(coarse_surface, half, pose, iterations=settings.coarse_iterations, rests=settings.rests)
-        )
+        coarse = partial(refine_pose, coarse_surface, half, pose, iterations=settings.coarse_iterations)
+        refined.append(remembered_pose("coarse", partial(coarse, rests=settings.rests), pose.matrix))
         on_step()
     refined.sort(key=lambda entry: entry[0])
-    loss, pose = refine_pose(
-        surface, observation, refined[0][1], iterations=settings.fine_iterations, step=0.005, rests=settings.rests
-    )
+    best = refined[0][1]
+    fine = partial(refine_pose, surface, observation, best, iterations=settings.fine_iterations, step=0.005)
+    loss, pose = remembered_pose("fine", partial(fine, rests=settings.rests), best.matrix)
     on_step()
     return Alignment(pose, loss, tuple(value for value, _ in refined))
 

@@ -1,13 +1,16 @@
 """Coarse localisation: differential evolution over (R, t, s) on low-resolution mask, depth and colour
 (eq. localization_loss with surface points in place of Gaussians, many candidates at once)."""
 
+from collections.abc import Callable
 from dataclasses import dataclass
+from typing import Any
 
 import numpy as np
 from scipy.optimize import differential_evolution
 from scipy.spatial.transform import Rotation
 
 from physreal_core.array_types import Array, Float
+from physreal_core.checkpoints import remembered
 from physreal_core.geometry.observation import Observation
 from physreal_core.geometry.similarity import Similarity
 from physreal_core.geometry.surface import SurfacePoints
@@ -120,13 +123,32 @@ def search_pose(
     axes = np.linalg.svd(surface.points - centre, full_matrices=False)[2]
     found = []
     for restart in range(settings.restarts):
-        found.append(_evolve_everywhere(loss, centre, settings, settings.seed + restart))
+        seed = settings.seed + restart
+        found.append(remembered_pose("restart", lambda s=seed: _evolve_everywhere(loss, centre, settings, s), seed))
         on_restart()
     found = _distinct(sorted(found, key=lambda entry: entry[0]))
     best = found[0][1]
     starts = [pose for _, pose in found] + _look_alikes(loss, best, centre, axes)
-    improved = [_evolve_around(loss, pose, centre, settings.seed) for pose in starts]
+    improved = [
+        remembered_pose("look-alike", lambda pose=pose: _evolve_around(loss, pose, centre, settings.seed), pose.matrix)
+        for pose in starts
+    ]
     return _distinct(sorted(improved, key=lambda entry: entry[0]))
+
+
+def remembered_pose(
+    name: str, compute: Callable[[], tuple[float, Similarity]], depends: Any
+) -> tuple[float, Similarity]:
+    """A value and the pose that has it, from the checkpoint where there is one."""
+
+    def found() -> dict[str, Array]:
+        value, pose = compute()
+        named = {"value": value, "rotation": pose.rotation, "translation": pose.translation, "scale": pose.scale}
+        return {key: np.asarray(number) for key, number in named.items()}
+
+    shapes = {"value": (), "rotation": (3, 3), "translation": (3,), "scale": ()}
+    known = remembered(name, lambda: [depends], shapes, found)
+    return float(known["value"]), Similarity(known["rotation"], known["translation"], float(known["scale"]))
 
 
 def _look_alikes(loss: LowResolutionLoss, pose: Similarity, centre: Array, axes: Array) -> list[Similarity]:

@@ -8,6 +8,7 @@ from itertools import pairwise
 import numpy as np
 
 from physreal_core.array_types import Array, Bool, Float, UInt8
+from physreal_core.checkpoints import remembered
 from physreal_core.perception.flow import inside_image, pixel_grid, sample
 from physreal_core.perception.mask_geometry import (
     distance_to,
@@ -106,14 +107,16 @@ def follow_masks(
     for x in things:
         masks[x.name][0] = x.mask
     for start, stop in pairwise(keys):
-        forth = {x.name: film.carry(masks[x.name][start], start, stop) for x in things}
-        expected = {name: carried[-1] > 0 for name, carried in forth.items()}
-        answers = film.answers(stop, expected, _seen(background, stop))
-        for name, answer in answers.items():
-            if answer is None:
-                unanswered[name].append(stop)
-        film.enter(masks, stop, expected, answers)
-        film.fill_between(masks, start, stop, forth)
+        span = slice(start + 1, stop + 1)
+        found = remembered(
+            "keyframe",
+            lambda start=start: [start, *(masks[x.name][start] for x in things)],
+            {"masks": (len(things), stop - start, *frames[0].shape[:2]), "answered": (len(things),)},
+            lambda start=start, stop=stop: film.follow(masks, start, stop, _seen(background, stop)),
+        )
+        for x, own, answered in zip(things, found["masks"], found["answered"], strict=True):
+            masks[x.name][span] = own
+            unanswered[x.name] += [] if answered else [stop]
         tick()
     _look_again(film, masks, background, keys[1 : 1 + settings.keyframes_back])
     return masks, unanswered
@@ -140,6 +143,18 @@ class _Film:
     segmenter: Segmenter
     flow_between: FlowBetween
     settings: AssociationSettings
+
+    def follow(self, masks: Mapping[str, Array], start: int, stop: int, background: Array) -> dict[str, Array]:
+        """The masks after one keyframe up to the next (also in place), and which things were answered on that."""
+        forth = {x.name: self.carry(masks[x.name][start], start, stop) for x in self.things}
+        expected = {name: carried[-1] > 0 for name, carried in forth.items()}
+        answers = self.answers(stop, expected, background)
+        self.enter(masks, stop, expected, answers)
+        self.fill_between(masks, start, stop, forth)
+        return {
+            "masks": np.stack([masks[x.name][start + 1 : stop + 1] for x in self.things]),
+            "answered": np.array([answers[x.name] is not None for x in self.things]),
+        }
 
     def carry(self, mask: Array, start: int, stop: int) -> list[Float[Array, "H W"]]:
         """Signed distances of a mask carried by the flow from frame `start` to each frame up to `stop`."""

@@ -23,6 +23,7 @@ _WORDS = {
     "white": (0, 360, 0, 0.2, 0.75, 1),
 }
 _WORDS["violet"], _WORDS["magenta"], _WORDS["gray"] = _WORDS["purple"], _WORDS["pink"], _WORDS["grey"]
+COLOUR_WORDS = tuple(sorted(_WORDS))
 
 
 def colour_mask(image: UInt8[Array, "H W 3"], word: str) -> Bool[Array, "H W"]:
@@ -34,7 +35,7 @@ def colour_mask(image: UInt8[Array, "H W 3"], word: str) -> Bool[Array, "H W"]:
     import cv2
 
     if word.lower() not in _WORDS:
-        raise InputError(f"colour word {word!r}", expected="one of " + ", ".join(sorted(_WORDS)))
+        raise InputError(f"colour word {word!r}", expected="one of " + ", ".join(COLOUR_WORDS))
     low, high, min_s, max_s, min_v, max_v = _WORDS[word.lower()]
     hue, saturation, value = np.moveaxis(cv2.cvtColor(image.astype(np.float32) / 255, cv2.COLOR_RGB2HSV), -1, 0)
     turn = (hue >= low) & (hue <= high) if low <= high else (hue >= low) | (hue <= high)

@@ -13,6 +13,7 @@ from dataclasses import dataclass, field
 import numpy as np
 
 from physreal_core.array_types import Array, Bool, Float, UInt8
+from physreal_core.checkpoints import Checkpoints, checkpoints
 from physreal_core.perception.flow import DisFlow, Flow, inside_image, pixel_grid, round_trip_error, sample
 from physreal_core.perception.onnx_tracker import inside_masks
 from physreal_core.perception.tracker import Tracks
@@ -31,6 +32,7 @@ class FlowTracker:
         min_recognised: below this correlation a patch with texture shows something else: the point is lost.
         patch: half size of that patch [px].
         neighbours: tracks that carry the smooth map at a point.
+        kept: checkpoints of the flows, which serve all that is done with one video.
         anchored: whether points are corrected against frame 0; half the cost without.
         max_stray: a point this far [px] from where its neighbours carry it has slipped onto something else.
     """
@@ -45,6 +47,7 @@ class FlowTracker:
     neighbours: int = 24
     max_stray: float = 2.0
     anchored: bool = True
+    kept: Checkpoints = field(default_factory=checkpoints, repr=False)
     _flows: dict[tuple[int, int], Array] = field(default_factory=dict, repr=False)
 
     def track(
@@ -60,7 +63,12 @@ class FlowTracker:
         if len(queries) == 0:
             return Tracks(np.zeros((len(frames), 0, 2), np.float32), np.zeros((len(frames), 0), bool))
         anchor = _Anchor(frames[0], queries, self) if self.anchored else None
-        for t in range(1, len(frames)):
+        kept = checkpoints()
+        name = kept.unique("track", [queries, occluders, self.anchored])
+        shapes = {"points": (None, len(queries), 2), "visible": (None, len(queries)), "last": (len(queries), 2)}
+        if (known := kept.get(name, shapes)) is not None:
+            points, visible = [*known["points"][:-1], known["last"]], [*known["visible"]]
+        for t in range(len(points), len(frames)):
             step, error = self._step(frames, t)
             moved = points[-1] + sample(step, points[-1])
             blocked = (
@@ -73,12 +81,19 @@ class FlowTracker:
                 now, seen = anchor.correct(frames[t], moved, held, None if occluders is None else occluders[t])
             points.append(now)
             visible.append(seen)
+            if kept.due(name) or t == len(frames) - 1:
+                state = {"points": np.stack(points).astype(np.float32), "visible": np.stack(visible), "last": now}
+                kept.put(name, state)
         return Tracks(np.stack(points).astype(np.float32), np.stack(visible))
 
     def flow_between(self, frames: Sequence[Array], source: int, target: int) -> Float[Array, "H W 2"]:
         """Flow between neighbouring frames [px], kept for the next who asks."""
         if (source, target) not in self._flows:
-            self._flows[source, target] = self.flow(frames[source], frames[target])
+            name, shape = f"flow {source} {target}", (*frames[source].shape[:2], 2)
+            if (known := self.kept.get(name, {"flow": shape})) is None:
+                known = {"flow": self.flow(frames[source], frames[target])}
+                self.kept.put(name, known)
+            self._flows[source, target] = known["flow"]
         return self._flows[source, target]
 
     def _step(self, frames: Sequence[Array], t: int) -> tuple[Array, Array]:

@@ -6,6 +6,7 @@ from pathlib import Path
 import numpy as np
 
 from physreal_core.array_types import Array, Bool, Float, UInt8
+from physreal_core.checkpoints import remembered
 from physreal_core.perception.flow import inside_image
 from physreal_core.perception.session import open_session
 from physreal_core.perception.tracker import Tracks
@@ -32,6 +33,19 @@ class OnnxTracker:
         occluders: Bool[Array, "T H W"] | None = None,
     ) -> Tracks:
         """Follow `queries` (u, v) [px] of frame 0; see `Tracker`."""
+        height, width = frames[0].shape[:2]
+        shape = len(frames), len(queries)
+        run = remembered(
+            "track",
+            lambda: [queries],
+            {"points": (*shape, 2), "visible": shape},
+            lambda: self._run(frames, queries),
+        )
+        found, visible = run["points"], run["visible"] & inside_image(run["points"], height, width)
+        return Tracks(found, visible & ~inside_masks(found, occluders) if occluders is not None else visible)
+
+    def _run(self, frames: Sequence[Array], queries: Array) -> dict[str, Array]:
+        """The network's tracks [px], and which of them it takes to be visible."""
         import cv2
 
         height, width = frames[0].shape[:2]
@@ -43,8 +57,7 @@ class OnnxTracker:
         feed = {video_input.name: video.astype(np.float32), query_input.name: points.astype(np.float32)}
         tracks, visibility = (np.asarray(o)[0] for o in self._session.run(None, feed)[:2])
         found = (tracks / scale).astype(np.float32)
-        visible = (visibility.reshape(found.shape[:2]) >= self.min_visibility) & inside_image(found, height, width)
-        return Tracks(found, visible & ~inside_masks(found, occluders) if occluders is not None else visible)
+        return {"points": found, "visible": visibility.reshape(found.shape[:2]) >= self.min_visibility}
 
 
 def inside_masks(points: Float[Array, "T J 2"], masks: Bool[Array, "T H W"]) -> Bool[Array, "T J"]:

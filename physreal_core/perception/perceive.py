@@ -7,6 +7,7 @@ from typing import Any
 import numpy as np
 
 from physreal_core.array_types import Array, Bool, Float, UInt8
+from physreal_core.checkpoints import record_array, record_of, remembered
 from physreal_core.errors import InputError
 from physreal_core.perception.association import Thing, follow_masks
 from physreal_core.perception.chooser import TargetChooser
@@ -85,11 +86,11 @@ def perceive(
         InputError: no controller found, an empty object mask in frame 0, masks of another size.
     """
     report: dict[str, Any] = {}
-    choices = _frame_zero(video, networks, settings, tick)
+    choices = _chosen(video, networks, settings, tick)
     report["chosen_by"] = {name: choice.how for name, choice in choices.items()}
     tracker = networks.tracker or networks.flow
     first = {name: choice.mask for name, choice in choices.items()}
-    masks = _all_masks(video, networks, settings, tracker, first, report, tick)
+    masks = _followed(video, networks, settings, tracker, first, report, tick)
     hands = [name for name in first if name != "object"]
     queries = _queries({name: mask[0] for name, mask in masks.items()}, settings)
     tracks = video.tracks or _tracks_on(masks["object"], tracker, video.frames, queries["object"], settings)
@@ -147,6 +148,21 @@ def motion_map(
     return farthest
 
 
+def _chosen(
+    video: Video, networks: Networks, settings: PerceptionSettings, tick: Callable[[str], None]
+) -> dict[str, Choice]:
+    """`_frame_zero`, from its checkpoint where there is one."""
+
+    def choose() -> dict[str, Array]:
+        choices = _frame_zero(video, networks, settings, tick)
+        told = [(name, choice.how) for name, choice in choices.items()]
+        return {"masks": np.stack([choice.mask for choice in choices.values()]), "told": record_array(told)}
+
+    shapes = {"masks": (None, *video.frames[0].shape[:2]), "told": (None,)}
+    found = remembered("frame zero", lambda: [video.frames[0]], shapes, choose)
+    return {name: Choice(mask, how) for (name, how), mask in zip(record_of(found["told"]), found["masks"], strict=True)}
+
+
 def _frame_zero(
     video: Video, networks: Networks, settings: PerceptionSettings, tick: Callable[[str], None]
 ) -> dict[str, Choice]:
@@ -182,6 +198,28 @@ def _frame_zero(
     tick("object in frame 0")
     names = ["controller"] if len(hands) == 1 else [f"controller {i}" for i in range(len(hands))]
     return {"object": target} | dict(zip(names, hands, strict=True))
+
+
+def _followed(
+    video: Video,
+    networks: Networks,
+    settings: PerceptionSettings,
+    tracker: Tracker,
+    first: Mapping[str, Array],
+    report: dict[str, Any],
+    tick: Callable[[str], None],
+) -> dict[str, Array]:
+    """`_all_masks`, from its checkpoint where there is one; what it tells goes into the report."""
+
+    def follow() -> dict[str, Array]:
+        told: dict[str, Any] = {}
+        masks = _all_masks(video, networks, settings, tracker, first, told, tick)
+        return {"masks": np.stack([masks[name] for name in first]), "told": record_array(told)}
+
+    shape = len(first), len(video.frames), *video.frames[0].shape[:2]
+    found = remembered("masks", lambda: [*first.values()], {"masks": shape, "told": (None,)}, follow)
+    report.update(record_of(found["told"]))
+    return dict(zip(first, found["masks"], strict=True))
 
 
 def _all_masks(

@@ -13,18 +13,18 @@ import numpy as np
 import torch
 
 from physreal_core.array_types import Array, Bool, Float, Tensor
-from physreal_core.errors import SimulationError
+from physreal_core.errors import InputError, SimulationError
 from physreal_core.simulation.body import Body
 from physreal_core.simulation.box import box_corners, largest_box, small_enough
 from physreal_core.simulation.config import SimulationConfig
 from physreal_core.simulation.parameters import Parameters, row_of
 from physreal_core.simulation.stepper import NOT_FAILED, Report, Span, State, Stepper
+from physreal_core.simulation.timestep import LARGEST_SUBSTEPS, needed_substeps, substeps_per_frame
 
 Progress = Callable[[int, int], None]
-Substeps = Callable[[Parameters], int]
-"""Substeps per frame that rollouts with these parameters take, all of them the same."""
 Bars = tuple[Tensor | None, Tensor | None, Tensor | None]
 """Derivatives of the loss by x, v and F at frame times."""
+RUNAWAY = "the body runs away"
 ATTEMPTS = 4  # a frame whose particles leave their box is run again in a larger one, this many times in all
 
 
@@ -55,8 +55,8 @@ class Record:
 class Frames:
     """The frame loop of a stepper's rollouts."""
 
-    def __init__(self, body: Body, config: SimulationConfig, stepper: Stepper, substeps: Substeps) -> None:
-        self.config, self.stepper, self._substeps_of = config, stepper, substeps
+    def __init__(self, body: Body, config: SimulationConfig, stepper: Stepper) -> None:
+        self.config, self.stepper, self._scene = config, stepper, (body, config)
         self._x0 = torch.tensor(body.x0, dtype=stepper.dtype, device=config.device)
         self._gravity = np.linalg.norm(config.gravity)  # its size in each rollout under way
 
@@ -81,7 +81,8 @@ class Frames:
         F = self._x0.new_empty(frames, *shape, 3)
         C = self._x0.new_zeros(frames if keep else 2, *shape, 3)
         rate = torch.zeros_like(C) if stepper.viscous else None
-        record = Record(self._substeps(parameters), C, rate, failures=[None] * stepper.rollouts)
+        substeps, failures = self._substeps(parameters)
+        record = Record(substeps, C, rate, failures=failures)
 
         def state(frame: int) -> State:
             carried = frame if keep else frame % 2
@@ -98,6 +99,7 @@ class Frames:
                 break
         for rollout, failure in enumerate(record.failures):
             if failure is not None:
+                record.failures[rollout] = _with_hand(failure, points[:, rollout])
                 for states in (x, v, F):
                     states[failure.frame + 1 :, rollout] = torch.nan
         return x, v, F, record
@@ -114,7 +116,7 @@ class Frames:
             )
             for _ in range(2)
         ]
-        substeps = self._substeps(parameters)
+        substeps, _ = self._substeps(parameters)
         self._start(parameters, substeps, states[0])
         report, frame = self._first_report(states[0]), 0
         while True:
@@ -124,13 +126,23 @@ class Frames:
             record = Record(substeps, start.C, start.rate, failures=[None])
             report = self._advance(frame, start, end, both.to(self._x0), _travel(both)[0], report, record, 0)
             if record.failures[0] is not None:
-                raise record.failures[0]
+                raise _with_hand(record.failures[0], both[:, 0], frame)
             points, frame = following, frame + 1
 
-    def _substeps(self, parameters: Parameters) -> list[int]:
-        if self.stepper.in_step:
-            return [self._substeps_of(parameters)] * self.stepper.rollouts
-        return [self._substeps_of(row_of(parameters, rollout)) for rollout in range(self.stepper.rollouts)]
+    def _substeps(self, parameters: Parameters) -> tuple[list[int], list[SimulationError | None]]:
+        """Substeps per frame of each rollout; of many, those that would need too many have failed before the first frame."""
+        rollouts = self.stepper.rollouts
+        if self.stepper.in_step and (rollouts == 1 or needed_substeps(*self._scene, parameters) <= LARGEST_SUBSTEPS):
+            return [substeps_per_frame(*self._scene, parameters)] * rollouts, [None] * rollouts
+        counts, failures = [1] * rollouts, [None] * rollouts
+        for rollout in range(rollouts):
+            try:
+                counts[rollout] = substeps_per_frame(*self._scene, row_of(parameters, rollout))
+            except InputError as error:
+                if rollouts == 1:
+                    raise
+                failures[rollout] = SimulationError(str(error), frame=0, substep=0, particle=0)
+        return [max(counts)] * rollouts if self.stepper.in_step else counts, failures
 
     def _start(self, parameters: Parameters, substeps: list[int], state: State) -> None:
         """Load the rollouts' parameters, and put their state at the first frame time into `state`."""
@@ -213,7 +225,7 @@ class Frames:
         fits, given = stepper.fitting(asked)
         for rollout in np.flatnonzero(alive & ~fits):
             alone = small_enough(count[rollout], largest_box(stepper.particles))
-            what = f"{stepper.rollouts} rollouts are too many for so large a box" if alone else "the body runs away"
+            what = f"{stepper.rollouts} rollouts are too many for so large a box" if alone else RUNAWAY
             particle = int(v[rollout].norm(dim=1).argmax())
             record.failures[rollout] = SimulationError(what, frame=frame, substep=0, particle=particle)
         boxes = np.full((len(first), 6), 3, dtype=np.int32)  # of those that do not run: the smallest there is
@@ -283,6 +295,25 @@ def _travel(points: Tensor) -> Float[Array, "frames rollouts"]:
     if points.shape[2] == 0 or len(points) < 2:
         return np.zeros((len(points), points.shape[1]))
     return (points[1:] - points[:-1]).norm(dim=-1).amax(-1).double().cpu().numpy()
+
+
+def _with_hand(failure: SimulationError, points: Tensor, first: int = 0) -> SimulationError:
+    """A body that runs away with the controller point that moved farthest within a frame until then, which may have torn it.
+
+    Args:
+        failure: any.
+        points: controller points at frame times [m], shape [T, C, 3].
+        first: frame of the first of them.
+    """
+    until = points[: failure.frame - first + 2]
+    if failure.what != RUNAWAY or until.shape[1] == 0 or len(until) < 2:
+        return failure
+    moved = (until[1:] - until[:-1]).norm(dim=-1)
+    frame, controller = divmod(int(moved.argmax()), moved.shape[1])
+    path = f"controller point {controller} moves {float(moved.max()):.3g} m from frame {first + frame} to {first + frame + 1}"
+    return SimulationError(
+        f"{RUNAWAY}; {path}", frame=failure.frame, substep=failure.substep, particle=failure.particle
+    )
 
 
 def _before_failures(bars: Bars, record: Record) -> Bars:

@@ -5,7 +5,6 @@ The backward pass is the exact adjoint of the discrete step (`frames`).
 
 from collections.abc import Iterator
 from contextlib import AbstractContextManager, contextmanager
-from functools import partial
 
 import torch
 from torch.autograd.function import once_differentiable
@@ -50,15 +49,14 @@ class Simulator:
         self._scene = (body, config, grip, tuple(clamps), tuple(loads))
         self._dormant = dormant_values(config.terms, body, config.gravity)
         self._threads = torch.get_num_threads()
-        self._substeps_of = partial(substeps_per_frame, body, config)
         self._batch: Frames | None = None
         with self._stream():
             self._loop = self._frames()
         self._stepper = self._loop.stepper
 
     def substeps(self, parameters: Parameters) -> int:
-        """Substeps per frame that a rollout with these parameters takes."""
-        return self._substeps_of(self._complete(parameters))
+        """Substeps per frame that a rollout with these parameters takes; InputError where these are too many."""
+        return substeps_per_frame(self.body, self.config, self._complete(parameters))
 
     def rollout(
         self, parameters: Parameters, controllers: Float[Tensor, "frames points 3"], progress: Progress | None = None
@@ -129,7 +127,7 @@ class Simulator:
     def _frames(self, rollouts: int = 1) -> Frames:
         """A frame loop on a form of the step of its own."""
         stepper = make_stepper(*self._scene, rollouts=rollouts, threads=self._threads if rollouts == 1 else None)
-        return Frames(self.body, self.config, stepper, self._substeps_of)
+        return Frames(self.body, self.config, stepper)
 
     def _stream(self) -> AbstractContextManager:
         """Where a loop runs: on a GPU on a stream that allows graphs."""

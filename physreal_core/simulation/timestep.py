@@ -5,6 +5,7 @@ import math
 import torch
 
 from physreal_core.array_types import Tensor
+from physreal_core.errors import InputError
 from physreal_core.simulation.body import Body
 from physreal_core.simulation.config import SimulationConfig
 from physreal_core.simulation.parameters import Parameters
@@ -20,6 +21,15 @@ MEMORY, LATE = 8, 0.05
 that is less than this share of a frame."""
 SHARE_OF_ELASTIC = 0.7
 """Share of the elastic substep that a longer memory is to save."""
+
+USUAL_SUBSTEPS = 1000
+"""Substeps of a frame up to which nothing is said: twenty times those of the example, whose fits would take a quarter of an
+hour each."""
+LARGEST_SUBSTEPS = 20_000
+"""Substeps of a frame beyond which nothing is simulated. A particle at 0.1 m/s then moves by as much in a substep as its position
+is rounded by in float32, and a rollout of a small body takes minutes."""
+_USUAL = {"youngs_modulus": 1e6, "poissons_ratio": 0.3, "density": 300.0, "cell": 0.016, "fps": 30.0, "courant": 0.6}
+"""Values beside which a parameter is said to be the cause of short substeps."""
 
 
 def elastic_step(body: Body, config: SimulationConfig, parameters: Parameters) -> float:
@@ -117,8 +127,61 @@ def force_step(body: Body, config: SimulationConfig, parameters: Parameters) -> 
     return config.courant * 2.0 / rate if rate > 0 else math.inf
 
 
+def needed_substeps(body: Body, config: SimulationConfig, parameters: Parameters) -> float:
+    """Substeps that a frame takes, of many rollouts the largest number, before it is rounded up; however many these are."""
+    step = min(viscous_step(body, config, parameters), force_step(body, config, parameters))
+    return 1.0 / (config.fps * step) if step > 0.0 else math.inf
+
+
 def substeps_per_frame(body: Body, config: SimulationConfig, parameters: Parameters) -> int:
     """Number of equal substeps of a frame, of many rollouts the largest; not differentiated. A grip asks for none
-    (`grip_inertia`)."""
-    step = min(viscous_step(body, config, parameters), force_step(body, config, parameters))
-    return max(1, math.ceil(1.0 / (config.fps * step)))
+    (`grip_inertia`).
+
+    Raises:
+        InputError: more than LARGEST_SUBSTEPS, naming the parameter that causes it.
+    """
+    count = needed_substeps(body, config, parameters)
+    if not count <= LARGEST_SUBSTEPS:
+        speed = config.courant * body.cell / max(elastic_step(body, config, parameters), 1e-300)
+        raise InputError(
+            f"{count:.3g} substeps a frame (waves of {speed:.3g} m/s in cells of {1e3 * body.cell:.3g} mm,"
+            f" frames of {1e3 / config.fps:.3g} ms)",
+            where="the simulator's time step",
+            expected=f"at most {LARGEST_SUBSTEPS}",
+            remedy=_remedy(body, config, parameters),
+        )
+    return max(1, math.ceil(count))
+
+
+def _remedy(body: Body, config: SimulationConfig, parameters: Parameters) -> str:
+    """What to change: the parameter that shortens the substep most, beside its usual value."""
+    elastic = elastic_step(body, config, parameters)
+    if force_step(body, config, parameters) < elastic:
+        return "weaken the drag, adhesion or obstacle that acts on the particles"
+    if viscous_step(body, config, parameters) < 0.5 * elastic:
+        return "lower the viscosity"
+    E, nu = float(parameters.youngs_modulus.max()), float(parameters.poissons_ratio.max())
+    density = float(_density(body, parameters).min())
+    modulus = lambda nu: (1 - nu) / ((1 + nu) * (1 - 2 * nu))
+    stress = float(_stiffness(config, parameters).max()) / (E * modulus(nu))
+    causes = {
+        f"lower youngs_modulus, which is {E:.3g} Pa (in a fit, its bound `upper` in params.yaml)": (
+            E / _USUAL["youngs_modulus"]
+        )
+        ** 0.5,
+        f"lower poissons_ratio, which is {nu:.6g} (in a fit, its bound `upper` in params.yaml)": (
+            modulus(nu) / modulus(_USUAL["poissons_ratio"])
+        )
+        ** 0.5,
+        f"raise the density, which is {density:.3g} kg/m3 (density in capture.json, or sample_particles.density)": (
+            _USUAL["density"] / density
+        )
+        ** 0.5,
+        f"raise the particles' spacing, which is {body.spacing:.3g} m (sample_particles.spacing)": (
+            _USUAL["cell"] / body.cell
+        ),
+        f"check fps, which is {config.fps:.3g} (fps in capture.json)": _USUAL["fps"] / config.fps,
+        f"raise courant, which is {config.courant:.3g} (simulation.courant)": _USUAL["courant"] / config.courant,
+        "lower the fibres' modulus or the stiffening": stress**0.5,
+    }
+    return max(causes, key=causes.get)

@@ -4,7 +4,7 @@ import dataclasses
 import typing
 from typing import Any, TypeVar
 
-from pydantic import BaseModel, ConfigDict
+from pydantic import BaseModel, ConfigDict, ValidationInfo, field_validator
 
 Settings = TypeVar("Settings")
 
@@ -12,7 +12,20 @@ Settings = TypeVar("Settings")
 class StageParameters(BaseModel):
     """Parameters of one stage. Each field: default, range and `description` with its unit; compose writes them out."""
 
-    model_config = ConfigDict(extra="forbid", frozen=True, validate_default=True)
+    model_config = ConfigDict(extra="forbid", frozen=True, validate_default=True, allow_inf_nan=False)
+
+    @field_validator("*", mode="before")
+    @classmethod
+    def _no_truth_value_for_a_number(cls, value: Any, info: ValidationInfo) -> Any:
+        """YAML reads `yes` and `on` as true, which would be taken for 1."""
+        annotation = cls.model_fields[info.field_name].annotation
+        if isinstance(value, bool) and {int, float} & {annotation, *typing.get_args(annotation)}:
+            raise ValueError("a number, not a truth value")
+        return value
+
+    def files(self) -> tuple[str, ...]:
+        """Files that the parameters name, as paths from the project's root: their content counts as an input."""
+        return ()
 
     def as_settings(self, kind: type[Settings], **given: Any) -> Settings:
         """The core's frozen dataclass `kind`, filled with what stands here under the names of its fields.

@@ -31,11 +31,10 @@ def check_name(name: str, where: str) -> str:
 
 
 def _checked(name: Any) -> str:
-    if not isinstance(name, str):
-        raise ValueError(f"a name, in quotes where YAML would read something else (here: {_kind(name)})")
-    if not _PATTERN.fullmatch(name):
-        raise ValueError(RULE)
-    return name
+    if isinstance(name, str) and _PATTERN.fullmatch(name):
+        return name
+    in_quotes = f"a name, in quotes where YAML would read something else (here: {_kind(name)})"
+    raise ValueError(RULE if isinstance(name, str) else in_quotes)
 
 
 def _kind(value: Any) -> str:

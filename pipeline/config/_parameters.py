@@ -16,6 +16,12 @@ from pipeline.config._errors import as_input_error, unknown_key
 from pipeline.config._names import Name, check_name
 from pipeline.graph import PERCEPTION, STAGES, Graph, Stage
 
+MAX_BYTES = 10_000_000
+"""A params.yaml beyond this is none."""
+
+MAX_NODES = 200_000
+"""Values in a params.yaml, each alias counted as all that it stands for."""
+
 
 class Prediction(StageParameters):
     """A sequence that no model is fitted on: it is rolled out with another sequence's."""
@@ -141,14 +147,58 @@ class Parameters:
 def read_parameters(path: Path) -> dict[str, Any]:
     """The mapping in a YAML file, InputError where it is no mapping or no YAML."""
     try:
-        raw = yaml.safe_load(path.read_text())
+        if path.stat().st_size > MAX_BYTES:
+            raise InputError(
+                f"the file has {path.stat().st_size} bytes", where=str(path), expected=f"at most {MAX_BYTES}"
+            )
+        raw = yaml.load(path.read_text(encoding="utf-8"), Loader=_Loader)
     except FileNotFoundError:
         raise InputError("the file is missing", where=str(path), remedy="run `physreal compose`") from None
-    except yaml.YAMLError as error:
-        raise InputError(f"not readable as YAML: {error}", where=str(path)) from None
+    except UnicodeDecodeError as error:
+        raise InputError(
+            f"byte {error.start} is no text", where=str(path), expected="UTF-8", remedy="save the file as UTF-8"
+        ) from None
+    except (yaml.YAMLError, ValueError, RecursionError) as error:
+        if isinstance(error, InputError):
+            raise
+        said = " ".join(str(error).split())
+        raise InputError(f"not readable as YAML: {said}", where=str(path), remedy="mend it at that place") from None
     if not isinstance(raw, dict):
-        raise InputError("the file holds no mapping", where=str(path), expected="one block per stage")
+        raise InputError(
+            "the file holds no mapping",
+            where=str(path),
+            expected="one block per stage",
+            remedy="run `physreal compose`",
+        )
     return raw
+
+
+class _Loader(yaml.SafeLoader):
+    """Refuses what would be lost in silence, a key that stands twice, and what aliases of aliases blow up."""
+
+    def get_single_node(self) -> yaml.Node | None:
+        node = super().get_single_node()
+        if node is not None and _expanded(node, {}) > MAX_NODES:
+            raise yaml.MarkedYAMLError(problem=f"more than {MAX_NODES} values by its aliases")
+        return node
+
+    def construct_mapping(self, node: yaml.MappingNode, deep: bool = False) -> dict[Any, Any]:
+        seen: set[str] = set()
+        for key in (key for key, _ in node.value if isinstance(key, yaml.ScalarNode)):
+            if key.value in seen:
+                raise yaml.MarkedYAMLError(problem=f"the key {key.value} stands twice", problem_mark=key.start_mark)
+            seen.add(key.value)
+        return super().construct_mapping(node, deep)
+
+
+def _expanded(node: yaml.Node, known: dict[int, int]) -> int:
+    """How many values a node stands for, each alias counted as what it stands for; no bound where it holds itself."""
+    if id(node) not in known:
+        known[id(node)] = MAX_NODES + 1
+        pairs = node.value if isinstance(node, yaml.MappingNode) else []
+        parts = node.value if isinstance(node, yaml.SequenceNode) else [part for pair in pairs for part in pair]
+        known[id(node)] = 1 + sum(_expanded(part, known) for part in parts)
+    return known[id(node)]
 
 
 def validate_parameters(raw: dict[str, Any], file: str = "params.yaml", graph: Graph = STAGES) -> Parameters:

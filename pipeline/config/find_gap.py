@@ -3,6 +3,7 @@
 from pydantic import Field
 
 from pipeline.config._base import StageParameters
+from pipeline.config._effects import EffectName
 from pipeline.config._fitting import Device, device_field
 
 _CALIBRATED = "null: as calibrated on captures of known truth"
@@ -11,7 +12,9 @@ _CALIBRATED = "null: as calibrated on captures of known truth"
 class FindGap(StageParameters):
     """Where the expert model and the measurement disagree, and which effect of the library is missing."""
 
-    candidates: list[str] = Field(default_factory=list, description="effects that are tried; []: the whole library")
+    candidates: list[EffectName] = Field(
+        default_factory=list, description="effects that are tried; []: the whole library"
+    )
     shortlist: int | None = Field(None, ge=1, description=f"candidates that screening hands on to a fit; {_CALIBRATED}")
     seconds: int | None = Field(None, ge=0, description=f"candidates tried beside each of the best ones; {_CALIBRATED}")
     iterations: int | None = Field(None, ge=1, description=f"steps of a candidate's fit, at most; {_CALIBRATED}")

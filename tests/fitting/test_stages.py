@@ -191,7 +191,7 @@ def test_a_fit_killed_at_any_moment_and_rerun_writes_the_same_bytes(tmp_path):
     process.send_signal(signal.SIGKILL)
     assert process.wait() == -signal.SIGKILL
     assert not killed.artifact("fit_global", "lift").exists()
-    assert len(list(live.rglob("checkpoint.safetensors"))) == 1
+    assert len(list(live.rglob("descent.checkpoint"))) == 1
     run_stage("fit_global", "lift", fit_global.run, killed)
     folders = [p.artifact("fit_global", "lift") for p in (whole, killed)]
     for name in sorted(FILES - {"provenance.json"}):

@@ -48,12 +48,12 @@ def test_fit_reaches_the_closed_form_of_a_linear_problem():
 
 def rollouts(request, data, failing=()) -> tuple[list[int], Fit]:
     """How many trials a fit asks for, round by round, where the rollouts of some rounds fail; and where it ends."""
-    sizes, trials = [], next(request)
+    sizes, trials = [], next(request.steps)
     while True:
         answers = [np.full_like(p, np.nan) if len(sizes) in failing else p for p in data.predict(trials)]
         sizes.append(len(trials))
         try:
-            trials = request.send(answers)
+            trials = request.steps.send(answers)
         except StopIteration as done:
             return sizes, done.value
 

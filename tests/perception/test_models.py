@@ -35,15 +35,39 @@ def test_a_network_with_another_hash_is_refused(tmp_path):
         require("sam2", tmp_path)
 
 
-def test_a_converted_network_is_held_to_the_manifest(tmp_path):
+def test_a_converted_network_is_held_to_the_catalogue_whatever_the_manifest_says(tmp_path):
+    """The manifest lies beside the file: who changes one can change the other."""
     recorded = {}
     for file in ("palm.onnx", "hand_landmark.onnx"):
         (tmp_path / file).write_bytes(file.encode())
         recorded[file] = {"sha256": sha256_of(tmp_path / file)}
     (tmp_path / MANIFEST).write_text(json.dumps(recorded))
-    assert set(require("hands", tmp_path)) == {"palm.onnx", "hand_landmark.onnx"}
-    (tmp_path / "palm.onnx").write_bytes(b"changed")
     assert check_files("hands", tmp_path)["palm.onnx"] == sha256_of(tmp_path / "palm.onnx")
+    with pytest.raises(InputError, match=r"palm\.onnx: the network file has SHA-256 .* as pinned.*physreal models"):
+        require("hands", tmp_path)
+
+
+def test_a_conversion_that_depends_on_torch_is_held_to_what_it_was_made_from(tmp_path, monkeypatch):
+    module, name = importlib.import_module("pipeline.models.fetch"), "gmflow_256x384.onnx"
+    place = tmp_path / "optional"
+    place.mkdir()
+    (place / name).write_bytes(b"weights")
+    module._record(place, "gmflow", [name])
+    assert require("gmflow", tmp_path) == {name: place / name}
+    monkeypatch.setattr(module, "digest_code", lambda source: "another converter")
+    with pytest.raises(InputError, match="missing.*physreal models gmflow"):
+        require("gmflow", tmp_path)
+    monkeypatch.undo()
+    (place / name).write_bytes(b"other weights")
+    with pytest.raises(InputError, match="SHA-256"):
+        require("gmflow", tmp_path)
+
+
+def test_a_conversion_with_other_bytes_is_not_put_in_place(tmp_path):
+    module = importlib.import_module("pipeline.models.fetch")
+    (tmp_path / "palm.onnx").write_bytes(b"other")
+    with pytest.raises(InputError, match=r"palm\.onnx: its conversion gave SHA-256 .*expected 442204641a.*onnx"):
+        module._check_conversions({"palm.onnx": tmp_path / "palm.onnx"}, catalogue.NETWORKS["hands"])
 
 
 def test_an_archive_with_another_file_in_it_is_refused(tmp_path):

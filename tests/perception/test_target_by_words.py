@@ -184,13 +184,18 @@ def test_networks_that_are_not_fetched_are_named_with_their_command(tmp_path, mo
     assert _networks_for(SegmentAndTrack(segmenter="none", hand_finder="none"), _video(), tmp_path).chooser is None
 
 
-def test_an_own_clip_comes_in_by_path(tmp_path):
-    image, text, tokenizer = (str(path) for path in clip_pair(tmp_path))
-    params = SegmentAndTrack(segmenter="none", hand_finder="none", target="clip", threads=1)
+def test_an_own_clip_comes_in_by_path(tmp_path, monkeypatch):
+    (tmp_path / "params.yaml").touch()
+    monkeypatch.chdir(tmp_path)
+    folder = tmp_path / "data" / "models"
+    folder.mkdir(parents=True)
+    image, text, tokenizer = (str(path.relative_to(tmp_path)) for path in clip_pair(folder))
+    own = {"segmenter": "none", "hand_finder": "none", "target": "clip", "threads": 1}
+    params = SegmentAndTrack(**own)
     with pytest.raises(InputError, match="segment_and_track.clip_image_onnx"):
         _networks_for(params, _video(), tmp_path)
     keys = {"clip_image_onnx": image, "clip_text_onnx": text, "clip_tokenizer": tokenizer}
-    found = _networks_for(params.model_copy(update=keys), _video(), tmp_path).chooser
+    found = _networks_for(SegmentAndTrack(**own, **keys), _video(), tmp_path).chooser
     assert found.scores(_image(), MASKS, "an ocean").argmax() == 2
 
 

@@ -7,12 +7,13 @@ import pytest
 from PIL import Image
 
 from pipeline.capture import capture_of, read_capture
+from pipeline.frames import backproject
 from pipeline.products.given_tracks import GivenTracks3d
 from pipeline.products.images import FrameImages
 from pipeline.products.quality import Quality
 from pipeline.project import Project
 from pipeline.stage import run_stage
-from stages.parse_video import backproject, run, scale_capture
+from stages.parse_video import run, scale_capture
 from tests.pipeline.captures import HEIGHT, WIDTH, K, camera_pose, plane_depth, write_capture, write_project
 
 

@@ -7,10 +7,11 @@ from collections.abc import Callable, Sequence
 import numpy as np
 
 from physreal_core.array_types import Array, Float
+from physreal_core.checkpoints import remembered
 from physreal_core.errors import InputError
 from physreal_core.gap.fits.least_squares import Data, Fit, fit, together
 from physreal_core.gap.fits.unknowns import Unknowns
-from physreal_core.gap.interactions.interaction import Interaction
+from physreal_core.gap.interactions.interaction import Interaction, Trial
 from physreal_core.gap.noise.measurements import Measurements
 from physreal_core.gap.settings import GapSettings
 
@@ -43,15 +44,15 @@ def fit_baseline(
     """
     first = experiments[0]
     unknowns = Unknowns(first.model.fields, (), settings.priors, scalars=unknown_scalars(first, settings))
-    begun = _from_a_guess if len(settings.scan) > 1 else _from_a_fit
-    found, data = begun(experiments, unknowns, settings, progress)
-    uniform = min((fit for fit in found if fit.unknowns is not unknowns), key=lambda fit: fit.energy)
-    progress("baseline with contrast between its patches")
-    found += together([fit(unknowns, data, uniform.vector[None], settings.settling, [uniform.jacobian])], data)
-    best = min((fit for fit in found if fit.unknowns is unknowns), key=lambda fit: fit.energy)
+    start = remembered(
+        "baseline",
+        lambda: Trial(unknowns.fields).told(),
+        {"vector": (len(unknowns),)},
+        lambda: {"vector": _without_reruns(experiments, unknowns, settings, progress)},
+    )["vector"]
     progress("baseline with the numerical error of reruns")
-    measurements = Measurements.around(experiments, unknowns.trial(best.vector), settings)
-    request = fit(unknowns, measurements.train, best.vector[None], settings.settling)
+    measurements = Measurements.around(experiments, unknowns.trial(start), settings)
+    request = fit(unknowns, measurements.train, start[None], settings.settling)
     (converged,) = together([request], measurements.train)
     if not np.isfinite(converged.energy):
         raise InputError(
@@ -69,6 +70,18 @@ def unknown_scalars(experiment: Interaction, settings: GapSettings) -> tuple[str
         "grip_stiffness": settings.grip_fitted and experiment.setting.grip is not None,
     }
     return tuple(name for name, acts in acting.items() if acts)
+
+
+def _without_reruns(
+    experiments: Sequence[Interaction], unknowns: Unknowns, settings: GapSettings, progress: Progress
+) -> Float[Array, " unknowns"]:
+    """Where the fit of the baseline starts once the simulator's numerical error is known."""
+    begun = _from_a_guess if len(settings.scan) > 1 else _from_a_fit
+    found, data = begun(experiments, unknowns, settings, progress)
+    uniform = min((fit for fit in found if fit.unknowns is not unknowns), key=lambda fit: fit.energy)
+    progress("baseline with contrast between its patches")
+    found += together([fit(unknowns, data, uniform.vector[None], settings.settling, [uniform.jacobian])], data)
+    return min((fit for fit in found if fit.unknowns is unknowns), key=lambda fit: fit.energy).vector
 
 
 def _from_a_fit(

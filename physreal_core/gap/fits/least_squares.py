@@ -16,18 +16,32 @@ import numpy as np
 from scipy.special import log_ndtr
 
 from physreal_core.array_types import Array, Float
+from physreal_core.checkpoints import Arrays, remembered
 from physreal_core.gap.fits.unknowns import Unknowns
 from physreal_core.gap.interactions.interaction import Interaction, Trial
 from physreal_core.gap.noise.model import Noise
 
 Predictions = list[Array]
 """Tracks under R trials [m], one array of shape [R, T, J, 3] per interaction."""
-Request = Generator[list[Trial], Predictions, "Fit"]
+Steps = Generator[list[Trial], Predictions, "Fit"]
 
 LONGEST_BASELINE, LONGEST_EFFECT = 0.5, 1.5  # steps of the unknowns, in their coordinates
 DAMPING = 0.3  # least damping after a failed step; then ten times as much
 FINE = 0.2  # factor on the secants' steps, where plain ones lead no further
 SMALL_GAIN = 0.25  # [nat] expected of the next step, below which a fit has converged
+
+
+@dataclass(frozen=True)
+class Request:
+    """A fit that is to be made.
+
+    Args:
+        unknowns: what is fitted.
+        steps: yields trials, is sent their predictions, and returns the fit.
+    """
+
+    unknowns: Unknowns
+    steps: Steps
 
 
 @dataclass(frozen=True)
@@ -159,9 +173,13 @@ def fit(
         iterations: largest number of steps.
         jacobians: whitened tangents of the first unknowns near each start, where they are known.
 
-    Returns:
-        A generator that yields trials, is sent their predictions, and returns the fit.
     """
+    return Request(unknowns, _steps(unknowns, data, starts, iterations, jacobians))
+
+
+def _steps(
+    unknowns: Unknowns, data: Data, starts: Array, iterations: int, jacobians: Sequence[Array]
+) -> Generator[list[Trial], Predictions, Fit]:
     best = 0
     if len(starts) > 1:
         predictions = yield [unknowns.trial(vector) for vector in starts]
@@ -275,18 +293,59 @@ def _finite(columns: Array) -> Array:
 
 def together(requests: Sequence[Request], data: Data) -> list[Fit]:
     """Run fits to the same data in lockstep: in each round, the trials of all fits are one batch per interaction."""
+    first = [next(request.steps) for request in requests]
+    arrays = remembered(
+        "fits",
+        lambda: [value for trials in first for trial in trials for value in trial.told()],
+        {key: shape for n, r in enumerate(requests) for key, shape in _shapes(n, r.unknowns, data).items()},
+        lambda: {
+            key: array
+            for number, found in enumerate(_in_lockstep(requests, first, data))
+            for key, array in _arrays(number, found).items()
+        },
+    )
+    return [_read(number, request.unknowns, data, arrays) for number, request in enumerate(requests)]
+
+
+def _in_lockstep(requests: Sequence[Request], first: Sequence[list[Trial]], data: Data) -> list[Fit]:
+    """The fits, whose first trials have been asked for."""
     fits: list[Fit | None] = [None] * len(requests)
-    wanted = {number: next(request) for number, request in enumerate(requests)}
+    wanted = dict(enumerate(first))
     while wanted:
         trials = [trial for request in wanted.values() for trial in request]
         predictions = data.predict(trials)
-        following, first = {}, 0
+        following, done = {}, 0
         for number, asked in wanted.items():
-            own = [p[first : first + len(asked)] for p in predictions]
-            first += len(asked)
+            own = [p[done : done + len(asked)] for p in predictions]
+            done += len(asked)
             try:
-                following[number] = requests[number].send(own)
-            except StopIteration as done:
-                fits[number] = done.value
+                following[number] = requests[number].steps.send(own)
+            except StopIteration as end:
+                fits[number] = end.value
         wanted = following
     return fits
+
+
+# --- fits as arrays, for their checkpoints --------------------------------------------------------------------------
+
+
+def _shapes(number: int, unknowns: Unknowns, data: Data) -> dict[str, tuple[int | None, ...]]:
+    """Shapes of `_arrays` of the fit with this number."""
+    entries, own = data.rows()[-1].stop, {"vector": (len(unknowns),), "energy": ()}
+    own |= {"residual": (entries,), "jacobian": (entries, len(unknowns))}
+    tracks = [len(experiment.points0) for experiment in data.experiments]
+    own |= {f"predicted {i}": (*shape, 3) for i, shape in enumerate(zip(data.frames, tracks, strict=True))}
+    return {f"{number} {name}": shape for name, shape in own.items()}
+
+
+def _arrays(number: int, found: Fit) -> dict[str, Array]:
+    """A fit but for its unknowns."""
+    own = {name: getattr(found, name) for name in ("vector", "energy", "residual", "jacobian")}
+    own |= {f"predicted {i}": tracks for i, tracks in enumerate(found.predicted)}
+    return {f"{number} {name}": np.asarray(array) for name, array in own.items()}
+
+
+def _read(number: int, unknowns: Unknowns, data: Data, arrays: Arrays) -> Fit:
+    """The fit that `_arrays` was given."""
+    vector, energy, residual, jacobian, *predicted = (arrays[name] for name in _shapes(number, unknowns, data))
+    return Fit(unknowns, vector, residual, jacobian, predicted, float(energy))

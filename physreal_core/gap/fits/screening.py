@@ -14,6 +14,7 @@ from dataclasses import dataclass
 import numpy as np
 
 from physreal_core.array_types import Array, Bool, Float
+from physreal_core.checkpoints import remembered
 from physreal_core.effects import EFFECTS
 from physreal_core.gap.fits.least_squares import Data, Fit, one_sided_evidence
 from physreal_core.gap.fits.plans import Plan, compatible, plans_of
@@ -95,8 +96,13 @@ class Screen:
         """Take the tangents of these plans."""
         trial = baseline.unknowns.trial(baseline.vector)
         trials = [Trial(trial.fields, {**trial.effects, plan.effect.name: v}) for plan in plans for v in plan.steps]
-        changes = data.changes(data.predict(trials), baseline.predicted)
-        changes = np.where(np.isfinite(changes).all(0), changes, 0.0)
+        found = remembered(
+            "screen",
+            lambda: [value for one in (trial, *trials) for value in one.told()],
+            {"changes": (len(baseline.residual), len(trials))},
+            lambda: {"changes": data.changes(data.predict(trials), baseline.predicted)},
+        )
+        changes = np.where(np.isfinite(found["changes"]).all(0), found["changes"], 0.0)
         starts, first = [], 0
         for plan in plans:
             tangents = changes[:, first : first + len(plan.steps)] / plan.sizes

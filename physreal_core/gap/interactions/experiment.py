@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import dataclasses
+import math
 from collections.abc import Iterable, Sequence
 from dataclasses import dataclass
 
@@ -10,6 +11,8 @@ import numpy as np
 import torch
 
 from physreal_core.array_types import Array, Bool, Float, Tensor
+from physreal_core.checkpoints import remembered
+from physreal_core.cores import available_cores
 from physreal_core.effects import EFFECTS, Inputs
 from physreal_core.evidence import require_tracks
 from physreal_core.fitting.model import Model
@@ -19,10 +22,13 @@ from physreal_core.gap.interactions.discretisation import UNCHANGED, Discretisat
 from physreal_core.gap.interactions.interaction import EffectValues, Placement, Trial
 from physreal_core.rendering import carry_points
 from physreal_core.simulation import SimulationConfig, Simulator, States
-from physreal_core.simulation.timestep import substeps_per_frame
+from physreal_core.simulation.timestep import LARGEST_SUBSTEPS, needed_substeps
 
 LARGEST_BATCH = 256
 """Rollouts at once. A GPU is full long before, and their states must fit beside each other."""
+
+PER_CORE = 8
+"""Rollouts at once for each core of a CPU: many enough to keep all busy, few enough to be done within a minute."""
 
 LIKE_SUBSTEPS = 1.2
 """Largest ratio of substeps within a batch on a GPU.
@@ -113,10 +119,13 @@ class Experiment:
         predicted = np.full((len(trials), frames, len(self.points0), 3), np.nan)
         made = self._made(trials, frames)
         for rows in self._batches(made):
-            batch = [made[row] for row in rows]
-            states = self._run(batch, discretisation or UNCHANGED)
-            for row, rollout, (x, F) in zip(rows, batch, states, strict=True):
-                predicted[row] = self._observed(rollout, x, F, frames)
+            found = remembered(
+                "rollouts",
+                lambda rows=rows: [frames, discretisation, *(v for row in rows for v in trials[row].told())],
+                {"tracks": (len(rows), *predicted.shape[1:])},
+                lambda rows=rows: {"tracks": self._tracks([made[row] for row in rows], frames, discretisation)},
+            )
+            predicted[rows] = found["tracks"]
         return predicted
 
     def predict_with_start_sensitivity(
@@ -151,6 +160,13 @@ class Experiment:
             for trial, own, count in zip(trials, effects, needed, strict=True)
         ]
 
+    def _tracks(
+        self, batch: Sequence[_Rollout], frames: int, discretisation: Discretisation | None
+    ) -> Float[Array, "trials frames tracks 3"]:
+        """Where the measurement would see the tracks in rollouts that run together [m]."""
+        states = self._run(batch, discretisation or UNCHANGED)
+        return np.stack([self._observed(one, x, F, frames) for one, (x, F) in zip(batch, states, strict=True)])
+
     def _config_with(self, names: Iterable[str]) -> SimulationConfig:
         """The simulator's configuration with what these effects need."""
         return dataclasses.replace(self._rollouts.config_with(names), device=self.device)
@@ -175,11 +191,14 @@ class Experiment:
         if self.device != "cpu":
             counts = [self._substeps(rollout) for rollout in made]
             alike = [part for rows in groups.values() for part in of_like_counts(rows, counts)]
-        return [rows[first : first + LARGEST_BATCH] for rows in alike for first in range(0, len(rows), LARGEST_BATCH)]
+        largest = LARGEST_BATCH if self.device != "cpu" else PER_CORE * available_cores()
+        return [part for rows in alike for part in in_parts(rows, largest)]
 
     def _substeps(self, rollout: _Rollout) -> int:
         """Substeps per frame that a rollout takes by itself."""
-        return substeps_per_frame(self.problem.body, rollout.config, rollout.inputs.parameters)
+        return math.ceil(
+            min(LARGEST_SUBSTEPS, needed_substeps(self.problem.body, rollout.config, rollout.inputs.parameters))
+        )
 
     def _run(
         self, batch: Sequence[_Rollout], discretisation: Discretisation = UNCHANGED
@@ -205,6 +224,13 @@ class Experiment:
         points0 = tracks.points0 if shift is None else tracks.points0 + shift
         points = carry_points(tracks.binding, points0.to(x), x0, x, F).cpu()
         return self._rollouts.seen(points, rollout.effects)[:frames].double().numpy()
+
+
+def in_parts(rows: Sequence[int], largest: int) -> list[list[int]]:
+    """Rows in parts of about one size, which is `largest` at most and two at least: one rollout by itself would be shared
+    by threads, whose sums round in another order."""
+    count = max(1, min(-(-len(rows) // largest), len(rows) // 2))
+    return [part.tolist() for part in np.array_split(np.asarray(rows), count)]
 
 
 def of_like_counts(rows: Sequence[int], counts: Sequence[int]) -> list[list[int]]:

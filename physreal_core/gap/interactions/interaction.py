@@ -4,7 +4,7 @@ from __future__ import annotations
 
 from collections.abc import Sequence
 from dataclasses import dataclass, field
-from typing import Protocol, runtime_checkable
+from typing import Any, Protocol, runtime_checkable
 
 from physreal_core.array_types import Array, Bool, Float, Tensor
 from physreal_core.effects import Setting
@@ -30,6 +30,10 @@ class Trial:
 
     fields: dict[str, Tensor]
     effects: EffectValues = field(default_factory=dict)
+
+    def told(self) -> tuple[Any, ...]:
+        """All of it as plain values and arrays, for the name of a checkpoint."""
+        return (*(value for name in sorted(self.fields) for value in (name, self.fields[name])), self.effects)
 
 
 @runtime_checkable

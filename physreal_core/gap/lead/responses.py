@@ -15,6 +15,7 @@ import numpy as np
 import torch
 
 from physreal_core.array_types import Array, Float
+from physreal_core.checkpoints import remembered
 from physreal_core.effects.fields import added
 from physreal_core.errors import InputError
 from physreal_core.fitting.model import Model
@@ -85,6 +86,19 @@ def step_responses(
     Raises:
         InputError: a rollout could not go on.
     """
+    tracks = len(problem.tracks.points0)
+    found = remembered(
+        "step responses",
+        lambda: [weights, *(value for name in sorted(model.fields) for value in (name, model.fields[name]))],
+        {"step": (weights.shape[1], 3, problem.frame_count, tracks, 3)},
+        lambda: {"step": _stepped(problem, model, weights, step, device)},
+    )
+    return Responses(found["step"])
+
+
+def _stepped(
+    problem: Problem, model: Model, weights: Float[Array, "particles R"], step: float, device: str
+) -> Float[Array, "R 3 T J 3"]:
     rollouts = Rollouts(problem, model, device=device)
     config = dataclasses.replace(rollouts.config, terms=tuple(sorted({*rollouts.config.terms, "force"})))
     simulator = Simulator(problem.body, config, problem.grip, problem.clamps, problem.loads)
@@ -105,4 +119,4 @@ def step_responses(
         for x, F in zip(states.x, states.F, strict=True)
     ]
     moved = (np.stack(carried[1:]) - carried[0]) / step
-    return Responses(moved.reshape(weights.shape[1], 3, *carried[0].shape))
+    return moved.reshape(weights.shape[1], 3, *carried[0].shape)

@@ -21,6 +21,7 @@ import torch
 from scipy.stats import chi2
 
 from physreal_core.array_types import Array, Bool, Float
+from physreal_core.checkpoints import remembered
 
 
 @dataclass(frozen=True)
@@ -80,13 +81,24 @@ class Noise:
     ) -> None:
         self.valid, self.frames = valid, len(valid)
         self._scale = 1.0 / np.repeat(sigma[valid], 3)
+        found = remembered(
+            "noise",
+            lambda: [sigma, valid, motion, reruns, start_sensitivity],
+            {"basis": (len(self._scale), None), "values": (None,)},
+            lambda: self._modes(sigma, points0, motion, reruns, start_sensitivity, fps, error, device),
+        )
+        self._basis, self._values = torch.from_numpy(found["basis"]).to(device), found["values"]
+
+    def _modes(self, sigma, points0, motion, reruns, start_sensitivity, fps, error, device) -> dict[str, Array]:
+        """Principal axes of the weighted columns of U, shape [n, K], and the variances along them, shape [K]."""
+        valid = self.valid
         parts = [error.reruns * self.rows(reruns), _smooth_field(valid, points0, motion, reruns, fps, error)]
         columns = np.concatenate([*parts, _start_errors(valid, sigma, self.rows(start_sensitivity))], axis=1)
         weighted = torch.from_numpy((columns * self._scale[:, None]).astype(np.float32)).to(device)
         values, vectors = torch.linalg.eigh((weighted.T @ weighted).double())
         kept = values > 1e-6 * values[-1].clamp_min(1e-30)
-        self._basis = weighted @ (vectors[:, kept] / values[kept].sqrt()).float()
-        self._values = values[kept].cpu().numpy()
+        basis = weighted @ (vectors[:, kept] / values[kept].sqrt()).float()
+        return {"basis": basis.cpu().numpy(), "values": values[kept].cpu().numpy()}
 
     def rows(self, fields: Float[Array, "columns frames tracks 3"]) -> Float[Array, "entries columns"]:
         """The valid entries of fields over at least these frames, one column per field."""

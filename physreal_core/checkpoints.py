@@ -1,0 +1,219 @@
+"""Results of long computations on disk, so that a run that was killed goes on from them: one file each, never a pickle.
+
+A file is the SHA-256 digest of what follows, and an npz archive of plain arrays. Whatever is not whole, or does not fit
+what is asked for, is told in a warning, deleted, and computed again.
+"""
+
+from __future__ import annotations
+
+import hashlib
+import io
+import json
+import os
+import shutil
+import time
+import warnings
+from collections import Counter
+from collections.abc import Callable, Mapping, Sequence
+from contextlib import suppress
+from contextvars import ContextVar, Token
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+
+from physreal_core.array_types import Array
+
+Arrays = Mapping[str, Array]
+Shapes = Mapping[str, tuple[int | None, ...]]
+"""Shape of every array by its name; None stands for any length."""
+
+DIGEST_BYTES = hashlib.sha256().digest_size
+SECONDS_BETWEEN = 10.0
+"""Of work that a kill may cost where a state is written now and then [s]."""
+
+
+class Checkpoints:
+    """Named results in a folder, in use by all of the core within a `with` block.
+
+    ```python
+    with Checkpoints(folder):
+        report = find_gap(experiments)  # killed and run again, it goes on from what the folder holds
+    ```
+
+    A folder serves one computation: its code, inputs and settings must be the same in every run.
+
+    Args:
+        folder: where the files lie; it is made with the first. None keeps nothing.
+    """
+
+    def __init__(self, folder: Path | None = None) -> None:
+        self.folder = folder
+        self._written: dict[str, float] = {}
+        self._tokens: list[Token] = []
+        self._asked: Counter[str] = Counter()
+
+    def __enter__(self) -> Checkpoints:  # noqa: PYI034, beartype cannot check Self in a method
+        self._tokens.append(_IN_USE.set(self))
+        return self
+
+    def __exit__(self, *error: object) -> None:
+        _IN_USE.reset(self._tokens.pop())
+
+    def within(self, name: str) -> Checkpoints:
+        """Those of a part of the computation, with names of their own."""
+        return Checkpoints(None if self.folder is None else self.folder / name)
+
+    def unique(self, name: str, depends: Sequence[Any]) -> str:
+        """A name for what is asked for under this one for the first, second, ... time, and depends on these values."""
+        self._asked[name] += 1
+        return f"{name} {self._asked[name]} {digest_of(depends)}"
+
+    def due(self, name: str) -> bool:
+        """Whether the last file of this name, or the first question, is long enough ago for the next file."""
+        now = time.monotonic()
+        return self.folder is not None and now - self._written.setdefault(name, now) >= SECONDS_BETWEEN
+
+    def put(self, name: str, arrays: Arrays) -> None:
+        """Write a result; a kill at any moment leaves the old file or the new one, whole.
+
+        A file that cannot be written (a full disk) is told in a warning: the computation does without it.
+        """
+        if self.folder is None:
+            return
+        path = self._path(name)
+        temporary = path.with_name(path.name + ".partial")
+        try:
+            path.parent.mkdir(parents=True, exist_ok=True)
+            temporary.write_bytes(_packed(arrays))
+            os.replace(temporary, path)
+        except OSError as error:
+            with suppress(OSError):
+                temporary.unlink(missing_ok=True)
+            _warn(f"{path}: no checkpoint could be written ({error.strerror}); the work goes on without it")
+        self._written[name] = time.monotonic()
+
+    def get(self, name: str, shapes: Shapes) -> Arrays | None:
+        """A result that was written; None where there is none, or where it was damaged and is discarded.
+
+        Args:
+            name: of the result.
+            shapes: that its arrays must have; with others it is discarded.
+        """
+        if self.folder is None or not (path := self._path(name)).is_file():
+            return None
+        try:
+            arrays = _unpacked(path.read_bytes())
+            _require(arrays, shapes)
+        except (OSError, ValueError) as error:
+            self.discard(name, str(error))
+            return None
+        return arrays
+
+    def discard(self, name: str, why: str) -> None:
+        """Tell that a result cannot be used, and delete it."""
+        path = self._path(name)
+        _warn(f"{path}: a damaged checkpoint is discarded ({why}); this part of the work is done again")
+        with suppress(OSError):
+            path.unlink(missing_ok=True)
+
+    def _path(self, name: str) -> Path:
+        return self.folder / f"{name}.checkpoint"
+
+
+_IN_USE: ContextVar[Checkpoints] = ContextVar("checkpoints")
+
+
+_NOTHING_KEPT = Checkpoints()
+
+
+def checkpoints() -> Checkpoints:
+    """Those in use here; outside of any `with Checkpoints(folder)` they keep nothing."""
+    return _IN_USE.get(_NOTHING_KEPT)
+
+
+def remembered(
+    name: str, depends: Callable[[], Sequence[Any]], shapes: Shapes, compute: Callable[[], Arrays]
+) -> Arrays:
+    """The result of `compute`, from its checkpoint where there is one.
+
+    What `compute` itself remembers lies in a folder of this name, and is deleted as soon as the result is there.
+
+    Args:
+        name: of the result, for the reader of a warning.
+        depends: gives the values that tell best what the result depends on, as `digest_of` takes them. A run asks for the
+            same results in the same order every time; if it does not after all, these values differ, too.
+        shapes: of the result's arrays.
+        compute: makes the result.
+    """
+    kept = checkpoints()
+    if kept.folder is None:
+        return _as_read(compute())
+    unique = kept.unique(name, depends())
+    known = kept.get(unique, shapes)
+    inner = kept.within(unique)
+    if known is None:
+        with inner:
+            known = _as_read(compute())
+        kept.put(unique, known)
+    shutil.rmtree(inner.folder, ignore_errors=True)
+    return known
+
+
+def record_array(record: Any) -> Array:
+    """Anything that JSON can hold, as an array of bytes that stands among the arrays of a result."""
+    return np.frombuffer(json.dumps(record).encode(), np.uint8)
+
+
+def record_of(array: Array) -> Any:
+    """What `record_array` was given.
+
+    Raises:
+        ValueError: the bytes are no JSON.
+    """
+    return json.loads(np.asarray(array, np.uint8).tobytes())
+
+
+def digest_of(parts: Sequence[Any]) -> str:
+    """Digest of arrays, tensors, and whatever else has a `repr` that tells all of it."""
+    total = hashlib.sha256()
+    for part in parts:
+        array = np.asarray(part) if hasattr(part, "__array__") else None
+        total.update(repr(part if array is None else (array.dtype.str, array.shape)).encode() + b"\0")
+        if array is not None:
+            total.update(np.ascontiguousarray(array).data)
+    return total.hexdigest()[:16]
+
+
+def _warn(sentence: str) -> None:
+    warnings.warn(sentence, stacklevel=3)
+
+
+def _as_read(arrays: Mapping[str, Any]) -> dict[str, Array]:
+    """Arrays in the order in memory in which they are read back, so that what follows rounds alike in every run."""
+    plain = {name: np.asarray(array) for name, array in arrays.items()}
+    return {name: a if a.flags.forc else np.ascontiguousarray(a) for name, a in plain.items()}
+
+
+def _packed(arrays: Arrays) -> bytes:
+    archive = io.BytesIO()
+    np.savez(archive, **arrays)
+    content = archive.getvalue()
+    return hashlib.sha256(content).digest() + content
+
+
+def _unpacked(packed: bytes) -> dict[str, Array]:
+    digest, content = packed[:DIGEST_BYTES], packed[DIGEST_BYTES:]
+    if hashlib.sha256(content).digest() != digest:
+        raise ValueError(f"its {len(packed)} bytes are not those that were written")
+    with np.load(io.BytesIO(content), allow_pickle=False) as archive:
+        return dict(archive)
+
+
+def _require(arrays: Arrays, shapes: Shapes) -> None:
+    if arrays.keys() != shapes.keys():
+        raise ValueError(f"it holds {', '.join(arrays) or 'nothing'} where {', '.join(shapes)} are wanted")
+    for name, shape in shapes.items():
+        found = arrays[name].shape
+        if len(found) != len(shape) or any(want not in (None, have) for have, want in zip(found, shape, strict=True)):
+            raise ValueError(f"its {name} has the shape {found}, not {shape}")

@@ -5,6 +5,8 @@ from collections.abc import Sequence
 from pathlib import Path
 from typing import Any
 
+import numpy as np
+
 from physreal_core.array_types import Array
 from physreal_core.errors import InputError
 
@@ -37,6 +39,8 @@ def as_annotated(array: Array, annotation: Any, name: str, path: Path, sizes: di
     kinds, called = next(kind for of, kind in _KINDS.items() if of in shaped.dtypes)
     if array.dtype.kind not in kinds:
         raise InputError(f"{name} holds {array.dtype}", where=str(path), expected=called, remedy=remedy)
+    if called == "real numbers" and array.dtype.kind != "f":
+        return array.astype(np.float32)
     return array.astype(bool) if called == "truth values" else array
 
 

@@ -45,9 +45,9 @@ class CaptureTruth(ArrayFile):
     rest_vertices: Float[Array, "V 3"] | None = None
     tets: Int[Array, "M 4"] | None = None
     faces: Int[Array, "F 3"] | None = None
-    vertices: Float[Array, "T V 3"] | None = None
+    vertices: Float[Array, "_ V 3"] | None = None
     gripped: Int[Array, " B"] | None = None
-    hand: Float[Array, "T 3"] | None = None
+    hand: Float[Array, "_ 3"] | None = None
     hand_vertices: Float[Array, "H 3"] | None = None
     hand_faces: Int[Array, "G 3"] | None = None
     T_world_prior: Float[Array, "4 4"] | None = None

@@ -43,7 +43,7 @@ ARRAYS = [
     (Rollout, {"x": POINTS, "F": np.ones((4, 3, 3))}, "F has the shape (4, 3, 3)", "= (4, 3, 3, 3)"),
     (Rollout, {"x": POINTS, "F": np.ones((4, 2, 3, 3))}, "F has the shape (4, 2, 3, 3)", "= (4, 3, 3, 3)"),
     (CaptureTruth, {"E": np.ones(3)}, "E has the shape (3,)", "a single value"),
-    (CaptureTruth, {"vertices": np.float64(1)}, "vertices has the shape ()", "[frames, V, 3]"),
+    (CaptureTruth, {"vertices": np.float64(1)}, "vertices has the shape ()", "[_, V, 3]"),
     (CaptureTruth, {"faces": np.ones((5, 3))}, "faces holds float64", "whole numbers"),
     (CaptureTruth, {"gripped": np.ones((5, 3), int)}, "gripped has the shape (5, 3)", "[B]"),
 ]

@@ -18,8 +18,6 @@ from pathlib import Path
 from statistics import median
 from typing import TYPE_CHECKING
 
-from pipeline.whole_files import write_whole
-
 if TYPE_CHECKING:
     from physreal_core.gap import GapReport
 
@@ -33,7 +31,7 @@ def run_seed(folder: Path, seed: int, sequence: str, recorded: bool) -> Path:
     project = folder / f"seed_{seed}"
     project.mkdir(parents=True, exist_ok=True)
     parameters = re.sub(r"(?m)^seed: \d+", f"seed: {seed}", (ROOT / "params.yaml").read_text())
-    write_whole(project / "params.yaml", parameters)
+    (project / "params.yaml").write_text(parameters)
     (project / "data").mkdir(exist_ok=True)
     if not (project / "data" / "models").exists():
         (project / "data" / "models").symlink_to(ROOT / "data" / "models")

@@ -89,7 +89,15 @@ def render(parameters: Parameters) -> str:
 
 def options_in(path: Path) -> list[str]:
     """What the params.yaml at `path` was composed from."""
-    return read_parameters(path).get("composed_from") or []
+    options = read_parameters(path).get("composed_from") or []
+    if not (isinstance(options, list) and all(isinstance(option, str) for option in options)):
+        raise InputError(
+            f"composed_from = {options!r:.80}",
+            where=str(path),
+            expected="the options that `physreal compose` was given, a list of text",
+            remedy="change composed_from",
+        )
+    return options
 
 
 def _compose_raw(overrides: list[str], conf: Path) -> dict[str, Any]:

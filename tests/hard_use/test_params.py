@@ -9,6 +9,7 @@ from pydantic import BaseModel
 
 from physreal_core.errors import InputError
 from pipeline.capture import capture_of
+from pipeline.compose import options_in
 from pipeline.config import load_parameters, stage_model, validate_parameters
 from pipeline.config._effects import effect_names
 from pipeline.graph import STAGES
@@ -133,6 +134,13 @@ def test_a_file_that_is_no_params_yaml(tmp_path, text, words):
     assert [file.name for file in tmp_path.iterdir()] == ["params.yaml"] and not Path("INJ").exists()
 
 
+@pytest.mark.parametrize("value", ["5", "seed=3", "[5]", "{a: b}"])
+def test_options_that_are_no_list_of_text(tmp_path, value):
+    (tmp_path / "params.yaml").write_text(f"composed_from: {value}\n")
+    with pytest.raises(InputError, match="composed_from = .*expected the options .* a list of text"):
+        options_in(tmp_path / "params.yaml")
+
+
 def test_a_file_that_is_no_text(tmp_path):
     (tmp_path / "params.yaml").write_bytes(b"seed: \xff\n")
     with pytest.raises(InputError, match="byte 6 is no text; expected UTF-8"):
@@ -177,6 +185,7 @@ def test_an_own_network_lies_where_dvc_watches_it(path):
     with pytest.raises(InputError) as raised:
         validate_parameters({"segment_and_track": {"tracker_onnx": path}})
     assert raised.value.what == f"segment_and_track.tracker_onnx = {path!r}"
+    assert "data/models" in STAGES["segment_and_track"].files, "DVC is told to watch it"
     assert raised.value.expected.startswith("a file in data/models/") and "link" in raised.value.expected
 
 

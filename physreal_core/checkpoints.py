@@ -19,6 +19,7 @@ from contextlib import suppress
 from contextvars import ContextVar, Token
 from pathlib import Path
 from typing import Any
+from zipfile import BadZipFile
 
 import numpy as np
 
@@ -45,10 +46,11 @@ class Checkpoints:
 
     Args:
         folder: where the files lie; it is made with the first. None keeps nothing.
+        root: the folder that a warning names: that of the whole computation, for those of a part.
     """
 
-    def __init__(self, folder: Path | None = None) -> None:
-        self.folder = folder
+    def __init__(self, folder: Path | None = None, root: Path | None = None) -> None:
+        self.folder, self.root = folder, root or folder
         self._written: dict[str, float] = {}
         self._tokens: list[Token] = []
         self._asked: Counter[str] = Counter()
@@ -62,36 +64,38 @@ class Checkpoints:
 
     def within(self, name: str) -> Checkpoints:
         """Those of a part of the computation, with names of their own."""
-        return Checkpoints(None if self.folder is None else self.folder / name)
+        return Checkpoints(None if self.folder is None else self.folder / name, self.root)
 
     def unique(self, name: str, depends: Sequence[Any]) -> str:
         """A name for what is asked for under this one for the first, second, ... time, and depends on these values."""
         self._asked[name] += 1
-        return f"{name} {self._asked[name]} {digest_of(depends)}"
+        return name if self.folder is None else f"{name} {self._asked[name]} {digest_of(depends)}"
 
     def due(self, name: str) -> bool:
         """Whether the last file of this name, or the first question, is long enough ago for the next file."""
         now = time.monotonic()
         return self.folder is not None and now - self._written.setdefault(name, now) >= SECONDS_BETWEEN
 
-    def put(self, name: str, arrays: Arrays) -> None:
-        """Write a result; a kill at any moment leaves the old file or the new one, whole.
+    def put(self, name: str, arrays: Arrays) -> bool:
+        """Write a result, and say whether it is there; a kill at any moment leaves the old file or the new one, whole.
 
-        A file that cannot be written (a full disk) is told in a warning: the computation does without it.
+        Where a file cannot be written (a full disk), a warning says so once, and the computation does without it.
         """
         if self.folder is None:
-            return
+            return False
+        self._written[name] = time.monotonic()
         path = self._path(name)
         temporary = path.with_name(path.name + ".partial")
         try:
             path.parent.mkdir(parents=True, exist_ok=True)
-            temporary.write_bytes(_packed(arrays))
+            _write(temporary, arrays)
             os.replace(temporary, path)
         except OSError as error:
             with suppress(OSError):
                 temporary.unlink(missing_ok=True)
-            _warn(f"{path}: no checkpoint could be written ({error.strerror}); the work goes on without it")
-        self._written[name] = time.monotonic()
+            _warn(f"{self.root}: checkpoints cannot be written ({error.strerror}); the work goes on without them")
+            return False
+        return True
 
     def get(self, name: str, shapes: Shapes) -> Arrays | None:
         """A result that was written; None where there is none, or where it was damaged and is discarded.
@@ -103,9 +107,9 @@ class Checkpoints:
         if self.folder is None or not (path := self._path(name)).is_file():
             return None
         try:
-            arrays = _unpacked(path.read_bytes())
+            arrays = _read(path)
             _require(arrays, shapes)
-        except (OSError, ValueError) as error:
+        except (OSError, ValueError, EOFError, KeyError, BadZipFile) as error:
             self.discard(name, str(error))
             return None
         return arrays
@@ -155,7 +159,8 @@ def remembered(
     if known is None:
         with inner:
             known = _as_read(compute())
-        kept.put(unique, known)
+        if not kept.put(unique, known):
+            return known
     shutil.rmtree(inner.folder, ignore_errors=True)
     return known
 
@@ -195,17 +200,20 @@ def _as_read(arrays: Mapping[str, Any]) -> dict[str, Array]:
     return {name: a if a.flags.forc else np.ascontiguousarray(a) for name, a in plain.items()}
 
 
-def _packed(arrays: Arrays) -> bytes:
+def _write(path: Path, arrays: Arrays) -> None:
     archive = io.BytesIO()
     np.savez(archive, **arrays)
-    content = archive.getvalue()
-    return hashlib.sha256(content).digest() + content
+    content = archive.getbuffer()  # a view: a result may take a good part of the memory
+    with path.open("wb") as file:
+        file.write(hashlib.sha256(content).digest())
+        file.write(content)
 
 
-def _unpacked(packed: bytes) -> dict[str, Array]:
-    digest, content = packed[:DIGEST_BYTES], packed[DIGEST_BYTES:]
+def _read(path: Path) -> dict[str, Array]:
+    with path.open("rb") as file:
+        digest, content = file.read(DIGEST_BYTES), file.read()
     if hashlib.sha256(content).digest() != digest:
-        raise ValueError(f"its {len(packed)} bytes are not those that were written")
+        raise ValueError(f"its {len(digest) + len(content)} bytes are not those that were written")
     with np.load(io.BytesIO(content), allow_pickle=False) as archive:
         return dict(archive)
 

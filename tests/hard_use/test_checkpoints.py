@@ -25,7 +25,10 @@ from physreal_core.geometry.similarity import Similarity
 from physreal_core.perception.association import Thing, follow_masks
 from physreal_core.perception.flow_tracker import FlowTracker
 from physreal_core.perception.mask_geometry import spread_points
-from tests.fitting import scene
+from pipeline.provenance import digest_folder
+from pipeline.stage import run_stage
+from stages import predict
+from tests.fitting import scene, test_stages
 from tests.fitting.test_descent import FULL, VARIABLES, spring, start
 from tests.gap.linear import ANSWERS, LinearExperiment, register
 from tests.perception.scene import FilmSegmenter, film
@@ -57,10 +60,10 @@ def descent() -> list[np.ndarray]:
     return [*(value.numpy() for value in found.values.values()), record_array(found.history)]
 
 
-def search() -> list[np.ndarray]:
-    """A whole search for a missing effect, in a linear world where two are missing."""
+def search(second: float = 0.0) -> list[np.ndarray]:
+    """A whole search for a missing effect, in a linear world where one or two are missing."""
     settings = GapSettings(candidates=("drift", "sink"), shortlist=1, model_error=ModelError(rms=3e-4, moved=1e-4))
-    truth = {"sink": {"amount": 0.9}, "drift": {"east": 0.8}}
+    truth = {"sink": {"amount": 0.9}, "drift": {"east": second}}
     report = Search([LinearExperiment(ANSWERS, truth)], settings).run().report()
     return [record_array(repr(report.as_record()))]
 
@@ -77,19 +80,19 @@ def rollouts() -> list[np.ndarray]:
     return [experiment.predict([Trial(_MODEL.fields, effects) for effects in ({}, *wind, *drag)])]
 
 
-_FILM = film(5)
+_FILM = film(4)
 
 
 def tracks() -> list[np.ndarray]:
     """Points followed by the flow."""
-    found = FlowTracker().track(_FILM.frames, spread_points(_FILM.objects[0], 30))
+    found = FlowTracker().track(_FILM.frames, spread_points(_FILM.objects[0], 15))
     return [found.points, found.visible]
 
 
 def masks() -> list[np.ndarray]:
     """An object followed over keyframes."""
     tracker = FlowTracker()
-    thing = Thing("object", _FILM.objects[0], tracker.track(_FILM.frames, spread_points(_FILM.objects[0], 30)))
+    thing = Thing("object", _FILM.objects[0], tracker.track(_FILM.frames, spread_points(_FILM.objects[0], 15)))
     away = spread_points(~_FILM.objects[0], 20)
     background = dataclasses.replace(tracker, anchored=False).track(_FILM.frames, away)
 
@@ -159,6 +162,8 @@ DAMAGES = {
     "cut off": lambda content: content[: len(content) // 2],
     "one bit": flipped,
     "garbage": lambda content: np.random.default_rng(0).bytes(len(content)),
+    "no archive": lambda content: hashlib.sha256(b"no archive").digest() + b"no archive",
+    "nothing but a digest": lambda content: hashlib.sha256(b"").digest(),
     "longer": lambda content: content + b"more",
     "other arrays": lambda content: packed(other=np.zeros(3)),
     "other shapes": lambda content: packed(
@@ -168,6 +173,10 @@ DAMAGES = {
         **{name: np.array([{}], object) for name in np.load(io.BytesIO(content[32:]))}
     ),
 }
+
+
+HEAVY, TYPICAL = ("search", "rollouts", "tracks", "masks"), ("cut off", "one bit", "other shapes", "no archive")
+"""Pieces of a tenth of a second and more, and the damages that they are given."""
 
 
 def same(one: list[np.ndarray], other: list[np.ndarray]) -> bool:
@@ -197,8 +206,10 @@ def files(folder: Path) -> list[Path]:
 # --- damage -----------------------------------------------------------------------------------------------------
 
 
-@pytest.mark.parametrize("damage", DAMAGES)
-@pytest.mark.parametrize("piece", PIECES)
+@pytest.mark.parametrize(
+    ("piece", "damage"),
+    [(piece, damage) for piece in PIECES for damage in DAMAGES if piece not in HEAVY or damage in TYPICAL],
+)
 def test_a_damaged_checkpoint_is_told_and_discarded(piece, damage, tmp_path, undisturbed):
     expected = undisturbed(piece)
     with Checkpoints(tmp_path):
@@ -226,7 +237,7 @@ def test_one_damaged_checkpoint_costs_its_own_part_alone(piece, tmp_path, undist
     last.write_bytes(last.read_bytes()[:-1])
     written = []
     put = Checkpoints.put
-    monkeypatch.setattr(Checkpoints, "put", lambda self, name, arrays: (written.append(name), put(self, name, arrays)))
+    monkeypatch.setattr(Checkpoints, "put", lambda self, name, arrays: written.append(name) or put(self, name, arrays))
     with pytest.warns(UserWarning, match="damaged checkpoint"), Checkpoints(tmp_path):
         assert same(PIECES[piece](), undisturbed(piece))
     others = {path.name for path in paths} - {last.name}
@@ -248,10 +259,11 @@ def test_killed_after_a_checkpoint_and_run_again_it_ends_in_the_same_bytes(
     put, counts = Checkpoints.put, [0]
 
     def killing(self, name, arrays):
-        put(self, name, arrays)
+        done = put(self, name, arrays)
         counts[0] += self.folder is not None
         if counts[0] == after:
             raise Killed
+        return done
 
     with monkeypatch.context() as patched:
         patched.setattr(Checkpoints, "put", killing)
@@ -276,10 +288,72 @@ def test_what_was_finished_is_not_computed_again(piece, tmp_path, monkeypatch):
         assert same(PIECES[piece](), first)
 
 
+def test_a_search_for_two_effects_killed_again_and_again_ends_in_the_same_bytes(tmp_path, monkeypatch):
+    expected, put, counts = search(second=0.8), Checkpoints.put, [0]
+
+    def killing(self, name, arrays):
+        done = put(self, name, arrays)
+        counts[0] += 1
+        if counts[0] % 3 == 0:
+            raise Killed
+        return done
+
+    monkeypatch.setattr(Checkpoints, "put", killing)
+    kills, found = 0, None
+    while found is None:
+        try:
+            with Checkpoints(tmp_path):
+                found = search(second=0.8)
+        except Killed:
+            kills += 1
+    assert kills >= 3 and same(found, expected)
+
+
 def test_parts_are_deleted_once_the_whole_is_there(tmp_path):
     with Checkpoints(tmp_path):
         nested()
     assert [path.name.split()[0] for path in tmp_path.iterdir()] == ["whole", "whole"]
+
+
+# --- stages -----------------------------------------------------------------------------------------------------
+
+
+@pytest.fixture(scope="module")
+def project(tmp_path_factory):
+    """A tiny project whose fits, search and predictions have run."""
+    project = test_stages._project(tmp_path_factory.mktemp("stages"))
+    for stage, run in test_stages.RUNS.items():
+        run_stage(stage, "lift", run, project)
+    run_stage("predict", "push", predict.run, project)
+    return project
+
+
+@pytest.mark.slow  # the stages themselves, half a minute; the pieces above are what they are made of
+@pytest.mark.parametrize("stage", ["fit_global", "fit_patches", "find_gap", "fit_residual", "predict"])
+def test_a_stage_whose_checkpoints_are_damaged_after_a_kill_writes_the_same_bytes(stage, project, monkeypatch):
+    sequence, run = ("push", predict.run) if stage == "predict" else ("lift", test_stages.RUNS[stage])
+    whole, put, counts = digest_folder(project.artifact(stage, sequence)), Checkpoints.put, [0]
+
+    def killing(self, name, arrays):
+        done = put(self, name, arrays)
+        counts[0] += 1
+        if counts[0] == 3:
+            raise Killed
+        return done
+
+    with monkeypatch.context() as patched, pytest.raises(Killed):
+        patched.setattr(Checkpoints, "put", killing)
+        run_stage(stage, sequence, run, project)
+    left = files(project.scratch(stage, sequence))
+    assert left
+    for path in left:
+        path.write_bytes(path.read_bytes()[:-5])
+    with pytest.warns(UserWarning, match="a damaged checkpoint is discarded"):
+        folder = run_stage(stage, sequence, run, project)
+    assert digest_folder(folder) == whole
+    assert not [
+        path for path in project.scratch(stage, sequence).rglob("*") if path.suffix in (".checkpoint", ".partial")
+    ]
 
 
 # --- disks and divergence ---------------------------------------------------------------------------------------
@@ -290,15 +364,28 @@ def test_parts_are_deleted_once_the_whole_is_there(tmp_path):
 def test_a_checkpoint_that_cannot_be_written_is_told_and_the_work_goes_on(
     piece, code, tmp_path, undisturbed, monkeypatch
 ):
-    def full(self, data):
-        self.touch()
+    def full(source, target):
         raise OSError(code, "cannot be written")
 
     expected = undisturbed(piece)
-    monkeypatch.setattr(Path, "write_bytes", full)
-    with pytest.warns(UserWarning, match="no checkpoint could be written .*; the work goes on"), Checkpoints(tmp_path):
+    monkeypatch.setattr(module.os, "replace", full)
+    with pytest.warns(UserWarning, match="checkpoints cannot be written .*; the work goes on"), Checkpoints(tmp_path):
         assert same(PIECES[piece](), expected)
     assert not [path for path in tmp_path.rglob("*") if path.is_file()], "no file is left behind"
+
+
+def test_parts_stay_where_the_whole_cannot_be_written(tmp_path, monkeypatch):
+    replace = module.os.replace
+
+    def full(source, target):
+        if target.name.startswith("whole"):
+            raise OSError(errno.ENOSPC, "No space left on device")
+        replace(source, target)
+
+    monkeypatch.setattr(module.os, "replace", full)
+    with pytest.warns(UserWarning, match=f"{tmp_path}: checkpoints cannot be written"), Checkpoints(tmp_path):
+        nested()
+    assert len(files(tmp_path)) == 6
 
 
 def test_a_file_that_a_kill_left_half_written_is_no_checkpoint(tmp_path, undisturbed):

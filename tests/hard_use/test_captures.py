@@ -256,7 +256,7 @@ FILES = {
     "an open prior": (
         lambda folder: _open_box(folder / "shape_prior.glb"), "mesh is not closed: 3 open edges", "shape_prior.glb", "0"),
     "truth of fewer frames": (
-        arrays("truth.npz", vertices=lambda v: v[:-1]), "vertices has 5 frames", "truth.npz", "6 frames"),
+        arrays("truth.npz", vertices=lambda v: v[:-1], hand=lambda h: h[:-1]), "vertices, hand over 5 frames", "truth.npz", "6 frames"),
     "truth that is not finite": (
         arrays("truth.npz", vertices=put((0, 0, 0), np.nan)), "vertices is an array of float64 of the shape (6, 8, 3)", "truth.npz", "finite"),
     "truth with a vertex that is not there": (

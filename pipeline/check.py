@@ -294,10 +294,10 @@ _OVER_FRAMES = ("vertices", "hand", "gt_track_3d", "object_points", "object_visi
 
 def _judge_truth(truth: dict[str, Any], path: Path, frames: int, found: Findings) -> None:
     remedy = "make truth.npz from this very recording, or leave it out"
-    for name in _OVER_FRAMES:
-        if name in truth and len(truth[name]) < frames:
-            told = f"{name} has {len(truth[name])} frames"
-            found.fault(told, where=str(path), expected=f"the capture's {frames} frames", remedy=remedy)
+    short = {name: len(truth[name]) for name in _OVER_FRAMES if name in truth and len(truth[name]) < frames}
+    if short:
+        told = f"{', '.join(short)} over {min(short.values())} frames"
+        found.fault(told, where=str(path), expected=f"the capture's {frames} frames", remedy=remedy)
     for name, dimensions in (("vertices", 3), ("hand", 2), ("rest_vertices", 2)):
         array = np.asarray(truth.get(name, np.zeros((1,) * (dimensions - 1) + (3,))))
         right = array.ndim == dimensions and array.shape[-1] == 3 and array.dtype.kind in "fiu"

@@ -32,6 +32,8 @@ from pipeline.products.given_tracks import GivenTracks2d, GivenTracks3d
 from pipeline.products.masks import ROLES, Role, mask_folder
 from pipeline.progress import show_progress
 
+LEAST_IN_FRAME_0 = {"object": LEAST_PIXELS, "controller": 1}
+"""Pixels of a mask in frame 0: the object is placed there, the hand found."""
 SHOWN = 5
 """Faults of one kind that are listed; of many alike, the rest are counted."""
 
@@ -293,12 +295,12 @@ def _judge_masks(folder: Path, role: Role, facts: list[tuple[float, int] | None]
         found.warn(
             f"the mask of frame {largest} covers {shares[largest]:.0%} of the image", where=where, expected="one thing"
         )
-    if role == "object" and facts[0] is not None and facts[0][1] < LEAST_PIXELS:
+    if facts[0] is not None and facts[0][1] < LEAST_IN_FRAME_0[role]:
         found.fault(
-            f"the object's mask has {facts[0][1]} pixels",
+            f"the {role}'s mask has {facts[0][1]} pixels",
             where=str(frame_file(mask_folder(folder, role), 0)),
-            expected=f"at least {LEAST_PIXELS} in frame 0, where the object is placed",
-            remedy="look at the mask, or leave masks/object out",
+            expected=f"at least {LEAST_IN_FRAME_0[role]} in frame 0, where the hand holds the object",
+            remedy=f"look at the mask, or leave masks/{role} out",
         )
     empty = sum(fact is not None and fact[1] == 0 for fact in facts)
     if empty > len(shares) / 2:

@@ -237,6 +237,8 @@ FILES = {
         "controller/000002.png", "0 and 255"),
     "no object in frame 0": (
         image("masks/object/000000.png", 0 * FULL), "the object's mask has 0 pixels", "object/000000.png", "at least 20"),
+    "no hand in frame 0": (
+        image("masks/controller/000000.png", 0 * FULL), "the controller's mask has 0 pixels", "controller/000000.png", "at least 1"),
     "a few pixels in frame 0": (
         image("masks/object/000000.png", np.where(np.arange(WIDTH) < 10, FULL, 0)[:1].repeat(36, 0) * (np.arange(36)[:, None] < 1).astype(np.uint8)),
         "the object's mask has 10 pixels", "object/000000.png", "at least 20"),
@@ -254,7 +256,7 @@ FILES = {
     "an open prior": (
         lambda folder: _open_box(folder / "shape_prior.glb"), "mesh is not closed: 3 open edges", "shape_prior.glb", "0"),
     "truth of fewer frames": (
-        arrays("truth.npz", vertices=lambda v: v[:-1]), "vertices has 5 frames", "truth.npz", "6 frames"),
+        arrays("truth.npz", vertices=lambda v: v[:-1], hand=lambda h: h[:-1]), "vertices, hand over 5 frames", "truth.npz", "6 frames"),
     "truth that is not finite": (
         arrays("truth.npz", vertices=put((0, 0, 0), np.nan)), "vertices is an array of float64 of the shape (6, 8, 3)", "truth.npz", "finite"),
     "truth with a vertex that is not there": (
@@ -325,7 +327,7 @@ ODD = {
     "a large mask": (images("masks/object/000003.png", lambda m: np.where(np.arange(36)[:, None] < 30, FULL, 0).astype(np.uint8)), "covers 83% of the image"),
     "masks that overlap": (
         images("masks/controller/*.png", lambda m: np.roll(m, (0, -14), (0, 1))), "are 33% the same"),
-    "an empty hand": (images("masks/controller/*.png", lambda m: 0 * m), "6 of 6 masks are empty"),
+    "an empty hand": (images("masks/controller/00000[2-5].png", lambda m: 0 * m), "4 of 6 masks are empty"),
     "a misspelt file": (lambda folder: (folder / "controllers.npz").rename(folder / "controller.npz"), "did you mean controllers.npz?"),
     "a misspelt folder of masks": (lambda folder: (folder / "masks/controller").rename(folder / "masks/hand"), "nothing reads masks/hand"),
     "no depth": (without("depth", "tracks3d.npz"), "neither depth nor tracks3d.npz"),

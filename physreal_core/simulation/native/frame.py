@@ -28,10 +28,8 @@ WORKSPACE = Structure(
     S* scratch  [threads, nodes + 4, 4] a grid to scatter to for every thread
     S* velocity  [nodes + 4, 4]
     S* node_bar  [nodes + 4, 4]
-    S* polynomials  of the cells, of velocity or node_bar, see transfers.h
     S* momentum  [substeps, nodes, 4] if kept
     unsigned char* kind  [nodes]
-    unsigned char* filled  [nodes + 8] whether there is mass
     S* networks  [threads, network_numbers] for the networks' adjoints
     int* shared  [128] barriers and stop
     """,

@@ -191,9 +191,6 @@ class NativeStepper:
             for name, grids in (("scratch", self._sharing), ("velocity", 1), ("node_bar", 1)):
                 self._give(work, name, self._zeros(count, grids, self._nodes + 4, 4))
             self._give(work, "kind", self._zeros(count, self._nodes, dtype=torch.uint8))
-            self._give(work, "filled", self._zeros(count, self._nodes + 8, dtype=torch.uint8))
-            # a column's nodes are filled up to fours; most of it is never touched
-            self._give(work, "polynomials", self._zeros(count, 9 * (2 * self._nodes + 4), 4))
             self._give(work, "cell_starts", self._zeros(count, self._nodes + 1, dtype=torch.int32))
         if slots > self.slots:
             self.slots, stride = slots, int(self._frames["stride"][0])

@@ -50,52 +50,43 @@ struct IndexSequence {
 template <int N>
 using Count = typename __make_integer_seq<IndexSequence, int, N>::type;
 
-// Four scalars for each particle of a block: written or read as four vectors of lanes, or particle by particle. Vector
-// e of the memory holds particles e, 4 + e, 8 + e, ..., so that all shuffles stay within four neighbouring lanes.
+// Four scalars for each particle of a block: written or read as four vectors of lanes, or particle by particle.
 template <class S>
 class NodeBlock {
     using V = Lanes<S>;
+    using Pair = Lanes<S, 2 * LANES>;
+    using All = Lanes<S, 4 * LANES>;
 
 public:
     NodeBlock() : values_{} {}
     NodeBlock(V a, V b, V c, V d) {
-        const V ab[2] = {woven<0>(a, b), woven<2>(a, b)}, cd[2] = {woven<0>(c, d), woven<2>(c, d)};
-        for (int e = 0; e < 2; e++) {
-            store(values_[2 * e], halves<0>(ab[e], cd[e]));
-            store(values_[2 * e + 1], halves<2>(ab[e], cd[e]));
-        }
+        Count<2 * LANES> twice;
+        write(values_, interleaved(interleaved(a, b, twice), interleaved(c, d, twice), Count<4 * LANES>()));
     }
 
-    Node<S> operator[](int lane) const { return read<Node<S>>(&values_[lane % 4][lane / 4 * 4]); }
-    void set(int lane, Node<S> value) { write(&values_[lane % 4][lane / 4 * 4], value); }
+    Node<S> operator[](int lane) const { return read<Node<S>>(values_ + 4 * lane); }
+    void set(int lane, Node<S> value) { write(values_ + 4 * lane, value); }
 
     // The scalar `c` of all particles.
     template <int c>
     V lanes() const {
-        const V first = woven<c / 2 * 2>(load(values_[0]), load(values_[1]));
-        const V second = woven<c / 2 * 2>(load(values_[2]), load(values_[3]));
-        return halves<c % 2 * 2>(first, second);
+        return every_fourth<c>(read<Pair>(values_), read<Pair>(values_ + 2 * LANES), Count<LANES>());
     }
 
 private:
-    alignas(64) S values_[4][LANES];
+    alignas(64) S values_[4 * LANES];
 
-    // Of every four lanes two, from `first` on: of both vectors in turn, or those of one before those of the other.
-    template <int first>
-    static V woven(V x, V y) {
-        return woven<first>(x, y, Count<LANES>());
+    template <int... I>
+    static Pair interleaved(V a, V b, Indices<I...>) {
+        return __builtin_shufflevector(a, b, (I / 2 + I % 2 * LANES)...);
     }
-    template <int first, int... I>
-    static V woven(V x, V y, Indices<I...>) {
-        return __builtin_shufflevector(x, y, (I / 4 * 4 + first + I % 4 / 2 + I % 2 * LANES)...);
+    template <int... I>
+    static All interleaved(Pair ab, Pair cd, Indices<I...>) {
+        return __builtin_shufflevector(ab, cd, (I / 4 * 2 + I % 2 + I / 2 % 2 * 2 * LANES)...);
     }
-    template <int first>
-    static V halves(V x, V y) {
-        return halves<first>(x, y, Count<LANES>());
-    }
-    template <int first, int... I>
-    static V halves(V x, V y, Indices<I...>) {
-        return __builtin_shufflevector(x, y, (I / 4 * 4 + first + I % 2 + I % 4 / 2 * LANES)...);
+    template <int c, int... I>
+    static V every_fourth(Pair first, Pair second, Indices<I...>) {
+        return __builtin_shufflevector(first, second, (4 * I + c)...);
     }
 };
 
@@ -119,9 +110,6 @@ struct Box {
     int origin[3], count[3];
 
     int nodes() const { return count[0] * count[1] * count[2]; }
-    int columns() const { return count[0] * count[1]; }
-    // Of the cells' polynomials: from one coefficient of a column's cells to the next.
-    int pitch() const { return (count[2] + 4) / 4 * 4; }
     int row(int i, int j) const {
         return 4 * (i * count[1] + j) * count[2];
     }  // scalars from node (0, 0, 0) to (i, j, 0)
@@ -132,14 +120,6 @@ template <class S>
 struct AxisWeights {
     S x[3], y[3];
     Node<S> z;  // the fourth is zero
-};
-
-// Where one particle lies: along x and y from the stencil's middle node [cells], and half of the squares; along z as
-// the weights and their derivatives.
-template <class S>
-struct Place {
-    S x, y, half_xx, half_yy;
-    Node<S> weight, slope;
 };
 
 // Second derivatives of the weights, the same everywhere in a cell.
@@ -153,7 +133,6 @@ struct Stencil {
     V fraction[3];               // distance from the base node [cells], in [1/2, 3/2)
     decltype(V{} < V{}) inside;  // all 27 nodes are stored; false for a position that is not a number
     int base[LANES];             // storage index of the base node
-    int cell[LANES];             // place in the rows of the cells' polynomials
 
     Stencil(const V (&x)[3], const Box<S>& box) {
         using Whole = decltype(inside);
@@ -174,27 +153,18 @@ struct Stencil {
                 slope_.z = NodeBlock<S>(dw[0], dw[1], dw[2], V{});
             } else {
                 for (int o = 0; o < 3; o++) {
-                    store(weight_.xy[3 * d + o], w[o]);
-                    store(slope_.xy[3 * d + o], dw[o]);
+                    store(&weight_.xy[3 * d + o][0], w[o]);
+                    store(&slope_.xy[3 * d + o][0], dw[o]);
                 }
-                store(offset_[d], offset(d));
-                store(half_square_[d], S(0.5) * offset(d) * offset(d));
             }
         }
-        Whole column = base_cell[0] * box.count[1] + base_cell[1];
-        write(base, __builtin_convertvector(column * box.count[2] + base_cell[2], Ints));
-        write(cell, __builtin_convertvector(column * (9 * box.pitch()) + base_cell[2], Ints));
+        Whole first = (base_cell[0] * box.count[1] + base_cell[1]) * box.count[2] + base_cell[2];
+        write(base, __builtin_convertvector(first, Ints));
     }
-
-    // Bits of the lanes whose particle has this base node.
-    unsigned lanes_at(int node) const { return bits(load(base) == node); }
-
-    // From the middle node.
-    V offset(int axis) const { return fraction[axis] - S(1); }
 
     // 4 w n_a, with n_a a node's offset from the particle, is d_a w + skew_a d_a d_a w.
     V skew(int axis) const {
-        V s = offset(axis);
+        V s = fraction[axis] - S(1);
         return s * (S(0.5) - S(2) * s * s);
     }
     // Column a times the skew along axis a.
@@ -206,15 +176,12 @@ struct Stencil {
     }
     // The skew's derivative by the position.
     V skew_slope(int axis) const {
-        V s = offset(axis);
+        V s = fraction[axis] - S(1);
         return S(0.5) - S(6) * s * s;
     }
 
     AxisWeights<S> weights(int lane) const { return weight_.of(lane); }
     AxisWeights<S> slopes(int lane) const { return slope_.of(lane); }
-    Place<S> place(int l) const {
-        return {offset_[0][l], offset_[1][l], half_square_[0][l], half_square_[1][l], weight_.z[l], slope_.z[l]};
-    }
 
 private:
     struct WeightBlock {
@@ -226,7 +193,6 @@ private:
         }
     };
     WeightBlock weight_, slope_;
-    alignas(64) S offset_[2][LANES], half_square_[2][LANES];
 };
 
 // What one particle adds to its nodes: q, and along each axis the shares of the first and second derivatives.
@@ -274,19 +240,20 @@ class Scatter {
 public:
     Scatter(S* grid, const Box<S>& box) : grid_(grid), box_(box) {}
 
-    // The block's first `count` particles, those of a cell one after the other, and before all those of the last cell.
-    void add(const FieldBlock<S>& fields, const Stencil<S>& at, int count) {
-        unsigned left = (1u << count) - 1, group = left & at.lanes_at(base_);
-        for (;;) {
-            left &= ~group;
-            for (; group != 0; group &= group - 1) {
-                const int l = __builtin_ctz(group);
-                add(fields.of(l), at.weights(l), at.slopes(l));
-            }
-            if (left == 0) return;
+    void add(int base, const Field<S>& field, const AxisWeights<S>& w, const AxisWeights<S>& dw) {
+        if (base != base_) {
             flush();
-            base_ = at.base[__builtin_ctz(left)];
-            group = left & at.lanes_at(base_);
+            base_ = base;
+        }
+        const Row<S> ddz = {1, 1, 1, 1, -2, -2, -2, -2, 1, 1, 1, 1, 0, 0, 0, 0};
+        Row<S> wz = spread<S>(w.z), p = wz * repeat<S>(field.q) + spread<S>(dw.z) * repeat<S>(field.gradient[2]);
+        p += ddz * repeat<S>(field.curvature[2]);
+        Row<S> px = wz * repeat<S>(field.gradient[0]), py = wz * repeat<S>(field.gradient[1]), across[3];
+        Row<S> pxx = wz * repeat<S>(field.curvature[0]), pyy = wz * repeat<S>(field.curvature[1]);
+        for (int j = 0; j < 3; j++) across[j] = dw.y[j] * py + S(CURVATURE[j]) * pyy;
+        for (int i = 0; i < 3; i++) {
+            Row<S> along = w.x[i] * p + (dw.x[i] * px + S(CURVATURE[i]) * pxx);
+            for (int j = 0; j < 3; j++) sum_[3 * i + j] += w.y[j] * along + w.x[i] * across[j];
         }
     }
 
@@ -308,19 +275,6 @@ private:
     const Box<S>& box_;
     int base_ = -1;
     Row<S> sum_[9] = {};
-
-    void add(const Field<S>& field, const AxisWeights<S>& w, const AxisWeights<S>& dw) {
-        const Row<S> ddz = {1, 1, 1, 1, -2, -2, -2, -2, 1, 1, 1, 1, 0, 0, 0, 0};
-        Row<S> wz = spread<S>(w.z), p = wz * repeat<S>(field.q) + spread<S>(dw.z) * repeat<S>(field.gradient[2]);
-        p += ddz * repeat<S>(field.curvature[2]);
-        Row<S> px = wz * repeat<S>(field.gradient[0]), py = wz * repeat<S>(field.gradient[1]), across[3];
-        Row<S> pxx = wz * repeat<S>(field.curvature[0]), pyy = wz * repeat<S>(field.curvature[1]);
-        for (int j = 0; j < 3; j++) across[j] = dw.y[j] * py + S(CURVATURE[j]) * pyy;
-        for (int i = 0; i < 3; i++) {
-            Row<S> along = w.x[i] * p + (dw.x[i] * px + S(CURVATURE[i]) * pxx);
-            for (int j = 0; j < 3; j++) sum_[3 * i + j] += w.y[j] * along + w.x[i] * across[j];
-        }
-    }
 };
 
 // Sums over the stencil of a node's values times the weights and their derivatives by the axes in the name.
@@ -330,99 +284,53 @@ struct Derivatives {
     T xy, xz, yz, xxy, xxz, yyx, yyz, zzx, zzy;  // for the adjoint alone
 };
 
-// A grid, to gather from, as polynomials of each cell's place along x and y, nodes along z: with x and y from the
-// cell's middle node,
-//   value = sum over a and b of  x^a / a!  y^b / b!  C_ab,
-// where C_11, say, is the difference of the neighbours along x and y. A column of cells has its nine rows one after the
-// other, `pitch` nodes long, each node four scalars. (To scatter this way would lose the nodes of little mass, which
-// come out as differences then.)
-template <class S>
-class CellPolynomials {
-    using R = Row<S>;
-
-public:
-    CellPolynomials(S* rows, const Box<S>& box) : rows_(rows), box_(box) {}
-
-    // Of the columns from `first` to `last`, where a cell has mass at its middle node.
-    void set(const S* grid, const unsigned char* filled, Index first, Index last) const {
-        const Index ny = box_.count[1], nz = box_.count[2];
-        for (Index column = first; column < last; column++) {
-            if (column / ny > box_.count[0] - 3 || column % ny > ny - 3) continue;
-            const unsigned char* middle = filled + (column + ny + 1) * nz + 1;
-            for (Index k = 0; k < nz; k += 4)  // nodes of the cells from k - 2 to k + 3, and two that do no harm
-                if (read<Index>(middle + k - 2) != 0)
-                    set_four(grid + 4 * (column * nz + k), rows_ + 4 * (9 * column * box_.pitch() + k));
-        }
-    }
-
-    // cell: as Stencil has it.
-    template <bool ADJOINT>
-    Derivatives<Node<S>> gather(int cell, const Place<S>& at) const {
-        const S* row = rows_ + 4 * Index(cell);
-        const Index pitch = 4 * box_.pitch();
-        R c[3], t[3], ty[3], tyy[3];
-        for (int a = 0; a < 3; a++, row += 3 * pitch) {
-            for (int b = 0; b < 3; b++) c[b] = read<R>(row + b * pitch);
-            t[a] = c[0] + at.y * c[1] + at.half_yy * c[2];
-            ty[a] = c[1] + at.y * c[2];
-            tyy[a] = c[2];
-        }
-        const R sx = t[1] + at.x * t[2], sxx = t[2], s = t[0] + at.x * t[1] + at.half_xx * t[2];
-        const R sy = ty[0] + at.x * ty[1] + at.half_xx * ty[2], syy = tyy[0] + at.x * tyy[1] + at.half_xx * tyy[2];
-        const auto sum = [](R r, Node<S> z) {
-            return z[0] * first_node<S>(r) + (z[1] * second_node<S>(r) + z[2] * third_node<S>(r));
-        };
-        const Node<S> ddz = {1, -2, 1, 0};
-        Derivatives<Node<S>> d;
-        d.value = sum(s, at.weight);
-        d.x = sum(sx, at.weight);
-        d.y = sum(sy, at.weight);
-        d.z = sum(s, at.slope);
-        d.xx = sum(sxx, at.weight);
-        d.yy = sum(syy, at.weight);
-        d.zz = sum(s, ddz);
+template <bool ADJOINT, class S>
+inline Derivatives<Node<S>> gather(const S* first, const Box<S>& box, const AxisWeights<S>& w,
+                                   const AxisWeights<S>& dw) {
+    Row<S> s = {}, sx = {}, sxx = {}, sy = {}, syy = {}, sxy = {}, sxxy = {}, syyx = {};
+    for (int i = 0; i < 3; i++) {
+        Row<S> r0 = read<Row<S>>(first + box.row(i, 0)), r1 = read<Row<S>>(first + box.row(i, 1));
+        Row<S> r2 = read<Row<S>>(first + box.row(i, 2));
+        Row<S> t = w.y[0] * r0 + (w.y[1] * r1 + w.y[2] * r2), ty = dw.y[0] * r0 + (dw.y[1] * r1 + dw.y[2] * r2);
+        Row<S> tyy = (r0 - r1) + (r2 - r1);
+        s += w.x[i] * t;
+        sx += dw.x[i] * t;
+        sxx += S(CURVATURE[i]) * t;
+        sy += w.x[i] * ty;
+        syy += w.x[i] * tyy;
         if constexpr (ADJOINT) {
-            d.xy = sum(ty[1] + at.x * ty[2], at.weight);
-            d.xz = sum(sx, at.slope);
-            d.yz = sum(sy, at.slope);
-            d.xxy = sum(ty[2], at.weight);
-            d.xxz = sum(sxx, at.slope);
-            d.yyx = sum(tyy[1] + at.x * tyy[2], at.weight);
-            d.yyz = sum(syy, at.slope);
-            d.zzx = sum(sx, ddz);
-            d.zzy = sum(sy, ddz);
-        }
-        return d;
-    }
-
-private:
-    S* rows_;
-    const Box<S>& box_;
-
-    // At four nodes along z.
-    void set_four(const S* nodes, S* rows) const {
-        R along_x[3][3];
-        for (int j = 0; j < 3; j++) {
-            R r[3];
-            for (int i = 0; i < 3; i++) r[i] = read<R>(nodes + box_.row(i, j));
-            coefficients(r, along_x[0][j], along_x[1][j], along_x[2][j]);
-        }
-        for (int a = 0; a < 3; a++) {
-            R c[3];
-            coefficients(along_x[a], c[0], c[1], c[2]);
-            for (int b = 0; b < 3; b++) write(rows + 4 * (3 * a + b) * Index(box_.pitch()), c[b]);
+            sxy += dw.x[i] * ty;
+            sxxy += S(CURVATURE[i]) * ty;
+            syyx += dw.x[i] * tyy;
         }
     }
-
-    // The quadratic B-spline of three nodes: value, first and second derivative at the middle one.
-    static void coefficients(const R (&r)[3], R& value, R& slope, R& curvature) {
-        curvature = (r[0] + r[2]) - S(2) * r[1];
-        value = r[1] + S(0.125) * curvature;
-        slope = S(0.5) * (r[2] - r[0]);
+    auto sum = [](Row<S> r, Node<S> z) {
+        return z[0] * first_node<S>(r) + (z[1] * second_node<S>(r) + z[2] * third_node<S>(r));
+    };
+    const Node<S> ddz = {1, -2, 1, 0};
+    Derivatives<Node<S>> d;
+    d.value = sum(s, w.z);
+    d.x = sum(sx, w.z);
+    d.y = sum(sy, w.z);
+    d.z = sum(s, dw.z);
+    d.xx = sum(sxx, w.z);
+    d.yy = sum(syy, w.z);
+    d.zz = sum(s, ddz);
+    if constexpr (ADJOINT) {
+        d.xy = sum(sxy, w.z);
+        d.xz = sum(sx, dw.z);
+        d.yz = sum(sy, dw.z);
+        d.xxy = sum(sxxy, w.z);
+        d.xxz = sum(sxx, dw.z);
+        d.yyx = sum(syyx, w.z);
+        d.yyz = sum(syy, dw.z);
+        d.zzx = sum(sx, ddz);
+        d.zzy = sum(sy, ddz);
     }
-};
+    return d;
+}
 
-// What was gathered for a block of particles.
+// What `gather` gave for a block of particles.
 template <bool ADJOINT, class S>
 class MomentBlock {
     using V = Lanes<S>;
@@ -449,7 +357,6 @@ public:
         const int second[3][3] = {{4, 7, 8}, {7, 5, 9}, {8, 9, 6}};
         const int third[3][3] = {{-1, 12, 14}, {10, -1, 15}, {11, 13, -1}};  // [by a][twice by b]
         Vec3<V> out;
-#pragma unroll
         for (int a = 0; a < 3; a++) {
             V sum = dot(field.q, vector(1 + a)) + field.mass * rows_[1 + a].template lanes<3>();
             for (int b = 0; b < 3; b++) {

@@ -53,8 +53,6 @@ public:
             if (stopped()) return;
             update_nodes(s);
             barrier_.wait();
-            set_polynomials(frame_.velocity);
-            barrier_.wait();
             gather_velocity(s);
         }
         if (frame_.keep_states) return;
@@ -66,16 +64,13 @@ public:
     void backward() {
         load_adjoint();
         barrier_.wait();
+        velocities_of_kept(frame_.substeps - 1);
+        barrier_.wait();
         for (Index s = frame_.substeps - 1; s >= 0; s--) {
-            velocities_of_kept(s);
-            barrier_.wait();
-            set_polynomials(frame_.velocity);
-            barrier_.wait();
             scatter_velocity_bar(s);
             barrier_.wait();
             update_nodes_adjoint(s);
-            barrier_.wait();
-            set_polynomials(frame_.node_bar);
+            if (s > 0) velocities_of_kept(s - 1);
             barrier_.wait();
             gather_momentum_bar(s);
         }
@@ -84,7 +79,7 @@ public:
     }
 
 private:
-    using Rows::add_rows, Rows::clear, Rows::fetch, Rows::first_, Rows::gather_columns, Rows::gather_rows, Rows::last_,
+    using Rows::add_rows, Rows::clear, Rows::first_, Rows::gather_columns, Rows::gather_rows, Rows::last_,
         Rows::lanes_from, Rows::matrix, Rows::padded_end, Rows::put, Rows::row_of, Rows::scatter_columns, Rows::vector;
 
     const Frame<S>& frame_;
@@ -288,7 +283,6 @@ private:
         clear_scratch();
         Scatter<S> scatter(scratch_, box_);
         for (Index p = first_; p < last_; p += LANES) {
-            fetch(now, X, RATE, p);
             Vec3<V> x = vector(now, X, p), momentum = pushed_momentum(p, now);
             Mat3<V> F = matrix(now, DEFORMATION, p);
             auto stress = material_.stress(p, F);
@@ -296,7 +290,8 @@ private:
             const auto field =
                 momentum_field(p, momentum, matrix(now, AFFINE, p), all_stress(p, stress, F, now), stencil);
             if (fails(s, p, stencil, x, momentum, field.A)) return;
-            scatter.add(field, stencil, lanes_from(p));
+            for (int l = 0; l < lanes_from(p); l++)
+                scatter.add(stencil.base[l], field.of(l), stencil.weights(l), stencil.slopes(l));
         }
         scatter.flush();
     }
@@ -308,7 +303,6 @@ private:
             Node<S> p = summed(n);
             if (frame_.keep_grids) write(frame_.momentum + 4 * (s * box_.nodes() + n), p);
             write(frame_.velocity + 4 * n, phase.velocity(p, kind_now(phase, n, p, sum_at)));
-            frame_.filled[n] = p[3] > 0;
         }
     }
 
@@ -326,20 +320,12 @@ private:
         return phase.kind_now(frame_.kind[n], p[3], [&] { return at(n - 1)[3]; });
     }
 
-    // Of the grid that is gathered next, this thread's columns.
-    void set_polynomials(const S* grid) const {
-        const Index columns = box_.columns();
-        CellPolynomials<S>(frame_.polynomials, box_)
-            .set(grid, frame_.filled, share_of(columns, thread_, frame_.threads),
-                 share_of(columns, thread_ + 1, frame_.threads));
-    }
-
     template <bool ADJOINT>
-    MomentBlock<ADJOINT, S> gathered(const Stencil<S>& stencil, Index p) const {
-        const CellPolynomials<S> polynomials(frame_.polynomials, box_);
+    MomentBlock<ADJOINT, S> gathered(const S* grid, const Stencil<S>& stencil, Index p) const {
         MomentBlock<ADJOINT, S> moments;
         for (int l = 0; l < lanes_from(p); l++)
-            moments.set(l, polynomials.template gather<ADJOINT>(stencil.cell[l], stencil.place(l)));
+            moments.set(
+                l, gather<ADJOINT>(grid + 4 * Index(stencil.base[l]), box_, stencil.weights(l), stencil.slopes(l)));
         return moments;
     }
 
@@ -347,11 +333,9 @@ private:
         const S* now = state(frame_.keep_states ? s : 0);
         S* next = state(frame_.keep_states ? s + 1 : 0);
         for (Index p = first_; p < last_; p += LANES) {
-            fetch(now, X, 3, p);
-            fetch(now, DEFORMATION, 9, p);
             Vec3<V> x = vector(now, X, p);
             Stencil<S> stencil(x.v, box_);
-            const auto moments = gathered<false>(stencil, p);
+            const auto moments = gathered<false>(frame_.velocity, stencil, p);
             Vec3<V> v = moments.value();
             Mat3<V> C = (1 / frame_.cell) * moments.offset_moments(stencil), F = matrix(now, DEFORMATION, p);
             F = F + (frame_.dt / frame_.cell) * (moments.gradient() * F);
@@ -369,9 +353,8 @@ private:
         for (Index s = 0; s < frame_.substeps; s++) {
             velocities_of_kept(s);
             barrier_.wait();
-            set_polynomials(frame_.velocity);
-            barrier_.wait();
             gather_velocity(s);
+            barrier_.wait();
         }
     }
 
@@ -444,7 +427,6 @@ private:
         for (Index n = first_node_; n < last_node_; n++) {
             Node<S> p = kept_at(n);
             write(frame_.velocity + 4 * n, phase.velocity(p, kind_now(phase, n, p, kept_at)));
-            frame_.filled[n] = p[3] > 0;
         }
     }
 
@@ -454,22 +436,20 @@ private:
         clear_scratch();
         Scatter<S> scatter(scratch_, box_);
         for (Index p = first_; p < last_; p += LANES) {
-            fetch(now, X, 3, p);
-            fetch(now, DEFORMATION, 9, p);
-            fetch(bar, X, RATE, p);
             Vec3<V> x = vector(now, X, p);
             Mat3<V> F = matrix(now, DEFORMATION, p), F_bar = matrix(bar, DEFORMATION, p),
                     C_bar = matrix(bar, AFFINE, p);
             if constexpr (TERMS) C_bar = laws_.average_rate_adjoint(p, C_bar, rate(bar));
             Stencil<S> stencil(x.v, box_);
-            const auto moments = gathered<true>(stencil, p);
+            const auto moments = gathered<true>(frame_.velocity, stencil, p);
             Mat3<V> step = (frame_.dt / frame_.cell) * moments.gradient();
             if constexpr (Material::flows) F_bar = material_.flow_adjoint(p, F + step * F, F_bar);
             Vec3<V> q;
             for (int d = 0; d < 3; d++) q.v[d] = row_of(bar, VELOCITY + d, p) + frame_.dt * row_of(bar, X + d, p);
             const FieldBlock<S> field(q, V{}, (1 / frame_.cell) * C_bar,
                                       (frame_.dt / frame_.cell) * (F_bar * transpose(F)), stencil);
-            scatter.add(field, stencil, lanes_from(p));
+            for (int l = 0; l < lanes_from(p); l++)
+                scatter.add(stencil.base[l], field.of(l), stencil.weights(l), stencil.slopes(l));
             add_position_bar(p, moments.slope(field, stencil));
             put(bar, DEFORMATION, p, F_bar + transpose(step) * F_bar);
         }
@@ -507,14 +487,13 @@ private:
         S* bar = frame_.adjoint;
         apply_forces(s, now);
         for (Index p = first_; p < last_; p += LANES) {
-            fetch(now, X, RATE, p);
             Vec3<V> x = vector(now, X, p), momentum = pushed_momentum(p, now);
             Mat3<V> F = matrix(now, DEFORMATION, p);
             auto stress = material_.stress(p, F);
             Mat3<V> C = matrix(now, AFFINE, p);
             Stencil<S> stencil(x.v, box_);
             V m = row_of(constants(constant::mass), 0, p), volume = row_of(constants(constant::volume), 0, p);
-            const auto moments = gathered<true>(stencil, p);
+            const auto moments = gathered<true>(frame_.node_bar, stencil, p);
             Vec3<V> q_bar = moments.value();
             Mat3<V> apic_bar = moments.offset_moments(stencil);
             const auto field = momentum_field(p, momentum, C, all_stress(p, stress, F, now), stencil);

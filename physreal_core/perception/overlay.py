@@ -37,7 +37,14 @@ def write_video(path: str | Path, pictures: Sequence[UInt8[Array, "h w 3"]], fps
 
     height, width = (n - n % 2 for n in pictures[0].shape[:2])
     writer = imageio_ffmpeg.write_frames(
-        str(path), (width, height), fps=fps, codec="libx264", quality=7, macro_block_size=2, ffmpeg_log_level="error"
+        str(path),
+        (width, height),
+        fps=fps,
+        codec="libx264",
+        quality=7,
+        macro_block_size=2,
+        ffmpeg_log_level="error",
+        output_params=["-threads", "1"],  # with more, one video in about sixty came out in other bytes on a busy machine
     )
     writer.send(None)
     for picture in pictures:

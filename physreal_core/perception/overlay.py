@@ -32,7 +32,7 @@ def draw_overlay(
 
 
 def write_video(path: str | Path, pictures: Sequence[UInt8[Array, "h w 3"]], fps: float) -> None:
-    """H.264 in .mp4 with even sides, so that browsers play it."""
+    """H.264 in .mp4 with even sides, so that browsers play it; by one thread, for with three the bytes differed now and then."""
     import imageio_ffmpeg
 
     height, width = (n - n % 2 for n in pictures[0].shape[:2])
@@ -44,7 +44,7 @@ def write_video(path: str | Path, pictures: Sequence[UInt8[Array, "h w 3"]], fps
         quality=7,
         macro_block_size=2,
         ffmpeg_log_level="error",
-        output_params=["-threads", "1"],  # with more, one video in about sixty came out in other bytes on a busy machine
+        output_params=["-threads", "1"],
     )
     writer.send(None)
     for picture in pictures:

@@ -229,7 +229,7 @@ def kill_stage(project: Project, stage: str, sequence: str, kills: int, seconds:
             ended(process, None)
             row.kills += 1
             row.lost.append(killed - max(started, last_written(scratch)))
-            row.partial += output.exists()
+            row.partial += output.exists() and digest_folder(output) != whole
         if not output.exists():
             to_the_end(lambda: run(stage, sequence, project), log)
         row.ends, row.same = row.ends + 1, row.same + (digest_folder(output) == whole)

@@ -32,12 +32,19 @@ def draw_overlay(
 
 
 def write_video(path: str | Path, pictures: Sequence[UInt8[Array, "h w 3"]], fps: float) -> None:
-    """H.264 in .mp4 with even sides, so that browsers play it."""
+    """H.264 in .mp4 with even sides, so that browsers play it; by one thread, for with three the bytes differed now and then."""
     import imageio_ffmpeg
 
     height, width = (n - n % 2 for n in pictures[0].shape[:2])
     writer = imageio_ffmpeg.write_frames(
-        str(path), (width, height), fps=fps, codec="libx264", quality=7, macro_block_size=2, ffmpeg_log_level="error"
+        str(path),
+        (width, height),
+        fps=fps,
+        codec="libx264",
+        quality=7,
+        macro_block_size=2,
+        ffmpeg_log_level="error",
+        output_params=["-threads", "1"],
     )
     writer.send(None)
     for picture in pictures:

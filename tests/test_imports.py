@@ -22,7 +22,13 @@ BLOCKED = {
     "data", "pipeline", "stages", "tests",
 }  # fmt: skip
 # These run the pipeline's stages or importers, so they need what those need.
-ABOVE = {"benchmarks.gap.rgbd", "benchmarks.kills", "benchmarks.beam", "benchmarks.beam_report", "benchmarks.beam_scene"}
+ABOVE = {
+    "benchmarks.gap.rgbd",
+    "benchmarks.kills",
+    "benchmarks.beam",
+    "benchmarks.beam_report",
+    "benchmarks.beam_scene",
+}
 BARE = f"""
 import importlib, pkgutil, sys
 

@@ -15,7 +15,7 @@ import numpy as np
 from physreal_core.array_types import Array
 from physreal_core.errors import InputError
 from pipeline.capture import FILE, Capture
-from pipeline.check_given import check_description, check_given, judge_counts, read_each, require_world
+from pipeline.check_given import check_description, check_given, judge_counts, read_each, require_world, stands
 from pipeline.config import Parameters
 from pipeline.frames import (
     COLOUR,
@@ -283,9 +283,9 @@ def _judge_tracks_on(folder: Path, away: Callable[[Array, Array], float], reach:
 def check_truth(folder: Path, frames: int, found: Findings) -> None:
     """truth.npz, which `evaluate` alone reads: lengths, indices, numbers."""
     path = folder / CaptureTruth.FILE
-    if not path.is_file():
-        return
     with found.catching():
+        if not stands(path):
+            return
         _judge_truth(CaptureTruth.arrays(path), path, frames, found)
 
 

@@ -3,6 +3,7 @@
 The limits stand in pipeline/plausible.py; pipeline/check.py checks the rest.
 """
 
+import os
 from collections.abc import Callable
 from concurrent.futures import ThreadPoolExecutor
 from pathlib import Path
@@ -31,6 +32,7 @@ from pipeline.products.controllers import Controllers
 from pipeline.products.given_tracks import GivenTracks2d, GivenTracks3d
 from pipeline.products.masks import ROLES, Role, mask_folder
 from pipeline.progress import show_progress
+from pipeline.reading.files import regular_file
 
 LEAST_IN_FRAME_0 = {"object": LEAST_PIXELS, "controller": 1}
 """Pixels of a mask in frame 0: the object is placed there, the hand found."""
@@ -99,6 +101,14 @@ def read_each(count: int, work: Callable[[int], Any], label: str, found: Finding
     return results
 
 
+def stands(path: Path) -> bool:
+    """Whether there is such a file; InputError where something else has its name, such as a pipe or a link to nothing."""
+    if not os.path.lexists(path):
+        return False
+    regular_file(path)
+    return True
+
+
 def check_given(folder: Path, capture: Capture, frames: int, found: Findings, *, fitted: bool = True) -> None:
     """What replaces a part of segment_and_track: tracks, controllers, masks, candidates.
 
@@ -118,7 +128,7 @@ def check_given(folder: Path, capture: Capture, frames: int, found: Findings, *,
 
 def _check_tracks3d(folder: Path, capture: Capture, frames: int, fitted: bool, found: Findings) -> None:
     path = folder / GivenTracks3d.FILE
-    if not path.is_file():
+    if not stands(path):
         return
     given = GivenTracks3d.load(folder)
     points = given.points3d
@@ -142,7 +152,7 @@ def _check_tracks3d(folder: Path, capture: Capture, frames: int, fitted: bool, f
 
 def _check_tracks2d(folder: Path, capture: Capture, frames: int, fitted: bool, found: Findings) -> None:
     path = folder / GivenTracks2d.FILE
-    if not path.is_file():
+    if not stands(path):
         return
     given = GivenTracks2d.load(folder)
     points = given.points2d
@@ -172,7 +182,7 @@ def _check_tracks2d(folder: Path, capture: Capture, frames: int, fitted: bool, f
 
 def _check_controllers(folder: Path, capture: Capture, frames: int, fitted: bool, found: Findings) -> None:
     path = folder / Controllers.FILE
-    if not path.is_file():
+    if not stands(path):
         return
     points = Controllers.load(folder).points
     _check_length(len(points), frames, path, found)

@@ -2,6 +2,7 @@
 
 import hashlib
 import json
+import os
 import shutil
 from pathlib import Path
 
@@ -14,6 +15,9 @@ from data.importers import silicone_beam
 from physreal_core.errors import InputError
 from pipeline.check import Purpose, check_capture, examine
 from pipeline.cli import main
+from pipeline.products.controllers import Controllers
+from pipeline.products.given_tracks import GivenTracks2d, GivenTracks3d
+from pipeline.products.truth import CaptureTruth
 from pipeline.project import Project
 from pipeline.stage import run_stage
 from stages.parse_video import run as parse_video
@@ -277,6 +281,28 @@ def test_a_file_that_cannot_be(video, name):
     edit, what, where, expected = FILES[name]
     fault = the_fault(video, edit)
     assert what in fault.what and where in fault.where and expected in fault.expected, str(fault)
+
+
+OPTIONAL = (GivenTracks3d.FILE, GivenTracks2d.FILE, Controllers.FILE, CaptureTruth.FILE)
+
+
+@pytest.mark.parametrize("file", OPTIONAL)
+def test_a_pipe_in_place_of_a_file_is_told_and_not_waited_for(video, file):
+    def pipe(folder: Path) -> None:
+        (folder / file).unlink(missing_ok=True)
+        os.mkfifo(folder / file)
+
+    fault = the_fault(video, pipe)
+    assert fault.what == "it is a named pipe" and file in fault.where
+
+
+@pytest.mark.parametrize("file", OPTIONAL)
+def test_a_link_to_nothing_is_told(video, file):
+    def link(folder: Path) -> None:
+        (folder / file).unlink(missing_ok=True)
+        (folder / file).symlink_to(folder / "gone.npz")
+
+    assert the_fault(video, link).what == f"{file} is a link to nothing"
 
 
 MOCAP = {

@@ -88,9 +88,10 @@ def test_params_yaml_stays_whole_and_the_command_says_why(project, composed, mon
     assert error.startswith("physreal: ") and REFUSALS[number] in error and "; to mend it, " in error
     assert "params.yaml" in error, "which file"
     assert project.parameters.read_text() == composed and files(project.root) == before
-    with pytest.raises(SystemExit) as raised:
-        main(["add", "new"])
-    assert raised.value.code == 0, "the next try works"
+    if number == errno.ENOSPC:  # what is left behind does not depend on the reason
+        with pytest.raises(SystemExit) as raised:
+            main(["add", "new"])
+        assert raised.value.code == 0, "the next try works"
 
 
 @pytest.mark.parametrize("arguments", [["add", "new"], ["compose", "seed=3"]], ids=lambda words: words[0])

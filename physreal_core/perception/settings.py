@@ -170,6 +170,46 @@ class QuerySettings:
 
 
 @dataclass(frozen=True)
+class TrackerSettings:
+    """How points are followed (`flow_tracker.FlowTracker`)."""
+
+    max_round_trip: float = 1.0
+    """A point is lost where the flow there and back misses by more [px]."""
+    round_trip_share: float = 0.05
+    """And by more than this share of the step itself on top: fast motion is measured less well."""
+    neighbours: int = 16
+    """Tracks that say how the surface around a point moves."""
+    least_neighbours: int = 4
+    """With fewer tracks in sight around it, nothing is said of how a point should move."""
+    spread_floor: float = 0.5
+    """Neighbours that agree to this are taken to agree no better [px]."""
+    max_departure: float = 8.0
+    """A point is lost that departs from its neighbours by more than so many times as they do themselves."""
+    patch: int = 6
+    """Half side of the patch that a point is known by [px]."""
+    grey_noise: float = 3.0
+    """Standard deviation of an image's noise [grey levels]."""
+    min_likeness: float = 0.8
+    """Least correlation with its patch for a point to be corrected by it, or found again (-1 to 1)."""
+    max_correction: float = 3.0
+    """A patch corrects a point by no more than this [px]."""
+    renewed_below: float = 0.9
+    """A point that is corrected while it looks less alike than this gets a new patch: it has turned (-1 to 1)."""
+    renewed_after: int = 5
+    """A point that was not corrected in so many frames, though it is seen, gets a new patch [frames]."""
+    search_reach: int = 6
+    """A lost point is looked for this far around where its neighbours carry it [px]."""
+    search_every: int = 2
+    """Lost points are looked for every so many frames [frames]."""
+    search_limit: int = 150
+    """So many lost points are looked for in a frame, at most; the others have their turn later."""
+    min_distinct: float = 0.05
+    """A point is found again only where it is more alike by this than anywhere else in reach."""
+    min_contrast: float = 5.0
+    """A patch with less contrast than this cannot be looked for [grey levels]."""
+
+
+@dataclass(frozen=True)
 class PerceptionSettings:
     """The numbers of `perceive.perceive`."""
 
@@ -207,6 +247,7 @@ class PerceptionSettings:
     """Nor is one with a smaller share of the largest part's pixels."""
     association: AssociationSettings = field(default_factory=AssociationSettings)
     queries: QuerySettings = field(default_factory=QuerySettings)
+    tracking: TrackerSettings = field(default_factory=TrackerSettings)
 
 
 DEFAULTS = PerceptionSettings()

@@ -140,9 +140,7 @@ class _Following:
         near = self.near[which]
         source = self.points[since[:, None], near]
         usable = held[near] & self.visible[since[:, None], near]
-        return local_map(
-            self.points[since, which], source, self.points[t, near], usable, floor=self.set.spread_floor
-        )
+        return local_map(self.points[since, which], source, self.points[t, near], usable, floor=self.set.spread_floor)
 
     def _judge(self, t: int, held: Array) -> None:
         """Points that depart from their neighbours are lost; lost points ride with theirs."""

@@ -81,9 +81,7 @@ class Templates:
                 before = best = Registered(points.copy(), likeness)
             else:
                 better = likeness > best.likeness
-                best = Registered(
-                    np.where(better[:, None], at, best.points), np.where(better, likeness, best.likeness)
-                )
+                best = Registered(np.where(better[:, None], at, best.points), np.where(better, likeness, best.likeness))
             pull = np.einsum("npc,p,np->nc", self.slopes[which], self.weight, (template - seen) * gain)
             shift = shift + np.clip(np.einsum("nij,nj->ni", self.inverse[which], pull), -1, 1)
         return before, best

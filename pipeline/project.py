@@ -49,6 +49,10 @@ class Project:
         """Held by who imports a capture of this name."""
         return self.root / ".scratch" / "import" / f"{sequence}.lock"
 
+    def description_lock(self, sequence: str) -> Path:
+        """Held by who changes the capture.json of this sequence."""
+        return self.root / ".scratch" / "description" / f"{sequence}.lock"
+
     def artifact(self, stage: str, sequence: str) -> Path:
         return self.root / "data" / "artifacts" / stage / sequence
 

@@ -9,6 +9,7 @@ import numpy as np
 
 from physreal_core.array_types import Array, Bool, Float, UInt8
 from physreal_core.checkpoints import remembered
+from physreal_core.perception.corrections import NONE, Corrections
 from physreal_core.perception.flow import inside_image, pixel_grid, sample
 from physreal_core.perception.mask_geometry import (
     distance_to,
@@ -83,6 +84,7 @@ def follow_masks(
     *,
     stride: int,
     settings: AssociationSettings = DEFAULTS.association,
+    corrections: Corrections = NONE,
     tick: Callable[[], None] = lambda: None,
 ) -> tuple[Mapping[str, Bool[Array, "T H W"]], Mapping[str, list[int]]]:
     """Masks of all things in all frames.
@@ -95,13 +97,14 @@ def follow_masks(
         flow_between: flow from one frame to a neighbour [px].
         stride: keyframe distance [frames].
         settings: of the votes, of the prompts and of the windows.
+        corrections: of frames that were put right by hand; each is a keyframe, and certain.
         tick: called after each keyframe.
 
     Returns:
         Masks by name, and by name the keyframes on which no candidate won, so that the carried mask stood.
     """
-    film = _Film(frames, things, segmenter, flow_between, settings)
-    keys = sorted({*range(0, len(frames), stride), len(frames) - 1})
+    film = _Film(frames, things, segmenter, flow_between, settings, corrections)
+    keys = sorted({*range(0, len(frames), stride), len(frames) - 1, *corrections.keyframes})
     masks = {x.name: np.zeros((len(frames), *frames[0].shape[:2]), bool) for x in things}
     unanswered: dict[str, list[int]] = {x.name: [] for x in things}
     for x in things:
@@ -110,13 +113,14 @@ def follow_masks(
         span = slice(start + 1, stop + 1)
         found = remembered(
             "keyframe",
-            lambda start=start: [start, *(masks[x.name][start] for x in things)],
+            lambda start=start, stop=stop: [start, *(masks[x.name][start] for x in things), corrections.told(stop)],
             {"masks": (len(things), stop - start, *frames[0].shape[:2]), "answered": (len(things),)},
             lambda start=start, stop=stop: film.follow(masks, start, stop, _seen(background, stop)),
         )
         for x, own, answered in zip(things, found["masks"], found["answered"], strict=True):
             masks[x.name][span] = own
             unanswered[x.name] += [] if answered else [stop]
+        corrections.amend(stop, things, masks)
         tick()
     _look_again(film, masks, background, keys[1 : 1 + settings.keyframes_back])
     return masks, unanswered
@@ -143,17 +147,18 @@ class _Film:
     segmenter: Segmenter
     flow_between: FlowBetween
     settings: AssociationSettings
+    corrections: Corrections
 
     def follow(self, masks: Mapping[str, Array], start: int, stop: int, background: Array) -> dict[str, Array]:
         """The masks after one keyframe up to the next (also in place), and which things were answered on that."""
         forth = {x.name: self.carry(masks[x.name][start], start, stop) for x in self.things}
         expected = {name: carried[-1] > 0 for name, carried in forth.items()}
         answers = self.answers(stop, expected, background)
-        self.enter(masks, stop, expected, answers)
+        certain = self.enter(masks, stop, expected, answers)
         self.fill_between(masks, start, stop, forth)
         return {
             "masks": np.stack([masks[x.name][start + 1 : stop + 1] for x in self.things]),
-            "answered": np.array([answers[x.name] is not None for x in self.things]),
+            "answered": np.array([x.name in certain or answers[x.name] is not None for x in self.things]),
         }
 
     def carry(self, mask: Array, start: int, stop: int) -> list[Float[Array, "H W"]]:
@@ -179,11 +184,13 @@ class _Film:
 
     def enter(
         self, masks: Mapping[str, Array], t: int, expected: Mapping[str, Array], answers: Mapping[str, Array | None]
-    ) -> None:
-        """The answers as masks of frame t (in place); where there is none, what was expected."""
+    ) -> set[str]:
+        """The answers as masks of frame t (in place), where there is none, what was expected; which are corrected by hand."""
         for name, answer in answers.items():
             masks[name][t] = expected[name] if answer is None else answer
+        certain = self.corrections.apply(t, {x.name: masks[x.name][t] for x in self.things})
         settle_overlaps([masks[x.name][t] for x in self.things])
+        return certain
 
     def fill_between(
         self, masks: Mapping[str, Array], start: int, stop: int, forth: Mapping[str, Sequence[Array]]

@@ -12,6 +12,7 @@ from physreal_core.errors import InputError
 from physreal_core.perception.association import Thing, follow_masks
 from physreal_core.perception.chooser import TargetChooser
 from physreal_core.perception.controllers import ControllerMotion, move_controllers, pick_controllers, with_depth
+from physreal_core.perception.corrections import Correction, Corrections
 from physreal_core.perception.flow import pixel_grid, round_trip_error, sample
 from physreal_core.perception.flow_tracker import FlowTracker
 from physreal_core.perception.frame_zero import Choice, find_controllers, find_object
@@ -36,6 +37,7 @@ class Video:
         hints: {"object": {...}, "controller": {...}}, see `chooser.hint_prompts`.
         masks: given masks [T, H, W] by "object" or "controller"; they replace the segmentation.
         tracks: given tracks of the object; they replace the tracker.
+        corrections: of frames whose masks somebody put right by hand; those of a thing with given masks are not used.
     """
 
     frames: Sequence[UInt8[Array, "H W 3"]]
@@ -46,6 +48,7 @@ class Video:
     hints: Mapping[str, Mapping[str, Any]] = field(default_factory=dict)
     masks: Mapping[str, Bool[Array, "T H W"]] = field(default_factory=dict)
     tracks: Tracks | None = None
+    corrections: Sequence[Correction] = ()
 
 
 @dataclass(frozen=True)
@@ -159,7 +162,8 @@ def _chosen(
         return {"masks": np.stack([choice.mask for choice in choices.values()]), "told": record_array(told)}
 
     shapes = {"masks": (None, *video.frames[0].shape[:2]), "told": (None,)}
-    found = remembered("frame zero", lambda: [video.frames[0]], shapes, choose)
+    told = [one.told() for one in video.corrections if one.frame == 0]
+    found = remembered("frame zero", lambda: [video.frames[0], told], shapes, choose)
     return {name: Choice(mask, how) for (name, how), mask in zip(record_of(found["told"]), found["masks"], strict=True)}
 
 
@@ -197,7 +201,31 @@ def _frame_zero(
         target = replace(target, mask=_standing(video, target.mask, 0, settings))
     tick("object in frame 0")
     names = ["controller"] if len(hands) == 1 else [f"controller {i}" for i in range(len(hands))]
-    return {"object": target} | dict(zip(names, hands, strict=True))
+    return _put_right(
+        {"object": target} | dict(zip(names, hands, strict=True)), _corrections(video, networks, settings)
+    )
+
+
+def _put_right(choices: dict[str, Choice], corrections: Corrections) -> dict[str, Choice]:
+    """The choices of frame 0 with what was corrected there by hand."""
+    masks = {name: choice.mask.copy() for name, choice in choices.items()}
+    certain = corrections.apply(0, masks)
+    return {
+        name: Choice(masks[name], choice.how + (", corrected by hand" if name in certain else ""))
+        for name, choice in choices.items()
+    }
+
+
+def _corrections(video: Video, networks: Networks, settings: PerceptionSettings) -> Corrections:
+    """Those of things without given masks."""
+    return Corrections(
+        [one for one in video.corrections if one.thing not in video.masks],
+        video.frames,
+        networks.segmenter,
+        _flow_between(video, networks),
+        settings.association,
+        settings.queries,
+    )
 
 
 def _followed(
@@ -217,7 +245,8 @@ def _followed(
         return {"masks": np.stack([masks[name] for name in first]), "told": record_array(told)}
 
     shape = len(first), len(video.frames), *video.frames[0].shape[:2]
-    found = remembered("masks", lambda: [*first.values()], {"masks": shape, "told": (None,)}, follow)
+    clicks = [one.told() for one in video.corrections]
+    found = remembered("masks", lambda: [*first.values(), clicks], {"masks": shape, "told": (None,)}, follow)
     report.update(record_of(found["told"]))
     return dict(zip(first, found["masks"], strict=True))
 
@@ -242,6 +271,7 @@ def _all_masks(
     still = replace(networks.flow, anchored=False)  # what stands still does not drift
     background = still.track(video.frames, background_queries(np.any(list(first.values()), axis=0), settings.queries))
     tick("votes")
+    corrections = _corrections(video, networks, settings)
     masks, unanswered = follow_masks(
         video.frames,
         things,
@@ -250,6 +280,7 @@ def _all_masks(
         _flow_between(video, networks),
         stride=settings.keyframe_stride,
         settings=settings.association,
+        corrections=corrections,
         tick=lambda: tick("keyframe"),
     )
     report["keyframes_without_vote"] = {n: frames for n, frames in unanswered.items() if frames}
@@ -257,7 +288,9 @@ def _all_masks(
     if "object" in video.masks:
         masks["object"] = video.masks["object"]
     else:
-        masks["object"] = np.stack([_standing(video, mask, t, settings) for t, mask in enumerate(masks["object"])])
+        certain = corrections.of("object")
+        own = [m if t in certain else _standing(video, m, t, settings) for t, m in enumerate(masks["object"])]
+        masks["object"] = np.stack(own)
     return masks
 
 

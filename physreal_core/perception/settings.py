@@ -41,6 +41,22 @@ class PromptSettings:
 
 
 @dataclass(frozen=True)
+class CorrectionSettings:
+    """How a frame that was corrected by hand is used (`corrections.py`)."""
+
+    reach: float = 3.0
+    """Where no candidate answers to a click, the mask is put right this far around it [px]."""
+    doubt: float = 12.0
+    """Nearer than this to a click that is off the thing, nothing of the expected mask is asked with [px]."""
+    tolerance: float = 2.0
+    """A track that is seen farther than this off a corrected mask votes no more [px]."""
+    voters: int = 100
+    """Points on a corrected mask that vote from there on, about."""
+    round_trip: float = 1.0
+    """They vote until the flow there and back misses by this much [px]."""
+
+
+@dataclass(frozen=True)
 class AssociationSettings:
     """How one mask per frame is chosen by the votes of the tracks (eq. mask_tracking) and carried in between."""
 
@@ -64,6 +80,7 @@ class AssociationSettings:
     """A pixel of frame 0 belongs to a thing if more than this share of them, and of frame 0's own mask, say so."""
     window: WindowSettings = field(default_factory=WindowSettings)
     prompts: PromptSettings = field(default_factory=PromptSettings)
+    correction: CorrectionSettings = field(default_factory=CorrectionSettings)
 
 
 @dataclass(frozen=True)

@@ -69,5 +69,10 @@ class Project:
         differs between two runs with the same result, so that DVC need not rerun what follows."""
         return self.root / "data" / "runs" / stage / f"{sequence}.json"
 
+    @property
+    def kept(self) -> Path:
+        """Parts of results that outlive their run, so that the next one is faster. It may be deleted at any time."""
+        return self.root / ".scratch" / "kept"
+
     def scratch(self, stage: str, sequence: str) -> Path:
         return self.root / ".scratch" / stage / sequence

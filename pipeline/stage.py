@@ -16,14 +16,23 @@ from typing import Any
 
 from filelock import FileLock, Timeout
 
-from physreal_core.checkpoints import Checkpoints
+from physreal_core.checkpoints import Checkpoints, Lasting
 from physreal_core.errors import InputError
 from pipeline.config import Parameters, check_name, load_parameters
 from pipeline.faults import one_sentence, writing_to
 from pipeline.graph import STAGES, Graph
 from pipeline.progress import Progress, Timings, show_progress
 from pipeline.project import CODE_ROOT, Project
-from pipeline.provenance import digest_code, digest_file, digest_folder, digest_of, read_provenance, write_provenance
+from pipeline.provenance import (
+    digest_but_for,
+    digest_code,
+    digest_file,
+    digest_folder,
+    digest_of,
+    read_provenance,
+    versions,
+    write_provenance,
+)
 
 
 class StageContext:
@@ -133,6 +142,21 @@ class StageContext:
         folder.mkdir(parents=True, exist_ok=True)
         return folder
 
+    @property
+    def lasting(self) -> Lasting | None:
+        """Where parts of its work outlive the run; None unless the stage says what they depend on piece by piece."""
+        if not self._spec.piecewise:
+            return None
+        folders = [
+            self._project.capture(self.sequence),
+            *(self._project.artifact(s, self.sequence) for s in self._upstream),
+        ]
+        inputs = [digest_but_for(folder, self._spec.piecewise) for folder in folders]
+        models = [digest_folder(self._project.root / name) for name in self._spec.files]
+        return Lasting(
+            self._project.kept, digest_of([self.stage, self._parameters_used(), inputs, models, self.code, versions()])
+        )
+
     @contextmanager
     def progress(self, description: str, total: int) -> Iterator[Progress]:
         """Shows how far a loop of `total` steps has come and what is left; its seconds count as a phase."""
@@ -228,7 +252,7 @@ def run_stage(
         _empty(context.output)
         try:
             with writing_to(context.output):
-                with Checkpoints(context.scratch):
+                with Checkpoints(context.scratch, lasting=context.lasting):
                     run(context)
                 write_provenance(context.output, provenance)
             output = _put_in_place(context.output, destination)

@@ -4,6 +4,7 @@ carried by the flow in between."""
 from collections.abc import Callable, Mapping, Sequence
 from dataclasses import dataclass
 from itertools import pairwise
+from typing import Any
 
 import numpy as np
 
@@ -113,9 +114,10 @@ def follow_masks(
         span = slice(start + 1, stop + 1)
         found = remembered(
             "keyframe",
-            lambda start=start, stop=stop: [start, *(masks[x.name][start] for x in things), corrections.told(stop)],
+            lambda start=start, stop=stop: film.depends(masks, start, stop, _seen(background, stop)),
             {"masks": (len(things), stop - start, *frames[0].shape[:2]), "answered": (len(things),)},
             lambda start=start, stop=stop: film.follow(masks, start, stop, _seen(background, stop)),
+            lasting=True,
         )
         for x, own, answered in zip(things, found["masks"], found["answered"], strict=True):
             masks[x.name][span] = own
@@ -148,6 +150,11 @@ class _Film:
     flow_between: FlowBetween
     settings: AssociationSettings
     corrections: Corrections
+
+    def depends(self, masks: Mapping[str, Array], start: int, stop: int, background: Array) -> list[Any]:
+        """All that the masks after one keyframe up to the next follow from, beside the frames and the networks."""
+        things = [part for x in self.things for part in (x.name, masks[x.name][start], x.seen(stop))]
+        return [start, stop, self.settings, self.corrections.told(stop), background, *things]
 
     def follow(self, masks: Mapping[str, Array], start: int, stop: int, background: Array) -> dict[str, Array]:
         """The masks after one keyframe up to the next (also in place), and which things were answered on that."""

@@ -162,8 +162,9 @@ def _chosen(
         return {"masks": np.stack([choice.mask for choice in choices.values()]), "told": record_array(told)}
 
     shapes = {"masks": (None, *video.frames[0].shape[:2]), "told": (None,)}
-    told = [one.told() for one in video.corrections if one.frame == 0]
-    found = remembered("frame zero", lambda: [video.frames[0], told], shapes, choose)
+    clicks = [one.told() for one in video.corrections if one.frame == 0]
+    depends = [video.frames[0], sorted(video.hints.items()), clicks, settings]
+    found = remembered("frame zero", lambda: depends, shapes, choose, lasting=True)
     return {name: Choice(mask, how) for (name, how), mask in zip(record_of(found["told"]), found["masks"], strict=True)}
 
 
@@ -265,11 +266,12 @@ def _all_masks(
         parts = _split_between(video.masks["controller"], [first[n] for n in hands])
         return {"object": video.masks["object"], **dict(zip(hands, parts, strict=True))}
     things = [
-        Thing(name, mask, tracker.track(video.frames, spread_over(mask, settings.track_count, settings.queries)))
+        Thing(name, mask, _votes(tracker, video, spread_over(mask, settings.track_count, settings.queries)))
         for name, mask in first.items()
     ]
     still = replace(networks.flow, anchored=False)  # what stands still does not drift
-    background = still.track(video.frames, background_queries(np.any(list(first.values()), axis=0), settings.queries))
+    away = background_queries(np.any(list(first.values()), axis=0), settings.queries)
+    background = _votes(still, video, away)
     tick("votes")
     corrections = _corrections(video, networks, settings)
     masks, unanswered = follow_masks(
@@ -292,6 +294,17 @@ def _all_masks(
         own = [m if t in certain else _standing(video, m, t, settings) for t, m in enumerate(masks["object"])]
         masks["object"] = np.stack(own)
     return masks
+
+
+def _votes(tracker: Tracker, video: Video, queries: Float[Array, "J 2"]) -> Tracks:
+    """Tracks that vote, from an earlier run where there are some."""
+
+    def track() -> dict[str, Array]:
+        return vars(tracker.track(video.frames, queries))
+
+    shapes = {"points": (len(video.frames), len(queries), 2), "visible": (len(video.frames), len(queries))}
+    depends = [video.frames[0], queries, getattr(tracker, "anchored", True)]
+    return Tracks(**remembered("votes", lambda: depends, shapes, track, lasting=True))
 
 
 def _standing(video: Video, mask: Array, t: int, settings: PerceptionSettings) -> Array:

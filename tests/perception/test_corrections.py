@@ -1,18 +1,20 @@
 """Frames put right by hand: the mask answers to the clicks, what follows starts from it, what came before stays."""
 
 import json
+import shutil
 
 import cv2
 import numpy as np
 import pytest
 
-from physreal_core.perception.association import Thing, follow_masks
+from physreal_core.perception.association import Thing, _Film, follow_masks
 from physreal_core.perception.corrections import Correction, Corrections, corrected_mask
 from physreal_core.perception.flow_tracker import FlowTracker
 from physreal_core.perception.mask_geometry import intersection_over_union, spread_points
 from physreal_core.perception.perceive import Networks, Video, perceive
 from physreal_core.perception.segmenter import Candidates
 from physreal_core.perception.settings import PerceptionSettings
+from pipeline.provenance import digest_folder
 from tests.perception.scene import T_WORLD_CAMERA, FilmSegmenter, K, film
 from tests.perception.test_stage import SCENE as STAGE_SCENE
 from tests.perception.test_stage import capture, describe, segment  # noqa: F401
@@ -167,15 +169,41 @@ def test_frame_0_answers_to_its_correction_to_the_end():
     assert "corrected by hand" in parsed.report["chosen_by"]["object"]
 
 
-def test_the_stage_reads_corrections_from_the_capture(capture):  # noqa: F811
+@pytest.fixture
+def proposed(capture):  # noqa: F811
+    """The stage's capture with candidates and hints, so that no network is needed."""
     for t in range(len(STAGE_SCENE.frames)):
-        masks = [STAGE_SCENE.objects[t], STAGE_SCENE.hands[t]]
         (capture / "candidates" / f"{t:06d}").mkdir(parents=True)
-        for i, mask in enumerate(masks):
+        for i, mask in enumerate([STAGE_SCENE.objects[t], STAGE_SCENE.hands[t]]):
             cv2.imwrite(str(capture / "candidates" / f"{t:06d}" / f"{i}.png"), mask.astype(np.uint8) * 255)
-    hints = {"object": {"colour": "teal"}, "controller": {"box": [80, 23, 104, 55]}}
-    describe(capture, hints=hints, corrections=[{"frame": 3, "thing": "object", "points": [[20, 80]]}])
-    output = segment(capture, segmenter="none")
+    describe(capture, hints={"object": {"colour": "teal"}, "controller": {"box": [80, 23, 104, 55]}})
+    return capture
+
+
+def test_the_stage_reads_corrections_from_the_capture(proposed):
+    describe(proposed, corrections=[{"frame": 3, "thing": "object", "points": [[20, 80]]}])
+    output = segment(proposed, segmenter="none")
     mask = cv2.imread(str(output / "masks" / "object" / "000003.png"), cv2.IMREAD_GRAYSCALE)
     assert mask[80, 20] == 255
     assert json.loads((output / "segmentation.json").read_text())["frames"] == len(STAGE_SCENE.frames)
+
+
+def test_a_correction_runs_the_stage_from_there_and_ends_in_the_bytes_of_a_fresh_run(proposed, monkeypatch):
+    asked = []
+
+    def counted(film, masks, start, stop, background, follow=_Film.follow):
+        asked.append(stop)
+        return follow(film, masks, start, stop, background)
+
+    monkeypatch.setattr(_Film, "follow", counted)
+    kept = proposed.parents[2] / ".scratch" / "kept"
+    segment(proposed, segmenter="none")
+    assert asked == [2, 3] and kept.is_dir()
+    describe(proposed, corrections=[{"frame": 3, "thing": "object", "points": [[20, 80]]}])
+    digest = digest_folder(segment(proposed, segmenter="none"))
+    assert asked == [2, 3, 3]
+    shutil.rmtree(kept)
+    assert digest_folder(segment(proposed, segmenter="none")) == digest
+    assert asked == [2, 3, 3, 2, 3]
+    segment(proposed, segmenter="none", keyframe_stride=1)  # another setting: nothing is taken over
+    assert asked == [2, 3, 3, 2, 3, 1, 2, 3]

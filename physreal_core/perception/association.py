@@ -122,7 +122,11 @@ def follow_masks(
         for x, own, answered in zip(things, found["masks"], found["answered"], strict=True):
             masks[x.name][span] = own
             unanswered[x.name] += [] if answered else [stop]
-        corrections.amend(stop, things, masks)
+        amended = corrections.amended(
+            stop, {x.name: x.tracks for x in things}, {x.name: masks[x.name][stop] for x in things}
+        )
+        for x in things:
+            x.tracks = amended[x.name]
         tick()
     _look_again(film, masks, background, keys[1 : 1 + settings.keyframes_back])
     return masks, unanswered

@@ -2,7 +2,6 @@
 
 from collections.abc import Callable, Mapping, Sequence
 from dataclasses import dataclass, field, replace
-from typing import TYPE_CHECKING
 
 import numpy as np
 
@@ -20,9 +19,6 @@ from physreal_core.perception.queries import spread_over
 from physreal_core.perception.segmenter import Candidates, Prompt, Segmenter, zoomed_candidates
 from physreal_core.perception.settings import DEFAULTS, AssociationSettings, QuerySettings
 from physreal_core.perception.tracker import Tracks
-
-if TYPE_CHECKING:
-    from physreal_core.perception.association import Thing
 
 FlowBetween = Callable[[int, int], Float[Array, "H W 2"]]
 
@@ -182,16 +178,15 @@ class Corrections:
                     mask &= ~other
         return set(certain)
 
-    def amend(self, t: int, things: Sequence["Thing"], masks: Mapping[str, Bool[Array, "T H W"]]) -> None:
-        """Give the things that are corrected in frame t the votes that follow from their masks (in place).
+    def amended(
+        self, t: int, tracks: Mapping[str, Tracks], masks: Mapping[str, Bool[Array, "H W"]]
+    ) -> dict[str, Tracks]:
+        """The tracks that vote after frame t, of all things, whose masks there are these.
 
-        A track that is seen off the corrected mask votes no more. New points on the mask vote from then on.
+        Of what is corrected in frame t, a track that is seen off the mask votes no more, and new points on it do.
         """
-        named = {x.name: masks[x.name][t] for x in things}
-        right = {_meant(one, named) for one in self.given if one.frame == t}
-        for x in things:
-            if x.name in right:
-                x.tracks = self._voters(x.tracks, named[x.name], t)
+        right = {_meant(one, masks) for one in self.given if one.frame == t}
+        return {name: self._voters(own, masks[name], t) if name in right else own for name, own in tracks.items()}
 
     def _voters(self, tracks: Tracks, mask: Bool[Array, "H W"], t: int) -> Tracks:
         off = distance_to(mask) > self.settings.correction.tolerance

@@ -133,11 +133,9 @@ def test_tracks_off_a_corrected_mask_vote_no_more_and_new_ones_do():
     told = Corrections([correction(3, on=[right_half(3)])], SCENE.frames, Things(SCENE),
                        lambda a, b: tracker.flow_between(SCENE.frames, a, b))  # fmt: skip
     astray = tracker.track(SCENE.frames, spread_points(SCENE.hands[0], 10))
-    thing = Thing("object", SCENE.objects[0], astray)
-    masks = {"object": SCENE.objects.copy()}
-    told.amend(3, [thing], masks)
-    assert np.array_equal(thing.tracks.visible[:3, :10], astray.visible[:3]) and not thing.tracks.visible[3:, :10].any()
-    new_points, new_seen = thing.tracks.points[:, 10:], thing.tracks.visible[:, 10:]
+    tracks = told.amended(3, {"object": astray}, {"object": SCENE.objects[3]})["object"]
+    assert np.array_equal(tracks.visible[:3, :10], astray.visible[:3]) and not tracks.visible[3:, :10].any()
+    new_points, new_seen = tracks.points[:, 10:], tracks.visible[:, 10:]
     assert not new_seen[:3].any() and new_seen[3].all() and new_seen[8].mean() > 0.8
     moved = (new_points[8] - new_points[3] - (SCENE.motion[8] - SCENE.motion[3]))[new_seen[8]]
     assert np.median(np.linalg.norm(moved, axis=1)) < 0.5  # flow is smooth across the disc's rim

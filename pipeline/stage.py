@@ -188,7 +188,7 @@ def checked_artifact(project: Project, parameters: Parameters, stage: str, seque
     """
     folder = project.artifact(stage, sequence)
     where = f"{stage} {sequence}"
-    rerun = f"run `dvc repro -f -s {_target(parameters, stage, sequence)}`"
+    rerun = f"run `dvc repro -f -s {stage_target(parameters, stage, sequence)}`"
     if not folder.is_dir():
         raise InputError(f"its output {folder} is missing", where=where, remedy=f"run `dvc repro` or {rerun}")
     record = read_provenance(folder)
@@ -207,7 +207,8 @@ def checked_artifact(project: Project, parameters: Parameters, stage: str, seque
     return folder
 
 
-def _target(parameters: Parameters, stage: str, sequence: str) -> str:
+def stage_target(parameters: Parameters, stage: str, sequence: str) -> str:
+    """What `dvc repro` is given to run a stage for a sequence."""
     spec = parameters.graph[stage]
     role = next((role for role in spec.roles if sequence in getattr(parameters.values, role)), spec.roles[0])
     return spec.target(role, sequence)

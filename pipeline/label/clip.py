@@ -1,6 +1,5 @@
 """What the page shows of a sequence: its frames, and what `segment_and_track` last found in them."""
 
-import json
 from dataclasses import dataclass, field
 from functools import cached_property
 from pathlib import Path
@@ -64,6 +63,11 @@ class Clip:
         project: that it is in.
         sequence: its name in params.yaml.
 
+    Attributes:
+        size: width and height of the frames [px].
+        found: what the stage found; None where nothing can be shown.
+        state: whether that is up to date, in words.
+
     Raises:
         InputError: there is no such sequence, or its capture holds no images.
     """
@@ -74,8 +78,10 @@ class Clip:
         if sequence not in names:
             raise unknown_key(f"sequences.{sequence}", sequence, list(names), str(project.parameters))
         self.folder = project.capture(sequence)
-        if self.capture.kind == "tracks":
+        capture = self.capture
+        if capture.kind == "tracks":
             raise InputError("a capture of tracks has no frames to click on", where=str(self.folder))
+        self.size = (capture.width, capture.height)
         files = list_frames(self.folder)
         self._images: list[Path] | list[Array] = files.colour
         if files.is_video:
@@ -88,11 +94,6 @@ class Clip:
     def capture(self) -> Capture:
         """capture.json as it stands now."""
         return read_capture(self.folder)
-
-    @property
-    def size(self) -> tuple[int, int]:
-        """Width and height of the frames [px]."""
-        return self.capture.width, self.capture.height
 
     def __len__(self) -> int:
         return len(self._images)
@@ -149,10 +150,3 @@ def _record(path: Path) -> dict[str, Any]:
         return {}
     value = read_json(path)
     return value if isinstance(value, dict) else {}
-
-
-def describe(clip: Clip) -> str:
-    """The report in a few words, for a tooltip."""
-    return (
-        "" if clip.found is None else json.dumps(clip.found.report.get("chosen_by", {}), indent=1, ensure_ascii=False)
-    )

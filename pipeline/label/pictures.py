@@ -13,9 +13,9 @@ COLOURS: dict[Role, tuple[int, int, int]] = {"object": (60, 220, 90), "controlle
 """RGB of the outlines."""
 NAMES: dict[Role, str] = {"object": "object", "controller": "hand"}
 """What the page calls them."""
-THUMBNAIL = 112
+THUMBNAIL = 128
 """Width of a frame on the sheet [px]."""
-COLUMNS = 10
+COLUMNS = 8
 LARGEST_SHEET = 240
 """More frames than this are not all on the sheet: every second one, or third, is."""
 MOST_TRACKS = 400
@@ -26,7 +26,7 @@ def picture(clip: Clip, t: int, *, masks: bool = True, tracks: bool = True) -> b
     """Frame t with the outlines of object and hand, and its tracks as dots: green where sure, red where not."""
     import cv2
 
-    image = np.ascontiguousarray(clip.frame(t))
+    image = np.array(clip.frame(t), order="C")
     if masks:
         for role in ROLES:
             if (mask := clip.mask(role, t)) is not None:

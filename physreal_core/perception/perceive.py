@@ -13,6 +13,7 @@ from physreal_core.perception.association import Thing, follow_masks
 from physreal_core.perception.choices import Choice
 from physreal_core.perception.chooser import TargetChooser
 from physreal_core.perception.controllers import ControllerMotion, move_controllers, pick_controllers, with_depth
+from physreal_core.perception.corrections import Correction, Corrections
 from physreal_core.perception.flow_tracker import FlowTracker
 from physreal_core.perception.frame_zero import find_controllers, find_object
 from physreal_core.perception.hand_finder import HandFinder
@@ -37,6 +38,7 @@ class Video:
         hints: {"object": {...}, "controller": {...}}, see `chooser.hint_prompts`.
         masks: given masks [T, H, W] by "object" or "controller"; they replace the segmentation.
         tracks: given tracks of the object; they replace the tracker.
+        corrections: of frames whose masks somebody put right by hand; those of a thing with given masks are not used.
     """
 
     frames: Sequence[UInt8[Array, "H W 3"]]
@@ -47,6 +49,7 @@ class Video:
     hints: Mapping[str, Mapping[str, Any]] = field(default_factory=dict)
     masks: Mapping[str, Bool[Array, "T H W"]] = field(default_factory=dict)
     tracks: Tracks | None = None
+    corrections: Sequence[Correction] = ()
 
 
 @dataclass(frozen=True)
@@ -149,7 +152,9 @@ def _chosen(
         }
 
     shapes = {name: (None, *size) for name in ("masks", "cores", "rivals")} | {"shares": (None,), "told": (None,)}
-    found = remembered("frame zero", lambda: [video.frames[0]], shapes, choose)
+    clicks = [one.told() for one in video.corrections if one.frame == 0]
+    depends = [video.frames[0], sorted(video.hints.items()), clicks, settings]
+    found = remembered("frame zero", lambda: depends, shapes, choose, lasting=True)
     out = {}
     for (name, how), mask, core in zip(record_of(found["told"]), found["masks"], found["cores"], strict=True):
         if name == "object":
@@ -194,7 +199,36 @@ def _frame_zero(
         target = replace(target, mask=_standing(video, target.mask, 0, settings))
     tick("object in frame 0")
     names = ["controller"] if len(hands) == 1 else [f"controller {i}" for i in range(len(hands))]
-    return {"object": target} | dict(zip(names, hands, strict=True))
+    return _put_right(
+        {"object": target} | dict(zip(names, hands, strict=True)), _corrections(video, networks, settings)
+    )
+
+
+def _put_right(choices: dict[str, Choice], corrections: Corrections) -> dict[str, Choice]:
+    """The choices of frame 0 with what was corrected there by hand."""
+    masks = {name: choice.mask.copy() for name, choice in choices.items()}
+    certain = corrections.apply(0, masks)
+    return {
+        name: replace(
+            choice,
+            mask=masks[name],
+            core=None if choice.core is None else choice.core & masks[name],
+            how=f"{choice.how}, corrected by hand" if name in certain else choice.how,
+        )
+        for name, choice in choices.items()
+    }
+
+
+def _corrections(video: Video, networks: Networks, settings: PerceptionSettings) -> Corrections:
+    """Those of things without given masks."""
+    return Corrections(
+        [one for one in video.corrections if one.thing not in video.masks],
+        video.frames,
+        networks.segmenter,
+        _flow_between(video, networks),
+        settings.association,
+        settings.queries,
+    )
 
 
 def _followed(
@@ -214,7 +248,8 @@ def _followed(
         return {"masks": np.stack([masks[name] for name in first]), "told": record_array(told)}
 
     shape = len(first), len(video.frames), *video.frames[0].shape[:2]
-    found = remembered("masks", lambda: [*first.values()], {"masks": shape, "told": (None,)}, follow)
+    clicks = [one.told() for one in video.corrections]
+    found = remembered("masks", lambda: [*first.values(), clicks], {"masks": shape, "told": (None,)}, follow)
     report.update(record_of(found["told"]))
     return dict(zip(first, found["masks"], strict=True))
 
@@ -235,12 +270,14 @@ def _all_masks(
     # Votes need no more than the flow's chain: what drifts a little is still on its thing.
     chained = networks.tracker or replace(networks.flow, anchored=False)
     things = [
-        Thing(name, mask, chained.track(video.frames, spread_over(mask, settings.track_count, settings.queries)))
+        Thing(name, mask, _votes(chained, video, spread_over(mask, settings.track_count, settings.queries)))
         for name, mask in first.items()
     ]
     still = replace(networks.flow, anchored=False)
-    background = still.track(video.frames, background_queries(np.any(list(first.values()), axis=0), settings.queries))
+    away = background_queries(np.any(list(first.values()), axis=0), settings.queries)
+    background = _votes(still, video, away)
     tick("votes")
+    corrections = _corrections(video, networks, settings)
     followed = follow_masks(
         video.frames,
         things,
@@ -249,6 +286,7 @@ def _all_masks(
         _flow_between(video, networks),
         stride=settings.keyframe_stride,
         settings=settings.association,
+        corrections=corrections,
         tick=lambda frames: tick("keyframe"),
     )
     report["keyframes_without_vote"] = {n: frames for n in first if (frames := followed.unanswered(n))}
@@ -260,8 +298,22 @@ def _all_masks(
     if "object" in video.masks:
         masks["object"] = video.masks["object"]
     else:
-        masks["object"] = np.stack([_standing(video, mask, t, settings) for t, mask in enumerate(masks["object"])])
+        certain = corrections.of("object")
+        own = [m if t in certain else _standing(video, m, t, settings) for t, m in enumerate(masks["object"])]
+        masks["object"] = np.stack(own)
     return masks
+
+
+def _votes(tracker: Tracker, video: Video, queries: Float[Array, "J 2"]) -> Tracks:
+    """Tracks that vote, from an earlier run where there are some."""
+
+    def track() -> dict[str, Array]:
+        return vars(tracker.track(video.frames, queries))
+
+    size = len(video.frames), len(queries)
+    shapes = {"points": (*size, 2), "visible": size, "confidence": size, "starts": size[1:]}
+    depends = [video.frames[0], queries, getattr(tracker, "anchored", True)]
+    return Tracks(**remembered("votes", lambda: depends, shapes, track, lasting=True))
 
 
 def _standing(video: Video, mask: Array, t: int, settings: PerceptionSettings) -> Array:

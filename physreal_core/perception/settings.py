@@ -114,8 +114,22 @@ class CheckSettings:
     """Least share of the evidence that the answer gathers."""
     drop: float = 0.5
     """From this mean evidence against a piece on, it is taken off a carried mask that stands in for an answer."""
-    mend_back: int = 2
-    """Keyframes after a doubtful one that say once more what it should hold."""
+
+
+@dataclass(frozen=True)
+class CorrectionSettings:
+    """How a frame that was corrected by hand is used (`corrections.py`)."""
+
+    reach: float = 3.0
+    """Where no candidate answers to a click, the mask is put right this far around it [px]."""
+    doubt: float = 12.0
+    """Nearer than this to a click that is off the thing, nothing of the expected mask is asked with [px]."""
+    tolerance: float = 2.0
+    """A track that is seen farther than this off a corrected mask votes no more [px]."""
+    voters: int = 100
+    """Points on a corrected mask that vote from there on, about."""
+    round_trip: float = 1.0
+    """They vote until the flow there and back misses by this much [px]."""
 
 
 @dataclass(frozen=True)
@@ -147,6 +161,7 @@ class AssociationSettings:
     check: CheckSettings = field(default_factory=CheckSettings)
     window: WindowSettings = field(default_factory=WindowSettings)
     prompts: PromptSettings = field(default_factory=PromptSettings)
+    correction: CorrectionSettings = field(default_factory=CorrectionSettings)
 
 
 @dataclass(frozen=True)

@@ -147,7 +147,7 @@ def _mended(first: Array, masks: Array, evidence: Array, least: float, settings:
         for piece in thick_parts(other & ~mask, least, settings.strip):
             if evidence[piece].mean() > settings.piece:
                 mask |= piece
-    for other in masks:
+    for other in [*masks, evidence > 0]:
         for piece in thick_parts(mask & ~other, least, settings.strip):
             if evidence[piece].mean() < -settings.piece:
                 mask &= ~piece

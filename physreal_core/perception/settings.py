@@ -80,13 +80,13 @@ class EvidenceSettings:
     """Of a pixel well inside the mask that the flow carried here; minus that well outside."""
     carried_depth: float = 4.0
     """Distance from the carried mask's edge at which it is well inside [px]."""
-    lost: float = 0.4
+    lost: float = 0.3
     """Share of it that counts where the flow there and back disagreed on the way."""
     vote: float = 2.0
     """Of a visible track at the pixel: for its own thing, against any other."""
     vote_reach: float = 3.0
     """A vote falls off over this distance, or over the tracks' spacing where that is more [px]."""
-    colour: float = 0.6
+    colour: float = 1.0
     """Weight of the colours' log-odds."""
     segmenter: float = 1.5
     """Of a pixel that all candidates hold; minus that of one which none holds."""
@@ -148,6 +148,8 @@ class AssociationSettings:
     """The carried mask is a guess where the flow there and back misses by more [px]."""
     stray: float = 0.15
     """A keyframe is set where the flow lost more of a mask than this since the last one [share of its pixels]."""
+    beside: float = 3.0
+    """A point this near to a mask's edge is on neither side of it for sure [px]."""
     least_stride: int = 4
     """But no nearer to the last one than this [frames]."""
     keyframes_back: int = 3
@@ -263,6 +265,42 @@ class HandSettings:
 
 
 @dataclass(frozen=True)
+class DoubtSettings:
+    """From where on something is told to the reader as doubtful (`doubts.py`)."""
+
+    sure: float = 0.75
+    """Least certainty of the choice in frame 0 (0.5: the next best is as good)."""
+    moves: float = 0.1
+    """Least share of the chosen object's textured pixels that move."""
+    voters: float = 0.5
+    """Least share of the voters of frame 0 that are seen on a keyframe."""
+    left_out: float = 0.12
+    """Largest share of an object's visible voters off its mask."""
+    taken_in: float = 0.08
+    """Largest number of points of other things on an object's mask [share of the object's voters]."""
+    overlap: float = 0.8
+    """Least IoU of a keyframe's mask with the one that the flow carried there."""
+    colour: float = 0.0
+    """Least mean evidence of the colours on a keyframe's mask [log-odds]."""
+    area: float = 1.3
+    """Largest ratio of the area to its median in the frames before, either way."""
+    before: int = 8
+    """So many frames before [frames]."""
+    border: float = 0.5
+    """Pixels on the image's border, from which on a mask is cut off [square root of its area]."""
+    hand_gone: int = 5
+    """A hand may be out of sight in fewer frames than this [frames]."""
+    seen: float = 0.5
+    """Least share of tracks that are seen in a frame."""
+    thin: float = 0.25
+    """Largest share of the mask that may have no track near."""
+    thin_spacings: float = 4.0
+    """A track is near within so many spacings of the tracks in frame 0."""
+    thin_every: int = 5
+    """That is looked at in every so many frames [frames]."""
+
+
+@dataclass(frozen=True)
 class QuerySettings:
     """Which pixels of frame 0 are tracked."""
 
@@ -375,6 +413,7 @@ class PerceptionSettings:
     association: AssociationSettings = field(default_factory=AssociationSettings)
     hands: HandSettings = field(default_factory=HandSettings)
     ranking: RankingSettings = field(default_factory=RankingSettings)
+    doubts: DoubtSettings = field(default_factory=DoubtSettings)
     queries: QuerySettings = field(default_factory=QuerySettings)
     tracking: TrackerSettings = field(default_factory=TrackerSettings)
 

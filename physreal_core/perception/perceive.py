@@ -235,14 +235,16 @@ def _all_masks(
         hands = [n for n in first if n != "object"]
         parts = _split_between(video.masks["controller"], [first[n] for n in hands])
         return {"object": video.masks["object"], **dict(zip(hands, parts, strict=True))}
+    # Votes need no more than the flow's chain: what drifts a little is still on its thing.
+    chained = networks.tracker or replace(networks.flow, anchored=False)
     things = [
-        Thing(name, mask, tracker.track(video.frames, spread_over(mask, settings.track_count, settings.queries)))
+        Thing(name, mask, chained.track(video.frames, spread_over(mask, settings.track_count, settings.queries)))
         for name, mask in first.items()
     ]
-    still = replace(networks.flow, anchored=False)  # what stands still does not drift
+    still = replace(networks.flow, anchored=False)
     background = still.track(video.frames, background_queries(np.any(list(first.values()), axis=0), settings.queries))
     tick("votes")
-    masks, unanswered = follow_masks(
+    followed = follow_masks(
         video.frames,
         things,
         background,
@@ -250,10 +252,14 @@ def _all_masks(
         _flow_between(video, networks),
         stride=settings.keyframe_stride,
         settings=settings.association,
-        tick=lambda: tick("keyframe"),
+        tick=lambda frames: tick("keyframe"),
     )
-    report["keyframes_without_vote"] = {n: frames for n, frames in unanswered.items() if frames}
-    masks = dict(masks)
+    report["keyframes_without_vote"] = {n: frames for n in first if (frames := followed.unanswered(n))}
+    report["keyframes"] = {
+        n: {str(t): {k: round(v, 3) for k, v in told.items()} for t, told in keys.items()}
+        for n, keys in followed.keyframes.items()
+    }
+    masks = dict(followed.masks)
     if "object" in video.masks:
         masks["object"] = video.masks["object"]
     else:

@@ -19,7 +19,7 @@ from physreal_core.perception.flow import DisFlow, Flow, inside_image, round_tri
 from physreal_core.perception.neighbourhood import LocalMap, local_map, nearest_others
 from physreal_core.perception.onnx_tracker import inside_masks
 from physreal_core.perception.settings import TrackerSettings
-from physreal_core.perception.templates import Templates
+from physreal_core.perception.templates import Templates, colours
 from physreal_core.perception.tracker import Tracks
 
 
@@ -87,6 +87,7 @@ class _Following:
         self.near = nearest_others(queries, self.set.neighbours)
         self.templates = Templates(count, self.set.patch, self.set.grey_noise)
         self.templates.take(_grey(frames[0]), queries, np.arange(count))
+        self.colours = colours(frames[0], queries, self.set.patch)
 
     def shapes(self) -> dict[str, tuple[int | None, ...]]:
         """Of `arrays`."""
@@ -117,10 +118,13 @@ class _Following:
         before, held = self.points[t - 1], self.visible[t - 1]
         forward = self.tracker.flow_between(self.frames, t - 1, t)
         backward = self.tracker.flow_between(self.frames, t, t - 1)
+        self.return_miss = round_trip_error(backward, forward)
         step, miss = sample(forward, before), sample(round_trip_error(forward, backward), before)
         allowed = self.set.max_round_trip + self.set.round_trip_share * np.linalg.norm(step, axis=1)
         self.points[t] = before + step
-        held = held & (miss < allowed) & self._free(self.points[t], t)
+        tints = [colours(self.frames[i], self.points[i], self.set.step_patch) for i in (t - 1, t)]
+        same = np.abs(tints[1] - tints[0]).max(1) < self.set.max_step_colour
+        held = held & (miss < allowed) & same & self._free(self.points[t], t)
         self._judge(t, held)
         if self.tracker.anchored:
             self._correct(t)
@@ -140,9 +144,7 @@ class _Following:
         near = self.near[which]
         source = self.points[since[:, None], near]
         usable = held[near] & self.visible[since[:, None], near]
-        return local_map(
-            self.points[since, which], source, self.points[t, near], usable, floor=self.set.spread_floor
-        )
+        return local_map(self.points[since, which], source, self.points[t, near], usable, floor=self.set.spread_floor)
 
     def _judge(self, t: int, held: Array) -> None:
         """Points that depart from their neighbours are lost; lost points ride with theirs."""
@@ -150,7 +152,9 @@ class _Following:
         found = self._map(t, np.zeros(len(held), int), held, everyone)
         departure = np.linalg.norm(self.points[t] - found.points, axis=1) / found.spread
         told = found.support >= self.set.least_neighbours
-        held = held & ~(told & (departure > self.set.max_departure))
+        self.stretch = np.linalg.svd(found.linear, compute_uv=False)[:, 1]
+        held = held & ~(told & ((departure > self.set.max_departure) | (self.stretch < self.set.min_stretch)))
+        self.carried = found
         lost = np.flatnonzero(~held)
         carried = self._map(t, self.last_seen[lost], held, lost)
         rides = carried.support >= self.set.least_neighbours
@@ -164,9 +168,10 @@ class _Following:
             return
         grey, here = _grey(self.frames[t]), self.points[t, which]
         linear = self._map(t, self.patch_of[which], self.visible[t], which).linear
-        before, after = self.templates.register(grey, here, linear, which)
+        _, after = self.templates.register(grey, here, linear, which)
         small = np.linalg.norm(after.points - here, axis=1) < self.set.max_correction
         good = small & (after.likeness > self.set.min_likeness) & self._free(after.points, t)
+        good &= ~self._strains(here, after.points, which)
         self.points[t, which[good]] = after.points[good]
         self.corrected[which[good]] = t
         turned = good & (after.likeness < self.set.renewed_below)
@@ -176,9 +181,21 @@ class _Following:
         self.patch_of[renewed] = t
         self.corrected[renewed] = t
 
+    def _strains(self, here: Array, moved: Array, which: Array) -> Bool[Array, " N"]:
+        """Whether a correction takes points away from where their neighbours carry them."""
+        carried, spread = self.carried.points[which], self.carried.spread[which]
+        was, now = (np.linalg.norm(points - carried, axis=1) for points in (here, moved))
+        told = self.carried.support[which] >= self.set.least_neighbours
+        return told & (now > np.maximum(was, self.set.max_strain * spread))
+
     def _find(self, t: int) -> None:
         """Look for lost points by their patches."""
-        lost = ~self.visible[t] & (self.templates.contrast > self.set.min_contrast) & self._free(self.points[t], t)
+        lost = (
+            ~self.visible[t]
+            & (self.stretch > self.set.found_stretch)
+            & (self.templates.contrast > self.set.min_contrast)
+            & self._free(self.points[t], t)
+        )
         if t % self.set.search_every or not lost.any():
             return
         which = np.flatnonzero(lost)
@@ -194,7 +211,11 @@ class _Following:
             return
         _, after = self.templates.register(grey, place, linear, which)
         good = (after.likeness > self.set.min_likeness) & (after.likeness > second + self.set.min_distinct)
-        good &= self._free(after.points, t)
+        change = np.abs(colours(self.frames[t], after.points, self.set.patch) - self.colours[which]).max(1)
+        good &= self._free(after.points, t) & (change < self.set.max_colour_change)
+        away = np.linalg.norm(after.points - self.points[t, which], axis=1)
+        good &= away < self.set.found_departure * self.carried.spread[which]
+        good &= sample(self.return_miss, after.points) < self.set.max_round_trip
         self.points[t, which[good]] = after.points[good]
         self.visible[t, which[good]] = True
 

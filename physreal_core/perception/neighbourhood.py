@@ -60,7 +60,9 @@ def local_map(
     """
     offset, shift = (source - centres[:, None]).astype(float), (target - source).astype(float)
     distance = np.linalg.norm(offset, axis=-1)
-    scale = np.maximum(np.median(distance, axis=1, keepdims=True), 1.0) if distance.shape[1] else np.ones((len(centres), 1))
+    scale = (
+        np.maximum(np.median(distance, axis=1, keepdims=True), 1.0) if distance.shape[1] else np.ones((len(centres), 1))
+    )
     near = np.where(usable, np.exp(-0.5 * (distance / scale) ** 2) + 1e-3, 0.0)
     terms = np.concatenate([np.ones((*distance.shape, 1)), offset / scale[..., None]], -1)  # [N, K, 3]
     weight = near

@@ -8,7 +8,7 @@ from dataclasses import dataclass
 
 import numpy as np
 
-from physreal_core.array_types import Array, Float
+from physreal_core.array_types import Array, Float, UInt8
 from physreal_core.perception.flow import pixel_grid, sample
 
 _STEPS = 6
@@ -81,9 +81,7 @@ class Templates:
                 before = best = Registered(points.copy(), likeness)
             else:
                 better = likeness > best.likeness
-                best = Registered(
-                    np.where(better[:, None], at, best.points), np.where(better, likeness, best.likeness)
-                )
+                best = Registered(np.where(better[:, None], at, best.points), np.where(better, likeness, best.likeness))
             pull = np.einsum("npc,p,np->nc", self.slopes[which], self.weight, (template - seen) * gain)
             shift = shift + np.clip(np.einsum("nij,nj->ni", self.inverse[which], pull), -1, 1)
         return before, best
@@ -93,3 +91,11 @@ class Templates:
         patch = patch - (patch @ self.weight)[:, None]
         contrast = np.sqrt(np.maximum((patch**2) @ self.weight, 0.0))
         return patch / np.maximum(contrast, self.noise)[:, None], contrast
+
+
+def colours(image: UInt8[Array, "H W 3"], points: Float[Array, "N 2"], half: int) -> Float[Array, "N 3"]:
+    """Mean colour of the patches around points, as shares of the brightness, which shade leaves as they are."""
+    import cv2
+
+    mean = sample(cv2.blur(image.astype(np.float32), (2 * half + 1, 2 * half + 1)), points)
+    return mean / np.maximum(mean.sum(-1, keepdims=True), 1.0)

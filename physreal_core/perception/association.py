@@ -1,13 +1,15 @@
 """One mask per frame: asked for on keyframes by all that is known (eq. mask_tracking), carried by the flow in between."""
 
 from collections.abc import Callable, Mapping, Sequence
-from dataclasses import dataclass, field
+from dataclasses import dataclass, field, replace
+from typing import Any
 
 import numpy as np
 
 from physreal_core.array_types import Array, Bool, Float, UInt8
 from physreal_core.checkpoints import remembered
 from physreal_core.perception.appearance import Appearance
+from physreal_core.perception.corrections import NONE, Corrections
 from physreal_core.perception.evidence import Carried
 from physreal_core.perception.flow import pixel_grid, round_trip_error, sample
 from physreal_core.perception.keyframe import Answer, Keyframe, Sight
@@ -56,6 +58,7 @@ def follow_masks(
     *,
     stride: int,
     settings: AssociationSettings = DEFAULTS.association,
+    corrections: Corrections = NONE,
     tick: Callable[[int], None] = lambda frames: None,
 ) -> Followed:
     """Masks of all things in all frames.
@@ -68,23 +71,26 @@ def follow_masks(
         flow_between: flow from one frame to a neighbour [px].
         stride: largest keyframe distance; it is less where the flow loses the object [frames].
         settings: of the votes, of the prompts and of the windows.
+        corrections: of frames that were put right by hand; each is a keyframe, and certain.
         tick: called after each keyframe with how many frames it settled.
     """
-    film = _Film(frames, things, background, segmenter, flow_between, settings)
+    film = _Film(frames, things, background, segmenter, flow_between, settings, corrections)
     start = 0
     while start < len(frames) - 1:
         stop = film.next_keyframe(start, stride)
         span = slice(start + 1, stop + 1)
         found = remembered(
             "keyframe",
-            lambda start=start: [start, *(film.masks[x.name][start] for x in things)],
+            lambda start=start, stop=stop: film.depends(start, stop),
             {"masks": (len(things), stop - start, *frames[0].shape[:2]), "told": (len(things), len(NUMBERS))},
             lambda start=start, stop=stop: film.follow(start, stop),
+            lasting=True,
         )
         for x, own, told in zip(things, found["masks"], found["told"], strict=True):
             film.masks[x.name][span] = own
             film.told[x.name][stop] = dict(zip(NUMBERS, told.tolist(), strict=True))
         film.learn(stop)
+        film.amend(stop)
         tick(stop - start)
         start = stop
     film.mend()
@@ -102,6 +108,7 @@ class _Film:
     segmenter: Segmenter
     flow_between: FlowBetween
     settings: AssociationSettings
+    corrections: Corrections = NONE
     masks: dict[str, Array] = field(default_factory=dict)
     told: dict[str, dict[int, dict[str, float]]] = field(default_factory=dict)
 
@@ -117,8 +124,9 @@ class _Film:
     def next_keyframe(self, start: int, stride: int) -> int:
         """The first frame within a stride to which the flow does not hold enough of the object; no short rest is left."""
         s, main, last = self.settings, self.things[0].name, len(self.frames) - 1
-        rest = min(s.least_stride, stride // 2)
+        rest = min(s.least_stride, stride - 1) // 2
         farthest = last if last - start <= stride + rest else start + stride
+        farthest = min([farthest, *(t for t in self.corrections.keyframes if t > start)])
         self._carried = {x.name: [_certain(self.masks[x.name][start])] for x in self.things}
         for t in range(start + 1, farthest + 1):
             for x in self.things:
@@ -129,11 +137,18 @@ class _Film:
                 return t
         return farthest
 
+    def depends(self, start: int, stop: int) -> list[Any]:
+        """All that the masks after one keyframe up to the next follow from, beside the frames and the networks."""
+        things = [part for x in self.things for part in (x.name, self.masks[x.name][start], x.seen(stop))]
+        against = standing_still(self.background, stop, self.settings.still)
+        told = self.corrections.told(stop)
+        return [start, stop, self.settings, told, against, *self.appearance.told(), *things]
+
     def follow(self, start: int, stop: int) -> dict[str, Array]:
         """The masks after one keyframe up to the next, and the `NUMBERS` of every thing on that (both also in place)."""
         forth = self._carried
         answers = self.ask(stop, {name: carried[-1] for name, carried in forth.items()})
-        self._enter(stop, answers)
+        answers = self._enter(stop, answers)
         self._fill_between(start, stop, forth)
         return {
             "masks": np.stack([self.masks[x.name][start + 1 : stop + 1] for x in self.things]),
@@ -144,6 +159,13 @@ class _Film:
         """Take in how the things look on a keyframe on which all answers were believed."""
         if all(self.told[x.name][t]["answered"] for x in self.things):
             self.appearance.learn(self.frames[t], {x.name: self.masks[x.name][t] for x in self.things})
+
+    def amend(self, t: int) -> None:
+        """Who votes for the things after a keyframe that was put right by hand."""
+        tracks = {x.name: x.tracks for x in self.things}
+        amended = self.corrections.amended(t, tracks, {x.name: self.masks[x.name][t] for x in self.things})
+        for x in self.things:
+            x.tracks = amended[x.name]
 
     def ask(self, t: int, carried: Mapping[str, Carried], claimed: Array | None = None) -> dict[str, Answer]:
         """The answers on frame t; background points on what is `claimed` [H, W] by things do not vote."""
@@ -186,6 +208,9 @@ class _Film:
         # Points sampled as background may lie on parts of the object that frame 0's first mask missed.
         claimed = np.any([c.mask for c in expected.values()], axis=0)
         self._enter(0, self.ask(0, expected, claimed))
+        if told := next(iter(self.told.values())):
+            first = min(told)
+            self._fill_between(0, first, {x.name: self.carry(self.masks[x.name][0], 0, first) for x in self.things})
 
     def carry(self, mask: Array, start: int, stop: int) -> list[Carried]:
         """A mask carried by the flow from frame `start` to each frame up to `stop`."""
@@ -204,10 +229,13 @@ class _Film:
         misses = round_trip_error(back, self.flow_between(t, after))
         return Carried(soft, held & (misses < self.settings.round_trip))
 
-    def _enter(self, t: int, answers: Mapping[str, Answer]) -> None:
+    def _enter(self, t: int, answers: Mapping[str, Answer]) -> dict[str, Answer]:
+        """The answers as masks of frame t (in place), put right where that was done by hand; the answers with that."""
         for name, answer in answers.items():
             self.masks[name][t] = answer.mask
+        certain = self.corrections.apply(t, {x.name: self.masks[x.name][t] for x in self.things})
         settle_overlaps([self.masks[x.name][t] for x in self.things])
+        return {name: replace(a, answered=a.answered or name in certain) for name, a in answers.items()}
 
     def _fill_between(self, start: int, stop: int, forth: Mapping[str, Sequence[Carried]]) -> None:
         """Masks of the frames between two keyframes (in place): carried from both, the nearer one counting more."""

@@ -165,7 +165,7 @@ def _checked(
     alike = overlap >= settings.overlap and 1 / settings.area <= growth <= settings.area
     better, as_it_was = gain(np.stack([mask, expected]), known)
     believed = asked and bool(mask.any()) and gathered >= settings.gain
-    return Answer(mask, believed and (alike or not witness or better >= as_it_was), gathered, overlap, growth)
+    return Answer(mask, bool(believed and (alike or not witness or better >= as_it_was)), gathered, overlap, growth)
 
 
 def _standing_in(known: Array, carried: Carried, settings: AssociationSettings) -> Answer:

@@ -157,7 +157,7 @@ class Following:
         place, second = search(self.templates, grey, here, linear, which, reach=s.search_reach)
         after, likeness = self.templates.register(grey, place, linear, which)
         change = np.abs(colours(self.frames[t], after, s.patch) - self.colours[which]).max(1)
-        good = (likeness > np.maximum(s.min_likeness, second + s.min_distinct)) & (change < s.max_colour_change)
+        good = (likeness > np.maximum(s.found_likeness, second + s.min_distinct)) & (change < s.max_colour_change)
         good &= self._free(after, t) & (_stretch(whole) > s.found_stretch)
         good &= np.linalg.norm(after - here, axis=1) < allowed
         self.points[t, which[good]] = after[good]

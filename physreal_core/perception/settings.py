@@ -142,6 +142,8 @@ class TrackerSettings:
     """A point is found again only where it is more alike by this than anywhere else in reach."""
     min_contrast: float = 5.0
     """A patch with less contrast than this cannot be looked for [grey levels]."""
+    min_confidence: float = 0.5
+    """A point in sight counts as visible where it is right with this probability (0 to 1)."""
 
 
 @dataclass(frozen=True)

@@ -142,7 +142,7 @@ class TrackerSettings:
     """A point is found again only where it is more alike by this than anywhere else in reach."""
     min_contrast: float = 5.0
     """A patch with less contrast than this cannot be looked for [grey levels]."""
-    min_confidence: float = 0.5
+    min_confidence: float = 0.0
     """A point in sight counts as visible where it is right with this probability (0 to 1)."""
 
 

@@ -346,12 +346,14 @@ class TrackerSettings:
     """Half side of the patch whose colour that is [px]."""
     max_colour_change: float = 0.04
     """A lost point is found again only where the mean colour is the same to this [share of the brightness]."""
-    patch: int = 6
+    patch: int = 4
     """Half side of the patch that a point is known by [px]."""
     grey_noise: float = 6.0
     """Standard deviation of an image's noise [grey levels]."""
     min_likeness: float = 0.85
-    """Least correlation with its patch for a point to be corrected by it, or found again (-1 to 1)."""
+    """Least correlation with its patch for a point to be corrected by it (-1 to 1)."""
+    found_likeness: float = 0.75
+    """Least correlation with its patch for a lost point to be found again; its neighbours must agree, too (-1 to 1)."""
     max_correction: float = 3.0
     """A patch corrects a point by no more than this [px]."""
     max_strain: float = 1.0
@@ -374,6 +376,8 @@ class TrackerSettings:
     """A point is found again only where it is more alike by this than anywhere else in reach."""
     min_contrast: float = 5.0
     """A patch with less contrast than this cannot be looked for [grey levels]."""
+    min_confidence: float = 0.0
+    """A point in sight counts as visible where it is right with this probability (0 to 1)."""
 
 
 @dataclass(frozen=True)

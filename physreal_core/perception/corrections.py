@@ -1,7 +1,7 @@
 """Frames that somebody put right by hand: the mask there answers to the clicks, and what follows starts from it."""
 
 from collections.abc import Callable, Mapping, Sequence
-from dataclasses import dataclass, field, replace
+from dataclasses import dataclass, field
 
 import numpy as np
 
@@ -196,11 +196,7 @@ class Corrections:
         elsewhere = np.flatnonzero(inside)[off[pixel[:, 1], pixel[:, 0]]]
         visible[t:, elsewhere[visible[t, elsewhere]]] = False
         new = self._followed(spread_over(mask, self.settings.correction.voters, self.queries), t)
-        return replace(
-            tracks,
-            points=np.concatenate([points, new.points], axis=1),
-            visible=np.concatenate([visible, new.visible], axis=1),
-        )
+        return Tracks(np.concatenate([points, new.points], axis=1), np.concatenate([visible, new.visible], axis=1))
 
     def _followed(self, queries: Float[Array, "J 2"], start: int) -> Tracks:
         """Points of frame `start` along the flow to the end, until they miss themselves there and back."""

@@ -1,10 +1,10 @@
-"""Tracks by chained flow, with drift taken out against frame 0 and occlusion told from the checks.
+"""Tracks of a soft surface by chained flow, held to the surface by its neighbourhood and to itself by patches.
 
-From frame t-1 to t a point goes along the flow and back; if it misses itself it is lost there. Then frame t is warped
-into frame 0 by a smooth map through the tracks that hold (moving affine least squares), and the small flow left
-between frame 0 and that warped frame corrects every point against frame 0 itself, so errors do not add up and a point
-that comes out of an occlusion is found again. The accepted correction needs the round trip and the likeness
-(normalised cross-correlation of the patches) with frame 0.
+From frame t-1 to t a point goes along the flow and back; where it misses itself it is lost. A point that departs from
+the affine map of its neighbours far more than they do themselves has slipped onto something else, and is lost, too
+(`neighbourhood`). What drift there is, the registration with the point's patch takes out (`templates`): the patch is of
+the frame where the point was last well seen from this side, so a turn or a shade makes a new patch and not a lost point.
+A lost point rides with its neighbours and is looked for where they carry it (`finding`).
 """
 
 from collections.abc import Sequence
@@ -14,8 +14,12 @@ import numpy as np
 
 from physreal_core.array_types import Array, Bool, Float, UInt8
 from physreal_core.checkpoints import Checkpoints, checkpoints
-from physreal_core.perception.flow import DisFlow, Flow, inside_image, pixel_grid, round_trip_error, sample
+from physreal_core.perception.finding import search
+from physreal_core.perception.flow import DisFlow, Flow, inside_image, round_trip_error, sample
+from physreal_core.perception.neighbourhood import LocalMap, local_map, nearest_others
 from physreal_core.perception.onnx_tracker import inside_masks
+from physreal_core.perception.settings import TrackerSettings
+from physreal_core.perception.templates import Templates
 from physreal_core.perception.tracker import Tracks
 
 
@@ -25,27 +29,13 @@ class FlowTracker:
 
     Attributes:
         flow: flow from frame to frame.
-        anchor_flow: small flow against frame 0.
-        max_round_trip: a point is lost where forward and backward flow disagree by more [px].
-        max_anchor_round_trip: same for the correction against frame 0 [px].
-        min_likeness: least patch correlation with frame 0 for a correction, and for a lost point to be seen again.
-        min_recognised: below this correlation a patch with texture shows something else: the point is lost.
-        patch: half size of that patch [px].
-        neighbours: tracks that carry the smooth map at a point.
+        settings: the numbers.
         kept: checkpoints of the flows, which serve all that is done with one video.
-        anchored: whether points are corrected against frame 0; half the cost without.
-        max_stray: a point this far [px] from where its neighbours carry it has slipped onto something else.
+        anchored: whether points are held to patches and looked for when lost; what stands still needs neither.
     """
 
     flow: Flow = field(default_factory=DisFlow)
-    anchor_flow: Flow = field(default_factory=DisFlow)
-    max_round_trip: float = 1.0
-    max_anchor_round_trip: float = 0.7
-    min_likeness: float = 0.75
-    min_recognised: float = 0.3
-    patch: int = 4
-    neighbours: int = 24
-    max_stray: float = 2.0
+    settings: TrackerSettings = field(default_factory=TrackerSettings)
     anchored: bool = True
     kept: Checkpoints = field(default_factory=checkpoints, repr=False)
     _flows: dict[tuple[int, int], Array] = field(default_factory=dict, repr=False)
@@ -57,34 +47,18 @@ class FlowTracker:
         occluders: Bool[Array, "T H W"] | None = None,
     ) -> Tracks:
         """Follow `queries` (u, v) [px] of frame 0; see `Tracker`."""
-        height, width = frames[0].shape[:2]
         queries = np.asarray(queries, np.float32).reshape(-1, 2)
-        points, visible = [queries.copy()], [inside_image(queries, height, width)]
         if len(queries) == 0:
             return Tracks(np.zeros((len(frames), 0, 2), np.float32), np.zeros((len(frames), 0), bool))
-        anchor = _Anchor(frames[0], queries, self) if self.anchored else None
         kept = checkpoints()
         name = kept.unique("track", [queries, occluders, self.anchored])
-        shapes = {"points": (None, len(queries), 2), "visible": (None, len(queries)), "last": (len(queries), 2)}
-        if (known := kept.get(name, shapes)) is not None:
-            points, visible = [*known["points"][:-1], known["last"]], [*known["visible"]]
-        for t in range(len(points), len(frames)):
-            step, error = self._step(frames, t)
-            moved = points[-1] + sample(step, points[-1])
-            blocked = (
-                np.zeros(len(queries), bool) if occluders is None else inside_masks(moved[None], occluders[t][None])[0]
-            )
-            held = visible[-1] & (sample(error, points[-1]) < self.max_round_trip) & inside_image(moved, height, width)
-            held &= ~blocked
-            now, seen = moved, held
-            if anchor is not None:
-                now, seen = anchor.correct(frames[t], moved, held, None if occluders is None else occluders[t])
-            points.append(now)
-            visible.append(seen)
+        state = _Following(self, frames, queries, occluders)
+        state.resume(kept.get(name, state.shapes()))
+        for t in range(state.done, len(frames)):
+            state.step(t)
             if kept.due(name) or t == len(frames) - 1:
-                state = {"points": np.stack(points).astype(np.float32), "visible": np.stack(visible), "last": now}
-                kept.put(name, state)
-        return Tracks(np.stack(points).astype(np.float32), np.stack(visible))
+                kept.put(name, state.arrays())
+        return Tracks(state.points, state.visible)
 
     def flow_between(self, frames: Sequence[Array], source: int, target: int) -> Float[Array, "H W 2"]:
         """Flow between neighbouring frames [px], kept for the next who asks."""
@@ -96,106 +70,137 @@ class FlowTracker:
             self._flows[source, target] = known["flow"]
         return self._flows[source, target]
 
-    def _step(self, frames: Sequence[Array], t: int) -> tuple[Array, Array]:
-        forward, backward = self.flow_between(frames, t - 1, t), self.flow_between(frames, t, t - 1)
-        return forward, round_trip_error(forward, backward)
 
+class _Following:
+    """The points of one call on their way through the frames."""
 
-class _Anchor:
-    """Frame 0 and its queries: corrects points of a later frame against them."""
+    def __init__(self, tracker: FlowTracker, frames: Sequence[Array], queries: Array, occluders: Array | None) -> None:
+        self.tracker, self.frames, self.occluders, self.set = tracker, frames, occluders, tracker.settings
+        count = len(queries)
+        self.done = 1
+        self.points = np.zeros((len(frames), count, 2), np.float32)
+        self.visible = np.zeros((len(frames), count), bool)
+        self.points[0], self.visible[0] = queries, inside_image(queries, *frames[0].shape[:2])
+        self.last_seen = np.zeros(count, int)  # frame in which each point was seen last
+        self.patch_of = np.zeros(count, int)  # frame that each point's patch is of
+        self.corrected = np.zeros(count, int)  # frame in which it was corrected last
+        self.near = nearest_others(queries, self.set.neighbours)
+        self.templates = Templates(count, self.set.patch, self.set.grey_noise)
+        self.templates.take(_grey(frames[0]), queries, np.arange(count))
 
-    def __init__(self, frame: Array, queries: Float[Array, "J 2"], settings: FlowTracker) -> None:
-        from scipy.spatial import cKDTree
+    def shapes(self) -> dict[str, tuple[int | None, ...]]:
+        """Of `arrays`."""
+        count = self.visible.shape[1]
+        counts = {name: (count,) for name in ("last_seen", "patch_of", "corrected")}
+        return {"points": (None, count, 2), "visible": (None, count), **counts}
 
-        self.settings, self.queries = settings, queries
-        margin = 24
-        low = np.maximum(np.floor(queries.min(0)).astype(int) - margin, 0)
-        high = np.minimum(np.ceil(queries.max(0)).astype(int) + margin, np.array(frame.shape[1::-1]) - 1)
-        self.low, self.size = low, tuple(int(n) for n in (high - low + 1)[::-1])
-        self.image = np.ascontiguousarray(frame[low[1] : high[1] + 1, low[0] : high[0] + 1])
-        self.stride = 4  # the map is smooth: made on a coarse grid and interpolated
-        rows, columns = (-(-n // self.stride) + 1 for n in self.size)
-        self.nodes = pixel_grid(rows, columns) * self.stride + low
-        self.spread = max(float(np.median(cKDTree(queries).query(queries, k=min(5, len(queries)))[0][:, -1])), 1.0)
-        self.patches = _patches(frame, queries, settings.patch)
-        self.textured = self.patches.std(axis=1).mean(axis=1) > 5.0  # grey levels
+    def arrays(self) -> dict[str, Array]:
+        """All that the frames to come depend on: the patches follow from these."""
+        done = self.done
+        own = {name: getattr(self, name) for name in ("last_seen", "patch_of", "corrected")}
+        return {"points": self.points[:done], "visible": self.visible[:done], **own}
 
-    def correct(
-        self, frame: Array, moved: Float[Array, "J 2"], held: Bool[Array, " J"], occluder: Array | None
-    ) -> tuple[Float[Array, "J 2"], Bool[Array, " J"]]:
-        s = self.settings
-        if held.sum() < 4:
-            return moved, held
-        for _ in range(2):  # strays pull at their neighbours, so the test is repeated without them
-            carried = self._carry(moved, held, self.queries)
-            held = held & (np.linalg.norm(moved - carried, axis=1) < s.max_stray)
-            if held.sum() < 4:
-                return moved, held
-        # A lost point rides with its neighbours, so that it can be recognised where it should be.
-        guess = np.where(held[:, None], moved, self._carry(moved, held, self.queries))
-        warped, where = self._warp(frame, guess, held)
-        residual = s.anchor_flow(self.image, warped)
-        back = s.anchor_flow(warped, self.image)
-        local = self.queries - self.low
-        correction = sample(residual, local)
-        trip = sample(round_trip_error(residual, back), local)
-        corrected = sample(where, local + correction)
-        seen_before, seen_after = (
-            _likeness(self.patches, _warped_patches(frame, where, local + c, s.patch))
-            for c in (0 * correction, correction)
+    def resume(self, known: dict[str, Array] | None) -> None:
+        """Go on from `arrays` of an earlier run."""
+        if known is None:
+            return
+        self.done = len(known["points"])
+        self.points[: self.done], self.visible[: self.done] = known["points"], known["visible"]
+        for name in ("last_seen", "patch_of", "corrected"):
+            setattr(self, name, known[name].copy())
+        for t in np.unique(self.patch_of[self.patch_of > 0]):
+            which = np.flatnonzero(self.patch_of == t)
+            self.templates.take(_grey(self.frames[t]), self.points[t, which], which)
+
+    def step(self, t: int) -> None:
+        """From frame t - 1 to t."""
+        before, held = self.points[t - 1], self.visible[t - 1]
+        forward = self.tracker.flow_between(self.frames, t - 1, t)
+        backward = self.tracker.flow_between(self.frames, t, t - 1)
+        step, miss = sample(forward, before), sample(round_trip_error(forward, backward), before)
+        allowed = self.set.max_round_trip + self.set.round_trip_share * np.linalg.norm(step, axis=1)
+        self.points[t] = before + step
+        held = held & (miss < allowed) & self._free(self.points[t], t)
+        self._judge(t, held)
+        if self.tracker.anchored:
+            self._correct(t)
+            self._find(t)
+        self.last_seen[self.visible[t]] = t
+        self.done = t + 1
+
+    def _free(self, points: Array, t: int) -> Bool[Array, " N"]:
+        """Whether points lie on the image and on nothing that hides them."""
+        free = inside_image(points, *self.frames[t].shape[:2])
+        if self.occluders is None:
+            return free
+        return free & ~inside_masks(points[None], self.occluders[t][None])[0]
+
+    def _map(self, t: int, since: Array, held: Array, which: Array) -> LocalMap:
+        """What the neighbourhood of points says of their way from the frames `since` [N] to t."""
+        near = self.near[which]
+        source = self.points[since[:, None], near]
+        usable = held[near] & self.visible[since[:, None], near]
+        return local_map(
+            self.points[since, which], source, self.points[t, near], usable, floor=self.set.spread_floor
         )
-        inside = inside_image(corrected, *frame.shape[:2])
-        free = inside if occluder is None else inside & ~inside_masks(corrected[None], occluder[None])[0]
-        good = (
-            free & (trip < s.max_anchor_round_trip) & (seen_after > s.min_likeness) & (seen_after > seen_before - 0.05)
+
+    def _judge(self, t: int, held: Array) -> None:
+        """Points that depart from their neighbours are lost; lost points ride with theirs."""
+        everyone = np.arange(len(held))
+        found = self._map(t, np.zeros(len(held), int), held, everyone)
+        departure = np.linalg.norm(self.points[t] - found.points, axis=1) / found.spread
+        told = found.support >= self.set.least_neighbours
+        held = held & ~(told & (departure > self.set.max_departure))
+        lost = np.flatnonzero(~held)
+        carried = self._map(t, self.last_seen[lost], held, lost)
+        rides = carried.support >= self.set.least_neighbours
+        self.points[t, lost[rides]] = carried.points[rides]
+        self.visible[t] = held
+
+    def _correct(self, t: int) -> None:
+        """Take out the drift of the points in sight against their patches, and renew the patches of what has turned."""
+        which = np.flatnonzero(self.visible[t])
+        if len(which) == 0:
+            return
+        grey, here = _grey(self.frames[t]), self.points[t, which]
+        linear = self._map(t, self.patch_of[which], self.visible[t], which).linear
+        before, after = self.templates.register(grey, here, linear, which)
+        small = np.linalg.norm(after.points - here, axis=1) < self.set.max_correction
+        good = small & (after.likeness > self.set.min_likeness) & self._free(after.points, t)
+        self.points[t, which[good]] = after.points[good]
+        self.corrected[which[good]] = t
+        turned = good & (after.likeness < self.set.renewed_below)
+        unlike = ~good & (t - self.corrected[which] >= self.set.renewed_after)
+        renewed = which[turned | unlike]
+        self.templates.take(grey, self.points[t, renewed], renewed)
+        self.patch_of[renewed] = t
+        self.corrected[renewed] = t
+
+    def _find(self, t: int) -> None:
+        """Look for lost points by their patches."""
+        lost = ~self.visible[t] & (self.templates.contrast > self.set.min_contrast) & self._free(self.points[t], t)
+        if t % self.set.search_every or not lost.any():
+            return
+        which = np.flatnonzero(lost)
+        which = np.roll(which, -(t * self.set.search_limit) % len(which))[: self.set.search_limit]
+        grey = _grey(self.frames[t])
+        found = self._map(t, self.patch_of[which], self.visible[t], which)
+        known = found.support >= self.set.least_neighbours
+        which, linear = which[known], found.linear[known]
+        place, _, second = search(
+            self.templates, grey, self.points[t, which], linear, which, reach=self.set.search_reach
         )
-        good &= np.linalg.norm(correction, axis=1) < 6
-        found_again = good & ~held & (seen_after > s.min_likeness)
-        # Something else altogether is to be seen there; a flat patch cannot tell.
-        replaced = ~good & self.textured & (np.maximum(seen_before, seen_after) < s.min_recognised)
-        return np.where(good[:, None], corrected, guess), (held & ~replaced) | found_again
-
-    def _carry(self, moved: Array, held: Array, points: Float[Array, "... 2"]) -> Float[Array, "... 2"]:
-        """Moving least squares: points of frame 0 under the affine map of the nearest held tracks around each."""
-        from scipy.spatial import cKDTree
-
-        source, target = self.queries[held], moved[held]
-        count = min(self.settings.neighbours, len(source))
-        flat = points.reshape(-1, 2)
-        distance, index = cKDTree(source).query(flat, k=count)
-        distance, index = distance.reshape(len(flat), -1), index.reshape(len(flat), -1)
-        weight = np.exp(-0.5 * (distance / np.maximum(distance[:, -1:] * 0.5, self.spread)) ** 2) + 1e-6
-        a, b = source[index] - flat[:, None], target[index] - source[index]
-        ones = np.concatenate([np.ones((*a.shape[:2], 1)), a / self.spread], -1)  # [n, k, 3]
-        normal = np.einsum("nki,nk,nkj->nij", ones, weight, ones)
-        normal += np.diag([1e-9, 0.05, 0.05]) * weight.sum(1)[:, None, None]  # shrinks towards translation
-        coefficients = np.linalg.solve(normal, np.einsum("nki,nk,nkc->nic", ones, weight, b))
-        return (flat + coefficients[:, 0]).reshape(points.shape).astype(np.float32)
-
-    def _warp(self, frame: Array, guess: Array, held: Array) -> tuple[Array, Array]:
-        """Frame t seen in frame 0's crop, and where each pixel of the crop lies in frame t [px]."""
-        import cv2
-
-        nodes = self._carry(guess, held, self.nodes)
-        rows, columns = self.size
-        local = pixel_grid(rows, columns) / self.stride
-        where = cv2.remap(nodes, local[..., 0], local[..., 1], cv2.INTER_LINEAR)
-        return cv2.remap(frame, where[..., 0], where[..., 1], cv2.INTER_LINEAR, borderMode=cv2.BORDER_REPLICATE), where
+        if len(which) == 0:
+            return
+        _, after = self.templates.register(grey, place, linear, which)
+        good = (after.likeness > self.set.min_likeness) & (after.likeness > second + self.set.min_distinct)
+        good &= self._free(after.points, t)
+        self.points[t, which[good]] = after.points[good]
+        self.visible[t, which[good]] = True
 
 
-def _patches(image: Array, points: Float[Array, "J 2"], half: int) -> Float[Array, "J P 3"]:
-    offsets = (pixel_grid(2 * half + 1, 2 * half + 1) - half).reshape(-1, 2)
-    return sample(image.astype(np.float32), points[:, None] + offsets)
+def _grey(frame: UInt8[Array, "H W 3"]) -> Float[Array, "H W"]:
+    """Brightness [grey levels]."""
+    import cv2
 
-
-def _warped_patches(frame: Array, where: Array, points: Array, half: int) -> Float[Array, "J P 3"]:
-    """Patches of the frame under the map `where`, so that turning and stretching do not spoil the likeness."""
-    offsets = (pixel_grid(2 * half + 1, 2 * half + 1) - half).reshape(-1, 2)
-    return sample(frame.astype(np.float32), sample(where, points[:, None] + offsets))
-
-
-def _likeness(first: Float[Array, "J P 3"], second: Float[Array, "J P 3"]) -> Float[Array, " J"]:
-    """Normalised cross-correlation of patches; flat patches (contrast under 2 grey levels) count as unlike."""
-    a, b = (p - p.mean(1, keepdims=True) for p in (first, second))
-    scale = np.sqrt((a**2).sum((1, 2)) * (b**2).sum((1, 2)))
-    return (a * b).sum((1, 2)) / np.maximum(scale, 4.0 * a[0].size)
+    return cv2.cvtColor(frame, cv2.COLOR_RGB2GRAY).astype(np.float32)

@@ -8,7 +8,6 @@ import numpy as np
 
 from physreal_core.array_types import Array, Bool, Float, UInt8
 from physreal_core.errors import InputError
-from physreal_core.perception.association import choose_by_votes
 from physreal_core.perception.chooser import (
     TargetChooser,
     fit_to_hint,
@@ -23,6 +22,7 @@ from physreal_core.perception.mask_geometry import box_of, signed_distance, spre
 from physreal_core.perception.prompting import Window, in_wide_enough_window, make_prompts, window_around
 from physreal_core.perception.segmenter import Candidates, Prompt, Segmenter, drop_duplicates, zoomed_candidates
 from physreal_core.perception.settings import AssociationSettings, WindowSettings
+from physreal_core.perception.votes import choose_by_votes
 
 _MAX_AREA = 0.5  # of the image: more is a table or a wall
 _UNTOUCHED = 0.02  # weight of what the hand does not touch: among many things one sounds right by chance

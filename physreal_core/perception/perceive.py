@@ -265,16 +265,17 @@ def _all_masks(
         hands = [n for n in first if n != "object"]
         parts = _split_between(video.masks["controller"], [first[n] for n in hands])
         return {"object": video.masks["object"], **dict(zip(hands, parts, strict=True))}
+    # Votes need no more than the flow's chain: what drifts a little is still on its thing.
+    chained = networks.tracker or replace(networks.flow, anchored=False)
     things = [
-        Thing(name, mask, _votes(tracker, video, spread_over(mask, settings.track_count, settings.queries)))
+        Thing(name, mask, chained.track(video.frames, spread_over(mask, settings.track_count, settings.queries)))
         for name, mask in first.items()
     ]
-    still = replace(networks.flow, anchored=False)  # what stands still does not drift
-    away = background_queries(np.any(list(first.values()), axis=0), settings.queries)
-    background = _votes(still, video, away)
+    still = replace(networks.flow, anchored=False)
+    background = still.track(video.frames, background_queries(np.any(list(first.values()), axis=0), settings.queries))
     tick("votes")
     corrections = _corrections(video, networks, settings)
-    masks, unanswered = follow_masks(
+    followed = follow_masks(
         video.frames,
         things,
         background,
@@ -283,10 +284,14 @@ def _all_masks(
         stride=settings.keyframe_stride,
         settings=settings.association,
         corrections=corrections,
-        tick=lambda: tick("keyframe"),
+        tick=lambda frames: tick("keyframe"),
     )
-    report["keyframes_without_vote"] = {n: frames for n, frames in unanswered.items() if frames}
-    masks = dict(masks)
+    report["keyframes_without_vote"] = {n: frames for n in first if (frames := followed.unanswered(n))}
+    report["keyframes"] = {
+        n: {str(t): {k: round(v, 3) for k, v in told.items()} for t, told in keys.items()}
+        for n, keys in followed.keyframes.items()
+    }
+    masks = dict(followed.masks)
     if "object" in video.masks:
         masks["object"] = video.masks["object"]
     else:
@@ -294,17 +299,6 @@ def _all_masks(
         own = [m if t in certain else _standing(video, m, t, settings) for t, m in enumerate(masks["object"])]
         masks["object"] = np.stack(own)
     return masks
-
-
-def _votes(tracker: Tracker, video: Video, queries: Float[Array, "J 2"]) -> Tracks:
-    """Tracks that vote, from an earlier run where there are some."""
-
-    def track() -> dict[str, Array]:
-        return vars(tracker.track(video.frames, queries))
-
-    shapes = {"points": (len(video.frames), len(queries), 2), "visible": (len(video.frames), len(queries))}
-    depends = [video.frames[0], queries, getattr(tracker, "anchored", True)]
-    return Tracks(**remembered("votes", lambda: depends, shapes, track, lasting=True))
 
 
 def _standing(video: Video, mask: Array, t: int, settings: PerceptionSettings) -> Array:

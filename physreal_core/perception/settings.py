@@ -34,6 +34,14 @@ class PromptSettings:
     """Points on the thing, where a box is given too."""
     points_off: int = 2
     """Points on each other thing, which say what is not meant."""
+    points_in_whole: int = 10
+    """Points spread over the whole thing, where its expected mask is shown too."""
+    points_rim: int = 6
+    """Points on the background around a thing, which say what is not meant."""
+    rim_gap: float = 5.0
+    """They lie farther than this from the thing [px]."""
+    rim_reach: float = 0.6
+    """And nearer than this [share of the square root of the thing's area]."""
     margin: float = 0.03
     """Widening of the box around the expected mask, on each side [share of its size]."""
     margin_of_tracks: float = 0.06
@@ -57,6 +65,76 @@ class CorrectionSettings:
 
 
 @dataclass(frozen=True)
+class AppearanceSettings:
+    """The memory of colours: histograms in Lab, each channel from 0 to 255."""
+
+    light_bin: int = 20
+    """Width of a bin of lightness [levels]."""
+    colour_bin: int = 6
+    """Width of a bin of a and of b [levels]."""
+    blur: float = 0.7
+    """Standard deviation of the smoothing before colours are read [px]."""
+    rim: float = 2.0
+    """Pixels this near to a mask's edge teach nothing [px]."""
+    surroundings: float = 0.15
+    """The background is learned up to this distance from all things [share of the image's diagonal]."""
+    least_pixels: int = 60
+    """From fewer pixels of a thing nothing is learned [px]."""
+    rate: float = 0.2
+    """Share of a new frame in the memory of the later frames; frame 0 is remembered beside it, with equal weight."""
+    surprise: float = 1e-3
+    """Likelihood of a bin that was never seen: how far a rare colour can be trusted."""
+    largest: float = 2.0
+    """Evidence of a colour is cut there [log-odds]."""
+
+
+@dataclass(frozen=True)
+class EvidenceSettings:
+    """How what is known of a pixel adds up [log-odds]."""
+
+    carried: float = 2.0
+    """Of a pixel well inside the mask that the flow carried here; minus that well outside."""
+    carried_depth: float = 4.0
+    """Distance from the carried mask's edge at which it is well inside [px]."""
+    lost: float = 0.4
+    """Share of it that counts where the flow there and back disagreed on the way."""
+    vote: float = 2.0
+    """Of a visible track at the pixel: for its own thing, against any other."""
+    vote_reach: float = 3.0
+    """A vote falls off over this distance, or over the tracks' spacing where that is more [px]."""
+    colour: float = 0.6
+    """Weight of the colours' log-odds."""
+    segmenter: float = 1.5
+    """Of a pixel that all candidates hold; minus that of one which none holds."""
+    score: float = 0.15
+    """Weight of a candidate's own score beside the share of the evidence that it gathers."""
+    piece: float = 0.5
+    """A piece is added to the best candidate, or taken off it, where its mean evidence for that is more."""
+    strip: float = 2.0
+    """A piece is deeper than this somewhere: along a thing's edge the segmenter knows better [px]."""
+    least_piece: float = 0.003
+    """Smallest piece [share of the expected mask's area]."""
+
+
+@dataclass(frozen=True)
+class CheckSettings:
+    """When a keyframe's answer is asked again, and when it is not believed."""
+
+    overlap: float = 0.8
+    """Least IoU of the answer with the carried mask."""
+    area: float = 1.2
+    """Largest ratio of the two areas, either way."""
+    held: float = 0.5
+    """A carried mask with a smaller share of pixels on which the flow agrees is no witness against the answer."""
+    gain: float = 0.6
+    """Least share of the evidence that the answer gathers."""
+    drop: float = 0.5
+    """From this mean evidence against a piece on, it is taken off a carried mask that stands in for an answer."""
+    mend_back: int = 2
+    """Keyframes after a doubtful one that say once more what it should hold."""
+
+
+@dataclass(frozen=True)
 class AssociationSettings:
     """How one mask per frame is chosen by the votes of the tracks (eq. mask_tracking) and carried in between."""
 
@@ -66,18 +144,23 @@ class AssociationSettings:
     """Among equals a score counts this + IoU times, IoU being the likeness to the expected mask (0 to 1)."""
     carried_score: float = 0.3
     """Score of the mask that the flow carried to a keyframe, among the network's own (0 to 1)."""
-    least_voters: int = 3
-    """With fewer visible tracks a thing is not voted on: the carried mask stands."""
-    near: float = 6.0
-    """Pixels this near to a visible track may belong to its thing in any case [px]."""
-    near_spacings: float = 3.0
-    """And those within so many spacings of the tracks, where that is more."""
-    spacing_neighbours: int = 3
-    """The tracks' spacing is the median distance to the nearest so many, counting the track itself."""
+    still: float = 1.5
+    """A background track votes against the things if it stays within this of the background's motion [px]."""
+    round_trip: float = 1.0
+    """The carried mask is a guess where the flow there and back misses by more [px]."""
+    stray: float = 0.15
+    """A keyframe is set where the flow lost more of a mask than this since the last one [share of its pixels]."""
+    least_stride: int = 4
+    """But no nearer to the last one than this [frames]."""
     keyframes_back: int = 3
     """Keyframes that say once more what belongs to a thing in frame 0."""
     agreement: float = 0.5
     """A pixel of frame 0 belongs to a thing if more than this share of them, and of frame 0's own mask, say so."""
+    reach: float = 0.1
+    """Of a thing other than the object the window holds what is this near to the object [share of the diagonal]."""
+    appearance: AppearanceSettings = field(default_factory=AppearanceSettings)
+    evidence: EvidenceSettings = field(default_factory=EvidenceSettings)
+    check: CheckSettings = field(default_factory=CheckSettings)
     window: WindowSettings = field(default_factory=WindowSettings)
     prompts: PromptSettings = field(default_factory=PromptSettings)
     correction: CorrectionSettings = field(default_factory=CorrectionSettings)
@@ -101,6 +184,46 @@ class QuerySettings:
     """Points tracked there, about."""
     background_far_count: int = 200
     """Points tracked on the rest of the background, about."""
+
+
+@dataclass(frozen=True)
+class TrackerSettings:
+    """How points are followed (`flow_tracker.FlowTracker`)."""
+
+    max_round_trip: float = 1.0
+    """A point is lost where the flow there and back misses by more [px]."""
+    round_trip_share: float = 0.05
+    """And by more than this share of the step itself on top: fast motion is measured less well."""
+    neighbours: int = 16
+    """Tracks that say how the surface around a point moves."""
+    least_neighbours: int = 4
+    """With fewer tracks in sight around it, nothing is said of how a point should move."""
+    spread_floor: float = 0.5
+    """Neighbours that agree to this are taken to agree no better [px]."""
+    max_departure: float = 8.0
+    """A point is lost that departs from its neighbours by more than so many times as they do themselves."""
+    patch: int = 6
+    """Half side of the patch that a point is known by [px]."""
+    grey_noise: float = 3.0
+    """Standard deviation of an image's noise [grey levels]."""
+    min_likeness: float = 0.8
+    """Least correlation with its patch for a point to be corrected by it, or found again (-1 to 1)."""
+    max_correction: float = 3.0
+    """A patch corrects a point by no more than this [px]."""
+    renewed_below: float = 0.9
+    """A point that is corrected while it looks less alike than this gets a new patch: it has turned (-1 to 1)."""
+    renewed_after: int = 5
+    """A point that was not corrected in so many frames, though it is seen, gets a new patch [frames]."""
+    search_reach: int = 6
+    """A lost point is looked for this far around where its neighbours carry it [px]."""
+    search_every: int = 2
+    """Lost points are looked for every so many frames [frames]."""
+    search_limit: int = 150
+    """So many lost points are looked for in a frame, at most; the others have their turn later."""
+    min_distinct: float = 0.05
+    """A point is found again only where it is more alike by this than anywhere else in reach."""
+    min_contrast: float = 5.0
+    """A patch with less contrast than this cannot be looked for [grey levels]."""
 
 
 @dataclass(frozen=True)
@@ -141,6 +264,7 @@ class PerceptionSettings:
     """Nor is one with a smaller share of the largest part's pixels."""
     association: AssociationSettings = field(default_factory=AssociationSettings)
     queries: QuerySettings = field(default_factory=QuerySettings)
+    tracking: TrackerSettings = field(default_factory=TrackerSettings)
 
 
 DEFAULTS = PerceptionSettings()

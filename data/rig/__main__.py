@@ -3,15 +3,16 @@
 import argparse
 from pathlib import Path
 
-from data.rig.capture import make_capture
+from data.rig.capture import make_capture, make_sequence
 from data.rig.parameters import Rig, build_scene
 from data.rig.rig_scene import SCENES
+from data.rig.sequences import SEQUENCES
 
 
 def main() -> None:
-    """Reads the command line; every knob of `Rig` is an option."""
+    """Reads the command line; every knob of `Rig` is an option of the scenes that are no sequences for perception."""
     parser = argparse.ArgumentParser(prog="python -m data.rig", description=__doc__)
-    parser.add_argument("scene", choices=sorted(SCENES))
+    parser.add_argument("scene", choices=sorted({**SCENES, **SEQUENCES}))
     parser.add_argument("--seed", type=int, default=0)
     parser.add_argument("--out", type=Path, help="capture folder; default data/captures/<scene>")
     for name, field in Rig.model_fields.items():
@@ -21,7 +22,10 @@ def main() -> None:
     name, seed, out = (arguments.pop(key) for key in ("scene", "seed", "out"))
     parameters = Rig(**arguments)
     destination = out or Path("data/captures") / name
-    make_capture(build_scene(name, parameters), destination, seed=seed, timestep=parameters.timestep)
+    if name in SEQUENCES:
+        make_sequence(name, seed, destination)
+    else:
+        make_capture(build_scene(name, parameters), destination, seed=seed, timestep=parameters.timestep)
     print(f"wrote {destination}")
 
 

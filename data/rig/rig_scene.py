@@ -5,6 +5,7 @@ from dataclasses import dataclass, field
 import numpy as np
 
 from data.rig.shapes import Block, Capsule, RoundedShape
+from data.rig.thin import Cloth
 from physreal_core.array_types import Array, Float
 
 
@@ -77,6 +78,47 @@ class Noise:
 
 
 @dataclass(frozen=True)
+class Look:
+    """How things are painted, lit and exposed.
+
+    Attributes:
+        body, hand, table: names in `texture.PAINTS`.
+        seed: of the patterns.
+        lamp: direction towards the lamp, of any length.
+        ambient, diffuse: light from all sides, and the lamp's where it shines straight down on a surface.
+        shade: share of the lamp's light that reaches a place in shadow.
+        shutter: share of the time between two frames in which light is gathered; 0 shows an instant.
+    """
+
+    body: str = "plush"
+    hand: str = "mitten"
+    table: str = "wood"
+    seed: int = 0
+    lamp: tuple[float, float, float] = (-0.35, -0.45, 0.82)
+    ambient: float = 0.42
+    diffuse: float = 0.72
+    shade: float = 0.3
+    shutter: float = 0.0
+
+
+@dataclass(frozen=True)
+class FurtherHand:
+    """A hand beside the first: its shape at time 0, its path, and how near [m] the nodes are that it holds.
+
+    With `grip_reach` None it holds nothing and passes through whatever is in its way.
+    """
+
+    shape: RoundedShape
+    motion: Motion
+    grip_reach: float | None = None
+
+    @property
+    def reach(self) -> float:
+        """Distance from its surface below which nodes are held [m]; no distance is below that of an idle hand."""
+        return -np.inf if self.grip_reach is None else self.grip_reach
+
+
+@dataclass(frozen=True)
 class RigScene:
     """One capture: `body` and `hand` at time 0 in the world frame, what the hand does, and how it is filmed.
 
@@ -85,7 +127,7 @@ class RigScene:
 
     name: str
     description: str
-    body: RoundedShape | Block
+    body: RoundedShape | Block | Cloth
     hand: RoundedShape
     motion: Motion
     material: Material = Material()
@@ -99,6 +141,8 @@ class RigScene:
     grip_reach: float = 0.004
     grasp: Block | None = None
     hints: dict[str, dict] = field(default_factory=dict)
+    look: Look = Look()
+    others: tuple[FurtherHand, ...] = ()
 
 
 def plush_body() -> RoundedShape:

@@ -2,7 +2,7 @@
 
 import numpy as np
 
-from physreal_core.array_types import Array, Bool, Float
+from physreal_core.array_types import Array, Float
 from physreal_core.perception.flow import pixel_grid, sample
 from physreal_core.perception.templates import Templates
 
@@ -15,7 +15,7 @@ def search(
     which: Array,
     *,
     reach: int,
-) -> tuple[Float[Array, "N 2"], Float[Array, " N"], Float[Array, " N"]]:
+) -> tuple[Float[Array, "N 2"], Float[Array, " N"]]:
     """The place within `reach` where each template is most alike.
 
     Args:
@@ -27,10 +27,12 @@ def search(
         reach: how far to look, in the template's axes [px].
 
     Returns:
-        Places [N, 2] px, their likeness (-1 to 1), and the best likeness elsewhere, two pixels and more away.
+        Places [N, 2] px, and how alike the second best peak is (-1 to 1; -1 where there is no other).
     """
+    from scipy.ndimage import maximum_filter
+
     if len(points) == 0:
-        return points, np.zeros(0, np.float32), np.zeros(0, np.float32)
+        return points, np.zeros(0, np.float32)
     half, side = templates.half, 2 * (templates.half + reach) + 1
     grid = (pixel_grid(side, side) - (half + reach)).reshape(-1, 2)
     around = sample(grey, points[:, None] + np.einsum("nij,pj->npi", linear, grid)).reshape(-1, side, side)
@@ -38,13 +40,10 @@ def search(
     flat = likeness.reshape(len(points), -1)
     best = flat.argmax(1)
     shifts = (pixel_grid(2 * reach + 1, 2 * reach + 1) - reach).reshape(-1, 2)
-    away = np.abs(shifts[None] - shifts[best][:, None]).max(-1) > 2
-    second = np.where(away, flat, -1.0).max(1)
-    return (
-        points + np.einsum("nij,nj->ni", linear, shifts[best]),
-        flat[np.arange(len(points)), best],
-        second.astype(np.float32),
-    )
+    peaks = (likeness >= maximum_filter(likeness, size=(1, 3, 3))).reshape(len(points), -1)
+    peaks[np.arange(len(points)), best] = False
+    second = np.where(peaks, flat, -1.0).max(1)
+    return points + np.einsum("nij,nj->ni", linear, shifts[best]), second.astype(np.float32)
 
 
 def _correlation(templates: Templates, around: Float[Array, "N S S"], which: Array) -> Float[Array, "N R R"]:
@@ -58,12 +57,3 @@ def _correlation(templates: Templates, around: Float[Array, "N S S"], which: Arr
     product = np.einsum("nabij,nij->nab", windows, template, optimize=True)
     product -= mean * template.sum((1, 2))[:, None, None]
     return product / np.maximum(np.sqrt(np.maximum(square - mean**2, 0.0)), templates.noise)
-
-
-def apart(points: Float[Array, "N 2"], others: Float[Array, "M 2"], distance: float) -> Bool[Array, " N"]:
-    """Which points lie farther than `distance` [px] from all others."""
-    from scipy.spatial import cKDTree
-
-    if len(others) == 0 or len(points) == 0:
-        return np.ones(len(points), bool)
-    return cKDTree(others).query(points)[0] > distance

@@ -40,6 +40,17 @@ def nearest_others(points: Float[Array, "J 2"], count: int) -> Int[Array, "J K"]
     return index[~own].reshape(len(points), count)
 
 
+def nearest_among(points: Float[Array, "J 2"], which: Array, among: Array, count: int) -> Int[Array, "N K"]:
+    """For each of the points `which` [N], the nearest `count` of the points `among` [M], fewer where there are fewer."""
+    from scipy.spatial import cKDTree
+
+    count = min(count, len(among))
+    if count == 0 or len(which) == 0:
+        return np.zeros((len(which), count), np.intp)
+    index = cKDTree(points[among]).query(points[which], k=count)[1].reshape(len(which), count)
+    return among[index]
+
+
 def local_map(
     centres: Float[Array, "N 2"],
     source: Float[Array, "N K 2"],
@@ -60,7 +71,9 @@ def local_map(
     """
     offset, shift = (source - centres[:, None]).astype(float), (target - source).astype(float)
     distance = np.linalg.norm(offset, axis=-1)
-    scale = np.maximum(np.median(distance, axis=1, keepdims=True), 1.0) if distance.shape[1] else np.ones((len(centres), 1))
+    scale = (
+        np.maximum(np.median(distance, axis=1, keepdims=True), 1.0) if distance.shape[1] else np.ones((len(centres), 1))
+    )
     near = np.where(usable, np.exp(-0.5 * (distance / scale) ** 2) + 1e-3, 0.0)
     terms = np.concatenate([np.ones((*distance.shape, 1)), offset / scale[..., None]], -1)  # [N, K, 3]
     weight = near

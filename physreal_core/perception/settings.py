@@ -200,22 +200,40 @@ class TrackerSettings:
     """With fewer tracks in sight around it, nothing is said of how a point should move."""
     spread_floor: float = 0.5
     """Neighbours that agree to this are taken to agree no better [px]."""
-    max_departure: float = 8.0
+    max_departure: float = 5.0
     """A point is lost that departs from its neighbours by more than so many times as they do themselves."""
-    patch: int = 6
+    min_stretch: float = 0.3
+    """A point is lost whose neighbourhood has shrunk to less than this of its width in some direction: its surface has
+    turned away, and points pile up where it does (0 to 1)."""
+    max_step_colour: float = 0.04
+    """A point is lost where the mean colour around it changes by more than this from one frame to the next: something
+    came before it [share of the brightness]."""
+    step_patch: int = 4
+    """Half side of the patch whose colour that is [px]."""
+    max_colour_change: float = 0.04
+    """A lost point is found again only where the mean colour is the same to this [share of the brightness]."""
+    patch: int = 4
     """Half side of the patch that a point is known by [px]."""
-    grey_noise: float = 3.0
+    grey_noise: float = 6.0
     """Standard deviation of an image's noise [grey levels]."""
-    min_likeness: float = 0.8
-    """Least correlation with its patch for a point to be corrected by it, or found again (-1 to 1)."""
+    min_likeness: float = 0.85
+    """Least correlation with its patch for a point to be corrected by it (-1 to 1)."""
+    found_likeness: float = 0.75
+    """Least correlation with its patch for a lost point to be found again; its neighbours must agree, too (-1 to 1)."""
     max_correction: float = 3.0
     """A patch corrects a point by no more than this [px]."""
+    max_strain: float = 1.0
+    """A patch moves a point away from where its neighbours carry it no farther than so many times their own spread."""
     renewed_below: float = 0.9
     """A point that is corrected while it looks less alike than this gets a new patch: it has turned (-1 to 1)."""
-    renewed_after: int = 5
+    renewed_after: int = 10
     """A point that was not corrected in so many frames, though it is seen, gets a new patch [frames]."""
     search_reach: int = 6
     """A lost point is looked for this far around where its neighbours carry it [px]."""
+    found_departure: float = 3.0
+    """It is found no farther from there than so many times the neighbours' own spread."""
+    found_stretch: float = 0.5
+    """Nor where the neighbourhood has shrunk to less than this of its width in some direction (0 to 1)."""
     search_every: int = 2
     """Lost points are looked for every so many frames [frames]."""
     search_limit: int = 150

@@ -4,22 +4,12 @@ Registration is inverse-compositional (Baker and Matthews 2004) for a shift alon
 and contrast are taken out of both patches first, so that shade does not count.
 """
 
-from dataclasses import dataclass
-
 import numpy as np
 
-from physreal_core.array_types import Array, Float
+from physreal_core.array_types import Array, Float, UInt8
 from physreal_core.perception.flow import pixel_grid, sample
 
 _STEPS = 6
-
-
-@dataclass(frozen=True)
-class Registered:
-    """points [N, 2] px where N templates are found; likeness [N] there (normalised cross-correlation, -1 to 1)."""
-
-    points: Float[Array, "N 2"]
-    likeness: Float[Array, " N"]
 
 
 class Templates:
@@ -60,36 +50,42 @@ class Templates:
 
     def register(
         self, grey: Float[Array, "H W"], points: Float[Array, "N 2"], linear: Float[Array, "N 2 2"], which: Array
-    ) -> tuple[Registered, Registered]:
-        """The templates `which` [N] in another image: as at `points`, and where they are most alike near there.
+    ) -> tuple[Float[Array, "N 2"], Float[Array, " N"]]:
+        """Where near `points` another image is most alike the templates `which` [N].
 
         Args:
             grey: the image.
-            points: where to look [px].
+            points: where to begin [px].
             linear: d(this image) / d(the template's), of the surface there.
             which: whose templates.
+
+        Returns:
+            Places [N, 2] px, and their likeness: normalised cross-correlation, -1 to 1.
         """
-        template, gain = self.patches[which], self.contrast[which][:, None]
+        template, slopes, gain = self.patches[which], self.slopes[which], self.contrast[which][:, None]
         offsets = np.einsum("nij,pj->npi", linear, self.offsets)
         shift = np.zeros((len(points), 2), np.float32)  # in the template's axes
-        best = before = None
+        place, best = points.copy(), np.full(len(points), -np.inf, np.float32)
         for _ in range(_STEPS + 1):
             at = points + np.einsum("nij,nj->ni", linear, shift)
             seen = self._normalised(sample(grey, at[:, None] + offsets))[0]
-            likeness = np.einsum("np,p,np->n", template, self.weight, seen)
-            if best is None:
-                before = best = Registered(points.copy(), likeness)
-            else:
-                better = likeness > best.likeness
-                best = Registered(
-                    np.where(better[:, None], at, best.points), np.where(better, likeness, best.likeness)
-                )
-            pull = np.einsum("npc,p,np->nc", self.slopes[which], self.weight, (template - seen) * gain)
+            likeness = (template * seen) @ self.weight
+            better = likeness > best
+            place, best = np.where(better[:, None], at, place), np.where(better, likeness, best)
+            pull = np.einsum("npc,np->nc", slopes, (template - seen) * (gain * self.weight))
             shift = shift + np.clip(np.einsum("nij,nj->ni", self.inverse[which], pull), -1, 1)
-        return before, best
+        return place, best
 
     def _normalised(self, patch: Float[Array, "N P"]) -> tuple[Float[Array, "N P"], Float[Array, " N"]]:
         """Patches of zero mean and unit deviation, and that deviation [grey levels]; one below the noise stays small."""
         patch = patch - (patch @ self.weight)[:, None]
         contrast = np.sqrt(np.maximum((patch**2) @ self.weight, 0.0))
         return patch / np.maximum(contrast, self.noise)[:, None], contrast
+
+
+def colours(image: UInt8[Array, "H W 3"], points: Float[Array, "N 2"], half: int) -> Float[Array, "N 3"]:
+    """Mean colour of the patches around points, as shares of the brightness, which shade leaves as they are."""
+    import cv2
+
+    mean = sample(cv2.blur(image.astype(np.float32), (2 * half + 1, 2 * half + 1)), points)
+    return mean / np.maximum(mean.sum(-1, keepdims=True), 1.0)

@@ -79,7 +79,7 @@ class SegmentAndTrack(StageParameters):
     )
     max_round_trip: float = Field(1.0, gt=0, description="flow there and back misses by more: the point is lost [px]")
     min_likeness: float = Field(
-        0.8, gt=0, lt=1, description="patch correlation that corrects a point or recognises a lost one (0 to 1)"
+        0.85, gt=0, lt=1, description="least correlation with a point's patch for it to be corrected (0 to 1)"
     )
 
     max_depth_edge: float = Field(

@@ -68,7 +68,7 @@ def test_given_masks_replace_the_networks(capture):
     assert np.isnan(tracks.points3d[~tracks.valid3d]).all()
     moved = (tracks.points2d - tracks.points2d[0] - SCENE.motion[:, None])[tracks.visible]
     # Flow is smooth across the disc's rim, where table and disc part: points there are off by up to a pixel.
-    assert np.median(np.linalg.norm(moved, axis=1)) < 0.1 and np.quantile(np.linalg.norm(moved, axis=1), 0.9) < 0.8
+    assert np.median(np.linalg.norm(moved, axis=1)) < 0.1 and np.quantile(np.linalg.norm(moved, axis=1), 0.9) < 1.0
     controllers = Controllers.load(output).points
     assert controllers.shape == (FRAMES, 3 * 30, 3) and np.isfinite(controllers).all()
     travelled = np.linalg.norm(controllers[-1] - controllers[0], axis=1)

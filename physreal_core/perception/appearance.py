@@ -51,6 +51,11 @@ class Appearance:
         """Mean evidence over a mask; 0 where nothing is known."""
         return float(self.evidence(image, name)[mask].mean()) if mask.any() else 0.0
 
+    @property
+    def known(self) -> Mapping[str, Float[Array, " B"]]:
+        """Histograms of frame 0 by name; they add up to 1."""
+        return self._first
+
     def _mixed(self, name: str) -> Array:
         return 0.5 * (self._first[name] + self._late[name])
 
@@ -74,3 +79,12 @@ class Appearance:
         counts = np.bincount(bins, minlength=light * self._colours**2).astype(float)
         cube = counts.reshape(light, self._colours, self._colours) / len(bins)
         return gaussian_filter(cube, 1.0, mode="constant").ravel()
+
+
+def contrast(image: UInt8[Array, "H W 3"], mask: Bool[Array, "H W"], settings: AppearanceSettings) -> float:
+    """How unlike a mask's colours are to those around it (0: a patch of the same table, 1: nothing in common)."""
+    memory = Appearance(settings)
+    memory.learn(image, {"thing": mask})
+    if len(memory.known) < 2:
+        return 0.5
+    return 1.0 - float(np.minimum(*memory.known.values()).sum())

@@ -10,15 +10,16 @@ from physreal_core.array_types import Array, Bool, Float, UInt8
 from physreal_core.checkpoints import record_array, record_of, remembered
 from physreal_core.errors import InputError
 from physreal_core.perception.association import Thing, follow_masks
+from physreal_core.perception.choices import Choice
 from physreal_core.perception.chooser import TargetChooser
 from physreal_core.perception.controllers import ControllerMotion, move_controllers, pick_controllers, with_depth
 from physreal_core.perception.corrections import Correction, Corrections
-from physreal_core.perception.flow import pixel_grid, round_trip_error, sample
 from physreal_core.perception.flow_tracker import FlowTracker
-from physreal_core.perception.frame_zero import Choice, find_controllers, find_object
+from physreal_core.perception.frame_zero import find_controllers, find_object
 from physreal_core.perception.hand_finder import HandFinder
 from physreal_core.perception.lifting import LiftedTracks, depth_at, lift_tracks
 from physreal_core.perception.mask_geometry import distance_to, large_parts, signed_distance
+from physreal_core.perception.motion import watch
 from physreal_core.perception.onnx_tracker import inside_masks
 from physreal_core.perception.queries import background_queries, hand_queries, spread_over
 from physreal_core.perception.segmenter import Segmenter
@@ -72,6 +73,7 @@ class Perceived:
     lifted: LiftedTracks
     controllers: ControllerMotion | None
     report: dict[str, Any]
+    choices: Mapping[str, Choice] = field(default_factory=dict)
 
 
 def perceive(
@@ -111,7 +113,7 @@ def perceive(
         [round(float(v), 4) for v in tracks.visible.mean(1)] if tracks.visible.size else []
     )
     hand_masks = np.any([masks[n] for n in hands], axis=0) if hands else np.zeros_like(masks["object"])
-    return Perceived(masks["object"], hand_masks, tracks, lifted, controllers, report)
+    return Perceived(masks["object"], hand_masks, tracks, lifted, controllers, report, choices)
 
 
 def lift(video: Video, tracks: Tracks, settings: PerceptionSettings) -> LiftedTracks:
@@ -132,40 +134,34 @@ def lift(video: Video, tracks: Tracks, settings: PerceptionSettings) -> LiftedTr
     )
 
 
-def motion_map(
-    frames: Sequence[Array], flow_between: Callable[[int, int], Array], round_trip: float
-) -> Float[Array, "H W"]:
-    """How far [px] each pixel of frame 0 gets from its place in the video along the flow, until it is lost.
-
-    A pixel is lost where the flow there and back misses by `round_trip` [px] or more.
-    """
-    height, width = frames[0].shape[:2]
-    start = pixel_grid(height, width)
-    where, farthest, held = start.copy(), np.zeros((height, width)), np.ones((height, width), bool)
-    for t in range(1, len(frames)):
-        forward = flow_between(t - 1, t)
-        # Table that something sweeps over would be carried along: it misses itself there and back.
-        held &= sample(round_trip_error(forward, flow_between(t, t - 1)), where) < round_trip
-        where = where + sample(forward, where)
-        farthest = np.where(held, np.maximum(farthest, np.linalg.norm(where - start, axis=-1)), farthest)
-    return farthest
-
-
 def _chosen(
     video: Video, networks: Networks, settings: PerceptionSettings, tick: Callable[[str], None]
 ) -> dict[str, Choice]:
     """`_frame_zero`, from its checkpoint where there is one."""
+    size = video.frames[0].shape[:2]
 
     def choose() -> dict[str, Array]:
         choices = _frame_zero(video, networks, settings, tick)
-        told = [(name, choice.how) for name, choice in choices.items()]
-        return {"masks": np.stack([choice.mask for choice in choices.values()]), "told": record_array(told)}
+        target = choices["object"]
+        return {
+            "masks": np.stack([choice.mask for choice in choices.values()]),
+            "cores": np.stack([choice.hand for choice in choices.values()]),
+            "rivals": target.mask[None] if target.rivals is None else target.rivals,
+            "shares": np.ones(1) if target.shares is None else target.shares,
+            "told": record_array([(name, choice.how) for name, choice in choices.items()]),
+        }
 
-    shapes = {"masks": (None, *video.frames[0].shape[:2]), "told": (None,)}
+    shapes = {name: (None, *size) for name in ("masks", "cores", "rivals")} | {"shares": (None,), "told": (None,)}
     clicks = [one.told() for one in video.corrections if one.frame == 0]
     depends = [video.frames[0], sorted(video.hints.items()), clicks, settings]
     found = remembered("frame zero", lambda: depends, shapes, choose, lasting=True)
-    return {name: Choice(mask, how) for (name, how), mask in zip(record_of(found["told"]), found["masks"], strict=True)}
+    out = {}
+    for (name, how), mask, core in zip(record_of(found["told"]), found["masks"], found["cores"], strict=True):
+        if name == "object":
+            out[name] = Choice(mask, how, found["rivals"], found["shares"])
+        else:
+            out[name] = Choice(mask, how, core=core)
+    return out
 
 
 def _frame_zero(
@@ -182,7 +178,7 @@ def _frame_zero(
             )
     else:
         hands = find_controllers(
-            image, video.hints.get("controller"), networks.hand_finder, _needed(networks.segmenter)
+            image, video.hints.get("controller"), networks.hand_finder, _needed(networks.segmenter), settings.hands
         )
     tick("controller in frame 0")
     if "object" in given:
@@ -193,11 +189,12 @@ def _frame_zero(
         target = find_object(
             image,
             video.hints.get("object"),
-            [h.mask for h in hands],
+            hands,
             _needed(networks.segmenter),
             description=video.description,
             chooser=networks.chooser,
-            motion=motion_map(video.frames, _flow_between(video, networks), settings.still_round_trip),
+            motion=watch(video.frames, _flow_between(video, networks), settings.ranking.motion),
+            settings=settings.ranking,
         )
         target = replace(target, mask=_standing(video, target.mask, 0, settings))
     tick("object in frame 0")
@@ -212,7 +209,9 @@ def _put_right(choices: dict[str, Choice], corrections: Corrections) -> dict[str
     masks = {name: choice.mask.copy() for name, choice in choices.items()}
     certain = corrections.apply(0, masks)
     return {
-        name: Choice(masks[name], choice.how + (", corrected by hand" if name in certain else ""))
+        name: Choice(masks[name], f"{choice.how}, corrected by hand")
+        if name in certain
+        else replace(choice, mask=masks[name])
         for name, choice in choices.items()
     }
 

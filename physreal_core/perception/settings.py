@@ -167,6 +167,104 @@ class AssociationSettings:
 
 
 @dataclass(frozen=True)
+class MotionSettings:
+    """What counts as motion (`motion.Motion`)."""
+
+    texture: float = 3.0
+    """Motion is seen where the grey gradient around a pixel is more than this, root mean square [grey levels per px]."""
+    patch: int = 7
+    """Side of the square around a pixel that is looked at for texture [px]."""
+    round_trip: float = 1.0
+    """A pixel's motion is followed until the flow there and back misses by this much [px]."""
+    least: float = 1.5
+    """What moves less than this stands still [px]."""
+    share: float = 0.2
+    """And what moves less than this share of the hand's motion."""
+    quantile: float = 0.9
+    """The hand's motion is this quantile of its pixels' (0 to 1)."""
+    looks: int = 3
+    """Later frames in which candidates of frame 0 are looked at."""
+    close: int = 9
+    """Gaps up to this wide between what moves are closed, before the segmenter is asked for it [px]."""
+
+
+@dataclass(frozen=True)
+class RankingSettings:
+    """How candidates of frame 0 are ranked (`ranking.fit_to_touch`)."""
+
+    max_gap: float = 0.03
+    """A target comes this near to the hand in some frame [share of the image's diagonal]."""
+    gap: float = 0.5
+    """A target at that gap counts less by this share than one that touches."""
+    least_area: int = 30
+    """A target has at least so many pixels [px]."""
+    largest: float = 0.4
+    """And no larger area than this [share of the image]."""
+    least_contrast: float = 0.2
+    """A candidate with the colours of its surroundings counts this, one with nothing in common with them 1 more."""
+    outline: float = 2.0
+    """Exponent of the share of a candidate's outline at which the image has an edge."""
+    seam: float = 5.0
+    """This near to the hand motion and outlines say nothing of the target [px]."""
+    part: float = 0.05
+    """Parts of a candidate smaller than this are specks [share of its largest part]."""
+    seeds: int = 6
+    """Points on what moves at which the segmenter is asked."""
+    largest_body: float = 0.25
+    """A connected textured region with a moving part is asked for if it is no larger than this [share of the image]."""
+    least_moving: int = 30
+    """With fewer moving pixels nothing is concluded from motion [px]."""
+    still: float = 0.35
+    """Exponent of the share of a candidate's textured pixels that move."""
+    whole: float = 1.0
+    """Exponent of the share of all moving pixels that a candidate holds."""
+    untouched: float = 0.02
+    """Where words are given: weight of what the hand does not touch; among many things one sounds right by chance."""
+    ring: int = 16
+    """Points around the hand at which the segmenter is asked."""
+    ring_reach: float = 0.06
+    """They lie within this distance of it [share of the image's diagonal]."""
+    whole_fit: float = 0.5
+    """A whole is preferred to its best part if it fits at least this share as well."""
+    part_fit: float = 0.7
+    """A part of the chosen mask is no rival of it, unless this share of its fit is more than the whole's."""
+    rivals: int = 4
+    """Candidates that are shown beside the chosen one, at most."""
+    same: float = 0.8
+    """Candidates with a larger IoU are the same."""
+    largest_found: float = 0.5
+    """A candidate of a larger area is left out at once: a table or a wall [share of the image]."""
+    motion: MotionSettings = field(default_factory=MotionSettings)
+    appearance: AppearanceSettings = field(default_factory=AppearanceSettings)
+
+
+@dataclass(frozen=True)
+class HandSettings:
+    """How a hand's landmarks become the mask of hand and arm (`hands.find_hands`)."""
+
+    landmarks: AssociationSettings = field(default_factory=lambda: AssociationSettings(tie=0.15))
+    """Of 21 landmarks three may lie beside the hand."""
+    window: WindowSettings = field(default_factory=lambda: WindowSettings(margin=1.0, least=0.4))
+    """Around the landmarks: a hand reaches beyond them."""
+    box: float = 0.1
+    """Widening of the box around the landmarks, on each side [share of its size]."""
+    good: float = 0.8
+    """A mask from the whole image is good enough if it holds this share of the landmarks; else a window is shown."""
+    one: float = 0.3
+    """Two hands that share more than this of the second one's mask are one hand."""
+    steps: tuple[float, ...] = (0.6, 1.2, 2.0, 3.0)
+    """The arm is asked for behind the wrist at these distances [palm lengths]."""
+    breadth: float = 0.7
+    """An arm lies within this of the line from the knuckles through the wrist, on either side [palm lengths]."""
+    inside: float = 0.85
+    """Least share of an arm's mask within that strip."""
+    longest: float = 12.0
+    """An arm is no larger than this [areas of its hand]."""
+    gap: float = 4.0
+    """And no farther than this from its hand [px]."""
+
+
+@dataclass(frozen=True)
 class QuerySettings:
     """Which pixels of frame 0 are tracked."""
 
@@ -258,8 +356,6 @@ class PerceptionSettings:
     """The controller is tracked within this distance of the object [share of the image's diagonal]."""
     mask_tolerance: float = 2.0
     """A track may lie this far outside its thing's mask and still count as seen [px]."""
-    still_round_trip: float = 1.0
-    """A pixel's motion is followed until the flow there and back misses by this much [px]."""
     max_depth_edge: float = 0.02
     """Depth spread in 3 x 3 pixels beyond which a point is on an edge, not lifted [m]."""
     max_stray: float = 0.02
@@ -281,6 +377,8 @@ class PerceptionSettings:
     least_part_share: float = 0.1
     """Nor is one with a smaller share of the largest part's pixels."""
     association: AssociationSettings = field(default_factory=AssociationSettings)
+    hands: HandSettings = field(default_factory=HandSettings)
+    ranking: RankingSettings = field(default_factory=RankingSettings)
     queries: QuerySettings = field(default_factory=QuerySettings)
     tracking: TrackerSettings = field(default_factory=TrackerSettings)
 

@@ -51,6 +51,10 @@ class Appearance:
         """Mean evidence over a mask; 0 where nothing is known."""
         return float(self.evidence(image, name)[mask].mean()) if mask.any() else 0.0
 
+    def told(self) -> list[Array]:
+        """All that is remembered, for the key of a result that depends on it."""
+        return [memory[name] for memory in (self._first, self._late) for name in memory]
+
     @property
     def known(self) -> Mapping[str, Float[Array, " B"]]:
         """Histograms of frame 0 by name; they add up to 1."""

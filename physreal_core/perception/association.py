@@ -1,13 +1,13 @@
 """One mask per frame: asked for on keyframes by all that is known (eq. mask_tracking), carried by the flow in between."""
 
 from collections.abc import Callable, Mapping, Sequence
-from dataclasses import dataclass, field, replace
+from dataclasses import dataclass, field
 from typing import Any
 
 import numpy as np
 
 from physreal_core.array_types import Array, Bool, Float, UInt8
-from physreal_core.checkpoints import digest_of, remembered
+from physreal_core.checkpoints import remembered
 from physreal_core.perception.appearance import Appearance
 from physreal_core.perception.corrections import NONE, Corrections
 from physreal_core.perception.evidence import Carried
@@ -120,36 +120,39 @@ class _Film:
         self.appearance = Appearance(self.settings.appearance)
         self.appearance.learn(self.frames[0], {x.name: x.mask for x in self.things})
         self._carried: dict[str, list[Carried]] = {}
-        begun = [part for x in self.things for part in (x.name, x.mask, x.tracks.points, x.tracks.visible)]
-        self._begun = digest_of([*begun, self.background.points, self.background.visible, self.settings])
-
-    def depends(self, start: int, stop: int) -> list[Any]:
-        """All that the masks up to keyframe `stop` follow from, beside frames, flow and segmenter."""
-        return [start, stop, self._begun, [self.corrections.told(t) for t in range(stop + 1)]]
 
     def next_keyframe(self, start: int, stride: int) -> int:
-        """The first frame within a stride that is corrected, or to which the flow does not hold enough of the object.
-
-        No short rest is left.
-        """
+        """The first frame within a stride to which the flow does not hold enough of the object; no short rest is left."""
         s, main, last = self.settings, self.things[0].name, len(self.frames) - 1
-        rest = min(s.least_stride, stride // 2)
+        rest = min(s.least_stride, stride - 1) // 2
         farthest = last if last - start <= stride + rest else start + stride
+        farthest = min([farthest, *(t for t in self.corrections.keyframes if t > start)])
         self._carried = {x.name: [_certain(self.masks[x.name][start])] for x in self.things}
         for t in range(start + 1, farthest + 1):
             for x in self.things:
                 self._carried[x.name].append(self._carry_on(self._carried[x.name][-1], t - 1, t))
             now = self._carried[main][-1]
             lost = 1 - now.held[now.mask].mean() if now.mask.any() else 0.0
-            if t in self.corrections.keyframes or (lost > s.stray and t - start >= s.least_stride):
+            if lost > s.stray and t - start >= s.least_stride:
                 return t
         return farthest
+
+    def depends(self, start: int, stop: int) -> list[Any]:
+        """All that the masks after one keyframe up to the next follow from, beside the frames and the networks."""
+        things = [
+            part
+            for x in self.things
+            for part in (x.name, self.masks[x.name][start], x.seen(stop), x.tracks.visible.shape)
+        ]
+        against = standing_still(self.background, stop, self.settings.still)
+        told = self.corrections.told(stop)
+        return [start, stop, self.settings, told, against, *self.appearance.told(), *things]
 
     def follow(self, start: int, stop: int) -> dict[str, Array]:
         """The masks after one keyframe up to the next, and the `NUMBERS` of every thing on that (both also in place)."""
         forth = self._carried
         answers = self.ask(stop, {name: carried[-1] for name, carried in forth.items()})
-        self._enter(stop, answers)
+        answers = self._enter(stop, answers)
         self._fill_between(start, stop, forth)
         return {
             "masks": np.stack([self.masks[x.name][start + 1 : stop + 1] for x in self.things]),
@@ -161,6 +164,13 @@ class _Film:
         if all(self.told[x.name][t]["answered"] for x in self.things):
             self.appearance.learn(self.frames[t], {x.name: self.masks[x.name][t] for x in self.things})
 
+    def amend(self, t: int) -> None:
+        """Who votes for the things after a keyframe that was put right by hand."""
+        tracks = {x.name: x.tracks for x in self.things}
+        amended = self.corrections.amended(t, tracks, {x.name: self.masks[x.name][t] for x in self.things})
+        for x in self.things:
+            x.tracks = amended[x.name]
+
     def ask(self, t: int, carried: Mapping[str, Carried], claimed: Array | None = None) -> dict[str, Answer]:
         """The answers on frame t; background points on what is `claimed` [H, W] by things do not vote."""
         against = standing_still(self.background, t, self.settings.still)
@@ -170,24 +180,7 @@ class _Film:
             x.name: Sight(carried[x.name], x.seen(t), self.appearance.evidence(self.frames[t], x.name))
             for x in self.things
         }
-        answers = Keyframe(self.frames[t], sights, against, self.segmenter, self.settings).answers()
-        return self._corrected(t, answers)
-
-    def _corrected(self, t: int, answers: dict[str, Answer]) -> dict[str, Answer]:
-        """The answers with what was put right by hand in frame t, which is certain."""
-        masks = {name: answer.mask.copy() for name, answer in answers.items()}
-        certain = self.corrections.apply(t, masks)
-        return {
-            name: Answer(masks[name], True, 1.0, 1.0, 1.0) if name in certain else replace(answer, mask=masks[name])
-            for name, answer in answers.items()
-        }
-
-    def amend(self, t: int) -> None:
-        """Let those tracks vote from now on that agree with what was put right by hand in frame t."""
-        tracks = {x.name: x.tracks for x in self.things}
-        amended = self.corrections.amended(t, tracks, {x.name: self.masks[x.name][t] for x in self.things})
-        for x in self.things:
-            x.tracks = amended[x.name]
+        return Keyframe(self.frames[t], sights, against, self.segmenter, self.settings).answers()
 
     def mend(self) -> None:
         """Ask again on keyframes whose answer was not believed, now from the next one whose answer was (in place)."""
@@ -219,6 +212,9 @@ class _Film:
         # Points sampled as background may lie on parts of the object that frame 0's first mask missed.
         claimed = np.any([c.mask for c in expected.values()], axis=0)
         self._enter(0, self.ask(0, expected, claimed))
+        if told := next(iter(self.told.values())):
+            first = min(told)
+            self._fill_between(0, first, {x.name: self.carry(self.masks[x.name][0], 0, first) for x in self.things})
 
     def carry(self, mask: Array, start: int, stop: int) -> list[Carried]:
         """A mask carried by the flow from frame `start` to each frame up to `stop`."""
@@ -237,10 +233,13 @@ class _Film:
         misses = round_trip_error(back, self.flow_between(t, after))
         return Carried(soft, held & (misses < self.settings.round_trip))
 
-    def _enter(self, t: int, answers: Mapping[str, Answer]) -> None:
+    def _enter(self, t: int, answers: Mapping[str, Answer]) -> dict[str, Answer]:
+        """The answers as masks of frame t (in place), put right where that was done by hand; the answers with that."""
         for name, answer in answers.items():
             self.masks[name][t] = answer.mask
+        certain = self.corrections.apply(t, {x.name: self.masks[x.name][t] for x in self.things})
         settle_overlaps([self.masks[x.name][t] for x in self.things])
+        return {name: Answer(a.mask, True, 1.0, 1.0, 1.0) if name in certain else a for name, a in answers.items()}
 
     def _fill_between(self, start: int, stop: int, forth: Mapping[str, Sequence[Carried]]) -> None:
         """Masks of the frames between two keyframes (in place): carried from both, the nearer one counting more."""

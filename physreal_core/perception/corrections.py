@@ -1,7 +1,7 @@
 """Frames that somebody put right by hand: the mask there answers to the clicks, and what follows starts from it."""
 
 from collections.abc import Callable, Mapping, Sequence
-from dataclasses import dataclass, field
+from dataclasses import dataclass, field, replace
 
 import numpy as np
 
@@ -196,7 +196,13 @@ class Corrections:
         elsewhere = np.flatnonzero(inside)[off[pixel[:, 1], pixel[:, 0]]]
         visible[t:, elsewhere[visible[t, elsewhere]]] = False
         new = self._followed(spread_over(mask, self.settings.correction.voters, self.queries), t)
-        return Tracks(np.concatenate([points, new.points], axis=1), np.concatenate([visible, new.visible], axis=1))
+        return replace(
+            tracks,
+            points=np.concatenate([points, new.points], axis=1),
+            visible=np.concatenate([visible, new.visible], axis=1),
+            confidence=np.concatenate([tracks.confidence, new.confidence], axis=1),
+            starts=np.concatenate([tracks.starts, np.full(len(new.starts), t, tracks.starts.dtype)]),
+        )
 
     def _followed(self, queries: Float[Array, "J 2"], start: int) -> Tracks:
         """Points of frame `start` along the flow to the end, until they miss themselves there and back."""

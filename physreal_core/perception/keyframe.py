@@ -161,11 +161,11 @@ def _checked(
     expected = carried.mask
     gathered = float(gain(mask[None], evidence)[0])
     overlap, growth = intersection_over_union(mask, expected), float(mask.sum() / expected.sum())
-    witness = bool(carried.held[expected].mean() >= settings.held)
+    witness = carried.held[expected].mean() >= settings.held
     alike = overlap >= settings.overlap and 1 / settings.area <= growth <= settings.area
     better, as_it_was = gain(np.stack([mask, expected]), known)
     believed = asked and bool(mask.any()) and gathered >= settings.gain
-    return Answer(mask, believed and (alike or not witness or bool(better >= as_it_was)), gathered, overlap, growth)
+    return Answer(mask, bool(believed and (alike or not witness or better >= as_it_was)), gathered, overlap, growth)
 
 
 def _standing_in(known: Array, carried: Carried, settings: AssociationSettings) -> Answer:

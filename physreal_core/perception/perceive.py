@@ -209,9 +209,12 @@ def _put_right(choices: dict[str, Choice], corrections: Corrections) -> dict[str
     masks = {name: choice.mask.copy() for name, choice in choices.items()}
     certain = corrections.apply(0, masks)
     return {
-        name: Choice(masks[name], f"{choice.how}, corrected by hand")
-        if name in certain
-        else replace(choice, mask=masks[name])
+        name: replace(
+            choice,
+            mask=masks[name],
+            core=None if choice.core is None else choice.core & masks[name],
+            how=f"{choice.how}, corrected by hand" if name in certain else choice.how,
+        )
         for name, choice in choices.items()
     }
 
@@ -267,11 +270,12 @@ def _all_masks(
     # Votes need no more than the flow's chain: what drifts a little is still on its thing.
     chained = networks.tracker or replace(networks.flow, anchored=False)
     things = [
-        Thing(name, mask, chained.track(video.frames, spread_over(mask, settings.track_count, settings.queries)))
+        Thing(name, mask, _votes(chained, video, spread_over(mask, settings.track_count, settings.queries)))
         for name, mask in first.items()
     ]
     still = replace(networks.flow, anchored=False)
-    background = still.track(video.frames, background_queries(np.any(list(first.values()), axis=0), settings.queries))
+    away = background_queries(np.any(list(first.values()), axis=0), settings.queries)
+    background = _votes(still, video, away)
     tick("votes")
     corrections = _corrections(video, networks, settings)
     followed = follow_masks(
@@ -298,6 +302,18 @@ def _all_masks(
         own = [m if t in certain else _standing(video, m, t, settings) for t, m in enumerate(masks["object"])]
         masks["object"] = np.stack(own)
     return masks
+
+
+def _votes(tracker: Tracker, video: Video, queries: Float[Array, "J 2"]) -> Tracks:
+    """Tracks that vote, from an earlier run where there are some."""
+
+    def track() -> dict[str, Array]:
+        return vars(tracker.track(video.frames, queries))
+
+    size = len(video.frames), len(queries)
+    shapes = {"points": (*size, 2), "visible": size, "confidence": size, "starts": size[1:]}
+    depends = [video.frames[0], queries, getattr(tracker, "anchored", True)]
+    return Tracks(**remembered("votes", lambda: depends, shapes, track, lasting=True))
 
 
 def _standing(video: Video, mask: Array, t: int, settings: PerceptionSettings) -> Array:

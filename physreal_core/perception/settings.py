@@ -130,8 +130,6 @@ class CheckSettings:
     """Least share of the evidence that the answer gathers."""
     drop: float = 0.5
     """From this mean evidence against a piece on, it is taken off a carried mask that stands in for an answer."""
-    mend_back: int = 2
-    """Keyframes after a doubtful one that say once more what it should hold."""
 
 
 @dataclass(frozen=True)

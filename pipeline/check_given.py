@@ -15,7 +15,7 @@ from physreal_core.array_types import Array, Bool
 from physreal_core.cores import available_cores
 from physreal_core.errors import InputError
 from physreal_core.evidence import LEAST_PIXELS, MORE_TRACKS, require_tracks
-from pipeline.capture import FILE, Capture, judged_capture, read_description
+from pipeline.capture import FILE, Capture, judge_frames_of_corrections, judged_capture, read_description
 from pipeline.frames import FrameFiles, frame_file, read_grey
 from pipeline.plausible import (
     BINARY,
@@ -58,7 +58,7 @@ def require_world(capture: Capture, files: FrameFiles, folder: Path) -> None:
 
 
 def judge_counts(capture: Capture, frames: int, file: str, found: Findings) -> None:
-    """frame_count and split of capture.json against the number of frames."""
+    """frame_count, split and corrections of capture.json against the number of frames."""
     if capture.frame_count not in (None, frames):
         found.fault(
             f"frame_count = {capture.frame_count}, but there are {frames} frames",
@@ -66,6 +66,7 @@ def judge_counts(capture: Capture, frames: int, file: str, found: Findings) -> N
             expected=f"{frames}",
             remedy=f"change frame_count in {file}, or add the missing frames",
         )
+    judge_frames_of_corrections(capture, frames, file, found)
     split = capture.observed(frames)
     if split.test[1] > frames:
         found.fault(

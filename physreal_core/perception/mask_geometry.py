@@ -89,3 +89,16 @@ def large_parts(mask: Bool[Array, "H W"], least: int, least_share: float) -> lis
     _, labels, stats, _ = cv2.connectedComponentsWithStats(mask.astype(np.uint8), connectivity=8)
     areas = stats[1:, cv2.CC_STAT_AREA]
     return [labels == 1 + i for i in range(len(areas)) if areas[i] >= max(least, least_share * areas.max())]
+
+
+def thick_parts(mask: Bool[Array, "H W"], least: float, depth: float) -> list[Bool[Array, "H W"]]:
+    """The connected parts of a mask (by edges) with at least `least` pixels, without strips no deeper than `depth` [px]."""
+    import cv2
+
+    core = signed_distance(mask) > depth if mask.any() else mask
+    if not core.any():
+        return []
+    thick = mask & (distance_to(core) <= depth + 1)
+    _, labels, stats, _ = cv2.connectedComponentsWithStats(thick.astype(np.uint8), connectivity=4)
+    areas = stats[1:, cv2.CC_STAT_AREA]
+    return [labels == 1 + i for i in range(len(areas)) if areas[i] >= max(least, 1)]

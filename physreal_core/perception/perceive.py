@@ -10,14 +10,16 @@ from physreal_core.array_types import Array, Bool, Float, UInt8
 from physreal_core.checkpoints import record_array, record_of, remembered
 from physreal_core.errors import InputError
 from physreal_core.perception.association import Thing, follow_masks
+from physreal_core.perception.choices import Choice
 from physreal_core.perception.chooser import TargetChooser
 from physreal_core.perception.controllers import ControllerMotion, move_controllers, pick_controllers, with_depth
-from physreal_core.perception.flow import pixel_grid, round_trip_error, sample
+from physreal_core.perception.corrections import Correction, Corrections
 from physreal_core.perception.flow_tracker import FlowTracker
-from physreal_core.perception.frame_zero import Choice, find_controllers, find_object
+from physreal_core.perception.frame_zero import find_controllers, find_object
 from physreal_core.perception.hand_finder import HandFinder
 from physreal_core.perception.lifting import LiftedTracks, depth_at, lift_tracks
 from physreal_core.perception.mask_geometry import distance_to, large_parts, signed_distance
+from physreal_core.perception.motion import watch
 from physreal_core.perception.onnx_tracker import inside_masks
 from physreal_core.perception.queries import background_queries, hand_queries, spread_over
 from physreal_core.perception.segmenter import Segmenter
@@ -36,6 +38,7 @@ class Video:
         hints: {"object": {...}, "controller": {...}}, see `chooser.hint_prompts`.
         masks: given masks [T, H, W] by "object" or "controller"; they replace the segmentation.
         tracks: given tracks of the object; they replace the tracker.
+        corrections: of frames whose masks somebody put right by hand; those of a thing with given masks are not used.
     """
 
     frames: Sequence[UInt8[Array, "H W 3"]]
@@ -46,6 +49,7 @@ class Video:
     hints: Mapping[str, Mapping[str, Any]] = field(default_factory=dict)
     masks: Mapping[str, Bool[Array, "T H W"]] = field(default_factory=dict)
     tracks: Tracks | None = None
+    corrections: Sequence[Correction] = ()
 
 
 @dataclass(frozen=True)
@@ -69,6 +73,7 @@ class Perceived:
     lifted: LiftedTracks
     controllers: ControllerMotion | None
     report: dict[str, Any]
+    choices: Mapping[str, Choice] = field(default_factory=dict)
 
 
 def perceive(
@@ -108,7 +113,7 @@ def perceive(
         [round(float(v), 4) for v in tracks.visible.mean(1)] if tracks.visible.size else []
     )
     hand_masks = np.any([masks[n] for n in hands], axis=0) if hands else np.zeros_like(masks["object"])
-    return Perceived(masks["object"], hand_masks, tracks, lifted, controllers, report)
+    return Perceived(masks["object"], hand_masks, tracks, lifted, controllers, report, choices)
 
 
 def lift(video: Video, tracks: Tracks, settings: PerceptionSettings) -> LiftedTracks:
@@ -129,38 +134,34 @@ def lift(video: Video, tracks: Tracks, settings: PerceptionSettings) -> LiftedTr
     )
 
 
-def motion_map(
-    frames: Sequence[Array], flow_between: Callable[[int, int], Array], round_trip: float
-) -> Float[Array, "H W"]:
-    """How far [px] each pixel of frame 0 gets from its place in the video along the flow, until it is lost.
-
-    A pixel is lost where the flow there and back misses by `round_trip` [px] or more.
-    """
-    height, width = frames[0].shape[:2]
-    start = pixel_grid(height, width)
-    where, farthest, held = start.copy(), np.zeros((height, width)), np.ones((height, width), bool)
-    for t in range(1, len(frames)):
-        forward = flow_between(t - 1, t)
-        # Table that something sweeps over would be carried along: it misses itself there and back.
-        held &= sample(round_trip_error(forward, flow_between(t, t - 1)), where) < round_trip
-        where = where + sample(forward, where)
-        farthest = np.where(held, np.maximum(farthest, np.linalg.norm(where - start, axis=-1)), farthest)
-    return farthest
-
-
 def _chosen(
     video: Video, networks: Networks, settings: PerceptionSettings, tick: Callable[[str], None]
 ) -> dict[str, Choice]:
     """`_frame_zero`, from its checkpoint where there is one."""
+    size = video.frames[0].shape[:2]
 
     def choose() -> dict[str, Array]:
         choices = _frame_zero(video, networks, settings, tick)
-        told = [(name, choice.how) for name, choice in choices.items()]
-        return {"masks": np.stack([choice.mask for choice in choices.values()]), "told": record_array(told)}
+        target = choices["object"]
+        return {
+            "masks": np.stack([choice.mask for choice in choices.values()]),
+            "cores": np.stack([choice.hand for choice in choices.values()]),
+            "rivals": target.mask[None] if target.rivals is None else target.rivals,
+            "shares": np.ones(1) if target.shares is None else target.shares,
+            "told": record_array([(name, choice.how) for name, choice in choices.items()]),
+        }
 
-    shapes = {"masks": (None, *video.frames[0].shape[:2]), "told": (None,)}
-    found = remembered("frame zero", lambda: [video.frames[0]], shapes, choose)
-    return {name: Choice(mask, how) for (name, how), mask in zip(record_of(found["told"]), found["masks"], strict=True)}
+    shapes = {name: (None, *size) for name in ("masks", "cores", "rivals")} | {"shares": (None,), "told": (None,)}
+    clicks = [one.told() for one in video.corrections if one.frame == 0]
+    depends = [video.frames[0], sorted(video.hints.items()), clicks, settings]
+    found = remembered("frame zero", lambda: depends, shapes, choose, lasting=True)
+    out = {}
+    for (name, how), mask, core in zip(record_of(found["told"]), found["masks"], found["cores"], strict=True):
+        if name == "object":
+            out[name] = Choice(mask, how, found["rivals"], found["shares"])
+        else:
+            out[name] = Choice(mask, how, core=core)
+    return out
 
 
 def _frame_zero(
@@ -177,7 +178,7 @@ def _frame_zero(
             )
     else:
         hands = find_controllers(
-            image, video.hints.get("controller"), networks.hand_finder, _needed(networks.segmenter)
+            image, video.hints.get("controller"), networks.hand_finder, _needed(networks.segmenter), settings.hands
         )
     tick("controller in frame 0")
     if "object" in given:
@@ -188,16 +189,46 @@ def _frame_zero(
         target = find_object(
             image,
             video.hints.get("object"),
-            [h.mask for h in hands],
+            hands,
             _needed(networks.segmenter),
             description=video.description,
             chooser=networks.chooser,
-            motion=motion_map(video.frames, _flow_between(video, networks), settings.still_round_trip),
+            motion=watch(video.frames, _flow_between(video, networks), settings.ranking.motion),
+            settings=settings.ranking,
         )
         target = replace(target, mask=_standing(video, target.mask, 0, settings))
     tick("object in frame 0")
     names = ["controller"] if len(hands) == 1 else [f"controller {i}" for i in range(len(hands))]
-    return {"object": target} | dict(zip(names, hands, strict=True))
+    return _put_right(
+        {"object": target} | dict(zip(names, hands, strict=True)), _corrections(video, networks, settings)
+    )
+
+
+def _put_right(choices: dict[str, Choice], corrections: Corrections) -> dict[str, Choice]:
+    """The choices of frame 0 with what was corrected there by hand."""
+    masks = {name: choice.mask.copy() for name, choice in choices.items()}
+    certain = corrections.apply(0, masks)
+    return {
+        name: replace(
+            choice,
+            mask=masks[name],
+            core=None if choice.core is None else choice.core & masks[name],
+            how=f"{choice.how}, corrected by hand" if name in certain else choice.how,
+        )
+        for name, choice in choices.items()
+    }
+
+
+def _corrections(video: Video, networks: Networks, settings: PerceptionSettings) -> Corrections:
+    """Those of things without given masks."""
+    return Corrections(
+        [one for one in video.corrections if one.thing not in video.masks],
+        video.frames,
+        networks.segmenter,
+        _flow_between(video, networks),
+        settings.association,
+        settings.queries,
+    )
 
 
 def _followed(
@@ -217,7 +248,8 @@ def _followed(
         return {"masks": np.stack([masks[name] for name in first]), "told": record_array(told)}
 
     shape = len(first), len(video.frames), *video.frames[0].shape[:2]
-    found = remembered("masks", lambda: [*first.values()], {"masks": shape, "told": (None,)}, follow)
+    clicks = [one.told() for one in video.corrections]
+    found = remembered("masks", lambda: [*first.values(), clicks], {"masks": shape, "told": (None,)}, follow)
     report.update(record_of(found["told"]))
     return dict(zip(first, found["masks"], strict=True))
 
@@ -235,14 +267,18 @@ def _all_masks(
         hands = [n for n in first if n != "object"]
         parts = _split_between(video.masks["controller"], [first[n] for n in hands])
         return {"object": video.masks["object"], **dict(zip(hands, parts, strict=True))}
+    # Votes need no more than the flow's chain: what drifts a little is still on its thing.
+    chained = networks.tracker or replace(networks.flow, anchored=False)
     things = [
-        Thing(name, mask, tracker.track(video.frames, spread_over(mask, settings.track_count, settings.queries)))
+        Thing(name, mask, _votes(chained, video, spread_over(mask, settings.track_count, settings.queries)))
         for name, mask in first.items()
     ]
-    still = replace(networks.flow, anchored=False)  # what stands still does not drift
-    background = still.track(video.frames, background_queries(np.any(list(first.values()), axis=0), settings.queries))
+    still = replace(networks.flow, anchored=False)
+    away = background_queries(np.any(list(first.values()), axis=0), settings.queries)
+    background = _votes(still, video, away)
     tick("votes")
-    masks, unanswered = follow_masks(
+    corrections = _corrections(video, networks, settings)
+    followed = follow_masks(
         video.frames,
         things,
         background,
@@ -250,15 +286,34 @@ def _all_masks(
         _flow_between(video, networks),
         stride=settings.keyframe_stride,
         settings=settings.association,
-        tick=lambda: tick("keyframe"),
+        corrections=corrections,
+        tick=lambda frames: tick("keyframe"),
     )
-    report["keyframes_without_vote"] = {n: frames for n, frames in unanswered.items() if frames}
-    masks = dict(masks)
+    report["keyframes_without_vote"] = {n: frames for n in first if (frames := followed.unanswered(n))}
+    report["keyframes"] = {
+        n: {str(t): {k: round(v, 3) for k, v in told.items()} for t, told in keys.items()}
+        for n, keys in followed.keyframes.items()
+    }
+    masks = dict(followed.masks)
     if "object" in video.masks:
         masks["object"] = video.masks["object"]
     else:
-        masks["object"] = np.stack([_standing(video, mask, t, settings) for t, mask in enumerate(masks["object"])])
+        certain = corrections.of("object")
+        own = [m if t in certain else _standing(video, m, t, settings) for t, m in enumerate(masks["object"])]
+        masks["object"] = np.stack(own)
     return masks
+
+
+def _votes(tracker: Tracker, video: Video, queries: Float[Array, "J 2"]) -> Tracks:
+    """Tracks that vote, from an earlier run where there are some."""
+
+    def track() -> dict[str, Array]:
+        return vars(tracker.track(video.frames, queries))
+
+    size = len(video.frames), len(queries)
+    shapes = {"points": (*size, 2), "visible": size, "confidence": size, "starts": size[1:]}
+    depends = [video.frames[0], queries, getattr(tracker, "anchored", True)]
+    return Tracks(**remembered("votes", lambda: depends, shapes, track, lasting=True))
 
 
 def _standing(video: Video, mask: Array, t: int, settings: PerceptionSettings) -> Array:

@@ -6,7 +6,7 @@ from dataclasses import replace
 import numpy as np
 
 from physreal_core.array_types import Array, Bool, Float
-from physreal_core.perception.mask_geometry import box_of, spread_points, with_pixels_of
+from physreal_core.perception.mask_geometry import box_of, distance_to, spread_points, with_pixels_of
 from physreal_core.perception.segmenter import Prompt
 from physreal_core.perception.settings import DEFAULTS, PromptSettings, WindowSettings
 
@@ -19,6 +19,9 @@ def make_prompts(
     others: Sequence[Bool[Array, "H W"]],
     voters: Float[Array, "J 2"] | None = None,
     settings: PromptSettings = DEFAULTS.association.prompts,
+    *,
+    beside: Float[Array, "K 2"] | None = None,
+    whole: bool = False,
 ) -> list[Prompt]:
     """Several ways to ask for the same thing, so that C_t is a choice: box and points, points, box, one point.
 
@@ -27,13 +30,16 @@ def make_prompts(
         others: where the other things are; they give points that are not on it.
         voters: its visible tracks. They are asked with as well, since the expected mask may have been left behind.
         settings: how many points, how wide the boxes.
+        beside: points known to lie on the background (u, v) [px]; the nearest around the thing say what is not meant.
+        whole: whether the expected mask itself is shown to the segmenter, too.
     """
     taken = np.any([np.zeros_like(mine), *others], axis=0)
     off = np.concatenate(
         [np.zeros((0, 2), np.float32), *(spread_points(o & ~mine, settings.points_off) for o in others)]
     )
+    free = mine & ~taken if (mine & ~taken).any() else mine
     prompts: list[Prompt] = []
-    sources = [(mine & ~taken if (mine & ~taken).any() else mine, settings.margin)]
+    sources = [(free, settings.margin)]
     if voters is not None:
         sources.append((with_pixels_of(np.zeros_like(mine), voters) & ~taken, settings.margin_of_tracks))
     for where, margin in sources:
@@ -41,7 +47,22 @@ def make_prompts(
             continue
         on, box = spread_points(where, settings.points), box_of(where, margin)
         prompts += [_prompt(on[: settings.points_in_box], off, box), _prompt(on, off), _prompt(on[:1], off, box)]
+    if whole and free.any():
+        on, box = spread_points(free, settings.points_in_whole), box_of(free, settings.margin)
+        rim = off if beside is None else np.concatenate([off, _around(free, beside, settings)])
+        prompts += [
+            _prompt(on, rim, box),
+            replace(_prompt(on, rim, box), mask=free),
+            replace(_prompt(on, off), mask=free),
+        ]
     return prompts
+
+
+def _around(mine: Array, beside: Array, settings: PromptSettings) -> Float[Array, "K 2"]:
+    """Background points that lie around a mask, well apart from each other."""
+    away = distance_to(mine)
+    near = (away > settings.rim_gap) & (away < settings.rim_reach * np.sqrt(mine.sum()))
+    return spread_points(with_pixels_of(np.zeros_like(mine), beside) & near, settings.points_rim, margin=0.0)
 
 
 def _prompt(on: Array, off: Array, box: tuple[float, float, float, float] | None = None) -> Prompt:

@@ -4,15 +4,19 @@ import numpy as np
 import pytest
 
 from physreal_core.errors import InputError
-from physreal_core.perception.chooser import fit_to_hint, fit_to_touch, hint_prompts
+from physreal_core.perception.choices import Choice
+from physreal_core.perception.chooser import fit_to_hint, hint_prompts
 from physreal_core.perception.colour import colour_mask, largest_part
 from physreal_core.perception.frame_zero import find_controllers, find_object
 from physreal_core.perception.hand_finder import Hand
+from physreal_core.perception.motion import Motion
+from physreal_core.perception.ranking import fit_to_touch
 from physreal_core.perception.segmenter import Candidates, drop_duplicates
 from tests.perception.scene import FilmSegmenter, film
 
 SCENE = film(2)
 IMAGE, DISC, HAND = SCENE.frames[0], SCENE.objects[0], SCENE.hands[0]
+HANDS = Choice(HAND, "given")
 
 
 class Finder:
@@ -50,11 +54,11 @@ def test_no_controller_is_an_error_that_names_the_key(finder):
 
 @pytest.mark.parametrize("hint", [{"box": [40, 25, 80, 65]}, {"colour": "teal"}], ids=str)
 def test_a_hint_names_the_object(hint):
-    assert np.array_equal(find_object(IMAGE, hint, [HAND], FilmSegmenter(SCENE)).mask, DISC)
+    assert np.array_equal(find_object(IMAGE, hint, [HANDS], FilmSegmenter(SCENE)).mask, DISC)
 
 
 def test_without_a_hint_the_object_is_what_the_hand_touches():
-    choice = find_object(IMAGE, None, [HAND], FilmSegmenter(SCENE), motion=np.where(DISC | HAND, 8.0, 0.0))
+    choice = find_object(IMAGE, None, [HANDS], FilmSegmenter(SCENE), motion=Motion.of(np.where(DISC | HAND, 8.0, 0.0)))
     assert np.array_equal(choice.mask, DISC) and choice.how == "what the hand touches"
 
 
@@ -64,7 +68,7 @@ def test_a_chooser_can_overrule_touch():
             assert description == "half a disc"
             return -masks.sum((1, 2)).astype(float)  # the smallest
 
-    choice = find_object(IMAGE, None, [HAND], FilmSegmenter(SCENE), description="half a disc", chooser=Words())
+    choice = find_object(IMAGE, None, [HANDS], FilmSegmenter(SCENE), description="half a disc", chooser=Words())
     assert choice.mask.sum() < 0.7 * DISC.sum()
 
 
@@ -76,9 +80,9 @@ def test_nothing_to_choose_is_an_empty_mask_and_said_so():
             return Candidates.empty(*image.shape[:2])
 
     with pytest.raises(InputError, match=r"mask is empty.*hints\.object"):
-        find_object(IMAGE, None, [HAND], Blind())
+        find_object(IMAGE, None, [HANDS], Blind())
     with pytest.raises(InputError, match=r"hints\.object.*no mask answers"):
-        find_object(IMAGE, {"point": [3, 3]}, [HAND], Blind())
+        find_object(IMAGE, {"point": [3, 3]}, [HANDS], Blind())
 
 
 @pytest.mark.parametrize(

@@ -57,7 +57,8 @@ class FlowTracker:
             state.step()
             if kept.due(name) or state.done == len(frames):
                 kept.put(name, state.arrays())
-        return Tracks(state.points, state.visible)
+        sure = state.confidence >= self.settings.min_confidence
+        return Tracks(state.points, state.seen & sure, state.confidence)
 
     def flow_between(self, frames: Sequence[Array], source: int, target: int) -> Float[Array, "H W 2"]:
         """Flow between neighbouring frames [px], kept for the next who asks."""

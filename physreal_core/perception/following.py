@@ -5,6 +5,7 @@ from collections.abc import Callable, Mapping, Sequence
 import numpy as np
 
 from physreal_core.array_types import Array, Bool, Float, Int, UInt8
+from physreal_core.perception.confidence import REFERENCE_DIAGONAL, Evidence, confidence
 from physreal_core.perception.finding import search
 from physreal_core.perception.flow import inside_image, round_trip_error, sample
 from physreal_core.perception.neighbourhood import LocalMap, local_map, nearest_among, nearest_others
@@ -12,7 +13,8 @@ from physreal_core.perception.onnx_tracker import inside_masks
 from physreal_core.perception.settings import TrackerSettings
 from physreal_core.perception.templates import Templates, colours
 
-_PER_POINT = ("last_seen", "patch_of", "corrected")
+_PER_FRAME = ("points", "seen", "confidence")
+_PER_POINT = ("last_seen", "patch_of", "corrected", "likeness")
 
 
 class Following:
@@ -41,11 +43,14 @@ class Following:
         count = len(queries)
         self.done = 1
         self.points = np.zeros((len(frames), count, 2), np.float32)
-        self.visible = np.zeros((len(frames), count), bool)
-        self.points[0], self.visible[0] = queries, inside_image(queries, *frames[0].shape[:2])
+        self.seen = np.zeros((len(frames), count), bool)
+        self.confidence = np.ones((len(frames), count), np.float32)
+        self.points[0], self.seen[0] = queries, inside_image(queries, *frames[0].shape[:2])
         self.last_seen = np.zeros(count, int)  # frame in which each point was seen last
         self.patch_of = np.zeros(count, int)  # frame that each point's patch is of
         self.corrected = np.zeros(count, int)  # frame in which it was corrected last
+        self.likeness = np.ones(count, np.float32)  # with its patch, when last compared
+        self.unit = float(np.hypot(*frames[0].shape[:2])) / REFERENCE_DIAGONAL  # [px]
         self.near = nearest_others(queries, settings.neighbours)
         nearest = np.linalg.norm(queries[self.near[:, :1]] - queries[:, None], axis=-1)
         self.spacing = max(float(np.median(nearest)), 1.0) if nearest.size else 1.0  # [px]
@@ -56,20 +61,23 @@ class Following:
 
     def shapes(self) -> dict[str, tuple[int | None, ...]]:
         """Of `arrays`."""
-        count = self.visible.shape[1]
-        return {"points": (None, count, 2), "visible": (None, count), **{name: (count,) for name in _PER_POINT}}
+        count = self.seen.shape[1]
+        return {"points": (None, count, 2), "seen": (None, count), "confidence": (None, count)} | {
+            name: (count,) for name in _PER_POINT
+        }
 
     def arrays(self) -> dict[str, Array]:
         """All that the frames to come depend on: the patches follow from these."""
         own = {name: getattr(self, name) for name in _PER_POINT}
-        return {"points": self.points[: self.done], "visible": self.visible[: self.done], **own}
+        return {name: getattr(self, name)[: self.done] for name in _PER_FRAME} | own
 
     def resume(self, known: Mapping[str, Array] | None) -> None:
         """Go on from `arrays` of an earlier run."""
         if known is None:
             return
         self.done = len(known["points"])
-        self.points[: self.done], self.visible[: self.done] = known["points"], known["visible"]
+        for name in _PER_FRAME:
+            getattr(self, name)[: self.done] = known[name]
         for name in _PER_POINT:
             setattr(self, name, known[name].copy())
         if self.anchored:
@@ -81,22 +89,39 @@ class Following:
         """Go on by one frame."""
         t = self.done
         self.points[t], held = self._flown(t)
-        self.visible[t] = self._with_neighbours(t, held)
+        self.seen[t] = self._with_neighbours(t, held)
         self._ride(t)
         if self.anchored:
             self._correct(t)
             self._find(t)
-        self.last_seen[self.visible[t]] = t
+        self.last_seen[self.seen[t]] = t
+        if self.anchored:
+            self.confidence[t] = np.where(self.seen[t], confidence(self.evidence(t).terms()), 0.0)
+        else:
+            self.confidence[t] = self.seen[t]
         self.done = t + 1
+
+    def evidence(self, t: int) -> Evidence:
+        """What is known of the points in frame t, which is the last that was done."""
+        unit, told = self.unit, self.carried.support >= self.settings.least_neighbours
+        departure = np.linalg.norm(self.points[t] - self.carried.points, axis=1)
+        return Evidence(
+            miss=self.miss / unit,
+            departure=np.where(told, departure, 0.0) / unit,
+            spread=self.carried.spread / unit,
+            stretch=np.where(told, _stretch(self.carried), 1.0),
+            likeness=self.likeness,
+            uncorrected=t - self.corrected,
+        )
 
     def _flown(self, t: int) -> tuple[Float[Array, "J 2"], Bool[Array, " J"]]:
         """Where the flow takes the points, and which of them it holds."""
         s, before = self.settings, self.points[t - 1]
         forward, backward = self.flow_between(t - 1, t), self.flow_between(t, t - 1)
         step = sample(forward, before)
-        now, miss = before + step, sample(round_trip_error(forward, backward), before)
-        held = self.visible[t - 1] & self._free(now, t)
-        held &= miss < s.max_round_trip + s.round_trip_share * np.linalg.norm(step, axis=1)
+        now, self.miss = before + step, sample(round_trip_error(forward, backward), before)
+        held = self.seen[t - 1] & self._free(now, t)
+        held &= self.miss < s.max_round_trip + s.round_trip_share * np.linalg.norm(step, axis=1)
         tints = [colours(self.frames[i], at, s.step_patch) for i, at in ((t - 1, before), (t, now))]
         return now, held & (np.abs(tints[1] - tints[0]).max(1) < s.max_step_colour)
 
@@ -110,17 +135,18 @@ class Following:
 
     def _ride(self, t: int) -> None:
         """Lost points go with the nearest points in sight; where there are none, they stay."""
-        held = self.visible[t]
+        held = self.seen[t]
         lost = np.flatnonzero(~held)
         near = nearest_among(self.points[0], lost, np.flatnonzero(held), self.settings.neighbours)
         self.points[t, lost] = self._map(t, self.last_seen[lost], held, lost, near).points
 
     def _correct(self, t: int) -> None:
         """Take out the drift of the points in sight against their patches, and renew the patches of what has turned."""
-        s, which = self.settings, np.flatnonzero(self.visible[t])
+        s, which = self.settings, np.flatnonzero(self.seen[t])
         grey, here = _grey(self.frames[t]), self.points[t, which]
-        linear = self._map(t, self.patch_of[which], self.visible[t], which, self.near[which]).linear
+        linear = self._map(t, self.patch_of[which], self.seen[t], which, self.near[which]).linear
         after, likeness = self.templates.register(grey, here, linear, which)
+        self.likeness[which] = likeness
         good = (np.linalg.norm(after - here, axis=1) < s.max_correction) & (likeness > s.min_likeness)
         good &= self._free(after, t) & ~self._strains(here, after, which)
         self.points[t, which[good]] = after[good]
@@ -140,7 +166,7 @@ class Following:
 
     def _find(self, t: int) -> None:
         """Look for lost points by their patches, those next to points in sight first."""
-        s, held = self.settings, self.visible[t]
+        s, held = self.settings, self.seen[t]
         lost = ~held & (self.templates.contrast > s.min_contrast) & self._free(self.points[t], t)
         if t % s.search_every or not lost.any():
             return
@@ -161,7 +187,8 @@ class Following:
         good &= self._free(after, t) & (_stretch(whole) > s.found_stretch)
         good &= np.linalg.norm(after - here, axis=1) < allowed
         self.points[t, which[good]] = after[good]
-        self.visible[t, which[good]] = True
+        self.seen[t, which[good]] = True
+        self.likeness[which[good]] = likeness[good]
 
     def _free(self, points: Float[Array, "N 2"], t: int) -> Bool[Array, " N"]:
         """Whether points lie on the image and on nothing that hides them."""
@@ -175,7 +202,7 @@ class Following:
     ) -> LocalMap:
         """What neighbours say of the way of the points `which` from the frames `since` to t."""
         source = self.points[since[:, None], near]
-        usable = held[near] & self.visible[since[:, None], near]
+        usable = held[near] & self.seen[since[:, None], near]
         floor = self.settings.spread_floor
         return local_map(self.points[since, which], source, self.points[t, near], usable, floor=floor)
 

@@ -338,6 +338,9 @@ class TrackerSettings:
     """A point is found again only where it is more alike by this than anywhere else in reach."""
     min_contrast: float = 5.0
     """A patch with less contrast than this cannot be looked for [grey levels]."""
+    min_confidence: float = 0.05
+    """A point in sight counts as visible unless it is right with a smaller probability than this (0 to 1). What needs
+    sure points reads the confidence itself."""
 
 
 @dataclass(frozen=True)

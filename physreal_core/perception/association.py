@@ -1,7 +1,7 @@
 """One mask per frame: asked for on keyframes by all that is known (eq. mask_tracking), carried by the flow in between."""
 
 from collections.abc import Callable, Mapping, Sequence
-from dataclasses import dataclass, field, replace
+from dataclasses import dataclass, field
 from typing import Any
 
 import numpy as np
@@ -13,7 +13,12 @@ from physreal_core.perception.corrections import NONE, Corrections
 from physreal_core.perception.evidence import Carried
 from physreal_core.perception.flow import pixel_grid, round_trip_error, sample
 from physreal_core.perception.keyframe import Answer, Keyframe, Sight
-from physreal_core.perception.mask_geometry import distance_to, settle_overlaps, signed_distance
+from physreal_core.perception.mask_geometry import (
+    distance_to,
+    intersection_over_union,
+    settle_overlaps,
+    signed_distance,
+)
 from physreal_core.perception.segmenter import Segmenter
 from physreal_core.perception.settings import DEFAULTS, AssociationSettings
 from physreal_core.perception.tracker import Tracks
@@ -122,10 +127,12 @@ class _Film:
         self.appearance = Appearance(self.settings.appearance)
         self.appearance.learn(self.frames[0], {x.name: x.mask for x in self.things})
         self._carried: dict[str, list[Carried]] = {}
+        self._agreed: dict[tuple[int, int], Array] = {}
 
     def next_keyframe(self, start: int, stride: int) -> int:
         """The first frame within a stride to which the flow does not hold enough of the object; no short rest is left."""
         s, main, last = self.settings, self.things[0].name, len(self.frames) - 1
+        self._agreed.clear()
         rest = min(s.least_stride, stride - 1) // 2
         farthest = last if last - start <= stride + rest else start + stride
         farthest = min([farthest, *(t for t in self.corrections.keyframes if t > start)])
@@ -141,7 +148,11 @@ class _Film:
 
     def depends(self, start: int, stop: int) -> list[Any]:
         """All that the masks after one keyframe up to the next follow from, beside the frames and the networks."""
-        things = [part for x in self.things for part in (x.name, self.masks[x.name][start], x.seen(stop))]
+        things = [
+            part
+            for x in self.things
+            for part in (x.name, self.masks[x.name][start], x.seen(stop), x.tracks.visible.shape)
+        ]
         against = standing_still(self.background, stop, self.settings.still)
         told = self.corrections.told(stop)
         return [start, stop, self.settings, told, against, *self.appearance.told(), *things]
@@ -209,11 +220,14 @@ class _Film:
 
     def look_again(self) -> None:
         """Frame 0 answered once more (in place), now that the keyframes after it say what belongs together."""
-        s, expected = self.settings, {}
+        s, expected, alike = self.settings, {}, True
         for x in self.things:
             keys = [k for k, told in self.told[x.name].items() if told["answered"]][: s.keyframes_back]
             back = [self.carry(self.masks[x.name][k], k, 0)[-1].mask for k in keys]
             expected[x.name] = _certain(np.mean([x.mask, *back], axis=0) > s.agreement)
+            alike &= intersection_over_union(expected[x.name].mask, x.mask) >= s.as_it_was
+        if alike:
+            return
         # Points sampled as background may lie on parts of the object that frame 0's first mask missed.
         claimed = np.any([c.mask for c in expected.values()], axis=0)
         self._enter(0, self.ask(0, expected, claimed))
@@ -235,8 +249,14 @@ class _Film:
         u, v = np.moveaxis(pixel_grid(*before.distance.shape) + back, -1, 0)
         soft = cv2.remap(before.distance, u, v, cv2.INTER_LINEAR, borderMode=cv2.BORDER_REPLICATE)
         held = cv2.remap(before.held.astype(np.uint8), u, v, cv2.INTER_NEAREST, borderMode=cv2.BORDER_REPLICATE) > 0
-        misses = round_trip_error(back, self.flow_between(t, after))
-        return Carried(soft, held & (misses < self.settings.round_trip))
+        return Carried(soft, held & self._agrees(after, t))
+
+    def _agrees(self, t: int, other: int) -> Bool[Array, "H W"]:
+        """Where the flow from frame t to its neighbour and back agrees; kept while one keyframe is worked on."""
+        if (t, other) not in self._agreed:
+            misses = round_trip_error(self.flow_between(t, other), self.flow_between(other, t))
+            self._agreed[t, other] = misses < self.settings.round_trip
+        return self._agreed[t, other]
 
     def _enter(self, t: int, answers: Mapping[str, Answer]) -> dict[str, Answer]:
         """The answers as masks of frame t (in place), put right where that was done by hand; the answers with that."""
@@ -244,8 +264,7 @@ class _Film:
             self.masks[name][t] = answer.mask
         certain = self.corrections.apply(t, {x.name: self.masks[x.name][t] for x in self.things})
         settle_overlaps([self.masks[x.name][t] for x in self.things])
-        right = {name: replace(answers[name], answered=True, overlap=1.0, growth=1.0) for name in certain}
-        return {**answers, **right}
+        return {name: Answer(a.mask, True, 1.0, 1.0, 1.0) if name in certain else a for name, a in answers.items()}
 
     def _fill_between(self, start: int, stop: int, forth: Mapping[str, Sequence[Carried]]) -> None:
         """Masks of the frames between two keyframes (in place): carried from both, the nearer one counting more."""

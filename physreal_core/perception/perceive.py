@@ -118,7 +118,7 @@ def perceive(
         [round(float(v), 4) for v in tracks.visible.mean(1)] if tracks.visible.size else []
     )
     hand_masks = np.any([masks[n] for n in hands], axis=0) if hands else np.zeros_like(masks["object"])
-    strangers = _strangers(video, networks, sorted({0, *keyframes.get("object", {})}), hand_masks)
+    strangers = _strangers(video, networks, settings.doubts.looks, hand_masks)
     doubts = find_doubts(choices, masks, keyframes, tracks, strangers, settings.doubts)
     return Perceived(masks["object"], hand_masks, tracks, lifted, controllers, report, choices, doubts)
 
@@ -311,12 +311,12 @@ def _all_masks(
     return masks
 
 
-def _strangers(video: Video, networks: Networks, frames: Sequence[int], hands: Bool[Array, "T H W"]) -> list[int]:
-    """Those of the frames in which a hand is found where no controller is."""
+def _strangers(video: Video, networks: Networks, looks: int, hands: Bool[Array, "T H W"]) -> list[int]:
+    """Of a few frames spread over the clip those in which a hand is found where no controller is."""
     if networks.hand_finder is None:
         return []
     found = []
-    for t in frames:
+    for t in np.unique(np.linspace(0, len(video.frames) - 1, looks).astype(int)).tolist():
         for hand in networks.hand_finder.find(video.frames[t]):
             on = inside_masks(hand.points[None], hands[t][None])[0]
             if on.mean() < _HAND_ON_MASK:

@@ -49,6 +49,22 @@ class PromptSettings:
 
 
 @dataclass(frozen=True)
+class CorrectionSettings:
+    """How a frame that was corrected by hand is used (`corrections.py`)."""
+
+    reach: float = 3.0
+    """Where no candidate answers to a click, the mask is put right this far around it [px]."""
+    doubt: float = 12.0
+    """Nearer than this to a click that is off the thing, nothing of the expected mask is asked with [px]."""
+    tolerance: float = 2.0
+    """A track that is seen farther than this off a corrected mask votes no more [px]."""
+    voters: int = 100
+    """Points on a corrected mask that vote from there on, about."""
+    round_trip: float = 1.0
+    """They vote until the flow there and back misses by this much [px]."""
+
+
+@dataclass(frozen=True)
 class AppearanceSettings:
     """The memory of colours: histograms in Lab, each channel from 0 to 255."""
 
@@ -117,22 +133,6 @@ class CheckSettings:
 
 
 @dataclass(frozen=True)
-class CorrectionSettings:
-    """How a frame that was corrected by hand is used (`corrections.py`)."""
-
-    reach: float = 3.0
-    """Where no candidate answers to a click, the mask is put right this far around it [px]."""
-    doubt: float = 12.0
-    """Nearer than this to a click that is off the thing, nothing of the expected mask is asked with [px]."""
-    tolerance: float = 2.0
-    """A track that is seen farther than this off a corrected mask votes no more [px]."""
-    voters: int = 100
-    """Points on a corrected mask that vote from there on, about."""
-    round_trip: float = 1.0
-    """They vote until the flow there and back misses by this much [px]."""
-
-
-@dataclass(frozen=True)
 class AssociationSettings:
     """How one mask per frame is chosen by the votes of the tracks (eq. mask_tracking) and carried in between."""
 
@@ -156,6 +156,8 @@ class AssociationSettings:
     """Keyframes that say once more what belongs to a thing in frame 0."""
     agreement: float = 0.5
     """A pixel of frame 0 belongs to a thing if more than this share of them, and of frame 0's own mask, say so."""
+    as_it_was: float = 0.95
+    """Frame 0 is not asked again where all things agree to this with what the keyframes say (IoU)."""
     reach: float = 0.1
     """Of a thing other than the object the window holds what is this near to the object [share of the diagonal]."""
     appearance: AppearanceSettings = field(default_factory=AppearanceSettings)
@@ -208,7 +210,7 @@ class RankingSettings:
     """This near to the hand motion and outlines say nothing of the target [px]."""
     part: float = 0.05
     """Parts of a candidate smaller than this are specks [share of its largest part]."""
-    seeds: int = 6
+    seeds: int = 4
     """Points on what moves at which the segmenter is asked."""
     largest_body: float = 0.25
     """A connected textured region with a moving part is asked for if it is no larger than this [share of the image]."""
@@ -220,7 +222,7 @@ class RankingSettings:
     """Exponent of the share of all moving pixels that a candidate holds."""
     untouched: float = 0.02
     """Where words are given: weight of what the hand does not touch; among many things one sounds right by chance."""
-    ring: int = 16
+    ring: int = 10
     """Points around the hand at which the segmenter is asked."""
     ring_reach: float = 0.06
     """They lie within this distance of it [share of the image's diagonal]."""
@@ -286,6 +288,8 @@ class DoubtSettings:
     """Largest ratio of the area to its median in the frames before, either way."""
     before: int = 8
     """So many frames before [frames]."""
+    looks: int = 4
+    """Frames in which other hands are looked for, spread over the clip."""
     border: float = 0.5
     """Pixels on the image's border, from which on a mask is cut off [square root of its area]."""
     hand_gone: int = 5
@@ -376,8 +380,9 @@ class TrackerSettings:
     """A point is found again only where it is more alike by this than anywhere else in reach."""
     min_contrast: float = 5.0
     """A patch with less contrast than this cannot be looked for [grey levels]."""
-    min_confidence: float = 0.0
-    """A point in sight counts as visible where it is right with this probability (0 to 1)."""
+    min_confidence: float = 0.05
+    """A point in sight counts as visible unless it is right with a smaller probability than this (0 to 1). What needs
+    sure points reads the confidence itself."""
 
 
 @dataclass(frozen=True)

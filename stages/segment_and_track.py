@@ -49,7 +49,7 @@ def _see(context: StageContext, parsed: Path, capture: Capture) -> None:
     with context.timed("reading"):
         video = load_video(parsed, context.capture, capture)
     networks = make_networks(context.params, video, context.capture)
-    steps = 4 + (len(video.frames) - 2) // context.params.keyframe_stride + 1
+    steps = 4 + len(video.frames) - 1
     with context.progress("masks and tracks", steps) as progress:
         result = perceive(video, networks, make_settings(context.params), lambda step: progress.advance())
     result = _with_given_3d(context, video, result)

@@ -284,6 +284,11 @@ def _all_masks(
     away = background_queries(np.any(list(first.values()), axis=0), settings.queries)
     background = _votes(still, video, away)
     tick("votes")
+
+    def settled(count: int) -> None:
+        for _ in range(count):
+            tick("masks of a frame")
+
     corrections = _corrections(video, networks, settings)
     followed = follow_masks(
         video.frames,
@@ -294,7 +299,7 @@ def _all_masks(
         stride=settings.keyframe_stride,
         settings=settings.association,
         corrections=corrections,
-        tick=lambda frames: tick("keyframe"),
+        tick=settled,
     )
     report["keyframes_without_vote"] = {n: frames for n in first if (frames := followed.unanswered(n))}
     report["keyframes"] = {

@@ -290,7 +290,7 @@ class DoubtSettings:
     """So many frames before [frames]."""
     looks: int = 4
     """Frames in which other hands are looked for, spread over the clip."""
-    border: float = 0.5
+    border: float = 0.3
     """Pixels on the image's border, from which on a mask is cut off [square root of its area]."""
     hand_gone: int = 5
     """A hand may be out of sight in fewer frames than this [frames]."""
@@ -389,8 +389,8 @@ class TrackerSettings:
 class PerceptionSettings:
     """The numbers of `perceive.perceive`."""
 
-    keyframe_stride: int = 5
-    """Masks are proposed and voted on every so many frames [frames]."""
+    keyframe_stride: int = 8
+    """Masks are proposed and voted on every so many frames at least, more often where the flow loses the object [frames]."""
     track_count: int = 400
     """Points tracked on the object, about."""
     hand_track_count: int = 200

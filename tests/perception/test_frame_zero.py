@@ -153,7 +153,7 @@ def test_what_the_hand_comes_to_only_later_is_touched():
     found = Candidates(DISC[None], np.ones(1, np.float32), np.zeros(1, int))
     assert fit_to_touch(found, far)[0] == 0
     flow = np.zeros((*far.shape, 2), np.float32)
-    flow[far, 0] = -2.5
+    flow[:, 82:, 0] = -2.5
     motion = watch([IMAGE] * 9, lambda a, b: flow * 0 if b < a else flow, MotionSettings(round_trip=99.0))
     assert fit_to_touch(found, far, motion)[0] > 0
 

@@ -1,5 +1,7 @@
 """Frame 0: controller and target by hint, by hand, by touch; what is said when there is none."""
 
+from dataclasses import replace
+
 import numpy as np
 import pytest
 
@@ -152,9 +154,10 @@ def test_what_the_hand_comes_to_only_later_is_touched():
     far = np.roll(HAND, 20, axis=1)
     found = Candidates(DISC[None], np.ones(1, np.float32), np.zeros(1, int))
     assert fit_to_touch(found, far)[0] == 0
-    flow = np.zeros((*far.shape, 2), np.float32)
-    flow[:, 82:, 0] = -2.5
-    motion = watch([IMAGE] * 9, lambda a, b: flow * 0 if b < a else flow, MotionSettings(round_trip=99.0))
+    places = np.stack(np.meshgrid(np.arange(128.0), np.arange(96.0)), -1).astype(np.float32)
+    places[far] -= [20, 0]  # the hand comes, all else stays
+    unseen = Motion.of(np.zeros(far.shape))
+    motion = replace(unseen, places=places[None], held=np.ones((1, *far.shape), bool))
     assert fit_to_touch(found, far, motion)[0] > 0
 
 

@@ -16,7 +16,7 @@ from physreal_core.perception.hands import find_hands, sane
 from physreal_core.perception.mask_geometry import intersection_over_union, large_parts, signed_distance, spread_points
 from physreal_core.perception.motion import Motion
 from physreal_core.perception.prompting import Window, in_wide_enough_window, make_prompts, window_around
-from physreal_core.perception.ranking import filled, fit_to_motion, fit_to_touch, moving_off
+from physreal_core.perception.ranking import filled, fit_to_motion, fit_to_touch, moving_off, shade_near
 from physreal_core.perception.segmenter import Candidates, Prompt, Segmenter, drop_duplicates, zoomed_candidates
 from physreal_core.perception.settings import DEFAULTS, HandSettings, RankingSettings, WindowSettings
 from physreal_core.perception.votes import choose_by_votes
@@ -131,7 +131,8 @@ def _by_fitness(
     def fitness(found: Candidates) -> Array:
         return fit_to_touch(found, hand, motion, image=image, arm=taken, settings=settings)
 
-    prompts = _ring_prompts(hand, taken, settings) + _motion_prompts(taken, motion, settings)
+    shade = shade_near(image, taken, motion, settings)
+    prompts = _ring_prompts(hand, taken, settings) + _motion_prompts(taken, motion, settings, shade)
     found = drop_duplicates(_tidy(sane(segmenter.candidates(image, prompts)), settings))
     fit = fitness(found)
     if segmenter.promptable and (chooser is not None or not (fit > 0).any()):
@@ -149,10 +150,10 @@ def _by_fitness(
         how = f"description {description!r} and what the hand touches"
     if not (fit > 0).any():
         return Choice(np.zeros(image.shape[:2], bool), how)
-    return _ranked(found.masks, fit, how, settings)
+    return _ranked(found.masks & ~taken, fit, how, shade, settings)
 
 
-def _ranked(masks: Array, fit: Array, how: str, settings: RankingSettings) -> Choice:
+def _ranked(masks: Array, fit: Array, how: str, shade: Array, settings: RankingSettings) -> Choice:
     """The best candidate, or the whole that it is a part of; and what else could have been meant."""
     order = [int(i) for i in np.argsort(-fit, kind="stable") if fit[i] > 0]
     best = order[0]
@@ -162,7 +163,9 @@ def _ranked(masks: Array, fit: Array, how: str, settings: RankingSettings) -> Ch
             and masks[i].sum() > masks[best].sum()
             and _part(masks[best], masks[i])
         ):
-            best = i
+            more = masks[i] & ~masks[best]
+            if shade[more].mean() <= settings.shadow.extra:
+                best = i
     kept = [best]
     for i in order:
         alike = any(intersection_over_union(masks[i], masks[k]) >= settings.same for k in kept)
@@ -193,11 +196,13 @@ def _ring_prompts(hand: Array, taken: Array, settings: RankingSettings) -> list[
     return [Prompt(np.concatenate([p[None], off]), labels) for p in near]
 
 
-def _motion_prompts(hand: Array, motion: Motion | None, settings: RankingSettings) -> list[Prompt]:
+def _motion_prompts(
+    hand: Array, motion: Motion | None, settings: RankingSettings, shade: Array | None = None
+) -> list[Prompt]:
     """Asks for what moves besides the hand as a whole, for the body that it is a part of, and for single points on it."""
     if motion is None:
         return []
-    moving = opened(moving_off(hand, motion, settings))
+    moving = opened(moving_off(hand, motion, settings, shade))
     whole = largest_part(_closed(moving, settings) & ~hand)
     if not whole.any():
         return []
@@ -205,7 +210,7 @@ def _motion_prompts(hand: Array, motion: Motion | None, settings: RankingSetting
     labels = np.r_[1, np.zeros(len(off), int)]
     seeds = spread_points(whole & motion.textured, settings.seeds)
     prompts = make_prompts(whole, [hand]) + [Prompt(np.concatenate([p[None], off]), labels) for p in seeds]
-    body = _body(whole, hand, motion, settings)
+    body = _body(whole, hand if shade is None else hand | shade, motion, settings)
     return prompts if body is None else prompts + make_prompts(body, [hand])
 
 

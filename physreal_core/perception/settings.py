@@ -191,6 +191,26 @@ class MotionSettings:
 
 
 @dataclass(frozen=True)
+class ShadowSettings:
+    """What looks like a shadow on the table (`shadow.shadow_on`); levels are natural logarithms of grey levels."""
+
+    dark: float = 0.15
+    """A shadow is darker than the table by at least this [log]."""
+    darkest: float = 1.2
+    """And by no more than this [log]."""
+    hue: float = 0.08
+    """Its colours are darker by the same, to within this [log]."""
+    blur: float = 1.0
+    """Standard deviation of the smoothing before colours are read [px]."""
+    near: float = 0.3
+    """The table's colour is the median of what does not move this near to the hand [share of the image's diagonal]."""
+    weight: float = 0.9
+    """A candidate that is all shadow counts less by this share."""
+    extra: float = 0.5
+    """A whole of which more than this share beyond its part looks like a shadow is not preferred to the part."""
+
+
+@dataclass(frozen=True)
 class RankingSettings:
     """How candidates of frame 0 are ranked (`ranking.fit_to_touch`)."""
 
@@ -237,6 +257,7 @@ class RankingSettings:
     largest_found: float = 0.5
     """A candidate of a larger area is left out at once: a table or a wall [share of the image]."""
     motion: MotionSettings = field(default_factory=MotionSettings)
+    shadow: ShadowSettings = field(default_factory=ShadowSettings)
     appearance: AppearanceSettings = field(default_factory=AppearanceSettings)
 
 
@@ -264,6 +285,13 @@ class HandSettings:
     """An arm is no larger than this [areas of its hand]."""
     gap: float = 4.0
     """And no farther than this from its hand [px]."""
+    alike: float = 1.0
+    """A pixel looks like a known hand's from this evidence of its colour on [log-odds]."""
+    other: tuple[float, float] = (0.3, 2.5)
+    """Another hand that looks so has between these areas [areas of the known hands]."""
+    moves: float = 0.3
+    """And at least this share of what can be seen of it moves."""
+    appearance: AppearanceSettings = field(default_factory=AppearanceSettings)
 
 
 @dataclass(frozen=True)

@@ -13,7 +13,13 @@ from physreal_core.perception.chooser import TargetChooser, fit_to_hint, hint_pr
 from physreal_core.perception.colour import largest_part
 from physreal_core.perception.hand_finder import HandFinder
 from physreal_core.perception.hands import find_hands, sane
-from physreal_core.perception.mask_geometry import intersection_over_union, large_parts, signed_distance, spread_points
+from physreal_core.perception.mask_geometry import (
+    distance_to,
+    intersection_over_union,
+    large_parts,
+    signed_distance,
+    spread_points,
+)
 from physreal_core.perception.motion import Motion
 from physreal_core.perception.prompting import Window, in_wide_enough_window, make_prompts, window_around
 from physreal_core.perception.ranking import filled, fit_to_motion, fit_to_touch, moving_off, shade_near
@@ -173,7 +179,7 @@ def _ranked(masks: Array, fit: Array, how: str, shade: Array, settings: RankingS
         if not alike and not own_part:
             kept.append(i)
     kept = kept[: 1 + settings.rivals]
-    return Choice(masks[best], how, masks[kept], fit[kept] / fit[kept].sum())
+    return Choice(masks[best], how, masks[kept], fit[kept] / (fit[kept].sum() + settings.nothing))
 
 
 def _part(part: Array, whole: Array) -> bool:
@@ -208,7 +214,8 @@ def _motion_prompts(
         return []
     off = spread_points(hand, 2)
     labels = np.r_[1, np.zeros(len(off), int)]
-    seeds = spread_points(whole & motion.textured, settings.seeds)
+    close = moving & (distance_to(hand) < settings.ring_reach * np.hypot(*hand.shape))
+    seeds = [p for where in (whole & motion.textured, close) for p in spread_points(where, settings.seeds)]
     prompts = make_prompts(whole, [hand]) + [Prompt(np.concatenate([p[None], off]), labels) for p in seeds]
     body = _body(whole, hand if shade is None else hand | shade, motion, settings)
     return prompts if body is None else prompts + make_prompts(body, [hand])

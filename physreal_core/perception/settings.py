@@ -242,7 +242,7 @@ class RankingSettings:
     """Exponent of the share of all moving pixels that a candidate holds."""
     untouched: float = 0.02
     """Where words are given: weight of what the hand does not touch; among many things one sounds right by chance."""
-    ring: int = 10
+    ring: int = 16
     """Points around the hand at which the segmenter is asked."""
     ring_reach: float = 0.06
     """They lie within this distance of it [share of the image's diagonal]."""
@@ -250,6 +250,8 @@ class RankingSettings:
     """A whole is preferred to its best part if it fits at least this share as well."""
     part_fit: float = 0.7
     """A part of the chosen mask is no rival of it, unless this share of its fit is more than the whole's."""
+    nothing: float = 0.03
+    """Fit of "none of these": a choice that hardly fits better is not sure."""
     rivals: int = 4
     """Candidates that are shown beside the chosen one, at most."""
     same: float = 0.8

@@ -78,7 +78,7 @@ def find_object(
         choice = _by_hint(image, hint, segmenter, "hints.object", taken, motion)
     else:
         choice = _by_fitness(image, hands, segmenter, description, chooser, motion, settings)
-    mask = _refined(image, choice.mask & ~taken, [h.mask for h in hands], segmenter) & ~taken
+    mask = _refined(image, choice.mask & ~taken, [h.mask for h in hands], segmenter, settings) & ~taken
     if mask.sum() < _LEAST_PIXELS:
         raise InputError(
             "the object's mask is empty",
@@ -240,16 +240,21 @@ def _closed(mask: Array, settings: RankingSettings) -> Array:
     return cv2.morphologyEx(mask.astype(np.uint8), cv2.MORPH_CLOSE, square) > 0
 
 
-def _refined(image: Array, mask: Array, others: list[Bool[Array, "H W"]], segmenter: Segmenter) -> Array:
-    """The same thing cut out again at the resolution of its surroundings."""
+def _refined(
+    image: Array, mask: Array, others: list[Bool[Array, "H W"]], segmenter: Segmenter, settings: RankingSettings
+) -> Array:
+    """The same thing cut out again at the resolution of its surroundings; in two parts where a hand lies across it."""
     if not segmenter.promptable or not mask.any():
         return mask
     inside = np.argwhere(signed_distance(mask) >= 1)[:, ::-1].astype(np.float32)
+    taken = np.any([np.zeros_like(mask), *others], axis=0)
 
     def choose(window: Window) -> Array | None:
         found = sane(zoomed_candidates(segmenter, image, make_prompts(mask, others), window))
         best = choose_by_votes(found, inside, np.zeros((0, 2)), expected=mask)
-        return None if best is None else largest_part(found.masks[best])
+        return None if best is None else np.any(large_parts(found.masks[best] & ~taken, 1, settings.part), axis=0)
 
     chosen = in_wide_enough_window(choose, window_around(mask, _AROUND_THING))
-    return mask if chosen is None else chosen
+    if chosen is None or intersection_over_union(chosen, mask) < settings.same:
+        return mask
+    return chosen

@@ -334,14 +334,14 @@ class TrackerSettings:
     """Nor where the neighbourhood has shrunk to less than this of its width in some direction (0 to 1)."""
     search_every: int = 2
     """Frame 0 is recognised, and lost points found again in it, every so many frames [frames]."""
-    min_contrast: float = 5.0
+    min_contrast: float = 2.0
     """New points are chosen where a patch has more contrast than this [grey levels]."""
     min_confidence: float = 0.05
     """A point in sight counts as visible unless it is right with a smaller probability than this (0 to 1). What needs
     sure points reads the confidence itself."""
     entering_every: int = 10
     """Where a thing shows a new side, new points are chosen on it every so many frames [frames]."""
-    entering_gap: float = 2.5
+    entering_gap: float = 2.0
     """New points lie farther than this from all visible ones [spacings of the points in frame 0]."""
     least_entering: int = 8
     """Fewer new points than this are not worth following."""

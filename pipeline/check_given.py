@@ -124,6 +124,7 @@ def check_given(folder: Path, capture: Capture, frames: int, found: Findings, *,
         with found.catching():
             check(folder, capture, frames, fitted, found)
     check_masks(folder, capture, frames, found)
+    _check_corrections_used(folder, capture, found)
     check_candidates(folder, capture, frames, found)
 
 
@@ -228,6 +229,16 @@ def _check_length(got: int, frames: int, path: Path, found: Findings) -> None:
 
 
 # --- masks --------------------------------------------------------------------------------------------------------
+
+
+def _check_corrections_used(folder: Path, capture: Capture, found: Findings) -> None:
+    for role in ROLES:
+        if mask_folder(folder, role).is_dir() and any(one.thing == role for one in capture.corrections):
+            found.warn(
+                f"corrections of the {role} are not used, since masks/{role} is given",
+                where=str(folder / FILE),
+                remedy=f"remove them, or masks/{role}",
+            )
 
 
 def check_masks(folder: Path, capture: Capture, frames: int, found: Findings) -> None:

@@ -69,8 +69,8 @@ def _parser() -> argparse.ArgumentParser:
 
     command = commands.add_parser("label", help="a page to click object and hand in any frame, and to mend masks")
     command.add_argument("sequence", help="a name under `sequences` or `clips` in params.yaml")
-    command.add_argument("--port", type=int, default=8765, help="default: 8765")
-    command.add_argument("--host", default="127.0.0.1", help="address to listen on; default: this machine alone")
+    command.add_argument("--port", type=int, help="default: 8765")
+    command.add_argument("--host", help="address to listen on; default: 127.0.0.1, so this machine alone")
     command.add_argument("--no-browser", action="store_true", help="open no browser; print the address alone")
     command.set_defaults(command=_label)
 
@@ -178,9 +178,9 @@ def _gap(parsed: argparse.Namespace) -> int:
 
 
 def _label(parsed: argparse.Namespace) -> int:
-    from pipeline.label.serve import serve
+    from pipeline.label.serve import HOST, PORT, serve
 
-    serve(parsed.sequence, host=parsed.host, port=parsed.port, browser=not parsed.no_browser)
+    serve(parsed.sequence, host=parsed.host or HOST, port=parsed.port or PORT, browser=not parsed.no_browser)
     return 0
 
 

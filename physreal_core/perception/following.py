@@ -14,7 +14,7 @@ from physreal_core.perception.settings import TrackerSettings
 from physreal_core.perception.templates import Templates, colours
 
 _PER_FRAME = ("points", "seen", "confidence")
-_PER_POINT = ("last_seen", "patch_of", "corrected", "found_in", "likeness")
+_PER_POINT = ("last_seen", "patch_of", "corrected", "likeness")
 
 
 class Following:
@@ -49,7 +49,6 @@ class Following:
         self.last_seen = np.zeros(count, int)  # frame in which each point was seen last
         self.patch_of = np.zeros(count, int)  # frame that each point's patch is of
         self.corrected = np.zeros(count, int)  # frame in which it was corrected last
-        self.found_in = np.zeros(count, int)  # frame in which it was found again last
         self.likeness = np.ones(count, np.float32)  # with its patch, when last compared
         self.unit = float(np.hypot(*frames[0].shape[:2])) / REFERENCE_DIAGONAL  # [px]
         self.near = nearest_others(queries, settings.neighbours)
@@ -104,20 +103,15 @@ class Following:
 
     def evidence(self, t: int) -> Evidence:
         """What is known of the points in frame t, which is the last that was done."""
-        unit = self.unit
+        unit, told = self.unit, self.carried.support >= self.settings.least_neighbours
         departure = np.linalg.norm(self.points[t] - self.carried.points, axis=1)
         return Evidence(
             miss=self.miss / unit,
-            departure=departure / unit,
+            departure=np.where(told, departure, 0.0) / unit,
             spread=self.carried.spread / unit,
-            stretch=_stretch(self.carried),
-            support=self.carried.support / max(self.near.shape[1], 1),
+            stretch=np.where(told, _stretch(self.carried), 1.0),
             likeness=self.likeness,
-            contrast=self.templates.contrast,
             uncorrected=t - self.corrected,
-            found=t - self.found_in,
-            moved=np.linalg.norm(self.points[t] - self.points[0], axis=1) / unit,
-            age=np.full(len(departure), float(t)),
         )
 
     def _flown(self, t: int) -> tuple[Float[Array, "J 2"], Bool[Array, " J"]]:
@@ -193,7 +187,7 @@ class Following:
         good &= self._free(after, t) & (_stretch(whole) > s.found_stretch)
         good &= np.linalg.norm(after - here, axis=1) < allowed
         self.points[t, which[good]] = after[good]
-        self.seen[t, which[good]], self.found_in[which[good]] = True, t
+        self.seen[t, which[good]] = True
         self.likeness[which[good]] = likeness[good]
 
     def _free(self, points: Float[Array, "N 2"], t: int) -> Bool[Array, " N"]:

@@ -1,7 +1,7 @@
 """The page itself, built of NiceGUI's elements. What it shows and does stands in the modules beside it."""
 
 from fastapi import HTTPException, Response
-from nicegui import app, events, run, ui
+from nicegui import app, background_tasks, events, run, ui
 
 from physreal_core.errors import InputError
 from pipeline.clicks import clicks_in, write_clicks
@@ -20,21 +20,37 @@ NO_STORE = {"Cache-Control": "no-store"}
 
 
 class Shared:
-    """What all open pages have in common: the clip, the network, the run."""
+    """What all open pages have in common: the clip, the network, the run, which goes on if its page is closed.
+
+    Attributes:
+        version: counts what the stage found.
+        lines: of the last run.
+        succeeded: whether it did; None before its end.
+    """
 
     def __init__(self, clip: Clip) -> None:
         self.clip, self.version = clip, 0
         self.preview, self.runner = Preview(clip), Runner(clip.project, clip.sequence)
+        self.lines: list[str] = []
+        self.succeeded: bool | None = None
 
-    def reload(self) -> None:
-        """Show what the stage found now."""
-        self.clip.reload()
+    async def run_again(self) -> None:
+        """Run the stage, and show what it found."""
+        self.lines, self.succeeded = [], None
+        try:
+            succeeded = await self.runner.run(self.lines.append)
+        except (InputError, OSError) as error:
+            self.lines.append(str(error))
+            succeeded = False
+        await run.io_bound(self.clip.reload)
+        self.succeeded = succeeded
         self.version += 1
 
 
 def build(clip: Clip) -> None:
     """Register the page and its pictures with NiceGUI; they are served once `ui.run` is called."""
     shared = Shared(clip)
+    app.on_shutdown(shared.runner.stop)
 
     @app.get("/frame/{t}.jpg")
     def frame(t: int, masks: bool = True, tracks: bool = True) -> Response:
@@ -61,7 +77,7 @@ class Page:
         self.previews: dict[tuple[int, Role], str] = {}
         self.editing = Editing(clicks_in(self.clip.capture))
         self.sheet = Sheet.of(self.clip)
-        self.version = shared.version
+        self.version, self.lines_shown = shared.version, 0
         self._header()
         with ui.row(wrap=False).classes("w-full"):
             with ui.column().classes("w-1/2"):
@@ -69,7 +85,8 @@ class Page:
             with ui.column().classes("w-1/2"):
                 self._overview()
         ui.keyboard(on_key=self._key)
-        ui.timer(1.0, self._follow_others)
+        ui.timer(0.5, self._follow_run)
+        ui.timer(0.1, lambda: run.io_bound(shared.preview.open), once=True)
         self.show(0)
 
     # --- what there is ----------------------------------------------------------------------------------------------
@@ -168,12 +185,33 @@ class Page:
         setattr(self, name, shown)
         self.show(self.t)
 
-    def _follow_others(self) -> None:
-        """Another page's run has ended."""
+    def _follow_run(self) -> None:
+        """What the run has printed since, and what it found once it has ended; another page may have begun it."""
+        lines, running = self.shared.lines, self.shared.runner.running
+        if len(lines) < self.lines_shown:
+            self.log.clear()
+            self.lines_shown = 0
+        for line in lines[self.lines_shown :]:
+            self.log.push(line)
+            if (done := progress_of(line)) is not None:
+                self.progress.set_value(done)
+        self.lines_shown = len(lines)
+        self.progress.visible = self.stop_button.visible = running
+        self.log.visible = bool(lines)
+        self.run_button.enabled = not running
         if self.version != self.shared.version:
             self.version = self.shared.version
+            self.previews.clear()
             self._fill()
             self.show(self.t)
+            self._say_end()
+
+    def _say_end(self) -> None:
+        if self.shared.succeeded:
+            ui.notify("done", type="positive")
+        else:
+            told = "the run did not end well; its last lines say why"
+            ui.notify(told, type="negative", timeout=0, close_button="close")
 
     # --- moving -----------------------------------------------------------------------------------------------------
 
@@ -248,31 +286,6 @@ class Page:
         return True
 
     async def _run(self) -> None:
-        if not await self._save():
-            return
-        self._running(True)
-        self.log.clear()
-        try:
-            succeeded = await self.shared.runner.run(self._tell)
-        finally:
-            self._running(False)
-        self.previews.clear()
-        self.shared.reload()
-        self._follow_others()
-        if succeeded:
-            ui.notify("done", type="positive")
-        else:
-            ui.notify(
-                "the run did not end well; the last lines say why", type="negative", timeout=0, close_button="close"
-            )
-
-    def _running(self, running: bool) -> None:
-        self.progress.visible = self.stop_button.visible = running
-        self.log.visible = self.log.visible or running
-        self.run_button.enabled = not running
-
-    def _tell(self, line: str) -> None:
-        self.log.push(line)
-        done = progress_of(line)
-        if done is not None:
-            self.progress.set_value(done)
+        if not self.shared.runner.running and await self._save():
+            self.progress.set_value(0)
+            background_tasks.create(self.shared.run_again())

@@ -18,7 +18,7 @@ def plot_options(curves: Curves | None, suspects: dict[int, list[str]], current:
         )
         for name, values, colour in shown:
             points = [[t, round(float(value), 4)] for t, value in enumerate(values)]
-            look = {"showSymbol": False, "lineStyle": {"color": colour}, "itemStyle": {"color": colour}}
+            look = {"symbolSize": 4, "lineStyle": {"color": colour}, "itemStyle": {"color": colour}}
             series.append({"name": name, "type": "line", "data": points, **look})
         red = [{"xAxis": t, "lineStyle": {"color": "#ff5252", "type": "solid", "opacity": 0.4}} for t in suspects]
         here = [{"xAxis": current, "lineStyle": {"color": "#000000", "type": "solid"}}]

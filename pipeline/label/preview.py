@@ -1,4 +1,4 @@
-"""The mask that the clicks in one frame ask for, at once: the same question to the same network as in the stage."""
+"""The mask that the clicks in one frame ask for, at once: the stage's own question to SAM 2."""
 
 import threading
 
@@ -13,7 +13,7 @@ from pipeline.products.masks import Role
 
 
 class Preview:
-    """SAM 2, opened with the first question.
+    """SAM 2, opened with the first page or question.
 
     Attributes:
         why_not: why there is no preview; empty as long as there is one.
@@ -30,9 +30,9 @@ class Preview:
 
         if clicks.empty or self.why_not:
             return None
+        if not self.open():
+            return None
         with self._one_at_a_time:
-            if not self._open():
-                return None
             image = self.clip.frame(t)
             expected = self.clip.mask(role, t)
             expected = np.zeros(image.shape[:2], bool) if expected is None else expected
@@ -40,13 +40,15 @@ class Preview:
             asked = Correction(t, role, points, np.array(clicks.labels, int), clicks.box)
             return corrected_mask(image, asked, expected, self._segmenter)
 
-    def _open(self) -> bool:
+    def open(self) -> bool:
+        """Open the network, which takes seconds; whether it is there."""
         from physreal_core.perception.sam2 import Sam2Segmenter
 
-        if self._segmenter is None and not self.why_not:
-            try:
-                files = require("sam2", default_folder())
-                self._segmenter = Sam2Segmenter(files["sam2_encoder.ort"], files["sam2_decoder.onnx"])
-            except InputError as error:
-                self.why_not = str(error)
+        with self._one_at_a_time:
+            if self._segmenter is None and not self.why_not:
+                try:
+                    files = require("sam2", default_folder())
+                    self._segmenter = Sam2Segmenter(files["sam2_encoder.ort"], files["sam2_decoder.onnx"])
+                except InputError as error:
+                    self.why_not = str(error)
         return not self.why_not

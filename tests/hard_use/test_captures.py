@@ -359,6 +359,7 @@ ODD = {
     "a camera far away": (keys(T_world_camera=pose(t=[20.0, 0.0, 0.6])), "translation = 20 m is unusual"),
     "two hints": (keys(hints={"object": {"point": [9, 9], "colour": "teal"}}), "has point and colour; point alone is used"),
     "a box around everything": (keys(hints={"object": {"box": [0, 0, 47, 35]}}), "is all of the image"),
+    "corrections beside masks": (keys(corrections=[click()]), "corrections of the object are not used, since masks/object is given"),
     "a heavy load": (keys(payloads=[{"point": [0, 0, 0], "radius": 0.02, "mass": 50.0}]), "payloads[0].mass = 50 kg is unusual"),
     "one observed frame": (
         all_of(without("tracks3d.npz"), keys(split={"train": [0, 1], "test": [1, 6]})), "1 frame of 6 is observed"),

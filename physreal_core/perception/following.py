@@ -7,7 +7,7 @@ import numpy as np
 from physreal_core.array_types import Array, Bool, Float, Int, UInt8
 from physreal_core.perception.confidence import REFERENCE_DIAGONAL, Evidence, confidence
 from physreal_core.perception.finding import search
-from physreal_core.perception.flow import inside_image, round_trip_error, sample
+from physreal_core.perception.flow import inside_image, sample
 from physreal_core.perception.neighbourhood import LocalMap, local_map, nearest_among, nearest_others
 from physreal_core.perception.onnx_tracker import inside_masks
 from physreal_core.perception.settings import TrackerSettings
@@ -119,7 +119,8 @@ class Following:
         s, before = self.settings, self.points[t - 1]
         forward, backward = self.flow_between(t - 1, t), self.flow_between(t, t - 1)
         step = sample(forward, before)
-        now, self.miss = before + step, sample(round_trip_error(forward, backward), before)
+        now = before + step
+        self.miss = np.linalg.norm(step + sample(backward, now), axis=1)
         held = self.seen[t - 1] & self._free(now, t)
         held &= self.miss < s.max_round_trip + s.round_trip_share * np.linalg.norm(step, axis=1)
         tints = [colours(self.frames[i], at, s.step_patch) for i, at in ((t - 1, before), (t, now))]

@@ -383,6 +383,12 @@ class TrackerSettings:
     min_confidence: float = 0.05
     """A point in sight counts as visible unless it is right with a smaller probability than this (0 to 1). What needs
     sure points reads the confidence itself."""
+    entering_every: int = 10
+    """Where a thing shows a new side, new points are chosen on it every so many frames [frames]."""
+    entering_gap: float = 2.5
+    """New points lie farther than this from all visible ones [spacings of the points in frame 0]."""
+    least_entering: int = 8
+    """Fewer new points than this are not worth following."""
 
 
 @dataclass(frozen=True)

@@ -16,6 +16,7 @@ from pipeline.products.camera import RecordedCamera
 from pipeline.products.controllers import Controllers
 from pipeline.products.given_tracks import GivenTracks3d
 from pipeline.products.masks import Masks
+from pipeline.products.quality import PerceptionQuality
 from pipeline.products.tracks import MeasuredTracks
 from pipeline.stage import StageContext, main
 from stages._networks import make_networks, make_settings
@@ -39,6 +40,7 @@ def _pass_through(context: StageContext, parsed: Path, capture: Capture) -> None
     MeasuredTracks(pixels, valid, points, valid, sigma).save(context.output)
     controllers = given_controllers(context.capture, frames)
     Controllers(np.zeros((frames, 0, 3), np.float32) if controllers is None else controllers).save(context.output)
+    PerceptionQuality().save(context.output)
     report = {"kind": "tracks", "tracks": "given", "controllers": "none" if controllers is None else "given"}
     _write_report(context, report)
 
@@ -47,7 +49,7 @@ def _see(context: StageContext, parsed: Path, capture: Capture) -> None:
     with context.timed("reading"):
         video = load_video(parsed, context.capture, capture)
     networks = make_networks(context.params, video, context.capture)
-    steps = 4 + (len(video.frames) - 2) // context.params.keyframe_stride + 1
+    steps = 4 + len(video.frames) - 1
     with context.progress("masks and tracks", steps) as progress:
         result = perceive(video, networks, make_settings(context.params), lambda step: progress.advance())
     result = _with_given_3d(context, video, result)
@@ -105,7 +107,37 @@ def _write(context: StageContext, video: Video, result: Perceived, fps: float) -
         "controller_points": int(controllers.shape[1]),
         "frames_without_mask": {name: np.flatnonzero(a == 0).tolist() for name, a in area.items()},
     }
-    _write_report(context, {"kind": "video", **counts, **result.report})
+    quality = _quality(result)
+    quality.save(output)
+    _tell(context, video, result, quality)
+    report = {name: value for name, value in result.report.items() if name != "keyframes"}
+    _write_report(context, {"kind": "video", **counts, **report})
+
+
+def _quality(result: Perceived) -> PerceptionQuality:
+    choice = result.choices["object"]
+    return PerceptionQuality(
+        [doubt.sentence for doubt in result.doubts],
+        [{"kind": d.kind, "frames": d.frames, "sentence": d.sentence} for d in result.doubts],
+        round(choice.sure, 3),
+        choice.hints(),
+        result.report.get("keyframes", {}),
+    )
+
+
+def _tell(context: StageContext, video: Video, result: Perceived, quality: PerceptionQuality) -> None:
+    """The choice of frame 0 as a picture, and in the terminal that choice and every warning, a line each."""
+    import cv2
+
+    from physreal_core.perception.overlay import draw_choice
+
+    said = f"{context.stage} {context.sequence}:"
+    target = result.choices["object"]
+    picture = draw_choice(video.frames[0], target, result.controller_masks[0], scale=context.params.overlay_scale)
+    cv2.imwrite(str(context.output / "choice.png"), picture[..., ::-1])
+    print(f"{said} the object is {target.how}, certainty {quality.sure:.2f} (choice.png)", flush=True)
+    for warning in quality.warnings:
+        print(f"{said} warning: {warning}", flush=True)
 
 
 def _write_report(context: StageContext, report: dict) -> None:

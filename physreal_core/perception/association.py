@@ -13,15 +13,22 @@ from physreal_core.perception.corrections import NONE, Corrections
 from physreal_core.perception.evidence import Carried
 from physreal_core.perception.flow import pixel_grid, round_trip_error, sample
 from physreal_core.perception.keyframe import Answer, Keyframe, Sight
-from physreal_core.perception.mask_geometry import settle_overlaps, signed_distance
+from physreal_core.perception.mask_geometry import (
+    distance_to,
+    intersection_over_union,
+    settle_overlaps,
+    signed_distance,
+)
 from physreal_core.perception.segmenter import Segmenter
 from physreal_core.perception.settings import DEFAULTS, AssociationSettings
 from physreal_core.perception.tracker import Tracks
-from physreal_core.perception.votes import seen, standing_still
+from physreal_core.perception.votes import count_votes, seen, standing_still
 
 FlowBetween = Callable[[int, int], Float[Array, "H W 2"]]
-NUMBERS = ("answered", "gain", "overlap", "growth", "voters")
-"""What is told of a thing on a keyframe, see `Answer`; voters: share of its tracks that are visible there."""
+NUMBERS = ("answered", "gain", "overlap", "growth", "voters", "left_out", "taken_in", "colour")
+"""What is told of a thing on a keyframe. The first four are `Answer`'s; voters: share of its tracks that are visible;
+left_out: share of those off the mask; taken_in: points of others on the mask over its own visible tracks; colour: mean
+evidence of the mask's colours."""
 
 
 @dataclass
@@ -120,10 +127,12 @@ class _Film:
         self.appearance = Appearance(self.settings.appearance)
         self.appearance.learn(self.frames[0], {x.name: x.mask for x in self.things})
         self._carried: dict[str, list[Carried]] = {}
+        self._agreed: dict[tuple[int, int], Array] = {}
 
     def next_keyframe(self, start: int, stride: int) -> int:
         """The first frame within a stride to which the flow does not hold enough of the object; no short rest is left."""
         s, main, last = self.settings, self.things[0].name, len(self.frames) - 1
+        self._agreed.clear()
         rest = min(s.least_stride, stride - 1) // 2
         farthest = last if last - start <= stride + rest else start + stride
         farthest = min([farthest, *(t for t in self.corrections.keyframes if t > start)])
@@ -160,7 +169,9 @@ class _Film:
         }
 
     def learn(self, t: int) -> None:
-        """Take in how the things look on a keyframe on which all answers were believed."""
+        """Take in how the things look on a keyframe on which all answers were believed; one put right by hand is the first."""
+        if t in self.corrections.keyframes:
+            self.appearance = Appearance(self.settings.appearance)
         if all(self.told[x.name][t]["answered"] for x in self.things):
             self.appearance.learn(self.frames[t], {x.name: self.masks[x.name][t] for x in self.things})
 
@@ -186,8 +197,8 @@ class _Film:
         """Ask again on keyframes whose answer was not believed, now from the next one whose answer was (in place)."""
         keys = [0, *self.told[self.things[0].name]]
         for before, t, after in zip(keys[-3::-1], keys[-2:0:-1], keys[:1:-1], strict=True):
-            doubtful = [x for x in self.things if not self.told[x.name][t]["answered"]]
-            doubtful = [x for x in doubtful if self.told[x.name][after]["answered"]]
+            doubtful = [x for x in self.things if not self._sure(x, t) and self._sure(x, after)]
+            doubtful = [x for x in doubtful if t not in self.corrections.keyframes]
             if not doubtful:
                 continue
             back = {x.name: self.carry(self.masks[x.name][after], after, t)[-1] for x in self.things}
@@ -202,13 +213,21 @@ class _Film:
                     start, stop, {x.name: self.carry(self.masks[x.name][start], start, stop) for x in self.things}
                 )
 
+    def _sure(self, thing: Thing, t: int) -> bool:
+        """Whether the answer on a keyframe was believed, and was what the flow had carried there."""
+        told = self.told[thing.name][t]
+        return bool(told["answered"]) and told["overlap"] >= self.settings.check.overlap
+
     def look_again(self) -> None:
         """Frame 0 answered once more (in place), now that the keyframes after it say what belongs together."""
-        s, expected = self.settings, {}
+        s, expected, alike = self.settings, {}, True
         for x in self.things:
             keys = [k for k, told in self.told[x.name].items() if told["answered"]][: s.keyframes_back]
             back = [self.carry(self.masks[x.name][k], k, 0)[-1].mask for k in keys]
             expected[x.name] = _certain(np.mean([x.mask, *back], axis=0) > s.agreement)
+            alike &= intersection_over_union(expected[x.name].mask, x.mask) >= s.as_it_was
+        if alike:
+            return
         # Points sampled as background may lie on parts of the object that frame 0's first mask missed.
         claimed = np.any([c.mask for c in expected.values()], axis=0)
         self._enter(0, self.ask(0, expected, claimed))
@@ -230,8 +249,14 @@ class _Film:
         u, v = np.moveaxis(pixel_grid(*before.distance.shape) + back, -1, 0)
         soft = cv2.remap(before.distance, u, v, cv2.INTER_LINEAR, borderMode=cv2.BORDER_REPLICATE)
         held = cv2.remap(before.held.astype(np.uint8), u, v, cv2.INTER_NEAREST, borderMode=cv2.BORDER_REPLICATE) > 0
-        misses = round_trip_error(back, self.flow_between(t, after))
-        return Carried(soft, held & (misses < self.settings.round_trip))
+        return Carried(soft, held & self._agrees(after, t))
+
+    def _agrees(self, t: int, other: int) -> Bool[Array, "H W"]:
+        """Where the flow from frame t to its neighbour and back agrees; kept while one keyframe is worked on."""
+        if (t, other) not in self._agreed:
+            misses = round_trip_error(self.flow_between(t, other), self.flow_between(other, t))
+            self._agreed[t, other] = misses < self.settings.round_trip
+        return self._agreed[t, other]
 
     def _enter(self, t: int, answers: Mapping[str, Answer]) -> dict[str, Answer]:
         """The answers as masks of frame t (in place), put right where that was done by hand; the answers with that."""
@@ -253,14 +278,27 @@ class _Film:
             settle_overlaps([self.masks[x.name][t] for x in self.things])
 
     def _told(self, thing: Thing, answer: Answer, t: int) -> dict[str, float]:
-        visible = float(thing.tracks.visible[t].mean()) if thing.tracks.visible.size else 0.0
-        return {
-            "answered": float(answer.answered),
-            "gain": answer.gain,
-            "overlap": answer.overlap,
-            "growth": answer.growth,
-            "voters": visible,
-        }
+        own, mask = thing.seen(t), self.masks[thing.name][t]
+        others = [standing_still(self.background, t, self.settings.still)]
+        others += [x.seen(t) for x in self.things if x is not thing]
+        inside = distance_to(mask) <= self.settings.beside if mask.any() else mask
+        deep = signed_distance(mask) > self.settings.beside
+        values = (
+            float(answer.answered),
+            answer.gain,
+            answer.overlap,
+            answer.growth,
+            float(thing.tracks.visible[t].mean()) if thing.tracks.visible.size else 0.0,
+            1 - _share_on(inside, own),
+            _share_on(deep, np.concatenate(others)) * sum(map(len, others)) / max(len(own), 1),
+            self.appearance.likeness(self.frames[t], thing.name, mask),
+        )
+        return dict(zip(NUMBERS, values, strict=True))
+
+
+def _share_on(mask: Array, points: Array) -> float:
+    """Share of points that lie on a mask; 1 without points, for then nothing is off it."""
+    return float(count_votes(mask[None], points, np.ones(len(points), bool))[0] / len(points)) if len(points) else 1.0
 
 
 def _certain(mask: Array) -> Carried:

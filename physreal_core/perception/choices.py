@@ -19,6 +19,7 @@ class Choice:
         rivals: [N, H, W] what it was chosen from, the chosen one first.
         shares: [N] how much speaks for each; they add up to 1.
         core: the hand without its arm; None where that is all of the mask.
+        moves: share of what can be seen of it that moves; None where nobody looked.
     """
 
     mask: Bool[Array, "H W"]
@@ -26,6 +27,7 @@ class Choice:
     rivals: Bool[Array, "N H W"] | None = None
     shares: Float[Array, " N"] | None = None
     core: Bool[Array, "H W"] | None = None
+    moves: float | None = None
 
     @property
     def sure(self) -> float:

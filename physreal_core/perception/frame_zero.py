@@ -80,7 +80,14 @@ def find_object(
             expected="an object that is not the controller",
             remedy='name it in capture.json under hints.object, e.g. {"point": [u, v]}, or give masks/object/',
         )
-    return replace(choice, mask=mask)
+    return replace(choice, mask=mask, moves=_moving_share(mask, taken, motion, settings))
+
+
+def _moving_share(mask: Array, hand: Array, motion: Motion | None, settings: RankingSettings) -> float | None:
+    """How much of what can be seen of a mask moves; None where that cannot be told."""
+    if motion is None or (mask & motion.textured).sum() < settings.least_moving:
+        return None
+    return float(motion.moving(hand, settings.motion)[mask & motion.textured].mean())
 
 
 def _by_hint(

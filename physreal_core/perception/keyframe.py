@@ -8,7 +8,7 @@ import numpy as np
 from physreal_core.array_types import Array, Bool, Float, UInt8
 from physreal_core.perception.evidence import Carried, consensus, gain, gather
 from physreal_core.perception.mask_geometry import distance_to, intersection_over_union, thick_parts, with_pixels_of
-from physreal_core.perception.prompting import Window, in_wide_enough_window, make_prompts, window_around
+from physreal_core.perception.prompting import Window, in_wide_enough_window, prompts_for_carried, window_around
 from physreal_core.perception.segmenter import Candidates, Prompt, Segmenter, zoomed_candidates
 from physreal_core.perception.settings import AssociationSettings, CheckSettings, EvidenceSettings
 
@@ -101,13 +101,12 @@ class Keyframe:
         sight = self.sights[name]
         expected = sight.carried.mask
         others = [s.carried.mask for n, s in self.sights.items() if n != name]
-        prompts = make_prompts(
+        prompts = prompts_for_carried(
             _within(expected, window),
             [_within(o, window) for o in others],
-            sight.voters if len(sight.voters) else None,
+            sight.voters,
+            self.background,
             self.settings.prompts,
-            beside=self.background,
-            whole=True,
         )
         found = zoomed_candidates(self.segmenter, self.image, _inside(prompts, window), window)
         beyond = standing & ~_within(standing, window)
@@ -147,7 +146,7 @@ def _mended(first: Array, masks: Array, evidence: Array, least: float, settings:
         for piece in thick_parts(other & ~mask, least, settings.strip):
             if evidence[piece].mean() > settings.piece:
                 mask |= piece
-    for other in masks:
+    for other in [*masks, evidence > 0]:
         for piece in thick_parts(mask & ~other, least, settings.strip):
             if evidence[piece].mean() < -settings.piece:
                 mask &= ~piece

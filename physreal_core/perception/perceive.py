@@ -14,6 +14,7 @@ from physreal_core.perception.choices import Choice
 from physreal_core.perception.chooser import TargetChooser
 from physreal_core.perception.controllers import ControllerMotion, move_controllers, pick_controllers, with_depth
 from physreal_core.perception.corrections import Correction, Corrections
+from physreal_core.perception.doubts import Doubt, find_doubts
 from physreal_core.perception.flow_tracker import FlowTracker
 from physreal_core.perception.frame_zero import find_controllers, find_object
 from physreal_core.perception.hand_finder import HandFinder
@@ -26,6 +27,8 @@ from physreal_core.perception.segmenter import Segmenter
 from physreal_core.perception.settings import PerceptionSettings
 from physreal_core.perception.support import without_support
 from physreal_core.perception.tracker import Tracker, Tracks
+
+_HAND_ON_MASK = 0.2  # share of a known hand's landmarks that lie on a controller's mask, at least
 
 
 @dataclass(frozen=True)
@@ -74,6 +77,7 @@ class Perceived:
     controllers: ControllerMotion | None
     report: dict[str, Any]
     choices: Mapping[str, Choice] = field(default_factory=dict)
+    doubts: Sequence[Doubt] = ()
 
 
 def perceive(
@@ -96,6 +100,7 @@ def perceive(
     tracker = networks.tracker or networks.flow
     first = {name: choice.mask for name, choice in choices.items()}
     masks = _followed(video, networks, settings, tracker, first, report, tick)
+    keyframes = {name: {int(t): k for t, k in told.items()} for name, told in report.get("keyframes", {}).items()}
     hands = [name for name in first if name != "object"]
     queries = _queries({name: mask[0] for name, mask in masks.items()}, settings)
     tracks = video.tracks or _tracks_on(masks["object"], tracker, video.frames, queries["object"], settings)
@@ -113,7 +118,9 @@ def perceive(
         [round(float(v), 4) for v in tracks.visible.mean(1)] if tracks.visible.size else []
     )
     hand_masks = np.any([masks[n] for n in hands], axis=0) if hands else np.zeros_like(masks["object"])
-    return Perceived(masks["object"], hand_masks, tracks, lifted, controllers, report, choices)
+    strangers = _strangers(video, networks, settings.doubts.looks, hand_masks)
+    doubts = find_doubts(choices, masks, keyframes, tracks, strangers, settings.doubts)
+    return Perceived(masks["object"], hand_masks, tracks, lifted, controllers, report, choices, doubts)
 
 
 def lift(video: Video, tracks: Tracks, settings: PerceptionSettings) -> LiftedTracks:
@@ -148,7 +155,7 @@ def _chosen(
             "cores": np.stack([choice.hand for choice in choices.values()]),
             "rivals": target.mask[None] if target.rivals is None else target.rivals,
             "shares": np.ones(1) if target.shares is None else target.shares,
-            "told": record_array([(name, choice.how) for name, choice in choices.items()]),
+            "told": record_array([(name, choice.how, choice.moves) for name, choice in choices.items()]),
         }
 
     shapes = {name: (None, *size) for name in ("masks", "cores", "rivals")} | {"shares": (None,), "told": (None,)}
@@ -156,9 +163,9 @@ def _chosen(
     depends = [video.frames[0], sorted(video.hints.items()), clicks, settings]
     found = remembered("frame zero", lambda: depends, shapes, choose, lasting=True)
     out = {}
-    for (name, how), mask, core in zip(record_of(found["told"]), found["masks"], found["cores"], strict=True):
+    for (name, how, moves), mask, core in zip(record_of(found["told"]), found["masks"], found["cores"], strict=True):
         if name == "object":
-            out[name] = Choice(mask, how, found["rivals"], found["shares"])
+            out[name] = Choice(mask, how, found["rivals"], found["shares"], moves=moves)
         else:
             out[name] = Choice(mask, how, core=core)
     return out
@@ -277,6 +284,11 @@ def _all_masks(
     away = background_queries(np.any(list(first.values()), axis=0), settings.queries)
     background = _votes(still, video, away)
     tick("votes")
+
+    def settled(count: int) -> None:
+        for _ in range(count):
+            tick("masks of a frame")
+
     corrections = _corrections(video, networks, settings)
     followed = follow_masks(
         video.frames,
@@ -287,7 +299,7 @@ def _all_masks(
         stride=settings.keyframe_stride,
         settings=settings.association,
         corrections=corrections,
-        tick=lambda frames: tick("keyframe"),
+        tick=settled,
     )
     report["keyframes_without_vote"] = {n: frames for n in first if (frames := followed.unanswered(n))}
     report["keyframes"] = {
@@ -302,6 +314,20 @@ def _all_masks(
         own = [m if t in certain else _standing(video, m, t, settings) for t, m in enumerate(masks["object"])]
         masks["object"] = np.stack(own)
     return masks
+
+
+def _strangers(video: Video, networks: Networks, looks: int, hands: Bool[Array, "T H W"]) -> list[int]:
+    """Of a few frames spread over the clip those in which a hand is found where no controller is."""
+    if networks.hand_finder is None:
+        return []
+    found = []
+    for t in np.unique(np.linspace(0, len(video.frames) - 1, looks).astype(int)).tolist():
+        for hand in networks.hand_finder.find(video.frames[t]):
+            on = inside_masks(hand.points[None], hands[t][None])[0]
+            if on.mean() < _HAND_ON_MASK:
+                found.append(t)
+                break
+    return found
 
 
 def _votes(tracker: Tracker, video: Video, queries: Float[Array, "J 2"]) -> Tracks:

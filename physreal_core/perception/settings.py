@@ -98,13 +98,13 @@ class EvidenceSettings:
     """Of a pixel well inside the mask that the flow carried here; minus that well outside."""
     carried_depth: float = 4.0
     """Distance from the carried mask's edge at which it is well inside [px]."""
-    lost: float = 0.4
+    lost: float = 0.3
     """Share of it that counts where the flow there and back disagreed on the way."""
     vote: float = 2.0
     """Of a visible track at the pixel: for its own thing, against any other."""
     vote_reach: float = 3.0
     """A vote falls off over this distance, or over the tracks' spacing where that is more [px]."""
-    colour: float = 0.6
+    colour: float = 1.0
     """Weight of the colours' log-odds."""
     segmenter: float = 1.5
     """Of a pixel that all candidates hold; minus that of one which none holds."""
@@ -150,12 +150,16 @@ class AssociationSettings:
     """The carried mask is a guess where the flow there and back misses by more [px]."""
     stray: float = 0.15
     """A keyframe is set where the flow lost more of a mask than this since the last one [share of its pixels]."""
+    beside: float = 3.0
+    """A point this near to a mask's edge is on neither side of it for sure [px]."""
     least_stride: int = 4
     """But no nearer to the last one than this [frames]."""
     keyframes_back: int = 3
     """Keyframes that say once more what belongs to a thing in frame 0."""
     agreement: float = 0.5
     """A pixel of frame 0 belongs to a thing if more than this share of them, and of frame 0's own mask, say so."""
+    as_it_was: float = 0.95
+    """Frame 0 is not asked again where all things agree to this with what the keyframes say (IoU)."""
     reach: float = 0.1
     """Of a thing other than the object the window holds what is this near to the object [share of the diagonal]."""
     appearance: AppearanceSettings = field(default_factory=AppearanceSettings)
@@ -208,7 +212,7 @@ class RankingSettings:
     """This near to the hand motion and outlines say nothing of the target [px]."""
     part: float = 0.05
     """Parts of a candidate smaller than this are specks [share of its largest part]."""
-    seeds: int = 6
+    seeds: int = 4
     """Points on what moves at which the segmenter is asked."""
     largest_body: float = 0.25
     """A connected textured region with a moving part is asked for if it is no larger than this [share of the image]."""
@@ -220,7 +224,7 @@ class RankingSettings:
     """Exponent of the share of all moving pixels that a candidate holds."""
     untouched: float = 0.02
     """Where words are given: weight of what the hand does not touch; among many things one sounds right by chance."""
-    ring: int = 16
+    ring: int = 10
     """Points around the hand at which the segmenter is asked."""
     ring_reach: float = 0.06
     """They lie within this distance of it [share of the image's diagonal]."""
@@ -262,6 +266,44 @@ class HandSettings:
     """An arm is no larger than this [areas of its hand]."""
     gap: float = 4.0
     """And no farther than this from its hand [px]."""
+
+
+@dataclass(frozen=True)
+class DoubtSettings:
+    """From where on something is told to the reader as doubtful (`doubts.py`)."""
+
+    sure: float = 0.75
+    """Least certainty of the choice in frame 0 (0.5: the next best is as good)."""
+    moves: float = 0.1
+    """Least share of the chosen object's textured pixels that move."""
+    voters: float = 0.5
+    """Least share of the voters of frame 0 that are seen on a keyframe."""
+    left_out: float = 0.12
+    """Largest share of an object's visible voters off its mask."""
+    taken_in: float = 0.08
+    """Largest number of points of other things on an object's mask [share of the object's voters]."""
+    overlap: float = 0.8
+    """Least IoU of a keyframe's mask with the one that the flow carried there."""
+    colour: float = 0.0
+    """Least mean evidence of the colours on a keyframe's mask [log-odds]."""
+    area: float = 1.3
+    """Largest ratio of the area to its median in the frames before, either way."""
+    before: int = 8
+    """So many frames before [frames]."""
+    looks: int = 4
+    """Frames in which other hands are looked for, spread over the clip."""
+    border: float = 0.3
+    """Pixels on the image's border, from which on a mask is cut off [square root of its area]."""
+    hand_gone: int = 5
+    """A hand may be out of sight in fewer frames than this [frames]."""
+    seen: float = 0.5
+    """Least share of tracks that are seen in a frame."""
+    thin: float = 0.25
+    """Largest share of the mask that may have no track near."""
+    thin_spacings: float = 4.0
+    """A track is near within so many spacings of the tracks in frame 0."""
+    thin_every: int = 5
+    """That is looked at in every so many frames [frames]."""
 
 
 @dataclass(frozen=True)
@@ -349,8 +391,8 @@ class TrackerSettings:
 class PerceptionSettings:
     """The numbers of `perceive.perceive`."""
 
-    keyframe_stride: int = 5
-    """Masks are proposed and voted on every so many frames [frames]."""
+    keyframe_stride: int = 8
+    """Masks are proposed and voted on every so many frames at least, more often where the flow loses the object [frames]."""
     track_count: int = 400
     """Points tracked on the object, about."""
     hand_track_count: int = 200
@@ -382,6 +424,7 @@ class PerceptionSettings:
     association: AssociationSettings = field(default_factory=AssociationSettings)
     hands: HandSettings = field(default_factory=HandSettings)
     ranking: RankingSettings = field(default_factory=RankingSettings)
+    doubts: DoubtSettings = field(default_factory=DoubtSettings)
     queries: QuerySettings = field(default_factory=QuerySettings)
     tracking: TrackerSettings = field(default_factory=TrackerSettings)
 

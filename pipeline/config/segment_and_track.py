@@ -41,7 +41,11 @@ class SegmentAndTrack(StageParameters):
         None, description="own SAM 2 decoder; null: the one of `physreal models`"
     )
     min_candidate_score: float = Field(0.5, ge=0, le=1, description="least score of an entity segmenter's mask")
-    keyframe_stride: int = Field(5, ge=1, description="masks are proposed and voted on every so many frames [frames]")
+    keyframe_stride: int = Field(
+        8,
+        ge=1,
+        description="masks are proposed and voted on every so many frames at least, more often where flow is lost [frames]",
+    )
 
     hand_finder: Literal["mediapipe", "none"] = Field(
         "mediapipe", description="who finds the controller where the capture has no hint for it"

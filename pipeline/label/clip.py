@@ -14,6 +14,7 @@ from pipeline.config import load_parameters, unknown_key
 from pipeline.frames import list_frames, read_colour
 from pipeline.label.suspects import Curves, suspects
 from pipeline.products.masks import ROLES, Masks, Role
+from pipeline.products.quality import FILE as QUALITY
 from pipeline.products.tracks import MeasuredTracks
 from pipeline.project import Project
 from pipeline.reading.text import read_json
@@ -139,7 +140,7 @@ def _read(folder: Path, size: tuple[int, int]) -> Found:
     confidence = getattr(tracks, "confidence", None)
     if confidence is None:
         confidence = tracks.visible.astype(np.float32)
-    report, quality = (_record(folder / name) for name in ("segmentation.json", "quality.json"))
+    report, quality = (_record(folder / name) for name in ("segmentation.json", QUALITY))
     warnings = [str(one) for one in quality.get("warnings", report.get("warnings", []))]
     shown = {role: getattr(masks, role) for role in ROLES}
     return Found(shown, points, tracks.visible, confidence, {**report, **quality}, warnings)

@@ -50,7 +50,7 @@ class Evidence:
         return np.stack(terms, -1)
 
 
-WEIGHTS = np.array([1.693, -0.517, -1.776, -0.798, 5.668, -0.25, -0.26])
+WEIGHTS = np.array([1.559, -0.5627, -1.808, -0.1746, 4.713, -0.2672, -0.3301])
 
 
 def confidence(terms: Float[Array, "J 7"], weights: Float[Array, "7"] = WEIGHTS) -> Float[Array, " J"]:

@@ -67,6 +67,7 @@ def test_given_masks_replace_the_networks(capture):
     assert shape[0] == FRAMES and shape[1] > 50
     assert tracks.points2d.shape == (*shape, 2) and tracks.points3d.shape == (*shape, 3)
     assert np.isnan(tracks.points3d[~tracks.valid3d]).all()
+    assert (tracks.confidence[tracks.visible] > 0).all() and (tracks.starts >= 0).all()
     moved = (tracks.points2d - tracks.points2d[0] - SCENE.motion[:, None])[tracks.visible]
     # Flow is smooth across the disc's rim, where table and disc part: points there are off by up to a pixel.
     assert np.median(np.linalg.norm(moved, axis=1)) < 0.1 and np.quantile(np.linalg.norm(moved, axis=1), 0.9) < 1.0
@@ -134,6 +135,28 @@ def test_a_capture_of_tracks_alone_passes_through(capture):
     assert np.array_equal(tracks.points3d, points) and np.allclose(tracks.sigma3d, 0.002)
     assert Controllers.load(output).points.shape == (6, 0, 3)
     assert not (output / "masks").exists() and not (output / "overlay.mp4").exists()
+
+
+def colour_alone(capture):
+    for file in (capture / "depth").iterdir():
+        file.unlink()
+    (capture / "depth").rmdir()
+    describe(capture, T_world_camera=None)
+    _write(capture, "masks/object", SCENE.objects)
+    _write(capture, "masks/controller", SCENE.hands)
+
+
+def test_a_clip_of_colour_alone_needs_no_world(capture):
+    colour_alone(capture)
+    tracks = MeasuredTracks.load(segment(capture, segmenter="none"))
+    assert tracks.visible.any() and not tracks.valid3d.any() and np.isnan(tracks.points3d).all()
+
+
+def test_points_of_a_world_that_nothing_sets_are_refused(capture):
+    colour_alone(capture)
+    Controllers(np.ones((FRAMES, 3, 3), np.float32)).save(capture)
+    with pytest.raises(InputError, match=r"controllers\.npz: neither depth nor T_world_camera is there"):
+        segment(capture, segmenter="none")
 
 
 @pytest.mark.parametrize(

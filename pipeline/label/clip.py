@@ -12,9 +12,8 @@ from physreal_core.errors import InputError
 from pipeline.capture import Capture, read_capture
 from pipeline.config import load_parameters, unknown_key
 from pipeline.frames import list_frames, read_colour
-from pipeline.label.suspects import Curves, suspects
+from pipeline.label.suspects import Curves, Warned, suspects, warnings_in
 from pipeline.products.masks import ROLES, Masks, Role
-from pipeline.products.quality import FILE as QUALITY
 from pipeline.products.tracks import MeasuredTracks
 from pipeline.project import Project
 from pipeline.reading.text import read_json
@@ -33,16 +32,14 @@ class Found:
         tracks: [T, J, 2] (u, v) [px].
         visible: [T, J].
         confidence: [T, J], 0 to 1.
-        report: segmentation.json.
-        warnings: sentences for the reader.
+        warnings: of the stage.
     """
 
     masks: dict[Role, Bool[Array, "T h w"]]
     tracks: Float[Array, "T J 2"]
     visible: Bool[Array, "T J"]
     confidence: Float[Array, "T J"]
-    report: dict[str, Any] = field(default_factory=dict)
-    warnings: list[str] = field(default_factory=list)
+    warnings: list[Warned] = field(default_factory=list)
 
     @cached_property
     def curves(self) -> Curves:
@@ -54,7 +51,7 @@ class Found:
     @cached_property
     def suspects(self) -> dict[int, list[str]]:
         """Frame → why somebody should look at it."""
-        return suspects(self.curves, self.report)
+        return suspects(self.warnings)
 
 
 class Clip:
@@ -140,10 +137,9 @@ def _read(folder: Path, size: tuple[int, int]) -> Found:
     confidence = getattr(tracks, "confidence", None)
     if confidence is None:
         confidence = tracks.visible.astype(np.float32)
-    report, quality = (_record(folder / name) for name in ("segmentation.json", QUALITY))
-    warnings = [str(one) for one in quality.get("warnings", report.get("warnings", []))]
+    warnings = warnings_in(_record(folder / "quality.json"), len(tracks.visible))
     shown = {role: getattr(masks, role) for role in ROLES}
-    return Found(shown, points, tracks.visible, confidence, {**report, **quality}, warnings)
+    return Found(shown, points, tracks.visible, confidence, warnings)
 
 
 def _record(path: Path) -> dict[str, Any]:

@@ -8,6 +8,7 @@ import socket
 import subprocess
 import sys
 import time
+import urllib.error
 import urllib.request
 
 import cv2
@@ -279,6 +280,8 @@ def test_a_click_on_the_page_becomes_a_hint_and_one_in_a_later_frame_a_correctio
     def note(text: str) -> None:
         _until(lambda: text in one(".label-note").text or "no preview" in one(".label-note").text, text)
 
+    with pytest.raises(urllib.error.HTTPError, match="400"):  # a name of somebody else's that leads here
+        urllib.request.urlopen(urllib.request.Request(address, headers={"Host": "elsewhere.example"}))
     before = json.loads((project.capture("clip") / "capture.json").read_text())
     browser.get(address)
     _until(lambda: browser.find_elements(By.CSS_SELECTOR, ".label-image img"), "the frame is there")

@@ -22,7 +22,6 @@ from pipeline.stage import StageContext, main
 from stages._networks import make_networks, make_settings
 from stages._video import given_controllers, given_tracks3d, load_video
 
-
 _IN_QUALITY = ("keyframes", "warnings")  # of the report; they stand in quality.json
 
 
@@ -86,7 +85,16 @@ def _write(context: StageContext, video: Video, result: Perceived, fps: float) -
     output, frames = context.output, len(video.frames)
     Masks(result.object_masks, result.controller_masks).save(output)
     lifted = result.lifted
-    MeasuredTracks(result.tracks.points, result.tracks.visible, lifted.points, lifted.valid, lifted.sigma).save(output)
+    tracks = result.tracks
+    MeasuredTracks(
+        tracks.points,
+        tracks.visible,
+        lifted.points,
+        lifted.valid,
+        lifted.sigma,
+        confidence=tracks.confidence,
+        starts=tracks.starts,
+    ).save(output)
     controllers = np.zeros((frames, 0, 3), np.float32) if result.controllers is None else result.controllers.points
     Controllers(controllers).save(output)
     pixels = project(controllers, video.K, video.T_world_camera)
@@ -104,8 +112,9 @@ def _write(context: StageContext, video: Video, result: Perceived, fps: float) -
     }
     counts = {
         "frames": frames,
-        "tracks": int(result.tracks.visible.shape[1]),
-        "visible_share": float(result.tracks.visible.mean()),
+        "tracks": int(tracks.visible.shape[1]),
+        "tracks_entering_later": int((tracks.starts > 0).sum()),
+        "visible_share": float(tracks.visible[:, tracks.starts == 0].mean()),
         "valid3d_share": float(result.lifted.valid.mean()),
         "controller_points": int(controllers.shape[1]),
         "frames_without_mask": {name: np.flatnonzero(a == 0).tolist() for name, a in area.items()},

@@ -50,7 +50,7 @@ class Evidence:
         return np.stack(terms, -1)
 
 
-WEIGHTS = np.array([1.693, -0.517, -1.776, -0.798, 5.668, -0.25, -0.26])
+WEIGHTS = np.array([1.05, -0.7614, -1.093, -1.055, 3.743, -0.2313, -0.4842])
 
 
 def confidence(terms: Float[Array, "J 7"], weights: Float[Array, "7"] = WEIGHTS) -> Float[Array, " J"]:

@@ -79,7 +79,7 @@ def local_map(
     weight = near
     for _ in range(1 + _REWEIGHTINGS):
         coefficients = _solve(terms, shift, weight)
-        miss = np.linalg.norm(shift - np.einsum("nki,nic->nkc", terms, coefficients), axis=-1)
+        miss = np.linalg.norm(shift - terms @ coefficients, axis=-1)
         spread = np.maximum(_masked_median(miss, usable) * _NORMAL, floor)
         weight = near / (1.0 + (miss / (2.0 * spread[:, None])) ** 2)
     linear = np.eye(2) + coefficients[:, 1:].transpose(0, 2, 1) / scale[..., None]
@@ -93,9 +93,10 @@ def local_map(
 
 def _solve(terms: Array, shift: Array, weight: Array) -> Array:
     """Coefficients [N, 3, 2]; the linear ones are drawn to zero as by a twentieth of the neighbours."""
-    normal = np.einsum("nki,nk,nkj->nij", terms, weight, terms)
+    weighted = (terms * weight[..., None]).transpose(0, 2, 1)  # [N, 3, K]
+    normal = weighted @ terms
     normal += np.diag([0.0, 0.05, 0.05]) * weight.sum(1)[:, None, None] + 1e-9 * np.eye(3)
-    return np.linalg.solve(normal, np.einsum("nki,nk,nkc->nic", terms, weight, shift))
+    return np.linalg.solve(normal, weighted @ shift)
 
 
 def _masked_median(values: Float[Array, "N K"], mask: Bool[Array, "N K"]) -> Float[Array, " N"]:

@@ -15,6 +15,7 @@ from physreal_core.perception.chooser import TargetChooser
 from physreal_core.perception.controllers import ControllerMotion, move_controllers, pick_controllers, with_depth
 from physreal_core.perception.corrections import Correction, Corrections
 from physreal_core.perception.doubts import Doubt, find_doubts
+from physreal_core.perception.entering import with_entering
 from physreal_core.perception.flow_tracker import FlowTracker
 from physreal_core.perception.frame_zero import find_controllers, find_object
 from physreal_core.perception.hand_finder import HandFinder
@@ -103,20 +104,19 @@ def perceive(
     keyframes = {name: {int(t): k for t, k in told.items()} for name, told in report.get("keyframes", {}).items()}
     hands = [name for name in first if name != "object"]
     queries = _queries({name: mask[0] for name, mask in masks.items()}, settings)
-    tracks = video.tracks or _tracks_on(masks["object"], tracker, video.frames, queries["object"], settings)
+    tracks = video.tracks or _tracks_on(masks["object"], tracker, video.frames, queries["object"], settings, True)
     tick("tracks")
     lifted = lift(video, tracks, settings)
     controllers = None
     if video.depth is None:
         report["controller"] = "no depth: controller points cannot be placed in 3D"
     else:  # a depth that jumps is an occlusion or a loss
-        tracks = Tracks(tracks.points, tracks.visible & ~_jumped(video.depth, tracks, lifted, settings))
+        tracks = replace(tracks, visible=tracks.visible & ~_jumped(video.depth, tracks, lifted, settings))
         motions = [_controller(video, masks, n, queries[n], len(hands), tracker, settings) for n in hands]
         controllers = _together(motions)
         report["controller_interpolated_frames"] = controllers.interpolated
-    report["visible_share_per_frame"] = (
-        [round(float(v), 4) for v in tracks.visible.mean(1)] if tracks.visible.size else []
-    )
+    from_start = tracks.visible[:, tracks.starts == 0]
+    report["visible_share_per_frame"] = [round(float(v), 4) for v in from_start.mean(1)] if from_start.size else []
     hand_masks = np.any([masks[n] for n in hands], axis=0) if hands else np.zeros_like(masks["object"])
     strangers = _strangers(video, networks, settings.doubts.looks, hand_masks)
     doubts = find_doubts(choices, masks, keyframes, tracks, strangers, settings.doubts)
@@ -385,12 +385,19 @@ def _surface(video: Video, mask: Array, settings: PerceptionSettings) -> Float[A
 
 
 def _tracks_on(
-    masks: Array, tracker: Tracker, frames: Sequence[Array], queries: Array, settings: PerceptionSettings
+    masks: Array,
+    tracker: Tracker,
+    frames: Sequence[Array],
+    queries: Array,
+    settings: PerceptionSettings,
+    entering: bool = False,
 ) -> Tracks:
-    """Tracks that are only seen on their own mask, or nearly so."""
+    """Tracks that are only seen on their own mask, or nearly so; with those of points that enter later, if wanted."""
     near = np.stack([signed_distance(mask) > -settings.mask_tolerance for mask in masks])
     tracks = tracker.track(frames, queries, ~near)
-    return Tracks(tracks.points, tracks.visible & inside_masks(tracks.points, near))
+    if entering and isinstance(tracker, FlowTracker):
+        tracks = with_entering(tracks, tracker, frames, masks, ~near, settings.queries)
+    return replace(tracks, visible=tracks.visible & inside_masks(tracks.points, near))
 
 
 def _jumped(depth: Array, tracks: Tracks, lifted: LiftedTracks, settings: PerceptionSettings) -> Array:

@@ -368,23 +368,27 @@ class TrackerSettings:
     """A point that is corrected while it looks less alike than this gets a new patch: it has turned (-1 to 1)."""
     renewed_after: int = 10
     """A point that was not corrected in so many frames, though it is seen, gets a new patch [frames]."""
-    search_reach: int = 6
-    """A lost point is looked for this far around where its neighbours carry it [px]."""
-    found_departure: float = 3.0
-    """It is found no farther from there than so many times the neighbours' own spread."""
+    search_reach: float = 6.0
+    """A lost point is found again no farther than this from where its neighbours carry it [px]."""
+    found_miss: float = 0.7
+    """There the flow to frame 0 and back misses by no more than this [px]."""
+    found_shift: float = 1.0
+    """And its patch lies no farther from there than this [px]."""
     found_stretch: float = 0.5
     """Nor where the neighbourhood has shrunk to less than this of its width in some direction (0 to 1)."""
     search_every: int = 2
-    """Lost points are looked for every so many frames [frames]."""
-    search_limit: int = 150
-    """So many lost points are looked for in a frame, at most; the others have their turn later."""
-    min_distinct: float = 0.05
-    """A point is found again only where it is more alike by this than anywhere else in reach."""
+    """Frame 0 is recognised, and lost points found again in it, every so many frames [frames]."""
     min_contrast: float = 5.0
-    """A patch with less contrast than this cannot be looked for [grey levels]."""
+    """New points are chosen where a patch has more contrast than this [grey levels]."""
     min_confidence: float = 0.05
     """A point in sight counts as visible unless it is right with a smaller probability than this (0 to 1). What needs
     sure points reads the confidence itself."""
+    entering_every: int = 10
+    """Where a thing shows a new side, new points are chosen on it every so many frames [frames]."""
+    entering_gap: float = 2.5
+    """New points lie farther than this from all visible ones [spacings of the points in frame 0]."""
+    least_entering: int = 8
+    """Fewer new points than this are not worth following."""
 
 
 @dataclass(frozen=True)

@@ -72,8 +72,8 @@ class Templates:
             likeness = (template * seen) @ self.weight
             better = likeness > best
             place, best = np.where(better[:, None], at, place), np.where(better, likeness, best)
-            pull = np.einsum("npc,np->nc", slopes, (template - seen) * (gain * self.weight))
-            shift = shift + np.clip(np.einsum("nij,nj->ni", self.inverse[which], pull), -1, 1)
+            pull = ((template - seen) * (gain * self.weight))[:, None] @ slopes  # [N, 1, 2]
+            shift = shift + np.clip(pull @ self.inverse[which], -1, 1)[:, 0]
         return place, best
 
     def _normalised(self, patch: Float[Array, "N P"]) -> tuple[Float[Array, "N P"], Float[Array, " N"]]:
@@ -87,5 +87,5 @@ def colours(image: UInt8[Array, "H W 3"], points: Float[Array, "N 2"], half: int
     """Mean colour of the patches around points, as shares of the brightness, which shade leaves as they are."""
     import cv2
 
-    mean = sample(cv2.blur(image.astype(np.float32), (2 * half + 1, 2 * half + 1)), points)
+    mean = sample(cv2.blur(image, (2 * half + 1, 2 * half + 1)), points).astype(np.float32)
     return mean / np.maximum(mean.sum(-1, keepdims=True), 1.0)

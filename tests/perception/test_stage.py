@@ -67,6 +67,7 @@ def test_given_masks_replace_the_networks(capture):
     assert shape[0] == FRAMES and shape[1] > 50
     assert tracks.points2d.shape == (*shape, 2) and tracks.points3d.shape == (*shape, 3)
     assert np.isnan(tracks.points3d[~tracks.valid3d]).all()
+    assert (tracks.confidence[tracks.visible] > 0).all() and (tracks.starts >= 0).all()
     moved = (tracks.points2d - tracks.points2d[0] - SCENE.motion[:, None])[tracks.visible]
     # Flow is smooth across the disc's rim, where table and disc part: points there are off by up to a pixel.
     assert np.median(np.linalg.norm(moved, axis=1)) < 0.1 and np.quantile(np.linalg.norm(moved, axis=1), 0.9) < 1.0

@@ -9,7 +9,7 @@ from physreal_core.array_types import Array, Float
 
 @dataclass(frozen=True)
 class Curves:
-    """Over the frames: shares of the image that object and hand cover, and the share of tracks that are visible."""
+    """Over the frames: shares of the image that object and hand cover, and the share of frame 0's tracks that are visible."""
 
     object: Float[Array, " T"]
     controller: Float[Array, " T"]

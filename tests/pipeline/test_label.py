@@ -56,9 +56,9 @@ def found(project: Project, scale: int = 1) -> None:
     visible[5, 1:] = False
     points = np.full((FRAMES, 5, 2), 10.0 / scale, np.float32)
     nothing = np.full((FRAMES, 5), np.nan, np.float32)
-    MeasuredTracks(points, visible, np.full((FRAMES, 5, 3), np.nan, np.float32), ~visible & visible, nothing).save(
-        folder
-    )
+    unknown, starts = np.full((FRAMES, 5, 3), np.nan, np.float32), np.array([0, 0, 0, 0, 2], np.int32)
+    sure = np.linspace(0, 1, FRAMES * 5, dtype=np.float32).reshape(FRAMES, 5)
+    MeasuredTracks(points, visible, unknown, ~visible & visible, nothing, sure, starts).save(folder)
     doubts = [
         {"kind": "empty", "frames": [3], "sentence": "object: the mask is empty in frame 3; look there"},
         {"kind": "voters", "frames": [3, 5], "sentence": "object: few tracks in frames 3 and 5; look there"},
@@ -89,6 +89,7 @@ def test_a_clip_with_results_shows_masks_tracks_and_what_to_look_at(project, sca
     assert [one.frames for one in clip.found.warnings] == [(3,), (3, 5)]
     empty, few = "object: the mask is empty in frame 3", "object: few tracks in frames 3 and 5"
     assert clip.found.suspects == {3: [empty, few], 5: [few]}
+    assert clip.found.curves.seen.tolist() == [1, 1, 1, 1, 1, 0.25]  # of the tracks that began in frame 0
     options = plot_options(clip.found.curves, clip.found.suspects, 4)
     assert [len(one["data"]) for one in options["series"]] == [FRAMES] * 3
     assert json.dumps(options)

@@ -97,7 +97,7 @@ def _problem(capture: Capture, mesh: Mesh, tracks: GivenTracks3d, cut: Cut) -> t
 
 
 def _elastic(patches: np.ndarray) -> Model:
-    simulation = {"ground_height": None, "courant": 0.8, "dtype": "float32"}
+    simulation = {"ground_height": None, "courant": 0.6, "dtype": "float32"}
     return uniform_model(torch.from_numpy(patches), GUESS, elastic_law="fixed_corotated", simulation=simulation)
 
 

@@ -20,8 +20,7 @@ HEAD = """\
 
 `python -m benchmarks.perception` (`--clips`, `--rendered`, `--only NAME` for a part). Default settings. The clips come without
 any hint; they are scaled to 640 x 362 px, and three of them have true masks. The rendered sequences (320 x 240 px, `data/rig`)
-have no hint for the object and one click on the first hand in frame 0, since the finder of hands knows no mittens; their depth
-is not used. The baseline is a plain SAM 2 + DIS loop (`benchmarks/perception_baseline.py`) that is given the stage's own mask
+come without a hint, too, and without their depth; they show a hand of five fingers that the finder of hands knows. The baseline is a plain SAM 2 + DIS loop (`benchmarks/perception_baseline.py`) that is given the stage's own mask
 and points of frame 0.
 
 - *IoU*: overlap of the object's mask with the true one, mean and worst frame.

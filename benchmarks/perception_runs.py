@@ -60,7 +60,7 @@ def run_stage(judged: Judged, truth_of: TruthOf | None) -> tuple[dict[str, Any],
     row = _scored(
         judged, STAGE, parsed.object_masks, parsed.tracks, seconds, truth_of, lambda p: _back(networks, judged, p)
     )
-    row["warnings"] = [str(warning) for warning in parsed.report.get("warnings", [])]
+    row["warnings"] = [doubt.sentence for doubt in parsed.doubts]
     row["chosen_by"] = parsed.report.get("chosen_by", {})
     given = {"first": parsed.object_masks[0], "queries": _chosen_first(parsed.tracks).points[0]}
     return row, {**given, "segmenter": networks.segmenter}

@@ -1,7 +1,6 @@
 """Rendered sequences with their truth, made by the rig when they are first asked for.
 
-Perception is given the colour pictures alone, no hint for the object and one click on the first hand: the finder of hands
-knows no mittens. Depth, and what the rig knows beside it, serves the scores.
+Perception is given the colour pictures alone and no hint. What the rig knows beside them serves the scores.
 """
 
 import json
@@ -43,9 +42,8 @@ def load_rendered(name: str, cache: Path, frames: int | None = None) -> Judged:
     described = json.loads((folder / "capture.json").read_text())
     images = [cv2.imread(str(file))[..., ::-1] for file in sorted((folder / "color").glob("*.png"))[:frames]]
     camera = np.array(described["K"]), np.array(described["T_world_camera"])
-    hints = {"controller": described["hints"]["controller"]}
     images = [np.ascontiguousarray(image) for image in images]
-    video = Video(images, None, *camera, described["description"], hints)
+    video = Video(images, None, *camera, described["description"])
     true_object, hands = _true_masks(folder, *camera, images[0].shape[:2])
     return Judged(name, "rendered", folder, video, true_object[: len(images)], hands[: len(images)])
 

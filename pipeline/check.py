@@ -15,7 +15,7 @@ import numpy as np
 from physreal_core.array_types import Array
 from physreal_core.errors import InputError
 from pipeline.capture import FILE, Capture
-from pipeline.check_given import check_description, check_given, judge_counts, read_each, require_world, stands
+from pipeline.check_given import check_description, check_given, judge_counts, read_each, stands
 from pipeline.config import Parameters
 from pipeline.frames import (
     COLOUR,
@@ -29,6 +29,7 @@ from pipeline.frames import (
     read_frames,
 )
 from pipeline.plausible import Findings, judge_points
+from pipeline.products.camera import require_world
 from pipeline.products.controllers import Controllers
 from pipeline.products.given_tracks import GivenTracks2d, GivenTracks3d
 from pipeline.products.masks import ROLES
@@ -158,8 +159,9 @@ def _count_video(folder: Path, capture: Capture, purpose: Purpose, found: Findin
 
 
 def _check_world(folder: Path, capture: Capture, files: FrameFiles, purpose: Purpose, found: Findings) -> None:
-    with found.catching():
-        require_world(capture, files, folder)
+    if purpose.clip is False or _is_placed(folder):
+        with found.catching():
+            require_world(capture.T_world_camera, bool(files.depth), str(folder))
     if files.depth or (folder / GivenTracks3d.FILE).is_file() or purpose.clip:
         return
     tell_it = found.warn if purpose.clip is None else found.fault
@@ -169,6 +171,11 @@ def _check_world(folder: Path, capture: Capture, files: FrameFiles, purpose: Pur
         expected="tracks in 3D",
         remedy=f"record depth, or {BY_CLIP}",
     )
+
+
+def _is_placed(folder: Path) -> bool:
+    """Whether the capture brings points of the world."""
+    return any((folder / file).is_file() for file in (GivenTracks3d.FILE, Controllers.FILE))
 
 
 def _count_tracks(folder: Path, found: Findings) -> int:

@@ -16,7 +16,7 @@ from physreal_core.cores import available_cores
 from physreal_core.errors import InputError
 from physreal_core.evidence import LEAST_PIXELS, MORE_TRACKS, require_tracks
 from pipeline.capture import FILE, Capture, judge_frames_of_corrections, judged_capture, read_description
-from pipeline.frames import FrameFiles, frame_file, read_grey
+from pipeline.frames import frame_file, read_grey
 from pipeline.plausible import (
     BINARY,
     EQUAL_MASKS,
@@ -45,16 +45,6 @@ def check_description(folder: Path, found: Findings) -> Capture | None:
     with found.catching():
         return judged_capture(read_description(folder), str(folder / FILE), found)
     return None
-
-
-def require_world(capture: Capture, files: FrameFiles, folder: Path) -> None:
-    """InputError where neither a pose nor depth sets the world."""
-    if capture.T_world_camera is None and not files.depth:
-        raise InputError(
-            "neither depth nor T_world_camera is there, so the world cannot be set",
-            where=str(folder),
-            remedy="give T_world_camera in capture.json, or record depth",
-        )
 
 
 def judge_counts(capture: Capture, frames: int, file: str, found: Findings) -> None:

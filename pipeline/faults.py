@@ -1,6 +1,7 @@
 """How a command ends when the user, not a developer, can mend what is wrong: one sentence and exit code 2."""
 
 import errno
+import os
 import sys
 from collections.abc import Iterator
 from contextlib import contextmanager
@@ -24,6 +25,8 @@ _MENDABLE = {
     errno.ENFILE: ("too many open files on this machine", "end what holds them, then start again"),
 }
 """Error number → what it means here, and what to do."""
+READER_GONE = 141
+"""Exit code of a shell's command that a closed pipe ended: 128 and SIGPIPE's number."""
 
 
 @contextmanager
@@ -31,12 +34,18 @@ def one_sentence(who: str) -> Iterator[None]:
     """Ends the process with exit code 2 and one sentence, no traceback, for what the user can mend.
 
     Faults of input are that, a simulation that runs away, and what the system refuses: a full or read-only disk, a
-    missing permission. Anything else is a fault of this program and keeps its traceback.
+    missing permission. Anything else is a fault of this program and keeps its traceback. A reader that has seen enough
+    (`physreal import | head -1`) ends it quietly, with READER_GONE.
     """
     try:
         yield
+        sys.stdout.flush()
     except (InputError, SimulationError) as error:
         _end(f"{who}: {error}")
+    except BrokenPipeError:
+        # What the interpreter would still flush at its end has nowhere to go.
+        os.dup2(os.open(os.devnull, os.O_WRONLY), sys.stdout.fileno())
+        sys.exit(READER_GONE)
     except Exception as error:
         if (fault := fault_of_system(error)) is None:
             raise

@@ -12,7 +12,7 @@ from physreal_core.perception.tracker import Tracks
 from pipeline.capture import Capture, read_capture
 from pipeline.capture import Correction as CaptureCorrection
 from pipeline.frames import frame_file, read_grey
-from pipeline.products.camera import RecordedCamera
+from pipeline.products.camera import RecordedCamera, require_world
 from pipeline.products.controllers import Controllers
 from pipeline.products.given_tracks import GivenTracks2d, GivenTracks3d
 from pipeline.products.images import FrameImages
@@ -22,13 +22,18 @@ from pipeline.products.masks import ROLES, Role, mask_folder
 def load_video(parsed: Path, capture_folder: Path, capture: Capture) -> Video:
     """Frames and camera as parse_video wrote them, with given masks and 2D tracks scaled to their size.
 
+    A clip of colour alone has no world; its camera stands for one, and nothing is placed in it.
+
     Raises:
-        InputError: a given file does not fit the frames.
+        InputError: a given file does not fit the frames, or needs a world that nothing set.
     """
     view, images = RecordedCamera.load(parsed), FrameImages(parsed)
     count, size = view.frame_count, (view.width, view.height)
     frames = [np.array(images.colour(frame)) for frame in range(count)]
     depth = np.stack([images.depth(frame) for frame in range(count)]) if images.has_depth else None
+    for file in (GivenTracks3d.FILE, Controllers.FILE):
+        if (capture_folder / file).is_file():
+            require_world(view.T_world_camera, depth is not None, str(capture_folder / file))
     masks = {role: m for role in ROLES if (m := given_masks(capture_folder, role, count, size)) is not None}
     hints = {
         role: {k: v for k, v in hint.model_dump(mode="json").items() if v is not None}
@@ -38,7 +43,7 @@ def load_video(parsed: Path, capture_folder: Path, capture: Capture) -> Video:
         frames,
         None if depth is None else depth.astype(np.float32) / 1000,
         view.K,
-        view.T_world_camera,
+        np.eye(4) if view.T_world_camera is None else view.T_world_camera,
         capture.description,
         {role: dict([next(iter(hint.items()))]) for role, hint in hints.items() if hint},
         masks,

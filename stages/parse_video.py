@@ -7,7 +7,7 @@ import numpy as np
 
 from physreal_core.errors import InputError
 from pipeline.capture import FILE, Capture, Split, write_capture
-from pipeline.check_given import check_description, check_given, judge_counts, require_world
+from pipeline.check_given import check_description, check_given, judge_counts
 from pipeline.frames import backproject, count_track_frames, list_frames, read_frames
 from pipeline.plausible import Findings
 from pipeline.products.camera import RecordedCamera
@@ -50,7 +50,6 @@ def run(context: StageContext) -> None:
         _check_beside(context, capture, frames, found)
         _write(context, capture, frames, Judgement(), {}, found)
         return
-    require_world(capture, list_frames(context.capture), context.capture)
     scale = min(1.0, context.params.max_width / capture.width)
     frames, quality, first_depth = _copy_frames(context, capture, scale)
     _check_beside(context, capture, frames, found)

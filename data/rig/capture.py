@@ -86,7 +86,7 @@ def film(
 def make_sequence(name: str, seed: int, destination: Path) -> None:
     """Simulates and films one of `sequences.SEQUENCES` into `destination`, which is replaced as a whole.
 
-    It has no hint for the object, and one click on the first hand: finders of hands know no mittens.
+    It has no hint for the object, and one click on the first hand.
 
     Args:
         name: of the sequence.

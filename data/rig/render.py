@@ -13,7 +13,7 @@ from data.rig.trajectory import Trajectory
 from physreal_core.array_types import Array, Float, Int, UInt8
 
 BACKGROUND, OBJECT, HAND, TABLE, FURTHER_HAND = -1, 0, 1, 2, 3
-_HAND_SPACING, _TABLE_HALF, _HORIZON = 0.009, 1.5, 0.30
+_TABLE_HALF, _HORIZON = 1.5, 0.30
 
 
 @dataclass(frozen=True)
@@ -40,11 +40,11 @@ class Stage:
     def __init__(self, scene: RigScene, trajectory: Trajectory, placed: Callable[[Array], Array] = np.asarray) -> None:
         self._look, self.view = scene.look, scene.view
         self._lamp = np.array(scene.look.lamp) / np.linalg.norm(scene.look.lamp)
-        hand = mesh_shape(scene.hand, _HAND_SPACING)
+        hand = mesh_shape(scene.hand, scene.hand_spacing)
         hand.vertices[:] = placed(hand.vertices)
         corners = _TABLE_HALF * np.array([[-1, -1, 0], [1, -1, 0], [1, 1, 0], [-1, 1, 0.0]])
         self.hand = hand
-        self.others = [mesh_shape(other.shape, _HAND_SPACING) for other in scene.others]
+        self.others = [mesh_shape(other.shape, scene.hand_spacing) for other in scene.others]
         self._rest = [trajectory.mesh.vertices, hand.vertices, placed(corners), *(m.vertices for m in self.others)]
         faces = [trajectory.mesh.faces, hand.faces, np.array([[0, 1, 2], [0, 2, 3]]), *(m.faces for m in self.others)]
         offsets = np.cumsum([0] + [len(points) for points in self._rest[:-1]])

@@ -9,7 +9,7 @@ from dataclasses import replace
 
 import numpy as np
 
-from data.rig.rig_scene import FurtherHand, Look, Material, Motion, RigScene, View, mitten, plush_body
+from data.rig.rig_scene import FurtherHand, Look, Material, Motion, RigScene, View, bare_hand, plush_body
 from data.rig.shapes import RoundedShape
 from data.rig.thin import Cloth, rope_body
 
@@ -21,9 +21,11 @@ SETTLE = 0.15
 _MESH = 0.012  # [m]
 _ROPE = Material(youngs_modulus=5e4, density=400.0, damping=0.004)
 _ROPE_MESH = 0.0055  # [m]
-_LOW_LAMP = {"lamp": (-0.75, -0.25, 0.42), "ambient": 0.26, "diffuse": 1.0, "shade": 0.06}
+_LOW_LAMP = {"lamp": (-0.75, -0.25, 0.42), "ambient": 0.30, "diffuse": 1.0, "shade": 0.06}
 _SHUTTER = 0.6
-_GRIP = 0.004  # [m]
+
+_FINGERTIPS = 0.006  # nodes this near to a hand are held [m]
+_HAND_MESH = 0.0045  # [m]; fingers are thin
 
 Stroke = tuple[float, float, tuple[float, float, float]]
 
@@ -35,19 +37,26 @@ def _motion(random: np.random.Generator, *strokes: Stroke) -> Motion:
     )
 
 
+def _towards(grasp: tuple[float, float, float]) -> tuple[float, float, float]:
+    """Where the forearm of a hand leaves that holds something right or left of the middle: backwards and up."""
+    return (0.55 if grasp[0] >= 0 else -0.55), 0.45, 0.75
+
+
 def _plush(seed: int, name: str, *strokes: Stroke, grasp: tuple[float, float, float], **further) -> RigScene:
     random = np.random.default_rng([seed, 0])
     return RigScene(
         name=name,
         description="a stuffed animal",
         body=plush_body(),
-        hand=mitten(grasp, (0.55 if grasp[0] > 0 else -0.45, 0.45, 0.75)),
+        hand=bare_hand(grasp, _towards(grasp), left=grasp[0] < 0),
         motion=_motion(random, *strokes),
         view=View(target=(0.0, 0.0, 0.06)),
         frames=FRAMES,
         observed=OBSERVED,
         mesh_spacing=_MESH,
-        look=Look(seed=seed),
+        look=Look(hand="skin", seed=seed),
+        grip_reach=_FINGERTIPS,
+        hand_spacing=_HAND_MESH,
         **further,
     )
 
@@ -70,7 +79,9 @@ def plush_pushed(seed: int) -> RigScene:
 def plush_two_hands(seed: int) -> RigScene:
     """An animal raised by head and hips, which come nearer to each other: its middle sags."""
     random = np.random.default_rng([seed, 1])
-    other = FurtherHand(mitten(HIPS, (-0.55, 0.45, 0.75)), _motion(random, (0.05, 0.8, (0.03, 0.0, 0.06))), _GRIP)
+    other = FurtherHand(
+        bare_hand(HIPS, _towards(HIPS), left=True), _motion(random, (0.05, 0.8, (0.03, 0.0, 0.06))), _FINGERTIPS
+    )
     return _plush(seed, "plush_two_hands", (0.05, 0.8, (-0.02, 0.0, 0.09)), grasp=HEAD, others=(other,))
 
 
@@ -98,8 +109,8 @@ def plush_hand_in_front(seed: int) -> RigScene:
 def _passing(seed: int) -> FurtherHand:
     """An arm that comes in from a side near the camera, passes over the middle and leaves again; it touches nothing."""
     side = 1.0 if seed % 2 == 0 else -1.0
-    shape = mitten((0.20 * side, -0.30, 0.17), (0.9 * side, -0.25, 0.25))
-    away = (-0.22 * side, 0.0, 0.0)
+    shape = bare_hand((0.26 * side, -0.28, 0.17), (0.9 * side, -0.25, 0.25), left=side < 0)
+    away = (-0.30 * side, 0.0, 0.0)
     return FurtherHand(shape, Motion(((0.2, 0.55, away), (0.7, 1.1, _times(away, -1.0)))))
 
 
@@ -125,8 +136,9 @@ def _cloth(seed: int, name: str, *strokes: Stroke, corner: tuple[float, float], 
         view=View(eye=(0.0, -0.62, 0.50), target=(0.0, 0.0, 0.03), focal=500.0),
         frames=FRAMES,
         observed=OBSERVED,
-        grip_reach=_GRIP,
-        look=Look(body="print" if seed % 2 == 0 else "towel", seed=seed),
+        look=Look(body="print" if seed % 2 == 0 else "towel", hand="skin", seed=seed),
+        grip_reach=_FINGERTIPS,
+        hand_spacing=_HAND_MESH,
         **further,
     )
 
@@ -136,7 +148,7 @@ def _pinching(cloth: Cloth, corner: tuple[float, float]) -> RoundedShape:
     x, y = 0.43 * cloth.size[0] * corner[0], 0.43 * cloth.size[1] * corner[1]
     cos, sin = np.cos(cloth.turn), np.sin(cloth.turn)
     at = cos * x - sin * y, sin * x + cos * y
-    return mitten((*map(float, at), 0.004), (0.6 * corner[0], 0.45, 0.75))
+    return bare_hand((*map(float, at), 0.004), _towards((corner[0], 0.0, 0.0)), left=corner[0] < 0)
 
 
 def cloth_lifted(seed: int) -> RigScene:
@@ -160,13 +172,14 @@ def cloth_two_hands(seed: int) -> RigScene:
     """A cloth raised by its two far corners, which come nearer to each other."""
     random = np.random.default_rng([seed, 1])
     scene = _cloth(seed, "cloth_two_hands", (0.05, 0.9, (-0.03, -0.02, 0.10)), corner=(1, 1))
-    other = FurtherHand(_pinching(scene.body, (-1, 1)), _motion(random, (0.05, 0.9, (0.03, -0.02, 0.10))), _GRIP)
+    other = FurtherHand(_pinching(scene.body, (-1, 1)), _motion(random, (0.05, 0.9, (0.03, -0.02, 0.10))), _FINGERTIPS)
     return replace(scene, others=(other,))
 
 
 def cloth_shadow(seed: int) -> RigScene:
-    """The lift under a low lamp over a table of one colour."""
-    return _looking(replace(cloth_lifted(seed), name="cloth_shadow"), table="plain", **_LOW_LAMP)
+    """A lift by the other far corner under a low lamp over a table of one colour."""
+    scene = _cloth(seed, "cloth_shadow", (0.05, 0.8, (0.05, -0.03, 0.11)), corner=(-1, 1))
+    return _looking(scene, table="plain", **_LOW_LAMP)
 
 
 def cloth_hand_in_front(seed: int) -> RigScene:
@@ -184,14 +197,16 @@ def _rope(seed: int, name: str, *strokes: Stroke, held: float, **further) -> Rig
         name=name,
         description="a rope",
         body=rope_body(path),
-        hand=mitten((float(at[0]), float(at[1]), 0.008), (0.55 if at[0] > 0 else -0.45, 0.6, 0.75)),
+        hand=bare_hand((float(at[0]), float(at[1]), 0.006), _towards((float(at[0]), 0.0, 0.0)), left=bool(at[0] < 0)),
         motion=_motion(random, *strokes),
         material=_ROPE,
         view=View(eye=(0.0, -0.62, 0.45), target=(0.0, 0.0, 0.03), focal=500.0),
         frames=FRAMES,
         observed=OBSERVED,
         mesh_spacing=_ROPE_MESH,
-        look=Look(body="rope", seed=seed),
+        look=Look(body="rope", hand="skin", seed=seed),
+        grip_reach=_FINGERTIPS,
+        hand_spacing=_HAND_MESH,
         **further,
     )
 

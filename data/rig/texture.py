@@ -8,7 +8,7 @@ from physreal_core.array_types import Array, Float
 
 TEAL, CREAM, MITTEN = np.array([0.10, 0.42, 0.46]), np.array([0.86, 0.76, 0.58]), np.array([0.78, 0.30, 0.20])
 TABLE = np.array([0.42, 0.36, 0.30])
-WHITE, SKIN = np.array([0.74, 0.72, 0.70]), np.array([0.66, 0.42, 0.31])
+WHITE, SKIN = np.array([0.74, 0.72, 0.70]), np.array([0.72, 0.43, 0.31])
 GAMMA = 1 / 1.8  # linear colour to picture
 
 
@@ -73,7 +73,7 @@ def rope(points: Float[Array, "R 3"], seed: int = 50) -> Float[Array, "R 3"]:
 
 def skin(points: Float[Array, "R 3"], seed: int = 60) -> Float[Array, "R 3"]:
     """A bare hand: soft blotches."""
-    return np.clip(SKIN * (1 + 0.05 * Waves(seed, 0.02)(points))[:, None], 0, 1)
+    return np.clip(SKIN * (1 + 0.04 * Waves(seed, 0.02)(points))[:, None], 0, 1)
 
 
 Paint = Callable[[Float[Array, "R 3"], int], Float[Array, "R 3"]]

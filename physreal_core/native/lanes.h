@@ -125,6 +125,12 @@ inline unsigned bits(Lanes<I, 16> mask) {
     using Bools = bool __attribute__((ext_vector_type(16)));
     return __builtin_bit_cast(unsigned short, __builtin_convertvector(mask, Bools));
 }
+template <class I, int N>
+inline unsigned bits(Lanes<I, N> mask) {
+    unsigned found = 0;
+    for (int i = 0; i < N; ++i) found |= unsigned(mask[i] != 0) << i;
+    return found;
+}
 
 // Natural logarithm, below one ulp: log(2^k (1 + f)) by the odd series in s = f / (2 + f) of fdlibm (Sun Microsystems,
 // e_log.c). Minus infinity at 0, NaN below.

@@ -6,6 +6,7 @@ from pathlib import Path
 import numpy as np
 
 from physreal_core.array_types import Array, Float
+from physreal_core.errors import InputError
 from pipeline.products._files import run_again, write_record
 from pipeline.reading.text import read_record, understood
 
@@ -47,3 +48,20 @@ class RecordedCamera:
                 for name, size in (("K", 3), ("T_world_camera", 4))
             }
             return cls(**{name: record[name] for name in _KEYS} | matrices)
+
+
+def require_world(pose: Float[Array, "4 4"] | None, has_depth: bool, where: str) -> None:
+    """InputError where neither a pose nor depth sets the world, for what needs one: all but a clip of colour alone.
+
+    Args:
+        pose: T_world_camera, None where it is not known.
+        has_depth: whether the support plane could set it.
+        where: the folder or file that lacks both.
+    """
+    if pose is None and not has_depth:
+        raise InputError(
+            "neither depth nor T_world_camera is there, so the world cannot be set",
+            where=where,
+            expected="a pose or depth, for all but masks and tracks in the image",
+            remedy="give T_world_camera in capture.json, or record depth; a clip (--clip) needs neither",
+        )

@@ -338,3 +338,15 @@ def test_two_imports_under_one_name(project, recording, capsys):
     with FileLock(project.import_lock("new")):
         assert "new is being imported by another process" in refused(capsys, "import", "images", recording, "new")
     assert run(capsys, "import", "images", recording, "new", "--clip")[0] == 0
+
+
+def test_a_reader_that_has_seen_enough_ends_it_quietly(project):
+    command = f"{sys.executable} -m pipeline.cli import | true; exit ${{PIPESTATUS[0]}}"
+    ended = subprocess.run(
+        ["bash", "-c", command],
+        check=False,
+        capture_output=True,
+        text=True,
+        env=os.environ | {"PYTHONPATH": str(CODE_ROOT)},
+    )
+    assert ended.returncode == 141 and ended.stderr == ""

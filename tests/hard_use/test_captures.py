@@ -461,13 +461,24 @@ def test_the_first_fault_says_how_many_follow(video):
         check_capture(video)
 
 
+@pytest.mark.parametrize("posed", [True, False])
 @pytest.mark.parametrize("clip", [True, False])
-def test_without_depth_a_clip_passes_and_a_fit_does_not(video, clip):
-    all_of(without("depth", "tracks3d.npz"), keys(T_world_camera=POSE.tolist()))(video)
+def test_without_depth_a_clip_passes_and_a_fit_does_not(video, clip, posed):
+    pose = POSE.tolist() if posed else None
+    all_of(without("depth", "tracks3d.npz", "controllers.npz"), keys(T_world_camera=pose))(video)
     _, found = examine(video, Purpose(clip=clip))
+    world = [] if posed else ["neither depth nor T_world_camera is there, so the world cannot be set"]
     assert [fault.what for fault in found.faults] == (
-        [] if clip else ["there is neither depth nor tracks3d.npz, so nothing can be fitted"]
+        [] if clip else [*world, "there is neither depth nor tracks3d.npz, so nothing can be fitted"]
     )
+
+
+def test_a_clip_with_points_of_the_world_needs_one(video):
+    all_of(without("depth", "tracks3d.npz"), keys(T_world_camera=None))(video)
+    _, found = examine(video, Purpose(clip=True))
+    assert [fault.what for fault in found.faults] == [
+        "neither depth nor T_world_camera is there, so the world cannot be set"
+    ]
 
 
 @pytest.mark.parametrize(("frames", "faults"), [(FRAMES, 0), (FRAMES - 2, 1), (FRAMES + 1, 1), (0, 1)])

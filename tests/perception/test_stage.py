@@ -137,6 +137,28 @@ def test_a_capture_of_tracks_alone_passes_through(capture):
     assert not (output / "masks").exists() and not (output / "overlay.mp4").exists()
 
 
+def colour_alone(capture):
+    for file in (capture / "depth").iterdir():
+        file.unlink()
+    (capture / "depth").rmdir()
+    describe(capture, T_world_camera=None)
+    _write(capture, "masks/object", SCENE.objects)
+    _write(capture, "masks/controller", SCENE.hands)
+
+
+def test_a_clip_of_colour_alone_needs_no_world(capture):
+    colour_alone(capture)
+    tracks = MeasuredTracks.load(segment(capture, segmenter="none"))
+    assert tracks.visible.any() and not tracks.valid3d.any() and np.isnan(tracks.points3d).all()
+
+
+def test_points_of_a_world_that_nothing_sets_are_refused(capture):
+    colour_alone(capture)
+    Controllers(np.ones((FRAMES, 3, 3), np.float32)).save(capture)
+    with pytest.raises(InputError, match=r"controllers\.npz: neither depth nor T_world_camera is there"):
+        segment(capture, segmenter="none")
+
+
 @pytest.mark.parametrize(
     "role,message",
     [("object", "the object's mask has 0 pixels"), ("controller", "the controller's mask has 0 pixels")],

@@ -8,8 +8,10 @@ import pytest
 from PIL import Image
 
 from physreal_core.errors import InputError
+from pipeline.products.camera import RecordedCamera
 from pipeline.project import Project
 from pipeline.stage import run_stage
+from stages._camera import load_camera
 from stages.parse_video import run
 from tests.pipeline.captures import HEIGHT, WIDTH, K, write_capture, write_project
 
@@ -135,7 +137,11 @@ def test_neither_depth_nor_pose(tmp_path, capture):
     rewrite(capture, known_pose=False)
     for image in (capture / "depth").iterdir():
         image.unlink()
-    assert "neither depth nor T_world_camera" in fault(tmp_path)
+    parse(tmp_path)  # enough for a clip
+    parsed = tmp_path / "data/artifacts/parse_video/clip"
+    assert RecordedCamera.load(parsed).T_world_camera is None
+    with pytest.raises(InputError, match="neither depth nor T_world_camera is there.*T_world_camera in capture.json"):
+        load_camera(parsed)  # what a model is fitted with
 
 
 def test_a_split_past_the_end(tmp_path, capture):

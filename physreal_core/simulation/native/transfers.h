@@ -50,43 +50,52 @@ struct IndexSequence {
 template <int N>
 using Count = typename __make_integer_seq<IndexSequence, int, N>::type;
 
-// Four scalars for each particle of a block: written or read as four vectors of lanes, or particle by particle.
+// Four scalars for each particle of a block: written or read as four vectors of lanes, or particle by particle. Vector
+// e of the memory holds particles e, 4 + e, 8 + e, ..., so that all shuffles stay within four neighbouring lanes.
 template <class S>
 class NodeBlock {
     using V = Lanes<S>;
-    using Pair = Lanes<S, 2 * LANES>;
-    using All = Lanes<S, 4 * LANES>;
 
 public:
     NodeBlock() : values_{} {}
     NodeBlock(V a, V b, V c, V d) {
-        Count<2 * LANES> twice;
-        write(values_, interleaved(interleaved(a, b, twice), interleaved(c, d, twice), Count<4 * LANES>()));
+        const V ab[2] = {woven<0>(a, b), woven<2>(a, b)}, cd[2] = {woven<0>(c, d), woven<2>(c, d)};
+        for (int e = 0; e < 2; e++) {
+            store(values_[2 * e], halves<0>(ab[e], cd[e]));
+            store(values_[2 * e + 1], halves<2>(ab[e], cd[e]));
+        }
     }
 
-    Node<S> operator[](int lane) const { return read<Node<S>>(values_ + 4 * lane); }
-    void set(int lane, Node<S> value) { write(values_ + 4 * lane, value); }
+    Node<S> operator[](int lane) const { return read<Node<S>>(&values_[lane % 4][lane / 4 * 4]); }
+    void set(int lane, Node<S> value) { write(&values_[lane % 4][lane / 4 * 4], value); }
 
     // The scalar `c` of all particles.
     template <int c>
     V lanes() const {
-        return every_fourth<c>(read<Pair>(values_), read<Pair>(values_ + 2 * LANES), Count<LANES>());
+        const V first = woven<c / 2 * 2>(load(values_[0]), load(values_[1]));
+        const V second = woven<c / 2 * 2>(load(values_[2]), load(values_[3]));
+        return halves<c % 2 * 2>(first, second);
     }
 
 private:
-    alignas(64) S values_[4 * LANES];
+    alignas(64) S values_[4][LANES];
 
-    template <int... I>
-    static Pair interleaved(V a, V b, Indices<I...>) {
-        return __builtin_shufflevector(a, b, (I / 2 + I % 2 * LANES)...);
+    // Of every four lanes two, from `first` on: of both vectors in turn, or those of one before those of the other.
+    template <int first>
+    static V woven(V x, V y) {
+        return woven<first>(x, y, Count<LANES>());
     }
-    template <int... I>
-    static All interleaved(Pair ab, Pair cd, Indices<I...>) {
-        return __builtin_shufflevector(ab, cd, (I / 4 * 2 + I % 2 + I / 2 % 2 * 2 * LANES)...);
+    template <int first, int... I>
+    static V woven(V x, V y, Indices<I...>) {
+        return __builtin_shufflevector(x, y, (I / 4 * 4 + first + I % 4 / 2 + I % 2 * LANES)...);
     }
-    template <int c, int... I>
-    static V every_fourth(Pair first, Pair second, Indices<I...>) {
-        return __builtin_shufflevector(first, second, (4 * I + c)...);
+    template <int first>
+    static V halves(V x, V y) {
+        return halves<first>(x, y, Count<LANES>());
+    }
+    template <int first, int... I>
+    static V halves(V x, V y, Indices<I...>) {
+        return __builtin_shufflevector(x, y, (I / 4 * 4 + first + I % 2 + I % 4 / 2 * LANES)...);
     }
 };
 
@@ -153,14 +162,17 @@ struct Stencil {
                 slope_.z = NodeBlock<S>(dw[0], dw[1], dw[2], V{});
             } else {
                 for (int o = 0; o < 3; o++) {
-                    store(&weight_.xy[3 * d + o][0], w[o]);
-                    store(&slope_.xy[3 * d + o][0], dw[o]);
+                    store(weight_.xy[3 * d + o], w[o]);
+                    store(slope_.xy[3 * d + o], dw[o]);
                 }
             }
         }
         Whole first = (base_cell[0] * box.count[1] + base_cell[1]) * box.count[2] + base_cell[2];
         write(base, __builtin_convertvector(first, Ints));
     }
+
+    // Bits of the lanes whose particle has this base node.
+    unsigned lanes_at(int node) const { return bits(load(base) == node); }
 
     // 4 w n_a, with n_a a node's offset from the particle, is d_a w + skew_a d_a d_a w.
     V skew(int axis) const {
@@ -240,20 +252,19 @@ class Scatter {
 public:
     Scatter(S* grid, const Box<S>& box) : grid_(grid), box_(box) {}
 
-    void add(int base, const Field<S>& field, const AxisWeights<S>& w, const AxisWeights<S>& dw) {
-        if (base != base_) {
+    // The block's first `count` particles, those of a cell one after the other, and before all those of the last cell.
+    void add(const FieldBlock<S>& fields, const Stencil<S>& at, int count) {
+        unsigned left = (1u << count) - 1, group = left & at.lanes_at(base_);
+        for (;;) {
+            left &= ~group;
+            for (; group != 0; group &= group - 1) {
+                const int l = __builtin_ctz(group);
+                add(fields.of(l), at.weights(l), at.slopes(l));
+            }
+            if (left == 0) return;
             flush();
-            base_ = base;
-        }
-        const Row<S> ddz = {1, 1, 1, 1, -2, -2, -2, -2, 1, 1, 1, 1, 0, 0, 0, 0};
-        Row<S> wz = spread<S>(w.z), p = wz * repeat<S>(field.q) + spread<S>(dw.z) * repeat<S>(field.gradient[2]);
-        p += ddz * repeat<S>(field.curvature[2]);
-        Row<S> px = wz * repeat<S>(field.gradient[0]), py = wz * repeat<S>(field.gradient[1]), across[3];
-        Row<S> pxx = wz * repeat<S>(field.curvature[0]), pyy = wz * repeat<S>(field.curvature[1]);
-        for (int j = 0; j < 3; j++) across[j] = dw.y[j] * py + S(CURVATURE[j]) * pyy;
-        for (int i = 0; i < 3; i++) {
-            Row<S> along = w.x[i] * p + (dw.x[i] * px + S(CURVATURE[i]) * pxx);
-            for (int j = 0; j < 3; j++) sum_[3 * i + j] += w.y[j] * along + w.x[i] * across[j];
+            base_ = at.base[__builtin_ctz(left)];
+            group = left & at.lanes_at(base_);
         }
     }
 
@@ -275,6 +286,19 @@ private:
     const Box<S>& box_;
     int base_ = -1;
     Row<S> sum_[9] = {};
+
+    void add(const Field<S>& field, const AxisWeights<S>& w, const AxisWeights<S>& dw) {
+        const Row<S> ddz = {1, 1, 1, 1, -2, -2, -2, -2, 1, 1, 1, 1, 0, 0, 0, 0};
+        Row<S> wz = spread<S>(w.z), p = wz * repeat<S>(field.q) + spread<S>(dw.z) * repeat<S>(field.gradient[2]);
+        p += ddz * repeat<S>(field.curvature[2]);
+        Row<S> px = wz * repeat<S>(field.gradient[0]), py = wz * repeat<S>(field.gradient[1]), across[3];
+        Row<S> pxx = wz * repeat<S>(field.curvature[0]), pyy = wz * repeat<S>(field.curvature[1]);
+        for (int j = 0; j < 3; j++) across[j] = dw.y[j] * py + S(CURVATURE[j]) * pyy;
+        for (int i = 0; i < 3; i++) {
+            Row<S> along = w.x[i] * p + (dw.x[i] * px + S(CURVATURE[i]) * pxx);
+            for (int j = 0; j < 3; j++) sum_[3 * i + j] += w.y[j] * along + w.x[i] * across[j];
+        }
+    }
 };
 
 // Sums over the stencil of a node's values times the weights and their derivatives by the axes in the name.
@@ -357,6 +381,7 @@ public:
         const int second[3][3] = {{4, 7, 8}, {7, 5, 9}, {8, 9, 6}};
         const int third[3][3] = {{-1, 12, 14}, {10, -1, 15}, {11, 13, -1}};  // [by a][twice by b]
         Vec3<V> out;
+#pragma unroll
         for (int a = 0; a < 3; a++) {
             V sum = dot(field.q, vector(1 + a)) + field.mass * rows_[1 + a].template lanes<3>();
             for (int b = 0; b < 3; b++) {

@@ -79,7 +79,7 @@ public:
     }
 
 private:
-    using Rows::add_rows, Rows::clear, Rows::first_, Rows::gather_columns, Rows::gather_rows, Rows::last_,
+    using Rows::add_rows, Rows::clear, Rows::fetch, Rows::first_, Rows::gather_columns, Rows::gather_rows, Rows::last_,
         Rows::lanes_from, Rows::matrix, Rows::padded_end, Rows::put, Rows::row_of, Rows::scatter_columns, Rows::vector;
 
     const Frame<S>& frame_;
@@ -290,8 +290,7 @@ private:
             const auto field =
                 momentum_field(p, momentum, matrix(now, AFFINE, p), all_stress(p, stress, F, now), stencil);
             if (fails(s, p, stencil, x, momentum, field.A)) return;
-            for (int l = 0; l < lanes_from(p); l++)
-                scatter.add(stencil.base[l], field.of(l), stencil.weights(l), stencil.slopes(l));
+            scatter.add(field, stencil, lanes_from(p));
         }
         scatter.flush();
     }
@@ -436,6 +435,9 @@ private:
         clear_scratch();
         Scatter<S> scatter(scratch_, box_);
         for (Index p = first_; p < last_; p += LANES) {
+            fetch(now, X, 3, p);
+            fetch(now, DEFORMATION, 9, p);
+            fetch(bar, X, RATE, p);
             Vec3<V> x = vector(now, X, p);
             Mat3<V> F = matrix(now, DEFORMATION, p), F_bar = matrix(bar, DEFORMATION, p),
                     C_bar = matrix(bar, AFFINE, p);
@@ -448,8 +450,7 @@ private:
             for (int d = 0; d < 3; d++) q.v[d] = row_of(bar, VELOCITY + d, p) + frame_.dt * row_of(bar, X + d, p);
             const FieldBlock<S> field(q, V{}, (1 / frame_.cell) * C_bar,
                                       (frame_.dt / frame_.cell) * (F_bar * transpose(F)), stencil);
-            for (int l = 0; l < lanes_from(p); l++)
-                scatter.add(stencil.base[l], field.of(l), stencil.weights(l), stencil.slopes(l));
+            scatter.add(field, stencil, lanes_from(p));
             add_position_bar(p, moments.slope(field, stencil));
             put(bar, DEFORMATION, p, F_bar + transpose(step) * F_bar);
         }
@@ -487,6 +488,7 @@ private:
         S* bar = frame_.adjoint;
         apply_forces(s, now);
         for (Index p = first_; p < last_; p += LANES) {
+            fetch(now, X, RATE, p);
             Vec3<V> x = vector(now, X, p), momentum = pushed_momentum(p, now);
             Mat3<V> F = matrix(now, DEFORMATION, p);
             auto stress = material_.stress(p, F);

@@ -52,7 +52,8 @@ def find_controllers(
             "no controller found",
             where="frame 0",
             expected="a hand that can be seen" if finder else "a hint, since no hand finder is configured",
-            remedy='name it in capture.json under hints.controller, e.g. {"point": [u, v]}, or give masks/controller/',
+            remedy="click it with `physreal label`, name it in capture.json under hints.controller, "
+            'e.g. {"point": [u, v]}, or give masks/controller/',
         )
     return choices
 
@@ -84,7 +85,8 @@ def find_object(
             "the object's mask is empty",
             where="frame 0",
             expected="an object that is not the controller",
-            remedy='name it in capture.json under hints.object, e.g. {"point": [u, v]}, or give masks/object/',
+            remedy="click it with `physreal label`, name it in capture.json under hints.object, "
+            'e.g. {"point": [u, v]}, or give masks/object/',
         )
     return replace(choice, mask=mask, moves=_moving_share(mask, taken, motion, settings))
 

@@ -14,6 +14,7 @@ from pipeline.config import load_parameters, unknown_key
 from pipeline.frames import list_frames, read_colour
 from pipeline.label.suspects import Curves, Warned, suspects, warnings_in
 from pipeline.products.masks import ROLES, Masks, Role
+from pipeline.products.quality import FILE as QUALITY
 from pipeline.products.tracks import MeasuredTracks
 from pipeline.project import Project
 from pipeline.reading.text import read_json
@@ -140,7 +141,7 @@ def _read(folder: Path, size: tuple[int, int]) -> Found:
     count = tracks.visible.shape[1]
     confidence = tracks.visible.astype(np.float32) if tracks.confidence is None else tracks.confidence
     starts = np.zeros(count, int) if tracks.starts is None else tracks.starts
-    warnings = warnings_in(_record(folder / "quality.json"), len(tracks.visible))
+    warnings = warnings_in(_record(folder / QUALITY), len(tracks.visible))
     shown = {role: getattr(masks, role) for role in ROLES}
     return Found(shown, points, tracks.visible, confidence, starts, warnings)
 

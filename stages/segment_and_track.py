@@ -23,6 +23,9 @@ from stages._networks import make_networks, make_settings
 from stages._video import given_controllers, given_tracks3d, load_video
 
 
+_IN_QUALITY = ("keyframes", "warnings")  # of the report; they stand in quality.json
+
+
 def run(context: StageContext) -> None:
     """Segment and track one sequence."""
     parsed = context.input("parse_video")
@@ -120,7 +123,7 @@ def _write(context: StageContext, video: Video, result: Perceived, fps: float) -
     quality = _quality(result)
     quality.save(output)
     _tell(context, video, result, quality)
-    report = {name: value for name, value in result.report.items() if name != "keyframes"}
+    report = {name: value for name, value in result.report.items() if name not in _IN_QUALITY}
     _write_report(context, {"kind": "video", **counts, **report})
 
 

@@ -120,6 +120,7 @@ def perceive(
     hand_masks = np.any([masks[n] for n in hands], axis=0) if hands else np.zeros_like(masks["object"])
     strangers = _strangers(video, networks, settings.doubts.looks, hand_masks)
     doubts = find_doubts(choices, masks, keyframes, tracks, strangers, settings.doubts)
+    report["warnings"] = [doubt.sentence for doubt in doubts]
     return Perceived(masks["object"], hand_masks, tracks, lifted, controllers, report, choices, doubts)
 
 

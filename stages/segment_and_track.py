@@ -22,7 +22,6 @@ from pipeline.stage import StageContext, main
 from stages._networks import make_networks, make_settings
 from stages._video import given_controllers, given_tracks3d, load_video
 
-
 _IN_QUALITY = ("keyframes", "warnings")  # of the report; they stand in quality.json
 
 

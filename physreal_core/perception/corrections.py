@@ -60,8 +60,9 @@ def corrected_mask(
 ) -> Bool[Array, "H W"]:
     """The mask that answers to the clicks and is otherwise most like what was expected.
 
-    A candidate is judged by how many clicks it has right, then by its score and its likeness to the expected mask. What
-    the best one still has wrong is put right around the click itself. With a box, the box stands for what is expected.
+    Candidates are the segmenter's answers, and the expected mask with the pieces that clicks add to it or take off. One
+    is judged by how many clicks it has right, then by its score and its likeness to the expected mask. What the best one
+    still has wrong is put right around the click itself. With a box, the box stands for what is expected.
 
     Args:
         image: the frame.
@@ -74,11 +75,19 @@ def corrected_mask(
         expected = _filled(expected.shape, correction.box)
     around = with_pixels_of(expected, correction.points)
     prompts = _prompts(correction, expected, settings)
+    missing, wrong = _pieces_asked(correction, expected)
+
+    def ask(window: Window, asked: list[Prompt]) -> Candidates:
+        if not asked:
+            return Candidates.empty(*expected.shape)
+        return zoomed_candidates(segmenter, image, asked, window)
 
     def choose(window: Window) -> Array:
-        found = [Candidates(expected[None], np.array([settings.carried_score], np.float32), np.array([-1]))]
-        if prompts:
-            found.append(zoomed_candidates(segmenter, image, prompts, window))
+        window = _holding(window, correction)
+        carried = Candidates(expected[None], np.array([settings.carried_score], np.float32), np.array([-1]))
+        found = [carried, ask(window, prompts)]
+        if correction.box is None:
+            found += _changed(expected, ask(window, missing), ask(window, wrong), settings.correction.piecewise)
         candidates = Candidates.join(found)
         likeness = np.array([intersection_over_union(mask, expected) for mask in candidates.masks])
         quality = candidates.scores * (settings.unlike + likeness)
@@ -100,6 +109,44 @@ def _prompts(correction: Correction, expected: Array, settings: AssociationSetti
     box = box_of(with_pixels_of(expected, correction.on), settings.prompts.margin)
     both = np.concatenate([points, own]), np.r_[labels, np.ones(len(own), int)]
     return [*asked, Prompt(*both), Prompt(*both, box), Prompt(points, labels, box)]
+
+
+def _pieces_asked(correction: Correction, expected: Array) -> tuple[list[Prompt], list[Prompt]]:
+    """Asks for what the expected mask misses, and for what it holds wrongly: by the clicks that it has wrong."""
+    u, v = np.rint(correction.points).astype(int).reshape(-1, 2).T
+    held, labels = expected[v, u], np.asarray(correction.labels, int)
+    asked = []
+    for sign in (1, 0):
+        mine, other = (labels == sign) & (held != (sign == 1)), labels != sign
+        points = np.concatenate([correction.points[mine], correction.points[other]]).astype(np.float32)
+        own = Prompt(points, np.r_[np.ones(mine.sum(), int), np.zeros(other.sum(), int)])
+        asked.append([own] if mine.any() and expected.any() else [])
+    return asked[0], asked[1]
+
+
+def _changed(expected: Array, missing: Candidates, wrong: Candidates, trust: float) -> list[Candidates]:
+    """The expected mask with what it misses, without what it holds wrongly, and with both changes."""
+    itself = Candidates(expected[None], np.array([trust], np.float32), np.array([-1]))
+    held, area = ((missing.masks & mask).sum((1, 2)) for mask in (expected, np.ones_like(expected)))
+    # What is larger than the expected mask, or holds most of it, is the thing itself and no piece of it.
+    pieces = missing.where((area < expected.sum()) & (2 * held < expected.sum()))
+    with_it = Candidates(pieces.masks | expected, trust * pieces.scores, pieces.prompt_index)
+    without = [
+        Candidates(base.masks & ~mask, base.scores * score, base.prompt_index)
+        for mask, score in zip(wrong.masks, wrong.scores, strict=True)
+        for base in (itself, with_it)
+    ]
+    return [with_it, *without]
+
+
+def _holding(window: Window, correction: Correction) -> Window:
+    """The window, widened to hold all clicks."""
+    if not len(correction.points):
+        return window
+    low, high = np.floor(correction.points.min(0)), np.ceil(correction.points.max(0)) + 1
+    u0, v0 = np.minimum(window[:2], low).astype(int).tolist()
+    u1, v1 = np.maximum(window[2:], high).astype(int).tolist()
+    return u0, v0, u1, v1
 
 
 def _agreement(masks: Bool[Array, "N H W"], correction: Correction) -> Float[Array, " N"]:

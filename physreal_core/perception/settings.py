@@ -56,6 +56,8 @@ class CorrectionSettings:
     """Where no candidate answers to a click, the mask is put right this far around it [px]."""
     doubt: float = 12.0
     """Nearer than this to a click that is off the thing, nothing of the expected mask is asked with [px]."""
+    piecewise: float = 0.9
+    """A mask to which a piece is added, or from which one is taken, counts so much of its pieces' score."""
     tolerance: float = 2.0
     """A track that is seen farther than this off a corrected mask votes no more [px]."""
     voters: int = 100

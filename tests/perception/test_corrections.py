@@ -63,6 +63,32 @@ def test_the_mask_is_the_candidate_that_answers_to_the_clicks(promptable):
     assert intersection_over_union(mask, SCENE.objects[3]) > 0.99
 
 
+def test_a_click_adds_a_piece_and_another_takes_one_off():
+    """Half the object and the hand are expected; the segmenter answers by tint, so it knows both and no half."""
+    t, left = 3, np.arange(SCENE.hands.shape[2]) < 60 + SCENE.motion[3, 0]
+    segmenter = Halves(SCENE)
+    hand = np.argwhere(SCENE.hands[t]).mean(0)[::-1]
+    half = SCENE.objects[t] & left
+    mask = corrected_mask(SCENE.frames[t], correction(t, on=[right_half(t)]), half, segmenter)
+    assert np.array_equal(mask, SCENE.objects[t])
+    both = half | SCENE.hands[t]
+    mask = corrected_mask(SCENE.frames[t], correction(t, on=[right_half(t)], off=[hand]), both, segmenter)
+    assert np.array_equal(mask, SCENE.objects[t])
+    mask = corrected_mask(SCENE.frames[t], correction(t, off=[hand]), SCENE.objects[t] | SCENE.hands[t], segmenter)
+    assert np.array_equal(mask, SCENE.objects[t])
+
+
+class Halves(Things):
+    """Proposes the halves of the object, never all of it, and the hand."""
+
+    def candidates(self, image, prompts=None):
+        found = FilmSegmenter.candidates(self, image)
+        left, whole, hand = found.masks[:3]
+        t = list(self._of).index(image.tobytes())
+        left = whole & (np.arange(whole.shape[1]) < 60 + SCENE.motion[t, 0])
+        return Candidates(np.stack([left, whole & ~left, hand]), np.full(3, 0.9, np.float32), np.full(3, -1))
+
+
 def test_what_no_candidate_answers_is_put_right_around_the_click():
     class Blind:
         promptable = False

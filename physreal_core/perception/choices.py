@@ -17,7 +17,7 @@ class Choice:
         mask: of the thing; of a hand with its arm.
         how: in words.
         rivals: [N, H, W] what it was chosen from, the chosen one first.
-        shares: [N] how much speaks for each; they add up to 1.
+        shares: [N] how much speaks for each; what they lack to 1 speaks for none of them.
         core: the hand without its arm; None where that is all of the mask.
         moves: share of what can be seen of it that moves; None where nobody looked.
     """
@@ -31,10 +31,11 @@ class Choice:
 
     @property
     def sure(self) -> float:
-        """How sure it is, against the next best (0.5: as good as any, 1: nothing else is in question)."""
-        if self.shares is None or len(self.shares) < 2:
+        """How sure it is, against the next best and against none of them (1: nothing else is in question)."""
+        if self.shares is None:
             return 1.0
-        return float(self.shares[0] / max(self.shares[0] + self.shares[1], 1e-12))
+        against = float(self.shares[1:2].sum() + max(1 - self.shares.sum(), 0.0))
+        return float(self.shares[0] / max(self.shares[0] + against, 1e-12))
 
     @property
     def hand(self) -> Bool[Array, "H W"]:

@@ -50,7 +50,7 @@ class Evidence:
         return np.stack(terms, -1)
 
 
-WEIGHTS = np.array([1.05, -0.7614, -1.093, -1.055, 3.743, -0.2313, -0.4842])
+WEIGHTS = np.array([1.559, -0.5627, -1.808, -0.1746, 4.713, -0.2672, -0.3301])
 
 
 def confidence(terms: Float[Array, "J 7"], weights: Float[Array, "7"] = WEIGHTS) -> Float[Array, " J"]:

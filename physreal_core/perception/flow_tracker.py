@@ -4,7 +4,7 @@ From frame t-1 to t a point goes along the flow and back; where it misses itself
 the affine map of its neighbours far more than they do themselves has slipped onto something else, and is lost, too
 (`neighbourhood`). What drift there is, the registration with the point's patch takes out (`templates`): the patch is of
 the frame where the point was last well seen from this side, so a turn or a shade makes a new patch and not a lost point.
-A lost point rides with its neighbours and is looked for where they carry it (`finding`).
+A lost point rides with its neighbours, and is found again where frame 0 is recognised (`recognition`).
 """
 
 from collections.abc import Sequence

@@ -6,10 +6,10 @@ import numpy as np
 
 from physreal_core.array_types import Array, Bool, Float, Int, UInt8
 from physreal_core.perception.confidence import REFERENCE_DIAGONAL, Evidence, confidence
-from physreal_core.perception.finding import search
-from physreal_core.perception.flow import inside_image, sample
+from physreal_core.perception.flow import DisFlow, inside_image, sample
 from physreal_core.perception.neighbourhood import LocalMap, local_map, nearest_among, nearest_others
 from physreal_core.perception.onnx_tracker import inside_masks
+from physreal_core.perception.recognition import Recognition
 from physreal_core.perception.settings import TrackerSettings
 from physreal_core.perception.templates import Templates, colours
 
@@ -57,6 +57,9 @@ class Following:
         self.templates = Templates(count, settings.patch, settings.grey_noise)
         if anchored:
             self.templates.take(_grey(frames[0]), queries, np.arange(count))
+            self.first = Templates(count, settings.patch, settings.grey_noise)  # as in frame 0
+            self.first.take(_grey(frames[0]), queries, np.arange(count))
+            self.recognition = Recognition(frames[0], queries, DisFlow(), settings.neighbours, settings.spread_floor)
             self.colours = colours(frames[0], queries, settings.patch)
 
     def shapes(self) -> dict[str, tuple[int | None, ...]]:
@@ -166,27 +169,20 @@ class Following:
         return told & (now > np.maximum(was, self.settings.max_strain * spread))
 
     def _find(self, t: int) -> None:
-        """Look for lost points by their patches, those next to points in sight first."""
+        """Recognise lost points of frame 0."""
         s, held = self.settings, self.seen[t]
-        lost = ~held & (self.templates.contrast > s.min_contrast) & self._free(self.points[t], t)
-        if t % s.search_every or not lost.any():
+        which, sight = np.flatnonzero(~held), np.flatnonzero(held)
+        if t % s.search_every or not len(which) or len(sight) < s.least_neighbours:
             return
-        which, sight = np.flatnonzero(lost), np.flatnonzero(held)
-        start = self.points[0]
-        near = nearest_among(start, which, sight, s.neighbours)
-        gap = np.linalg.norm(start[near[:, :1]] - start[which, None], axis=-1).sum(1) / self.spacing
-        keep = np.argsort(gap, kind="stable")[: s.search_limit]
-        which, near, gap = which[keep], near[keep], gap[keep]
+        found = self.recognition.find(self.frames[t], self.points[t], sight, which)
+        near = nearest_among(self.points[0], which, sight, s.neighbours)
         whole = self._map(t, np.zeros(len(which), int), held, which, near)
-        allowed = s.found_departure * whole.spread * np.maximum(gap, 1.0)
-        linear = self._map(t, self.patch_of[which], held, which, near).linear
-        grey, here = _grey(self.frames[t]), self.points[t, which]
-        place, second = search(self.templates, grey, here, linear, which, reach=s.search_reach)
-        after, likeness = self.templates.register(grey, place, linear, which)
+        grey, place = _grey(self.frames[t]), found.points
+        after, likeness = self.first.register(grey, place, whole.linear, which)
         change = np.abs(colours(self.frames[t], after, s.patch) - self.colours[which]).max(1)
-        good = (likeness > np.maximum(s.found_likeness, second + s.min_distinct)) & (change < s.max_colour_change)
+        good = (likeness > s.found_likeness) & (change < s.max_colour_change) & (found.miss < s.found_miss)
+        good &= (found.correction < s.search_reach) & (np.linalg.norm(after - place, axis=1) < s.found_shift)
         good &= self._free(after, t) & (_stretch(whole) > s.found_stretch)
-        good &= np.linalg.norm(after - here, axis=1) < allowed
         self.points[t, which[good]] = after[good]
         self.seen[t, which[good]] = True
         self.likeness[which[good]] = likeness[good]

@@ -13,10 +13,16 @@ from physreal_core.perception.chooser import TargetChooser, fit_to_hint, hint_pr
 from physreal_core.perception.colour import largest_part
 from physreal_core.perception.hand_finder import HandFinder
 from physreal_core.perception.hands import find_hands, sane
-from physreal_core.perception.mask_geometry import intersection_over_union, large_parts, signed_distance, spread_points
+from physreal_core.perception.mask_geometry import (
+    distance_to,
+    intersection_over_union,
+    large_parts,
+    signed_distance,
+    spread_points,
+)
 from physreal_core.perception.motion import Motion
 from physreal_core.perception.prompting import Window, in_wide_enough_window, make_prompts, window_around
-from physreal_core.perception.ranking import filled, fit_to_motion, fit_to_touch, moving_off
+from physreal_core.perception.ranking import filled, fit_to_motion, fit_to_touch, moving_off, shade_near
 from physreal_core.perception.segmenter import Candidates, Prompt, Segmenter, drop_duplicates, zoomed_candidates
 from physreal_core.perception.settings import DEFAULTS, HandSettings, RankingSettings, WindowSettings
 from physreal_core.perception.votes import choose_by_votes
@@ -46,7 +52,8 @@ def find_controllers(
             "no controller found",
             where="frame 0",
             expected="a hand that can be seen" if finder else "a hint, since no hand finder is configured",
-            remedy='name it in capture.json under hints.controller, e.g. {"point": [u, v]}, or give masks/controller/',
+            remedy="click it with `physreal label`, name it in capture.json under hints.controller, "
+            'e.g. {"point": [u, v]}, or give masks/controller/',
         )
     return choices
 
@@ -72,13 +79,14 @@ def find_object(
         choice = _by_hint(image, hint, segmenter, "hints.object", taken, motion)
     else:
         choice = _by_fitness(image, hands, segmenter, description, chooser, motion, settings)
-    mask = _refined(image, choice.mask & ~taken, [h.mask for h in hands], segmenter) & ~taken
+    mask = _refined(image, choice.mask & ~taken, [h.mask for h in hands], segmenter, settings) & ~taken
     if mask.sum() < _LEAST_PIXELS:
         raise InputError(
             "the object's mask is empty",
             where="frame 0",
             expected="an object that is not the controller",
-            remedy='name it in capture.json under hints.object, e.g. {"point": [u, v]}, or give masks/object/',
+            remedy="click it with `physreal label`, name it in capture.json under hints.object, "
+            'e.g. {"point": [u, v]}, or give masks/object/',
         )
     return replace(choice, mask=mask, moves=_moving_share(mask, taken, motion, settings))
 
@@ -131,7 +139,8 @@ def _by_fitness(
     def fitness(found: Candidates) -> Array:
         return fit_to_touch(found, hand, motion, image=image, arm=taken, settings=settings)
 
-    prompts = _ring_prompts(hand, taken, settings) + _motion_prompts(taken, motion, settings)
+    shade = shade_near(image, taken, motion, settings)
+    prompts = _ring_prompts(hand, taken, settings) + _motion_prompts(taken, motion, settings, shade)
     found = drop_duplicates(_tidy(sane(segmenter.candidates(image, prompts)), settings))
     fit = fitness(found)
     if segmenter.promptable and (chooser is not None or not (fit > 0).any()):
@@ -149,10 +158,10 @@ def _by_fitness(
         how = f"description {description!r} and what the hand touches"
     if not (fit > 0).any():
         return Choice(np.zeros(image.shape[:2], bool), how)
-    return _ranked(found.masks, fit, how, settings)
+    return _ranked(found.masks & ~taken, fit, how, shade, settings)
 
 
-def _ranked(masks: Array, fit: Array, how: str, settings: RankingSettings) -> Choice:
+def _ranked(masks: Array, fit: Array, how: str, shade: Array, settings: RankingSettings) -> Choice:
     """The best candidate, or the whole that it is a part of; and what else could have been meant."""
     order = [int(i) for i in np.argsort(-fit, kind="stable") if fit[i] > 0]
     best = order[0]
@@ -162,7 +171,9 @@ def _ranked(masks: Array, fit: Array, how: str, settings: RankingSettings) -> Ch
             and masks[i].sum() > masks[best].sum()
             and _part(masks[best], masks[i])
         ):
-            best = i
+            more = masks[i] & ~masks[best]
+            if shade[more].mean() <= settings.shadow.extra:
+                best = i
     kept = [best]
     for i in order:
         alike = any(intersection_over_union(masks[i], masks[k]) >= settings.same for k in kept)
@@ -170,7 +181,7 @@ def _ranked(masks: Array, fit: Array, how: str, settings: RankingSettings) -> Ch
         if not alike and not own_part:
             kept.append(i)
     kept = kept[: 1 + settings.rivals]
-    return Choice(masks[best], how, masks[kept], fit[kept] / fit[kept].sum())
+    return Choice(masks[best], how, masks[kept], fit[kept] / (fit[kept].sum() + settings.nothing))
 
 
 def _part(part: Array, whole: Array) -> bool:
@@ -193,19 +204,22 @@ def _ring_prompts(hand: Array, taken: Array, settings: RankingSettings) -> list[
     return [Prompt(np.concatenate([p[None], off]), labels) for p in near]
 
 
-def _motion_prompts(hand: Array, motion: Motion | None, settings: RankingSettings) -> list[Prompt]:
+def _motion_prompts(
+    hand: Array, motion: Motion | None, settings: RankingSettings, shade: Array | None = None
+) -> list[Prompt]:
     """Asks for what moves besides the hand as a whole, for the body that it is a part of, and for single points on it."""
     if motion is None:
         return []
-    moving = opened(moving_off(hand, motion, settings))
+    moving = opened(moving_off(hand, motion, settings, shade))
     whole = largest_part(_closed(moving, settings) & ~hand)
     if not whole.any():
         return []
     off = spread_points(hand, 2)
     labels = np.r_[1, np.zeros(len(off), int)]
-    seeds = spread_points(whole & motion.textured, settings.seeds)
+    close = moving & (distance_to(hand) < settings.ring_reach * np.hypot(*hand.shape))
+    seeds = [p for where in (whole & motion.textured, close) for p in spread_points(where, settings.seeds)]
     prompts = make_prompts(whole, [hand]) + [Prompt(np.concatenate([p[None], off]), labels) for p in seeds]
-    body = _body(whole, hand, motion, settings)
+    body = _body(whole, hand if shade is None else hand | shade, motion, settings)
     return prompts if body is None else prompts + make_prompts(body, [hand])
 
 
@@ -228,16 +242,21 @@ def _closed(mask: Array, settings: RankingSettings) -> Array:
     return cv2.morphologyEx(mask.astype(np.uint8), cv2.MORPH_CLOSE, square) > 0
 
 
-def _refined(image: Array, mask: Array, others: list[Bool[Array, "H W"]], segmenter: Segmenter) -> Array:
-    """The same thing cut out again at the resolution of its surroundings."""
+def _refined(
+    image: Array, mask: Array, others: list[Bool[Array, "H W"]], segmenter: Segmenter, settings: RankingSettings
+) -> Array:
+    """The same thing cut out again at the resolution of its surroundings; in two parts where a hand lies across it."""
     if not segmenter.promptable or not mask.any():
         return mask
     inside = np.argwhere(signed_distance(mask) >= 1)[:, ::-1].astype(np.float32)
+    taken = np.any([np.zeros_like(mask), *others], axis=0)
 
     def choose(window: Window) -> Array | None:
         found = sane(zoomed_candidates(segmenter, image, make_prompts(mask, others), window))
         best = choose_by_votes(found, inside, np.zeros((0, 2)), expected=mask)
-        return None if best is None else largest_part(found.masks[best])
+        return None if best is None else np.any(large_parts(found.masks[best] & ~taken, 1, settings.part), axis=0)
 
     chosen = in_wide_enough_window(choose, window_around(mask, _AROUND_THING))
-    return mask if chosen is None else chosen
+    if chosen is None or intersection_over_union(chosen, mask) < settings.same:
+        return mask
+    return chosen

@@ -1,16 +1,21 @@
 """Hands of a frame: landmarks to the mask of a hand, and to that of its arm, which moves with it and is no target."""
 
+from collections.abc import Sequence
+
 import numpy as np
 
 from physreal_core.array_types import Array, Bool, UInt8
+from physreal_core.perception.appearance import Appearance
 from physreal_core.perception.choices import Choice
+from physreal_core.perception.chooser import opened
 from physreal_core.perception.colour import largest_part
 from physreal_core.perception.flow import inside_image, pixel_grid
 from physreal_core.perception.hand_finder import Hand, HandFinder
-from physreal_core.perception.mask_geometry import distance_to
-from physreal_core.perception.prompting import Window, in_wide_enough_window, window_around
+from physreal_core.perception.mask_geometry import distance_to, large_parts
+from physreal_core.perception.motion import Motion
+from physreal_core.perception.prompting import Window, in_wide_enough_window, make_prompts, window_around
 from physreal_core.perception.segmenter import Candidates, Prompt, Segmenter, zoomed_candidates
-from physreal_core.perception.settings import HandSettings
+from physreal_core.perception.settings import HandSettings, MotionSettings
 from physreal_core.perception.votes import choose_by_votes
 
 _WRIST, _MIDDLE_KNUCKLE, _KNUCKLES = 0, 9, [0, 5, 9, 13, 17]  # among MediaPipe's 21 landmarks
@@ -89,6 +94,39 @@ def _arm(image: Array, hand: Hand, mask: Array, segmenter: Segmenter, settings: 
         if share >= settings.inside and fit > best_fit:
             best, best_fit = one, fit
     return best
+
+
+def more_hands(
+    image: UInt8[Array, "H W 3"],
+    known: Sequence[Choice],
+    motion: Motion,
+    segmenter: Segmenter,
+    settings: HandSettings,
+    motion_settings: MotionSettings,
+) -> list[Choice]:
+    """Hands that nobody named or found: they have a known hand's colours, reach in from the image's border, and move."""
+    taken = np.any([k.mask for k in known], axis=0)
+    if not taken.any() or not segmenter.promptable:
+        return []
+    memory = Appearance(settings.appearance)
+    memory.learn(image, {"hand": taken})
+    alike = opened((memory.evidence(image, "hand") > settings.alike) & (distance_to(taken) > settings.gap))
+    moving, out = motion.moving(taken, motion_settings), []
+    for part in large_parts(alike, int(settings.other[0] * taken.sum()), 0.0) if alike.any() else []:
+        edge = np.r_[part[0], part[-1], part[:, 0], part[:, -1]].any()
+        seen = part & motion.textured
+        if not edge or part.sum() > settings.other[1] * taken.sum() or not seen.any():
+            continue
+        if moving[seen].mean() < settings.moves:
+            continue
+        inside = np.argwhere(part)[:, ::-1].astype(np.float32)
+        found = sane(segmenter.candidates(image, make_prompts(part, [taken])))
+        best = choose_by_votes(found, inside, np.zeros((0, 2)), expected=part, settings=settings.landmarks)
+        if best is not None:
+            out.append(
+                Choice(largest_part(found.masks[best] & ~taken), "looks and moves like the hand, from the border")
+            )
+    return out
 
 
 def sane(found: Candidates, largest: float = 0.5) -> Candidates:

@@ -19,9 +19,10 @@ from physreal_core.perception.entering import with_entering
 from physreal_core.perception.flow_tracker import FlowTracker
 from physreal_core.perception.frame_zero import find_controllers, find_object
 from physreal_core.perception.hand_finder import HandFinder
+from physreal_core.perception.hands import more_hands
 from physreal_core.perception.lifting import LiftedTracks, depth_at, lift_tracks
 from physreal_core.perception.mask_geometry import distance_to, large_parts, signed_distance
-from physreal_core.perception.motion import watch
+from physreal_core.perception.motion import Motion, watch
 from physreal_core.perception.onnx_tracker import inside_masks
 from physreal_core.perception.queries import background_queries, hand_queries, spread_over
 from physreal_core.perception.segmenter import Segmenter
@@ -177,6 +178,7 @@ def _frame_zero(
 ) -> dict[str, Choice]:
     """The object's mask and the controllers' in frame 0; "object" first."""
     image, given = video.frames[0], video.masks
+    motion = None if {"object", "controller"} <= set(given) else _motion(video, networks, settings)
     if "controller" in given:
         parts = large_parts(given["controller"][0], settings.least_part, settings.least_part_share)
         hands = [Choice(part, "given masks/controller") for part in parts]
@@ -188,6 +190,8 @@ def _frame_zero(
         hands = find_controllers(
             image, video.hints.get("controller"), networks.hand_finder, _needed(networks.segmenter), settings.hands
         )
+        moves = settings.ranking.motion
+        hands += more_hands(image, hands, motion, _needed(networks.segmenter), settings.hands, moves)
     tick("controller in frame 0")
     if "object" in given:
         target = Choice(given["object"][0], "given masks/object")
@@ -201,7 +205,7 @@ def _frame_zero(
             _needed(networks.segmenter),
             description=video.description,
             chooser=networks.chooser,
-            motion=watch(video.frames, _flow_between(video, networks), settings.ranking.motion),
+            motion=motion,
             settings=settings.ranking,
         )
         target = replace(target, mask=_standing(video, target.mask, 0, settings))
@@ -210,6 +214,10 @@ def _frame_zero(
     return _put_right(
         {"object": target} | dict(zip(names, hands, strict=True)), _corrections(video, networks, settings)
     )
+
+
+def _motion(video: Video, networks: Networks, settings: PerceptionSettings) -> Motion:
+    return watch(video.frames, _flow_between(video, networks), settings.ranking.motion)
 
 
 def _put_right(choices: dict[str, Choice], corrections: Corrections) -> dict[str, Choice]:

@@ -9,6 +9,7 @@ from physreal_core.perception.mask_geometry import distance_to
 from physreal_core.perception.motion import Motion, texture
 from physreal_core.perception.segmenter import Candidates
 from physreal_core.perception.settings import DEFAULTS, RankingSettings
+from physreal_core.perception.shadow import shadow_on
 
 
 def fit_to_motion(
@@ -16,13 +17,14 @@ def fit_to_motion(
     hand: Bool[Array, "H W"],
     motion: Motion,
     settings: RankingSettings = DEFAULTS.ranking,
+    shade: Bool[Array, "H W"] | None = None,
 ) -> Float[Array, " N"]:
     """How much each mask is the whole of what moves besides the hand (0 to 1).
 
     A point on a leg is on the leg and on the animal; what moves says which is meant. It counts a lot how much of what moves
     a mask holds. That a part of it stands still counts less: a soft thing need not move as a whole.
     """
-    moving = moving_off(hand, motion, settings)
+    moving = moving_off(hand, motion, settings, shade)
     if moving.sum() < settings.least_moving:
         return np.ones(len(masks))
     own = masks & ~hand
@@ -31,9 +33,24 @@ def fit_to_motion(
     return (held / visible) ** settings.still * (held / moving.sum()) ** settings.whole
 
 
-def moving_off(hand: Bool[Array, "H W"], motion: Motion, settings: RankingSettings) -> Bool[Array, "H W"]:
-    """What moves and is not the hand, nor the seam around it, where the flow carries the hand's motion on."""
-    return motion.moving(hand, settings.motion) & (distance_to(hand) > (settings.seam if hand.any() else -1))
+def moving_off(
+    hand: Bool[Array, "H W"], motion: Motion, settings: RankingSettings, shade: Bool[Array, "H W"] | None = None
+) -> Bool[Array, "H W"]:
+    """What moves and is not the hand, nor the seam around it, where the flow carries the hand's motion on, nor a shadow."""
+    moving = motion.moving(hand, settings.motion) & (distance_to(hand) > (settings.seam if hand.any() else -1))
+    lit = moving if shade is None else moving & ~shade
+    return lit if lit.sum() >= settings.least_moving else moving
+
+
+def shade_near(
+    image: UInt8[Array, "H W 3"], hand: Bool[Array, "H W"], motion: Motion | None, settings: RankingSettings
+) -> Bool[Array, "H W"]:
+    """What looks like a shadow on the table around the hand."""
+    near = distance_to(hand) if hand.any() else np.zeros(hand.shape)
+    table = ~hand & (near < settings.shadow.near * np.hypot(*hand.shape))
+    if motion is not None:
+        table &= ~motion.moving(hand, settings.motion)
+    return shadow_on(image, table, settings.shadow)
 
 
 def fit_to_touch(
@@ -49,7 +66,8 @@ def fit_to_touch(
 
     A target touches the hand in some frame (gap below `max_gap` of the image's diagonal), is not the hand or its arm, is not
     most of the image and does not run along its border (a table, a wall). Among these, motion, the network's score, holes,
-    the contrast to the surroundings, and how much of its outline is an edge of the image decide.
+    the contrast to the surroundings, how much of its outline is an edge of the image, and how much of it looks like a shadow
+    decide.
 
     Args:
         candidates: masks of frame 0.
@@ -61,6 +79,7 @@ def fit_to_touch(
     """
     s, taken = settings, hand if arm is None else arm | hand
     out = np.zeros(len(candidates))
+    shade = None if image is None else shade_near(image, taken, motion, s)
     edges = None if image is None else texture(image, s.motion) > s.motion.texture
     for i, mask in enumerate(candidates.masks):
         own = mask & ~taken
@@ -74,7 +93,12 @@ def fit_to_touch(
         if image is not None:
             out[i] *= s.least_contrast + contrast(image, own, s.appearance)
             out[i] *= _outlined(own, taken, edges, s) ** s.outline
-    return out if motion is None or not len(out) else out * fit_to_motion(candidates.masks & ~taken, taken, motion, s)
+            out[i] *= 1 - s.shadow.weight * shade[own].mean()
+    return (
+        out
+        if motion is None or not len(out)
+        else out * fit_to_motion(candidates.masks & ~taken, taken, motion, s, shade)
+    )
 
 
 def _no_table(own: Array) -> float:

@@ -193,6 +193,26 @@ class MotionSettings:
 
 
 @dataclass(frozen=True)
+class ShadowSettings:
+    """What looks like a shadow on the table (`shadow.shadow_on`); levels are natural logarithms of grey levels."""
+
+    dark: float = 0.15
+    """A shadow is darker than the table by at least this [log]."""
+    darkest: float = 1.2
+    """And by no more than this [log]."""
+    hue: float = 0.08
+    """Its colours are darker by the same, to within this [log]."""
+    blur: float = 1.0
+    """Standard deviation of the smoothing before colours are read [px]."""
+    near: float = 0.3
+    """The table's colour is the median of what does not move this near to the hand [share of the image's diagonal]."""
+    weight: float = 0.9
+    """A candidate that is all shadow counts less by this share."""
+    extra: float = 0.5
+    """A whole of which more than this share beyond its part looks like a shadow is not preferred to the part."""
+
+
+@dataclass(frozen=True)
 class RankingSettings:
     """How candidates of frame 0 are ranked (`ranking.fit_to_touch`)."""
 
@@ -224,7 +244,7 @@ class RankingSettings:
     """Exponent of the share of all moving pixels that a candidate holds."""
     untouched: float = 0.02
     """Where words are given: weight of what the hand does not touch; among many things one sounds right by chance."""
-    ring: int = 10
+    ring: int = 16
     """Points around the hand at which the segmenter is asked."""
     ring_reach: float = 0.06
     """They lie within this distance of it [share of the image's diagonal]."""
@@ -232,6 +252,8 @@ class RankingSettings:
     """A whole is preferred to its best part if it fits at least this share as well."""
     part_fit: float = 0.7
     """A part of the chosen mask is no rival of it, unless this share of its fit is more than the whole's."""
+    nothing: float = 0.03
+    """Fit of "none of these": a choice that hardly fits better is not sure."""
     rivals: int = 4
     """Candidates that are shown beside the chosen one, at most."""
     same: float = 0.8
@@ -239,6 +261,7 @@ class RankingSettings:
     largest_found: float = 0.5
     """A candidate of a larger area is left out at once: a table or a wall [share of the image]."""
     motion: MotionSettings = field(default_factory=MotionSettings)
+    shadow: ShadowSettings = field(default_factory=ShadowSettings)
     appearance: AppearanceSettings = field(default_factory=AppearanceSettings)
 
 
@@ -266,6 +289,13 @@ class HandSettings:
     """An arm is no larger than this [areas of its hand]."""
     gap: float = 4.0
     """And no farther than this from its hand [px]."""
+    alike: float = 1.0
+    """A pixel looks like a known hand's from this evidence of its colour on [log-odds]."""
+    other: tuple[float, float] = (0.3, 2.5)
+    """Another hand that looks so has between these areas [areas of the known hands]."""
+    moves: float = 0.3
+    """And at least this share of what can be seen of it moves."""
+    appearance: AppearanceSettings = field(default_factory=AppearanceSettings)
 
 
 @dataclass(frozen=True)
@@ -368,26 +398,24 @@ class TrackerSettings:
     """A point that is corrected while it looks less alike than this gets a new patch: it has turned (-1 to 1)."""
     renewed_after: int = 10
     """A point that was not corrected in so many frames, though it is seen, gets a new patch [frames]."""
-    search_reach: int = 6
-    """A lost point is looked for this far around where its neighbours carry it [px]."""
-    found_departure: float = 3.0
-    """It is found no farther from there than so many times the neighbours' own spread."""
+    search_reach: float = 6.0
+    """A lost point is found again no farther than this from where its neighbours carry it [px]."""
+    found_miss: float = 0.7
+    """There the flow to frame 0 and back misses by no more than this [px]."""
+    found_shift: float = 1.0
+    """And its patch lies no farther from there than this [px]."""
     found_stretch: float = 0.5
     """Nor where the neighbourhood has shrunk to less than this of its width in some direction (0 to 1)."""
     search_every: int = 2
-    """Lost points are looked for every so many frames [frames]."""
-    search_limit: int = 150
-    """So many lost points are looked for in a frame, at most; the others have their turn later."""
-    min_distinct: float = 0.05
-    """A point is found again only where it is more alike by this than anywhere else in reach."""
-    min_contrast: float = 5.0
-    """A patch with less contrast than this cannot be looked for [grey levels]."""
+    """Frame 0 is recognised, and lost points found again in it, every so many frames [frames]."""
+    min_contrast: float = 2.0
+    """New points are chosen where a patch has more contrast than this [grey levels]."""
     min_confidence: float = 0.05
     """A point in sight counts as visible unless it is right with a smaller probability than this (0 to 1). What needs
     sure points reads the confidence itself."""
     entering_every: int = 10
     """Where a thing shows a new side, new points are chosen on it every so many frames [frames]."""
-    entering_gap: float = 2.5
+    entering_gap: float = 2.0
     """New points lie farther than this from all visible ones [spacings of the points in frame 0]."""
     least_entering: int = 8
     """Fewer new points than this are not worth following."""

@@ -7,14 +7,13 @@ from typing import Any
 
 import numpy as np
 
-from physreal_core.array_types import Array, Bool, Float, UInt8
+from physreal_core.array_types import Array, Bool, Float, Int, UInt8
 from physreal_core.errors import InputError
 from pipeline.capture import Capture, read_capture
 from pipeline.config import load_parameters, unknown_key
 from pipeline.frames import list_frames, read_colour
-from pipeline.label.suspects import Curves, suspects
+from pipeline.label.suspects import Curves, Warned, suspects, warnings_in
 from pipeline.products.masks import ROLES, Masks, Role
-from pipeline.products.quality import FILE as QUALITY
 from pipeline.products.tracks import MeasuredTracks
 from pipeline.project import Project
 from pipeline.reading.text import read_json
@@ -33,28 +32,29 @@ class Found:
         tracks: [T, J, 2] (u, v) [px].
         visible: [T, J].
         confidence: [T, J], 0 to 1.
-        report: segmentation.json.
-        warnings: sentences for the reader.
+        starts: [J], the frame that each point was chosen in.
+        warnings: of the stage.
     """
 
     masks: dict[Role, Bool[Array, "T h w"]]
     tracks: Float[Array, "T J 2"]
     visible: Bool[Array, "T J"]
     confidence: Float[Array, "T J"]
-    report: dict[str, Any] = field(default_factory=dict)
-    warnings: list[str] = field(default_factory=list)
+    starts: Int[Array, " J"]
+    warnings: list[Warned] = field(default_factory=list)
 
     @cached_property
     def curves(self) -> Curves:
         """What the plot shows."""
         areas = {role: masks.mean((1, 2)) for role, masks in self.masks.items()}
-        seen = self.visible.mean(1) if self.visible.size else np.zeros(len(self.visible))
+        begun = self.visible[:, self.starts == 0]
+        seen = begun.mean(1) if begun.size else np.zeros(len(begun))
         return Curves(areas["object"], areas["controller"], seen)
 
     @cached_property
     def suspects(self) -> dict[int, list[str]]:
         """Frame → why somebody should look at it."""
-        return suspects(self.curves, self.report)
+        return suspects(self.warnings)
 
 
 class Clip:
@@ -137,13 +137,12 @@ def _read(folder: Path, size: tuple[int, int]) -> Found:
     height, width = masks.object.shape[1:]
     ratio = np.array(size) / np.array([width, height])
     points = (tracks.points2d + 0.5) * ratio - 0.5
-    confidence = getattr(tracks, "confidence", None)
-    if confidence is None:
-        confidence = tracks.visible.astype(np.float32)
-    report, quality = (_record(folder / name) for name in ("segmentation.json", QUALITY))
-    warnings = [str(one) for one in quality.get("warnings", report.get("warnings", []))]
+    count = tracks.visible.shape[1]
+    confidence = tracks.visible.astype(np.float32) if tracks.confidence is None else tracks.confidence
+    starts = np.zeros(count, int) if tracks.starts is None else tracks.starts
+    warnings = warnings_in(_record(folder / "quality.json"), len(tracks.visible))
     shown = {role: getattr(masks, role) for role in ROLES}
-    return Found(shown, points, tracks.visible, confidence, {**report, **quality}, warnings)
+    return Found(shown, points, tracks.visible, confidence, starts, warnings)
 
 
 def _record(path: Path) -> dict[str, Any]:

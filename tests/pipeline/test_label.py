@@ -8,6 +8,7 @@ import socket
 import subprocess
 import sys
 import time
+import urllib.error
 import urllib.request
 
 import cv2
@@ -25,8 +26,9 @@ from pipeline.label.pictures import Sheet, outline_path, picture, sheet_picture
 from pipeline.label.plot import plot_options
 from pipeline.label.running import Runner, commands, progress_of
 from pipeline.label.serve import serve
-from pipeline.label.suspects import Curves, suspects
+from pipeline.label.suspects import suspects, warnings_in
 from pipeline.products.masks import Masks
+from pipeline.products.quality import PerceptionQuality
 from pipeline.products.tracks import MeasuredTracks
 from pipeline.project import CODE_ROOT, Project
 from pipeline.provenance import write_provenance
@@ -54,11 +56,14 @@ def found(project: Project, scale: int = 1) -> None:
     visible[5, 1:] = False
     points = np.full((FRAMES, 5, 2), 10.0 / scale, np.float32)
     nothing = np.full((FRAMES, 5), np.nan, np.float32)
-    MeasuredTracks(points, visible, np.full((FRAMES, 5, 3), np.nan, np.float32), ~visible & visible, nothing).save(
-        folder
-    )
-    (folder / "segmentation.json").write_text(json.dumps({"keyframes_without_vote": {"object": [2]}}))
-    (folder / "quality.json").write_text(json.dumps({"warnings": ["the hand was not found in 3 frames"]}))
+    unknown, starts = np.full((FRAMES, 5, 3), np.nan, np.float32), np.array([0, 0, 0, 0, 2], np.int32)
+    sure = np.linspace(0, 1, FRAMES * 5, dtype=np.float32).reshape(FRAMES, 5)
+    MeasuredTracks(points, visible, unknown, ~visible & visible, nothing, sure, starts).save(folder)
+    doubts = [
+        {"kind": "empty", "frames": [3], "sentence": "object: the mask is empty in frame 3; look there"},
+        {"kind": "voters", "frames": [3, 5], "sentence": "object: few tracks in frames 3 and 5; look there"},
+    ]
+    PerceptionQuality([one["sentence"] for one in doubts], doubts).save(folder)
     record = {"stage": "segment_and_track", "inputs": {}, "seed": 0, "sequence": "clip"}
     params = load_parameters(project.parameters).stage("segment_and_track", "clip").model_dump(mode="json")
     write_provenance(folder, record | {"parameters": params})
@@ -81,8 +86,10 @@ def test_a_clip_with_results_shows_masks_tracks_and_what_to_look_at(project, sca
     assert clip.mask("object", 1)[6, 6] and not clip.mask("object", 1)[25, 25] and not clip.mask("object", 3).any()
     assert clip.mask("object", 1).shape == (HEIGHT, WIDTH)
     assert picture(clip, 1) != plain and picture(clip, 1, masks=False, tracks=False) == plain
-    assert clip.found.warnings == ["the hand was not found in 3 frames"]
-    assert sorted(clip.found.suspects) == [2, 3, 5]
+    assert [one.frames for one in clip.found.warnings] == [(3,), (3, 5)]
+    empty, few = "object: the mask is empty in frame 3", "object: few tracks in frames 3 and 5"
+    assert clip.found.suspects == {3: [empty, few], 5: [few]}
+    assert clip.found.curves.seen.tolist() == [1, 1, 1, 1, 1, 0.25]  # of the tracks that began in frame 0
     options = plot_options(clip.found.curves, clip.found.suspects, 4)
     assert [len(one["data"]) for one in options["series"]] == [FRAMES] * 3
     assert json.dumps(options)
@@ -120,12 +127,9 @@ def test_frames_on_the_sheet_are_found_again(project):
     assert many.frame_at(*many.corner(503)) == 500 and many.frame_at(1e9, 1e9) == 995
 
 
-def test_what_is_suspicious():
-    area = np.array([0.1, 0.1, 0.2, 0.2, 0.0, 0.2])
-    seen = np.array([1.0, 0.9, 0.9, 0.4, 0.9, 0.9])
-    told = suspects(Curves(area, area, seen), {"keyframes_without_vote": {"controller": [5, 99]}, "other": 1})
-    assert set(told) == {2, 3, 4, 5}
-    assert "100%" in told[2][0] and "40%" in told[3][0] and "hand" in told[5][0] or "controller" in told[5][0]
+@pytest.mark.parametrize("quality", [{}, {"warnings": 3}, {"doubts": [1, {"frames": ["a", 99]}]}, {"warnings": ["x"]}])
+def test_a_quality_file_of_another_version_is_read_as_far_as_it_goes(quality):
+    assert suspects(warnings_in(quality, FRAMES)) == {}
 
 
 def test_clicks_are_added_undone_removed_and_only_changes_are_saved():
@@ -277,6 +281,8 @@ def test_a_click_on_the_page_becomes_a_hint_and_one_in_a_later_frame_a_correctio
     def note(text: str) -> None:
         _until(lambda: text in one(".label-note").text or "no preview" in one(".label-note").text, text)
 
+    with pytest.raises(urllib.error.HTTPError, match="400"):  # a name of somebody else's that leads here
+        urllib.request.urlopen(urllib.request.Request(address, headers={"Host": "elsewhere.example"}))
     before = json.loads((project.capture("clip") / "capture.json").read_text())
     browser.get(address)
     _until(lambda: browser.find_elements(By.CSS_SELECTOR, ".label-image img"), "the frame is there")

@@ -36,12 +36,13 @@ def main(arguments: list[str] | None = None) -> None:
     parser.add_argument("--no-baseline", action="store_true", help="the stage alone")
     parser.add_argument("--cache", type=Path, default=CACHE, help="where sequences and finished rows are kept")
     parser.add_argument("--out", type=Path, default=ROOT / "benchmarks" / "results", help="folder of the report")
+    parser.add_argument("--note", default="", help="conditions of the run, for the head of the page")
     told = parser.parse_args(arguments)
     frames = QUICK if told.quick else None
     chosen = [task for task in tasks(told, frames) if not told.only or task[0] in told.only]
     rows = list(run(chosen, told.cache, frames, with_baseline=not told.no_baseline))
     told.out.mkdir(parents=True, exist_ok=True)
-    write_report(rows, told.out)
+    write_report(rows, told.out, told.note)
 
 
 def tasks(told: argparse.Namespace, frames: int | None) -> Iterator[Task]:

@@ -33,10 +33,10 @@ and points of frame 0.
 """
 
 
-def write_report(rows: Sequence[Row], folder: Path) -> None:
-    """Write both files into `folder`."""
+def write_report(rows: Sequence[Row], folder: Path, note: str = "") -> None:
+    """Write both files into `folder`; `note` tells the conditions of the run."""
     (folder / "perception.json").write_text(json.dumps(summary(rows), indent=1) + "\n")
-    (folder / "perception.md").write_text(page(rows))
+    (folder / "perception.md").write_text(page(rows, note))
 
 
 def summary(rows: Sequence[Row]) -> Row:
@@ -53,9 +53,9 @@ def summary(rows: Sequence[Row]) -> Row:
     }
 
 
-def page(rows: Sequence[Row]) -> str:
+def page(rows: Sequence[Row], note: str = "") -> str:
     """The contents of perception.md."""
-    parts = [HEAD]
+    parts = [HEAD] + ([f"{note}\n"] if note else [])
     for kind, title in (("clips", "Filmed clips"), ("rendered", "Rendered sequences")):
         own = [row for row in rows if row["kind"] == kind]
         if own:

@@ -119,7 +119,7 @@ def _scored(
         if hasattr(tracks, "confidence") and method == STAGE:
             counted = scoring.calibration(tracks.confidence, tracks.points, true.points, known)
             row["calibration"] = [part.tolist() for part in counted]
-    on_object = truth_of is None or true.known.any()
+    on_object = there.any() if truth_of is None else true.known.any()
     row["alive"] = scoring.alive(there, claimed[-1]) if on_object else 0.0
     survivors = claimed[-1]
     if survivors.any():

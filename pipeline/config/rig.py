@@ -14,7 +14,9 @@ class Rig(StageParameters):
         "kelvin_voigt",
         description="effect hidden in bar_lift and bar_press: a name in data/rig/hidden/library.py, two joined by +, or none",
     )
-    strength: Literal["weak", "middle", "high"] = Field("high", description="how far it moves the bar: about 1, 3 or 7 mm")
+    strength: Literal["weak", "middle", "high"] = Field(
+        "high", description="how far it moves the bar: about 1, 3 or 7 mm"
+    )
 
     youngs_modulus: float = Field(6e4, gt=0, description="true Young's modulus [Pa]")
     poissons_ratio: float = Field(0.3, ge=0, lt=0.49, description="true Poisson's ratio")

@@ -21,7 +21,7 @@ class FreeEnd(ArrayFile):
     FILE = "free_end.npz"
     REMEDY = run_again("evaluate")
 
-    time: Float[Array, "T"]
+    time: Float[Array, " T"]
     direction: Float[Array, "3"]
-    measured: Float[Array, "T"]
+    measured: Float[Array, " T"]
     simulated: Float[Array, "M T"]

@@ -1,6 +1,6 @@
-"""Results of long computations on disk, so that a run that was killed goes on from them: one file each, never a pickle.
+"""Results of long computations on disk, so that a run that was killed, or one with few changes, goes on from them.
 
-A file is the SHA-256 digest of what follows, and an npz archive of plain arrays. Whatever is not whole, or does not fit
+There is a file for each, never a pickle. A file is the SHA-256 digest of what follows, and an npz archive of plain arrays. Whatever is not whole, or does not fit
 what is asked for, is told in a warning, deleted, and computed again.
 """
 
@@ -30,6 +30,8 @@ Shapes = Mapping[str, tuple[int | None, ...]]
 """Shape of every array by its name; None stands for any length."""
 
 DIGEST_BYTES = hashlib.sha256().digest_size
+LASTING_LIMIT = 2 * 2**30
+"""What outlives its run takes no more than this [bytes]."""
 SECONDS_BETWEEN = 10.0
 """Of work that a kill may cost where a state is written now and then [s]."""
 
@@ -47,10 +49,11 @@ class Checkpoints:
     Args:
         folder: where the files lie; it is made with the first. None keeps nothing.
         root: the folder that a warning names: that of the whole computation, for those of a part.
+        lasting: keeps some results for later computations, too; None keeps none.
     """
 
-    def __init__(self, folder: Path | None = None, root: Path | None = None) -> None:
-        self.folder, self.root = folder, root or folder
+    def __init__(self, folder: Path | None = None, root: Path | None = None, lasting: Lasting | None = None) -> None:
+        self.folder, self.root, self.lasting = folder, root or folder, lasting
         self._written: dict[str, float] = {}
         self._tokens: list[Token] = []
         self._asked: Counter[str] = Counter()
@@ -64,7 +67,7 @@ class Checkpoints:
 
     def within(self, name: str) -> Checkpoints:
         """Those of a part of the computation, with names of their own."""
-        return Checkpoints(None if self.folder is None else self.folder / name, self.root)
+        return Checkpoints(None if self.folder is None else self.folder / name, self.root, self.lasting)
 
     def unique(self, name: str, depends: Sequence[Any]) -> str:
         """A name for what is asked for under this one for the first, second, ... time, and depends on these values."""
@@ -84,7 +87,7 @@ class Checkpoints:
         if self.folder is None:
             return False
         self._written[name] = time.monotonic()
-        path = self._path(name)
+        path = self.path(name)
         temporary = path.with_name(path.name + ".partial")
         try:
             path.parent.mkdir(parents=True, exist_ok=True)
@@ -104,7 +107,7 @@ class Checkpoints:
             name: of the result.
             shapes: that its arrays must have; with others it is discarded.
         """
-        if self.folder is None or not (path := self._path(name)).is_file():
+        if self.folder is None or not (path := self.path(name)).is_file():
             return None
         try:
             arrays = _read(path)
@@ -116,12 +119,13 @@ class Checkpoints:
 
     def discard(self, name: str, why: str) -> None:
         """Tell that a result cannot be used, and delete it."""
-        path = self._path(name)
+        path = self.path(name)
         _warn(f"{path}: a damaged checkpoint is discarded ({why}); this part of the work is done again")
         with suppress(OSError):
             path.unlink(missing_ok=True)
 
-    def _path(self, name: str) -> Path:
+    def path(self, name: str) -> Path:
+        """Where the file of this name lies."""
         return self.folder / f"{name}.checkpoint"
 
 
@@ -136,8 +140,60 @@ def checkpoints() -> Checkpoints:
     return _IN_USE.get(_NOTHING_KEPT)
 
 
+class Lasting:
+    """Results that outlive their run, so that a later one with the same inputs of this part need not compute it again.
+
+    They lie in one folder, a file each. Together they take `limit` bytes; those that nobody asked for longest go first.
+
+    Args:
+        folder: where the files lie; it is made with the first.
+        scope: all that they depend on beside what a result's own `depends` gives: code, settings, inputs.
+        limit: on the disk [bytes].
+    """
+
+    def __init__(self, folder: Path, scope: str, limit: int = LASTING_LIMIT) -> None:
+        self.folder, self.scope, self.limit = folder, scope, limit
+        self._files = Checkpoints(folder)
+
+    def name(self, name: str, depends: Sequence[Any]) -> str:
+        """The name of a result that depends on these values and on the scope."""
+        return f"{name} {digest_of([self.scope, name, *depends])}"
+
+    def get(self, name: str, shapes: Shapes) -> Arrays | None:
+        """A result, None where there is none; it is then the last that goes."""
+        known = self._files.get(name, shapes)
+        if known is not None:
+            with suppress(OSError):
+                os.utime(self._files.path(name))
+        return known
+
+    def put(self, name: str, arrays: Arrays) -> None:
+        """Keep a result, and let others go until all are within the limit."""
+        if self._files.put(name, arrays):
+            self._let_go()
+
+    def _let_go(self) -> None:
+        found = []
+        for path in self.folder.iterdir():
+            with suppress(OSError):  # another process may delete it meanwhile
+                known = path.stat()
+                found.append((known.st_mtime_ns, path, known.st_size))
+        total = sum(size for _, _, size in found)
+        for _, path, size in sorted(found):
+            if total <= self.limit:
+                return
+            with suppress(OSError):
+                path.unlink()
+            total -= size
+
+
 def remembered(
-    name: str, depends: Callable[[], Sequence[Any]], shapes: Shapes, compute: Callable[[], Arrays]
+    name: str,
+    depends: Callable[[], Sequence[Any]],
+    shapes: Shapes,
+    compute: Callable[[], Arrays],
+    *,
+    lasting: bool = False,
 ) -> Arrays:
     """The result of `compute`, from its checkpoint where there is one.
 
@@ -149,8 +205,12 @@ def remembered(
             same results in the same order every time; if it does not after all, these values differ, too.
         shapes: of the result's arrays.
         compute: makes the result.
+        lasting: whether it outlives the run, where the `Checkpoints` in use have a place for that. `depends` then gives
+            all that the result depends on beside that place's scope.
     """
     kept = checkpoints()
+    if lasting and kept.lasting is not None:
+        return _lasting(kept.lasting, name, depends, shapes, compute)
     if kept.folder is None:
         return _as_read(compute())
     unique = kept.unique(name, depends())
@@ -162,6 +222,22 @@ def remembered(
         if not kept.put(unique, known):
             return known
     shutil.rmtree(inner.folder, ignore_errors=True)
+    return known
+
+
+def _lasting(
+    store: Lasting,
+    name: str,
+    depends: Callable[[], Sequence[Any]],
+    shapes: Shapes,
+    compute: Callable[[], Arrays],
+) -> Arrays:
+    values = depends()
+    own = store.name(name, values)
+    known = store.get(own, shapes)
+    if known is None:
+        known = remembered(name, lambda: values, shapes, compute)
+        store.put(own, known)
     return known
 
 

@@ -46,6 +46,20 @@ def _matrix(*shape: int) -> Any:
     return Annotated[np.ndarray, BeforeValidator(read), PlainSerializer(lambda array: array.tolist())]
 
 
+def _read_pixels(value: Any) -> np.ndarray:
+    try:
+        array = np.asarray(value, dtype=np.float64).reshape(len(value), 2)
+    except (TypeError, ValueError, OverflowError):
+        raise ValueError("a list of pixels (u, v)") from None
+    if not np.isfinite(array).all():
+        raise ValueError("a list of pixels (u, v), all finite")
+    return array
+
+
+_Pixels = Annotated[np.ndarray, BeforeValidator(_read_pixels), PlainSerializer(lambda array: array.tolist())]
+"""Any number of pixels [n, 2], written as nested lists."""
+
+
 class _Checked(BaseModel):
     model_config = ConfigDict(extra="forbid", frozen=True, arbitrary_types_allowed=True, allow_inf_nan=False)
 
@@ -56,6 +70,29 @@ class Hint(_Checked):
     point: _matrix(2) | None = Field(None, description="(u, v) of a pixel on it [px]")
     box: _matrix(4) | None = Field(None, description="(u0, v0, u1, v1) around it [px]")
     colour: str | None = Field(None, description="its colour in a word, e.g. teal")
+
+
+class Correction(_Checked):
+    """What shows the object or the controller in one frame, and what does not: clicks, a box, or both."""
+
+    frame: int = Field(ge=0, description="number of the frame, from 0")
+    thing: Literal["object", "controller"] = Field(description="what the clicks are about")
+    points: _Pixels = Field(np.zeros((0, 2)), description="(u, v) of the clicks [px]")
+    labels: tuple[Literal[0, 1], ...] = Field((), description="1 on the thing, 0 off it; default: 1 for every click")
+    box: _matrix(4) | None = Field(None, description="(u0, v0, u1, v1) around it [px]")
+
+    @model_validator(mode="after")
+    def _says_something(self) -> "Correction":
+        if self.labels and len(self.labels) != len(self.points):
+            raise ValueError(f"as many labels as points, not {len(self.labels)} for {len(self.points)}")
+        if not len(self.points) and self.box is None:
+            raise ValueError("a correction has points or a box")
+        return self
+
+    @property
+    def signs(self) -> tuple[int, ...]:
+        """The labels, one for every point."""
+        return self.labels or (1,) * len(self.points)
 
 
 class Clamp(_Checked):
@@ -109,6 +146,7 @@ class Capture(_Checked):
     frame_count: int | None = Field(None, gt=0, description="number of frames")
     split: Split | None = Field(None, description="default: the first 70 % are observed")
     hints: dict[Literal["object", "controller"], Hint] = Field(default_factory=dict)
+    corrections: list[Correction] = Field(default_factory=list, description="what `physreal label` was told, by frame")
     clamps: list[Clamp] = Field(default_factory=list)
     payloads: list[Payload] = Field(default_factory=list)
     notes: dict[str, Any] = Field(default_factory=dict, description="anything for the reader; nothing computes with it")
@@ -179,6 +217,7 @@ def judge_capture(capture: Capture, file: str, found: Findings) -> None:
     for name, hint in capture.hints.items():
         _judge_hint(f"hints.{name}", hint, capture, file, found)
     _judge_hints_together(capture.hints, file, found)
+    _judge_corrections(capture, file, found)
     for number, clamp in enumerate(capture.clamps):
         judge_box(found, f"clamps[{number}]", clamp.lower, clamp.upper, file)
     for number, payload in enumerate(capture.payloads):
@@ -228,6 +267,45 @@ def _judge_hints_together(hints: dict[str, Hint], file: str, found: Findings) ->
             )
 
 
+def _judge_corrections(capture: Capture, file: str, found: Findings) -> None:
+    """Clicks lie inside the image, none says two things, and one entry holds all about a thing in a frame."""
+    entries: dict[tuple[int, str], int] = {}
+    for number, one in enumerate(capture.corrections):
+        key = f"corrections[{number}]"
+        if capture.width is not None and capture.height is not None:
+            size = (capture.width, capture.height)
+            for index, point in enumerate(one.points):
+                judge_pixel(found, f"{key}.points[{index}]", point, size, file)
+            if one.box is not None:
+                judge_rectangle(found, f"{key}.box", one.box, size, file)
+        if (first := entries.setdefault((one.frame, one.thing), number)) != number:
+            found.fault(
+                f"corrections[{first}] and {key} are both about the {one.thing} in frame {one.frame}",
+                where=file,
+                expected="one entry for a thing in a frame",
+                remedy=f"put the points of corrections[{first}] and {key} into one entry in {file}",
+            )
+    _judge_clicks_together(capture.corrections, file, found)
+
+
+def _judge_clicks_together(corrections: list[Correction], file: str, found: Findings) -> None:
+    """No pixel is on two things, or on and off the same thing."""
+    meanings: dict[tuple[int, float, float], set[tuple[str, int]]] = {}
+    for number, one in enumerate(corrections):
+        for (u, v), sign in zip(one.points.tolist(), one.signs, strict=True):
+            before = meanings.setdefault((one.frame, u, v), set())
+            other = next((t for t, s in before if sign and s and t != one.thing), None)
+            if other or (one.thing, 1 - sign) in before:
+                found.fault(
+                    f"corrections[{number}] has the click ({u:g}, {v:g}) of frame {one.frame} both on the {one.thing} "
+                    + (f"and on the {other}" if other else "and off it"),
+                    where=file,
+                    expected="a click that says one thing",
+                    remedy=f"change corrections[{number}] in {file}",
+                )
+            before.add((one.thing, sign))
+
+
 def _judge_payload(key: str, payload: Payload, file: str, found: Findings) -> None:
     judge_place(found, f"{key}.point", payload.point, file)
     judge_number(found, f"{key}.radius", payload.radius, RADIUS, file)
@@ -235,6 +313,19 @@ def _judge_payload(key: str, payload: Payload, file: str, found: Findings) -> No
     judge_number(found, f"{key}.force", float(np.linalg.norm(payload.force)), FORCE, file)
 
 
+def judge_frames_of_corrections(capture: Capture, frames: int, file: str, found: Findings) -> None:
+    """Corrections are about frames that there are."""
+    for number, one in enumerate(capture.corrections):
+        if one.frame >= frames:
+            found.fault(
+                f"corrections[{number}].frame = {one.frame}, but there are {frames} frames",
+                where=file,
+                expected=f"0..{frames - 1}",
+                remedy=f"change corrections[{number}].frame in {file}, or remove the entry",
+            )
+
+
 def write_capture(folder: Path, capture: Capture) -> None:
-    """Write capture.json, leaving out what is not known."""
-    (folder / FILE).write_text(capture.model_dump_json(indent=1, exclude_none=True) + "\n")
+    """Write capture.json, leaving out what is not known, and corrections where there are none."""
+    empty = set() if capture.corrections else {"corrections"}
+    (folder / FILE).write_text(capture.model_dump_json(indent=1, exclude_none=True, exclude=empty) + "\n")

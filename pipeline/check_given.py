@@ -15,7 +15,7 @@ from physreal_core.array_types import Array, Bool
 from physreal_core.cores import available_cores
 from physreal_core.errors import InputError
 from physreal_core.evidence import LEAST_PIXELS, MORE_TRACKS, require_tracks
-from pipeline.capture import FILE, Capture, judged_capture, read_description
+from pipeline.capture import FILE, Capture, judge_frames_of_corrections, judged_capture, read_description
 from pipeline.frames import frame_file, read_grey
 from pipeline.plausible import (
     BINARY,
@@ -48,7 +48,7 @@ def check_description(folder: Path, found: Findings) -> Capture | None:
 
 
 def judge_counts(capture: Capture, frames: int, file: str, found: Findings) -> None:
-    """frame_count and split of capture.json against the number of frames."""
+    """frame_count, split and corrections of capture.json against the number of frames."""
     if capture.frame_count not in (None, frames):
         found.fault(
             f"frame_count = {capture.frame_count}, but there are {frames} frames",
@@ -56,6 +56,7 @@ def judge_counts(capture: Capture, frames: int, file: str, found: Findings) -> N
             expected=f"{frames}",
             remedy=f"change frame_count in {file}, or add the missing frames",
         )
+    judge_frames_of_corrections(capture, frames, file, found)
     split = capture.observed(frames)
     if split.test[1] > frames:
         found.fault(
@@ -113,6 +114,7 @@ def check_given(folder: Path, capture: Capture, frames: int, found: Findings, *,
         with found.catching():
             check(folder, capture, frames, fitted, found)
     check_masks(folder, capture, frames, found)
+    _check_corrections_used(folder, capture, found)
     check_candidates(folder, capture, frames, found)
 
 
@@ -217,6 +219,16 @@ def _check_length(got: int, frames: int, path: Path, found: Findings) -> None:
 
 
 # --- masks --------------------------------------------------------------------------------------------------------
+
+
+def _check_corrections_used(folder: Path, capture: Capture, found: Findings) -> None:
+    for role in ROLES:
+        if mask_folder(folder, role).is_dir() and any(one.thing == role for one in capture.corrections):
+            found.warn(
+                f"corrections of the {role} are not used, since masks/{role} is given",
+                where=str(folder / FILE),
+                remedy=f"remove them, or masks/{role}",
+            )
 
 
 def check_masks(folder: Path, capture: Capture, frames: int, found: Findings) -> None:

@@ -67,6 +67,16 @@ def _parser() -> argparse.ArgumentParser:
     command.add_argument("--again", action="store_true", help="search anew, even if the result at hand is up to date")
     command.set_defaults(command=_gap)
 
+    command = commands.add_parser("label", help="a page to click object and hand in any frame, and to mend masks")
+    command.add_argument("sequence", help="a name under `sequences` or `clips` in params.yaml")
+    command.add_argument("--port", type=int, help="default: 8765")
+    command.add_argument("--host", help="address to listen on; default: 127.0.0.1, so this machine alone")
+    command.add_argument("--no-browser", action="store_true", help="open no browser; print the address alone")
+    command.set_defaults(command=_label)
+
+    command = commands.add_parser("clean", help="delete what is kept so that the next runs are faster")
+    command.set_defaults(command=_clean)
+
     command = commands.add_parser("run", help="run one stage on one sequence, without DVC")
     command.add_argument("stage")
     command.add_argument("sequence")
@@ -164,6 +174,25 @@ def _gap(parsed: argparse.Namespace) -> int:
     from pipeline.gap_command import find_and_add
 
     find_and_add(parsed.sequence, again=parsed.again)
+    return 0
+
+
+def _label(parsed: argparse.Namespace) -> int:
+    from pipeline.label.serve import HOST, PORT, serve
+
+    serve(parsed.sequence, host=parsed.host or HOST, port=parsed.port or PORT, browser=not parsed.no_browser)
+    return 0
+
+
+def _clean(_: argparse.Namespace) -> int:
+    import shutil
+
+    from pipeline.project import Project
+
+    kept = Project.find().kept
+    size = sum(path.stat().st_size for path in kept.glob("*"))
+    shutil.rmtree(kept, ignore_errors=True)
+    print(f"{kept}: {size / 2**20:.1f} MiB deleted")
     return 0
 
 

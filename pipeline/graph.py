@@ -24,6 +24,8 @@ class Stage:
         reads_capture: whether it reads the capture folder.
         makes_capture: whether its output is the capture folder.
         files: what else it reads, as paths from the project's root.
+        piecewise: keys of capture.json that only parts of its work depend on. Parts that a change there leaves as they
+            are outlive the run (`Project.kept`).
         roles: the blocks of params.yaml for whose sequences it runs. The first gives it its name in DVC.
         model: gives the class of its parameters; default: the one in pipeline/config/<name>.py.
     """
@@ -37,6 +39,7 @@ class Stage:
     reads_capture: bool = False
     makes_capture: bool = False
     files: tuple[str, ...] = ()
+    piecewise: tuple[str, ...] = ()
     roles: tuple[str, ...] = ("sequences",)
     model: Callable[[], type] | None = None
 
@@ -89,7 +92,14 @@ _PERCEIVED = ("sequences", "clips")
 STAGES: Graph = graph_of(
     Stage("rig", makes_capture=True, roles=("rigged",)),
     Stage("parse_video", reads_capture=True, roles=_PERCEIVED),
-    Stage("segment_and_track", ("parse_video",), reads_capture=True, files=("data/models",), roles=_PERCEIVED),
+    Stage(
+        "segment_and_track",
+        ("parse_video",),
+        reads_capture=True,
+        files=("data/models",),
+        piecewise=("hints", "corrections"),
+        roles=_PERCEIVED,
+    ),
     Stage("build_object", ("parse_video", "segment_and_track"), reads_capture=True),
     Stage("fit_pose", ("parse_video", "segment_and_track", "build_object")),
     Stage("sample_particles", ("parse_video", "segment_and_track", "fit_pose")),

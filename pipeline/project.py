@@ -49,6 +49,10 @@ class Project:
         """Held by who imports a capture of this name."""
         return self.root / ".scratch" / "import" / f"{sequence}.lock"
 
+    def description_lock(self, sequence: str) -> Path:
+        """Held by who changes the capture.json of this sequence."""
+        return self.root / ".scratch" / "description" / f"{sequence}.lock"
+
     def artifact(self, stage: str, sequence: str) -> Path:
         return self.root / "data" / "artifacts" / stage / sequence
 
@@ -64,6 +68,11 @@ class Project:
         """Time, memory and code of the last run. Beside the artifact, not in it: an artifact holds nothing that
         differs between two runs with the same result, so that DVC need not rerun what follows."""
         return self.root / "data" / "runs" / stage / f"{sequence}.json"
+
+    @property
+    def kept(self) -> Path:
+        """Parts of results that outlive their run, so that the next one is faster. It may be deleted at any time."""
+        return self.root / ".scratch" / "kept"
 
     def scratch(self, stage: str, sequence: str) -> Path:
         return self.root / ".scratch" / stage / sequence

@@ -11,6 +11,8 @@ from pipeline.project import CODE_ROOT
 from pipeline.reading.text import read_record
 
 FILE = "provenance.json"
+DESCRIPTION = "capture.json"
+LIBRARIES = ("numpy", "scipy", "torch", "warp-lang", "opencv-python-headless", "opencv-python", "onnxruntime")
 
 
 def digest_of(value: Any) -> str:
@@ -25,6 +27,33 @@ def digest_folder(folder: Path) -> str:
         total.update(path.relative_to(folder).as_posix().encode() + b"\0")
         total.update(_digest_file(path, path.stat().st_mtime_ns, path.stat().st_size))
     return total.hexdigest()[:16]
+
+
+def digest_but_for(folder: Path, keys: tuple[str, ...]) -> str:
+    """Digest of a folder but for its provenance, and for these keys of the capture.json in it."""
+    told: dict[str, Any] = {}
+    for path in sorted(path for path in folder.rglob("*") if path.is_file() and path.name != FILE):
+        name = path.relative_to(folder).as_posix()
+        if name == DESCRIPTION:
+            told[name] = {key: value for key, value in read_record(path).items() if key not in keys}
+        else:
+            told[name] = digest_file(path)
+    return digest_of(told)
+
+
+def versions() -> dict[str, str]:
+    """Of the libraries that compute."""
+    found = {name: _version(name) for name in LIBRARIES}
+    return {name: version for name, version in found.items() if version}
+
+
+def _version(name: str) -> str | None:
+    from importlib.metadata import PackageNotFoundError, version
+
+    try:
+        return version(name)
+    except PackageNotFoundError:
+        return None
 
 
 def digest_file(path: Path) -> str:

@@ -16,14 +16,23 @@ from typing import Any
 
 from filelock import FileLock, Timeout
 
-from physreal_core.checkpoints import Checkpoints
+from physreal_core.checkpoints import Checkpoints, Lasting
 from physreal_core.errors import InputError
 from pipeline.config import Parameters, check_name, load_parameters
 from pipeline.faults import one_sentence, writing_to
 from pipeline.graph import STAGES, Graph
 from pipeline.progress import Progress, Timings, show_progress
 from pipeline.project import CODE_ROOT, Project
-from pipeline.provenance import digest_code, digest_file, digest_folder, digest_of, read_provenance, write_provenance
+from pipeline.provenance import (
+    digest_but_for,
+    digest_code,
+    digest_file,
+    digest_folder,
+    digest_of,
+    read_provenance,
+    versions,
+    write_provenance,
+)
 
 
 class StageContext:
@@ -133,6 +142,21 @@ class StageContext:
         folder.mkdir(parents=True, exist_ok=True)
         return folder
 
+    @property
+    def lasting(self) -> Lasting | None:
+        """Where parts of its work outlive the run; None unless the stage says what they depend on piece by piece."""
+        if not self._spec.piecewise:
+            return None
+        folders = [
+            self._project.capture(self.sequence),
+            *(self._project.artifact(s, self.sequence) for s in self._upstream),
+        ]
+        inputs = [digest_but_for(folder, self._spec.piecewise) for folder in folders]
+        models = [digest_folder(self._project.root / name) for name in self._spec.files]
+        return Lasting(
+            self._project.kept, digest_of([self.stage, self._parameters_used(), inputs, models, self.code, versions()])
+        )
+
     @contextmanager
     def progress(self, description: str, total: int) -> Iterator[Progress]:
         """Shows how far a loop of `total` steps has come and what is left; its seconds count as a phase."""
@@ -164,7 +188,7 @@ def checked_artifact(project: Project, parameters: Parameters, stage: str, seque
     """
     folder = project.artifact(stage, sequence)
     where = f"{stage} {sequence}"
-    rerun = f"run `dvc repro -f -s {_target(parameters, stage, sequence)}`"
+    rerun = f"run `dvc repro -f -s {stage_target(parameters, stage, sequence)}`"
     if not folder.is_dir():
         raise InputError(f"its output {folder} is missing", where=where, remedy=f"run `dvc repro` or {rerun}")
     record = read_provenance(folder)
@@ -183,7 +207,8 @@ def checked_artifact(project: Project, parameters: Parameters, stage: str, seque
     return folder
 
 
-def _target(parameters: Parameters, stage: str, sequence: str) -> str:
+def stage_target(parameters: Parameters, stage: str, sequence: str) -> str:
+    """What `dvc repro` is given to run a stage for a sequence."""
     spec = parameters.graph[stage]
     role = next((role for role in spec.roles if sequence in getattr(parameters.values, role)), spec.roles[0])
     return spec.target(role, sequence)
@@ -228,7 +253,7 @@ def run_stage(
         _empty(context.output)
         try:
             with writing_to(context.output):
-                with Checkpoints(context.scratch):
+                with Checkpoints(context.scratch, lasting=context.lasting):
                     run(context)
                 write_provenance(context.output, provenance)
             output = _put_in_place(context.output, destination)

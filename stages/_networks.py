@@ -10,7 +10,7 @@ from physreal_core.perception.hand_finder import HandFinder
 from physreal_core.perception.lifting import DepthNoise
 from physreal_core.perception.perceive import Networks, Video
 from physreal_core.perception.segmenter import Segmenter
-from physreal_core.perception.settings import PerceptionSettings
+from physreal_core.perception.settings import PerceptionSettings, TrackerSettings
 from physreal_core.perception.tracker import Tracker
 from pipeline.config.segment_and_track import OWN_NETWORKS, SegmentAndTrack
 from pipeline.models import default_folder, require
@@ -23,7 +23,7 @@ _CLIP_KEYS = ("clip_image_onnx", "clip_text_onnx", "clip_tokenizer")
 def make_settings(params: SegmentAndTrack) -> PerceptionSettings:
     """The numbers of the perception."""
     noise = DepthNoise(params.depth_noise, params.depth_noise_quadratic, params.pixel_noise)
-    return params.as_settings(PerceptionSettings, noise=noise)
+    return params.as_settings(PerceptionSettings, noise=noise, tracking=params.as_settings(TrackerSettings))
 
 
 def make_networks(params: SegmentAndTrack, video: Video, capture: Path) -> Networks:
@@ -33,7 +33,7 @@ def make_networks(params: SegmentAndTrack, video: Video, capture: Path) -> Netwo
     described = video.description and not {"object"} & (set(video.hints) | set(video.masks))
     return Networks(
         None if masked else _segmenter(params, video, capture),
-        FlowTracker(_flow(params), max_round_trip=params.max_round_trip, min_likeness=params.min_likeness),
+        FlowTracker(_flow(params), params.as_settings(TrackerSettings)),
         _tracker(params),
         _hand_finder(params) if finds_hands else None,
         _chooser(params) if described else None,

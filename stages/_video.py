@@ -6,9 +6,11 @@ import numpy as np
 
 from physreal_core.array_types import Array, Bool, Float
 from physreal_core.errors import InputError
+from physreal_core.perception.corrections import Correction
 from physreal_core.perception.perceive import Video
 from physreal_core.perception.tracker import Tracks
 from pipeline.capture import Capture, read_capture
+from pipeline.capture import Correction as CaptureCorrection
 from pipeline.frames import frame_file, read_grey
 from pipeline.products.camera import RecordedCamera, require_world
 from pipeline.products.controllers import Controllers
@@ -46,7 +48,13 @@ def load_video(parsed: Path, capture_folder: Path, capture: Capture) -> Video:
         {role: dict([next(iter(hint.items()))]) for role, hint in hints.items() if hint},
         masks,
         given_tracks2d(capture_folder, count, size),
+        [_correction(one) for one in capture.corrections],
     )
+
+
+def _correction(one: CaptureCorrection) -> Correction:
+    points, box = one.points.astype(np.float32), None if one.box is None else tuple(one.box.tolist())
+    return Correction(one.frame, one.thing, points, np.array(one.signs, int), box)
 
 
 def given_masks(folder: Path, role: Role, count: int, size: tuple[int, int]) -> Bool[Array, "T H W"] | None:

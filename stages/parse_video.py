@@ -89,7 +89,14 @@ def scale_capture(capture: Capture, scale: float) -> Capture:
         )
         for name, hint in capture.hints.items()
     }
-    return capture.model_copy(update={"width": width, "height": height, "K": K, "hints": hints})
+    corrections = [
+        one.model_copy(
+            update={"points": move(one.points).reshape(-1, 2), "box": None if one.box is None else move(one.box)}
+        )
+        for one in capture.corrections
+    ]
+    changed = {"width": width, "height": height, "K": K, "hints": hints, "corrections": corrections}
+    return capture.model_copy(update=changed)
 
 
 def _copy_frames(context: StageContext, capture: Capture, scale: float) -> tuple[int, Judgement, np.ndarray | None]:
@@ -174,7 +181,8 @@ def _write(
     context: StageContext, capture: Capture, frames: int, quality: Judgement, plane: dict, found: Findings
 ) -> None:
     split = _split(capture, frames, context.capture / FILE)
-    capture = capture.model_copy(update={"frame_count": frames, "split": split})
+    corrections = [one for one in capture.corrections if one.frame < frames]  # parse_video.max_frames leaves some out
+    capture = capture.model_copy(update={"frame_count": frames, "split": split, "corrections": corrections})
     write_capture(context.output, capture)
     RecordedCamera(
         capture.fps, capture.width, capture.height, capture.K, capture.T_world_camera, capture.frame_count

@@ -11,7 +11,7 @@ from pipeline.faults import one_sentence
 from pipeline.graph import FIT_STAGES, REPORT, STAGES, made_from
 from pipeline.products.free_end import FreeEnd
 from pipeline.products.particles import Particles
-from pipeline.products.quality import Quality
+from pipeline.products.quality import PerceptionQuality, Quality
 from pipeline.provenance import read_provenance
 from pipeline.results import Results
 from pipeline.status import stages_of
@@ -52,6 +52,7 @@ def run(results: Results) -> Path:
 def describe_sequence(results: Results, name: str) -> dict[str, Any]:
     """All that the page shows of one sequence; what does not apply to it is None."""
     parsed, evaluated = results.artifact("parse_video", name), results.artifact("evaluate", name)
+    seen = results.artifact("segment_and_track", name)
     losses, scored = results.losses(name), results.evaluated(name)
     video, strip = evaluated / f"{FIT_STAGES[-1]}.mp4", results.project.results / "pictures" / f"{name}.jpg"
     if video.is_file():
@@ -63,7 +64,8 @@ def describe_sequence(results: Results, name: str) -> dict[str, Any]:
         "free_end": _free_end(results, name),
         "moving": _moving(results, name),
         "model_from": results.model_from(name),
-        "warnings": Quality.load(parsed).warnings,
+        "warnings": Quality.load(parsed).warnings + PerceptionQuality.load(seen).warnings,
+        "choice": _embedded(seen / "choice.png"),
         "scores": {
             stage: {part: results.scores(name, stage, part) for part in ("observed", "future")} for stage in FIT_STAGES
         },
@@ -75,7 +77,7 @@ def describe_sequence(results: Results, name: str) -> dict[str, Any]:
         "field": _field(results, name),
         "fits": _fits(results, name),
         "gap": _gap(results, name),
-        "segmentation": _embedded(results.artifact("segment_and_track", name) / "overlay.mp4"),
+        "segmentation": _embedded(seen / "overlay.mp4"),
         "pose": _embedded(results.artifact("fit_pose", name) / "overlay.png"),
         "others": {stage: _other_numbers(results.metrics[name].get(stage, {})) for stage in FIT_STAGES},
         "provenance": _provenance(results, name),

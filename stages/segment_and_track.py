@@ -16,10 +16,13 @@ from pipeline.products.camera import RecordedCamera
 from pipeline.products.controllers import Controllers
 from pipeline.products.given_tracks import GivenTracks3d
 from pipeline.products.masks import Masks
+from pipeline.products.quality import PerceptionQuality
 from pipeline.products.tracks import MeasuredTracks
 from pipeline.stage import StageContext, main
 from stages._networks import make_networks, make_settings
 from stages._video import given_controllers, given_tracks3d, load_video
+
+_IN_QUALITY = ("keyframes", "warnings")  # of the report; they stand in quality.json
 
 
 def run(context: StageContext) -> None:
@@ -39,6 +42,7 @@ def _pass_through(context: StageContext, parsed: Path, capture: Capture) -> None
     MeasuredTracks(pixels, valid, points, valid, sigma).save(context.output)
     controllers = given_controllers(context.capture, frames)
     Controllers(np.zeros((frames, 0, 3), np.float32) if controllers is None else controllers).save(context.output)
+    PerceptionQuality().save(context.output)
     report = {"kind": "tracks", "tracks": "given", "controllers": "none" if controllers is None else "given"}
     _write_report(context, report)
 
@@ -47,7 +51,7 @@ def _see(context: StageContext, parsed: Path, capture: Capture) -> None:
     with context.timed("reading"):
         video = load_video(parsed, context.capture, capture)
     networks = make_networks(context.params, video, context.capture)
-    steps = 4 + (len(video.frames) - 2) // context.params.keyframe_stride + 1
+    steps = 4 + len(video.frames) - 1
     with context.progress("masks and tracks", steps) as progress:
         result = perceive(video, networks, make_settings(context.params), lambda step: progress.advance())
     result = _with_given_3d(context, video, result)
@@ -81,7 +85,16 @@ def _write(context: StageContext, video: Video, result: Perceived, fps: float) -
     output, frames = context.output, len(video.frames)
     Masks(result.object_masks, result.controller_masks).save(output)
     lifted = result.lifted
-    MeasuredTracks(result.tracks.points, result.tracks.visible, lifted.points, lifted.valid, lifted.sigma).save(output)
+    tracks = result.tracks
+    MeasuredTracks(
+        tracks.points,
+        tracks.visible,
+        lifted.points,
+        lifted.valid,
+        lifted.sigma,
+        confidence=tracks.confidence,
+        starts=tracks.starts,
+    ).save(output)
     controllers = np.zeros((frames, 0, 3), np.float32) if result.controllers is None else result.controllers.points
     Controllers(controllers).save(output)
     pixels = project(controllers, video.K, video.T_world_camera)
@@ -99,13 +112,44 @@ def _write(context: StageContext, video: Video, result: Perceived, fps: float) -
     }
     counts = {
         "frames": frames,
-        "tracks": int(result.tracks.visible.shape[1]),
-        "visible_share": float(result.tracks.visible.mean()),
+        "tracks": int(tracks.visible.shape[1]),
+        "tracks_entering_later": int((tracks.starts > 0).sum()),
+        "visible_share": float(tracks.visible[:, tracks.starts == 0].mean()),
         "valid3d_share": float(result.lifted.valid.mean()),
         "controller_points": int(controllers.shape[1]),
         "frames_without_mask": {name: np.flatnonzero(a == 0).tolist() for name, a in area.items()},
     }
-    _write_report(context, {"kind": "video", **counts, **result.report})
+    quality = _quality(result)
+    quality.save(output)
+    _tell(context, video, result, quality)
+    report = {name: value for name, value in result.report.items() if name not in _IN_QUALITY}
+    _write_report(context, {"kind": "video", **counts, **report})
+
+
+def _quality(result: Perceived) -> PerceptionQuality:
+    choice = result.choices["object"]
+    return PerceptionQuality(
+        [doubt.sentence for doubt in result.doubts],
+        [{"kind": d.kind, "frames": d.frames, "sentence": d.sentence} for d in result.doubts],
+        round(choice.sure, 3),
+        choice.hints(),
+        result.report.get("keyframes", {}),
+    )
+
+
+def _tell(context: StageContext, video: Video, result: Perceived, quality: PerceptionQuality) -> None:
+    """The choice of frame 0 as a picture, and in the terminal that choice and every warning, a line each."""
+    import cv2
+
+    from physreal_core.perception.overlay import draw_choice
+
+    said = f"{context.stage} {context.sequence}:"
+    target = result.choices["object"]
+    picture = draw_choice(video.frames[0], target, result.controller_masks[0], scale=context.params.overlay_scale)
+    cv2.imwrite(str(context.output / "choice.png"), picture[..., ::-1])
+    print(f"{said} the object is {target.how}, certainty {quality.sure:.2f} (choice.png)", flush=True)
+    for warning in quality.warnings:
+        print(f"{said} warning: {warning}", flush=True)
 
 
 def _write_report(context: StageContext, report: dict) -> None:

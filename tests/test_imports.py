@@ -28,6 +28,11 @@ ABOVE = {
     "benchmarks.beam",
     "benchmarks.beam_report",
     "benchmarks.beam_scene",
+    "benchmarks.filmed",
+    "benchmarks.rendered",
+    "benchmarks.perception",
+    "benchmarks.perception_report",
+    "benchmarks.perception_runs",
 }
 BARE = f"""
 import importlib, pkgutil, sys

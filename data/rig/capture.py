@@ -14,14 +14,16 @@ from data.rig import texture
 from data.rig.hidden.effect import NOTHING, Hidden
 from data.rig.mesh import TetMesh
 from data.rig.render import HAND, OBJECT, Picture, Stage
-from data.rig.rig_scene import RigScene
+from data.rig.rig_scene import Look, RigScene
 from data.rig.sensor import read_colour, read_depth
+from data.rig.sequences import SEQUENCES, SETTLE, TIMESTEP
 from data.rig.simulate import simulate
 from data.rig.trajectory import Trajectory
 from physreal_core.array_types import Array, Float
 from physreal_core.checkpoints import remembered
 from pipeline.products.truth import CaptureTruth
 
+_MOMENTS = 6  # at which a picture with an open shutter is taken
 _PRIOR_SHADE = 0.8  # vertex colours of the prior: the surface under a soft light
 
 
@@ -45,7 +47,7 @@ def film(
     seed: int | Sequence[int] = 0,
     hidden: Hidden = NOTHING,
     further_truth: Mapping[str, Array | str] = MappingProxyType({}),
-    hint: Literal["point", "box"] = "point",
+    hint: Literal["point", "box"] | None = "point",
 ) -> None:
     """Films what happened into `destination`, which is replaced as a whole.
 
@@ -57,6 +59,7 @@ def film(
         hidden: what the capture does not say of camera and table.
         further_truth: more of the truth, as of `CaptureTruth`.
         hint: how the object is named in frame 0. A click on a pattern may be taken to mean a part of it; a box is not.
+            None names the hand alone.
     """
     destination = Path(destination)
     draft = destination.with_name(destination.name + ".partial")
@@ -67,27 +70,76 @@ def film(
     random = np.random.default_rng(seed)
     for frame in range(scene.frames):
         pose = hidden.camera(scene.view.pose(), frame / scene.fps)
-        picture = _remembered_picture(stage, trajectory.vertices[frame], trajectory.hand[frame], pose)
+        picture = _remembered_picture(stage, trajectory, frame, pose, scene.look.shutter)
         if frame == 0:
-            named = {"point": _click, "box": _box}[hint]
-            hints = {"object": {hint: named(picture, OBJECT)}, "controller": {"point": _click(picture, HAND)}}
+            hints = _hints(picture, hint)
         _write_frame(draft, frame, replace(picture, depth=hidden.depth(picture.depth)), scene, random)
     (draft / "capture.json").write_text(json.dumps(describe(scene, hints), indent=1) + "\n")
     T_world_prior = random_similarity(random)
-    _write_prior(draft / "shape_prior.glb", trajectory, T_world_prior)
-    replace(simulated_truth(scene, trajectory, stage.hand, T_world_prior), **further_truth).save(draft)
+    _write_prior(draft / "shape_prior.glb", trajectory, T_world_prior, scene.look)
+    truth = simulated_truth(scene, trajectory, stage.hand, T_world_prior)
+    replace(truth, **_further_hands(stage, trajectory), **further_truth).save(draft)
     shutil.rmtree(destination, ignore_errors=True)
     draft.rename(destination)
 
 
-def _remembered_picture(stage: Stage, vertices: Array, hand: Array, pose: Array) -> Picture:
-    """`Stage.picture`, from its checkpoint where there is one."""
+def make_sequence(name: str, seed: int, destination: Path) -> None:
+    """Simulates and films one of `sequences.SEQUENCES` into `destination`, which is replaced as a whole.
+
+    It has no hint for the object, and one click on the first hand.
+
+    Args:
+        name: of the sequence.
+        seed: of the scene and of the sensor's noise.
+        destination: capture folder.
+    """
+    scene = SEQUENCES[name](seed)
+    film(scene, simulate(scene, timestep=TIMESTEP, settle=SETTLE), destination, seed=seed, hint=None)
+
+
+def _hints(picture: Picture, kind: Literal["point", "box"] | None) -> dict[str, dict[str, list[int]]]:
+    """What a person would say of frame 0."""
+    hand = {"controller": {"point": _click(picture, HAND)}}
+    if kind is None:
+        return hand
+    named = {"point": _click, "box": _box}[kind]
+    return {"object": {kind: named(picture, OBJECT)}, **hand}
+
+
+def _remembered_picture(stage: Stage, trajectory: Trajectory, frame: int, pose: Array, shutter: float) -> Picture:
+    """`_exposed`, from its checkpoint where there is one."""
     size = stage.view.height, stage.view.width
     shapes = {"rgb": (*size, 3), "depth": size, "label": size, "slope": size}
-    found = remembered(
-        "picture", lambda: [vertices, hand, pose], shapes, lambda: vars(stage.picture(vertices, hand, pose=pose))
-    )
+    seen = [trajectory.vertices[frame], trajectory.hand[frame], pose, trajectory.others_at(frame), np.array(shutter)]
+    found = remembered("picture", lambda: seen, shapes, lambda: vars(_exposed(stage, trajectory, frame, pose, shutter)))
     return Picture(**found)
+
+
+def _exposed(stage: Stage, trajectory: Trajectory, frame: int, pose: Array, shutter: float) -> Picture:
+    """The picture of a frame; with an open shutter its colour is the mean over moments around the frame's own."""
+    vertices, hand, others = trajectory.vertices[frame], trajectory.hand[frame], trajectory.others_at(frame)
+    sharp = stage.picture(vertices, hand, pose=pose, others=others)
+    if shutter == 0:
+        return sharp
+    moments = frame + shutter * ((np.arange(_MOMENTS) + 0.5) / _MOMENTS - 0.5)
+    light = 0.0
+    for vertices, hand, others in map(trajectory.between, moments):
+        picture = stage.picture(vertices, hand, 1, pose, others)
+        light = light + picture.rgb ** (1 / texture.GAMMA) / _MOMENTS
+    return replace(sharp, rgb=light**texture.GAMMA)
+
+
+def _further_hands(stage: Stage, trajectory: Trajectory) -> dict[str, Array]:
+    """Surfaces of the further hands in every frame, as of `CaptureTruth`; nothing where there are none."""
+    if not stage.others:
+        return {}
+    offsets = np.cumsum([0] + [len(hand.vertices) for hand in stage.others[:-1]])
+    moved = [hand.vertices + trajectory.others[:, i, None] for i, hand in enumerate(stage.others)]
+    faces = [hand.faces + offset for hand, offset in zip(stage.others, offsets, strict=True)]
+    return {
+        "further_hands": np.concatenate(moved, axis=1).astype(np.float32),
+        "further_hand_faces": np.concatenate(faces).astype(np.int32),
+    }
 
 
 def describe(scene: RigScene, hints: dict) -> dict:
@@ -140,14 +192,15 @@ def _box(picture: Picture, label: int) -> list[int]:
     return [int(u.min()), int(v.min()), int(u.max()), int(v.max())]
 
 
-def _write_prior(path: Path, trajectory: Trajectory, T_world_prior: Float[Array, "4 4"]) -> None:
+def _write_prior(path: Path, trajectory: Trajectory, T_world_prior: Float[Array, "4 4"], look: Look) -> None:
     """The stress-free surface with vertex colours, in a frame of its own; once subdivided for the colours' sake."""
     import trimesh
 
     surface = trimesh.Trimesh(trajectory.mesh.vertices, trajectory.mesh.faces, process=False)
     surface.remove_unreferenced_vertices()
     surface = surface.subdivide()
-    colours = np.clip(texture.plush(np.asarray(surface.vertices)) * _PRIOR_SHADE, 0, 1) ** texture.GAMMA
+    colours = texture.paint(look.body, np.asarray(surface.vertices), look.seed)
+    colours = np.clip(colours * _PRIOR_SHADE, 0, 1) ** texture.GAMMA
     surface.apply_transform(np.linalg.inv(T_world_prior))
     surface.visual = trimesh.visual.ColorVisuals(surface, vertex_colors=np.round(colours * 255).astype(np.uint8))
     surface.export(path)

@@ -8,14 +8,12 @@ import numpy as np
 from data.rig import texture
 from data.rig.mesh import mesh_shape
 from data.rig.raycast import Raycaster, pixel_rays
-from data.rig.rig_scene import RigScene
+from data.rig.rig_scene import Look, RigScene
 from data.rig.trajectory import Trajectory
 from physreal_core.array_types import Array, Float, Int, UInt8
 
-BACKGROUND, OBJECT, HAND, TABLE = -1, 0, 1, 2
-_LAMP = np.array([-0.35, -0.45, 0.82]) / np.linalg.norm([-0.35, -0.45, 0.82])
-_AMBIENT, _DIFFUSE = 0.42, 0.72
-_HAND_SPACING, _TABLE_HALF, _HORIZON = 0.009, 1.5, 0.30
+BACKGROUND, OBJECT, HAND, TABLE, FURTHER_HAND = -1, 0, 1, 2, 3
+_TABLE_HALF, _HORIZON = 1.5, 0.30
 
 
 @dataclass(frozen=True)
@@ -30,7 +28,8 @@ class Picture:
 
 
 class Stage:
-    """Everything in front of the camera: the object's surface, the hand's (`hand`, at frame 0), the table.
+    """Everything in front of the camera: the object's surface, the hand's (`hand`, at frame 0), the table, and further
+    hands (`others`, at frame 0).
 
     Args:
         scene: what is filmed.
@@ -39,16 +38,20 @@ class Stage:
     """
 
     def __init__(self, scene: RigScene, trajectory: Trajectory, placed: Callable[[Array], Array] = np.asarray) -> None:
-        self._scene, self.view = scene, scene.view
-        hand = mesh_shape(scene.hand, _HAND_SPACING)
+        self._look, self.view = scene.look, scene.view
+        self._lamp = np.array(scene.look.lamp) / np.linalg.norm(scene.look.lamp)
+        hand = mesh_shape(scene.hand, scene.hand_spacing)
         hand.vertices[:] = placed(hand.vertices)
         corners = _TABLE_HALF * np.array([[-1, -1, 0], [1, -1, 0], [1, 1, 0], [-1, 1, 0.0]])
         self.hand = hand
-        self._rest = [trajectory.mesh.vertices, hand.vertices, placed(corners)]
-        faces = [trajectory.mesh.faces, hand.faces, np.array([[0, 1, 2], [0, 2, 3]])]
+        self.others = [mesh_shape(other.shape, scene.hand_spacing) for other in scene.others]
+        self._rest = [trajectory.mesh.vertices, hand.vertices, placed(corners), *(m.vertices for m in self.others)]
+        faces = [trajectory.mesh.faces, hand.faces, np.array([[0, 1, 2], [0, 2, 3]]), *(m.faces for m in self.others)]
         offsets = np.cumsum([0] + [len(points) for points in self._rest[:-1]])
         self._faces = np.concatenate([part + offset for part, offset in zip(faces, offsets, strict=True)])
-        self._label = np.repeat([OBJECT, HAND, TABLE], [len(part) for part in faces])
+        self._label = np.repeat(
+            [OBJECT, HAND, TABLE] + [FURTHER_HAND] * len(self.others), [len(part) for part in faces]
+        )
         self._paint = np.concatenate(self._rest)
 
     def picture(
@@ -57,16 +60,18 @@ class Stage:
         hand: Float[Array, "3"],
         supersampling: int = 2,
         pose: Float[Array, "4 4"] | None = None,
+        others: Float[Array, "A 3"] | None = None,
     ) -> Picture:
-        """The view of the object at `vertices` [m] with the hand displaced by `hand` [m].
+        """The view of the object at `vertices` [m] with the hand displaced by `hand` [m], further ones by `others` [m].
 
         Colour is averaged over `supersampling`^2 rays a pixel; depth and label are those of the pixel's centre. The camera
         stands at `pose` (T_world_camera), by default where the scene's view says.
         """
-        points = np.concatenate([vertices, self._rest[1] + hand, self._rest[2]])
+        moved = [] if others is None else [rest + by for rest, by in zip(self._rest[3:], others, strict=True)]
+        points = np.concatenate([vertices, self._rest[1] + hand, self._rest[2], *moved])
         caster = Raycaster(points, self._faces)
         normals = _vertex_normals(points, self._faces)
-        view = self._scene.view
+        view = self.view
         pose = view.pose() if pose is None else pose
         offsets = (np.arange(supersampling) + 0.5) / supersampling - 0.5
         colours = [self._shade(caster, points, normals, pose, (u, v))[0] for u in offsets for v in offsets]
@@ -78,7 +83,7 @@ class Stage:
     def _shade(
         self, caster: Raycaster, points: Array, normals: Array, pose: Array, shift: tuple[float, float]
     ) -> tuple:
-        view = self._scene.view
+        view = self.view
         eye, directions, scale = pixel_rays(view.intrinsics(), pose, view.width, view.height, shift)
         hits = caster.cast(np.broadcast_to(eye, directions.shape), directions)
         hit = hits.triangle >= 0
@@ -90,10 +95,10 @@ class Stage:
         normal = (normals[corners] * weights).sum(axis=1)
         normal /= np.linalg.norm(normal, axis=1, keepdims=True)
         towards = -(normal * directions[hit]).sum(axis=1)
-        lamp = np.clip(normal @ _LAMP, 0, 1)
-        lamp[caster.blocked(position + 1.5e-3 * normal, _LAMP)] *= 0.3
+        lamp = np.clip(normal @ self._lamp, 0, 1)
+        lamp[caster.blocked(position + 1.5e-3 * normal, self._lamp)] *= self._look.shade
         painted = (self._paint[corners] * weights).sum(axis=1)
-        rgb[hit] = _paint(painted, label[hit]) * (_AMBIENT + _DIFFUSE * lamp)[:, None]
+        rgb[hit] = _paint(painted, label[hit], self._look) * (self._look.ambient + self._look.diffuse * lamp)[:, None]
         slope = np.zeros(len(directions))
         slope[hit] = np.degrees(np.arccos(np.clip(towards, 0, 1)))
         depth = np.where(hit, np.where(hit, hits.distance, 0) / scale, 0)
@@ -105,10 +110,11 @@ def quantise(rgb: Float[Array, "H W 3"]) -> UInt8[Array, "H W 3"]:
     return np.clip(np.round(rgb * 255), 0, 255).astype(np.uint8)
 
 
-def _paint(points: Array, label: Array) -> Array:
+def _paint(points: Array, label: Array, look: Look) -> Array:
     colour = np.empty_like(points)
-    for value, paint in ((OBJECT, texture.plush), (HAND, texture.mitten), (TABLE, texture.table)):
-        colour[label == value] = paint(points[label == value])
+    names = {OBJECT: look.body, HAND: look.hand, TABLE: look.table, FURTHER_HAND: look.hand}
+    for value, name in names.items():
+        colour[label == value] = texture.paint(name, points[label == value], look.seed)
     return colour
 
 

@@ -1,10 +1,12 @@
 """What the rig films: a soft object, how a hand moves it, its physics, the camera. Plain data, seeded, no simulator."""
 
 from dataclasses import dataclass, field
+from itertools import pairwise
 
 import numpy as np
 
 from data.rig.shapes import Block, Capsule, RoundedShape
+from data.rig.thin import Cloth
 from physreal_core.array_types import Array, Float
 
 
@@ -77,15 +79,57 @@ class Noise:
 
 
 @dataclass(frozen=True)
+class Look:
+    """How things are painted, lit and exposed.
+
+    Attributes:
+        body, hand, table: names in `texture.PAINTS`.
+        seed: of the patterns.
+        lamp: direction towards the lamp, of any length.
+        ambient, diffuse: light from all sides, and the lamp's where it shines straight down on a surface.
+        shade: share of the lamp's light that reaches a place in shadow.
+        shutter: share of the time between two frames in which light is gathered; 0 shows an instant.
+    """
+
+    body: str = "plush"
+    hand: str = "mitten"
+    table: str = "wood"
+    seed: int = 0
+    lamp: tuple[float, float, float] = (-0.35, -0.45, 0.82)
+    ambient: float = 0.42
+    diffuse: float = 0.72
+    shade: float = 0.3
+    shutter: float = 0.0
+
+
+@dataclass(frozen=True)
+class FurtherHand:
+    """A hand beside the first: its shape at time 0, its path, and how near [m] the nodes are that it holds.
+
+    With `grip_reach` None it holds nothing and passes through whatever is in its way.
+    """
+
+    shape: RoundedShape
+    motion: Motion
+    grip_reach: float | None = None
+
+    @property
+    def reach(self) -> float:
+        """Distance from its surface below which nodes are held [m]; no distance is below that of an idle hand."""
+        return -np.inf if self.grip_reach is None else self.grip_reach
+
+
+@dataclass(frozen=True)
 class RigScene:
     """One capture: `body` and `hand` at time 0 in the world frame, what the hand does, and how it is filmed.
 
-    The hand holds the nodes in `grasp`, or where that is None those within `grip_reach` [m] of its surface.
+    The hand holds the nodes in `grasp`, or where that is None those within `grip_reach` [m] of its surface. Hands are
+    meshed with `hand_spacing` [m].
     """
 
     name: str
     description: str
-    body: RoundedShape | Block
+    body: RoundedShape | Block | Cloth
     hand: RoundedShape
     motion: Motion
     material: Material = Material()
@@ -99,6 +143,9 @@ class RigScene:
     grip_reach: float = 0.004
     grasp: Block | None = None
     hints: dict[str, dict] = field(default_factory=dict)
+    look: Look = Look()
+    others: tuple[FurtherHand, ...] = ()
+    hand_spacing: float = 0.009
 
 
 def plush_body() -> RoundedShape:
@@ -133,6 +180,49 @@ def mitten(grasp: tuple[float, float, float], towards: tuple[float, float, float
         ),
         blend=0.012,
     )
+
+
+def bare_hand(
+    grasp: tuple[float, float, float],
+    towards: tuple[float, float, float],
+    *,
+    facing: tuple[float, float, float] = (0.0, -0.66, 0.4),
+    left: bool = False,
+) -> RoundedShape:
+    """A hand with four fingers and a thumb, life-size, which finders of hands know.
+
+    Args:
+        grasp: where the fingertips are [m].
+        towards: direction in which the forearm leaves.
+        facing: direction in which the back of the hand looks, as nearly as the forearm lets it.
+        left: a left hand; the thumb is then on the other side.
+    """
+    fingers = -np.asarray(towards, float) / np.linalg.norm(towards)
+    back = np.asarray(facing, float) - np.dot(facing, fingers) * fingers
+    back /= np.linalg.norm(back)
+    side = np.cross(fingers, back) * (-1 if left else 1)
+
+    def at(along: float, across: float, above: float) -> tuple[float, ...]:
+        return tuple(map(float, np.asarray(grasp) + along * fingers + across * side + above * back))
+
+    shapes = []
+    for across, knuckle, radius in _FINGERS:
+        joints = [
+            at(-0.145, 0.55 * across, 0.004),
+            at(knuckle, across, 0.008),
+            at(knuckle + 0.040, 1.05 * across, 0.011),
+        ]
+        joints += [at(knuckle + 0.062, 0.95 * across, 0.005), at(knuckle + 0.072, 0.8 * across, -0.004)]
+        radii = 0.0125, radius, 0.9 * radius, 0.82 * radius
+        shapes += [Capsule(*ends, r) for ends, r in zip(pairwise(joints), radii, strict=True)]
+    thumb = [at(-0.13, -0.018, 0.0), at(-0.095, -0.045, -0.012), at(-0.05, -0.052, -0.016), at(-0.015, -0.036, -0.012)]
+    shapes += [Capsule(*ends, r) for ends, r in zip(pairwise(thumb), (0.015, 0.0125, 0.0105), strict=True)]
+    shapes += [Capsule(at(-0.14, across, 0.0), at(-0.6, across, 0.0), 0.023) for across in (-0.011, 0.011)]
+    return RoundedShape(tuple(shapes), blend=0.005)
+
+
+_FINGERS = ((-0.038, -0.062, 0.010), (-0.014, -0.056, 0.0105), (0.0115, -0.058, 0.010), (0.0345, -0.066, 0.0085))
+"""Of each finger: its place across the hand, that of its knuckle along the hand from the fingertips, its radius [m]."""
 
 
 def plush_lift() -> RigScene:

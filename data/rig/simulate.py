@@ -9,6 +9,7 @@ import numpy as np
 
 from data.rig.hidden.effect import NOTHING, Hidden
 from data.rig.rig_scene import RigScene
+from data.rig.thin import Sheet
 from data.rig.trajectory import Trajectory
 from data.rig.world import World
 from physreal_core.array_types import Array, Float
@@ -57,6 +58,7 @@ def simulate(
     times = np.arange((scene.frames - 1) * world.steps + 1) * world.timestep
     hand = scene.motion.displacement(times)
     held = hidden.held(hand, times, scene.motion)
+    others = np.stack([o.motion.displacement(times) for o in scene.others], 1) if scene.others else None
     kept = checkpoints() if hidden is NOTHING else Checkpoints()  # hidden effects may have a state of their own
     frames = _resumed(world, kept, held)
     if not frames:
@@ -64,6 +66,8 @@ def simulate(
         frames = [_recorded(world, punctual)]
     for number in range((len(frames) - 1) * world.steps + 1, len(times)):
         world.hold_at(held[number], ahead=punctual)
+        if others is not None:
+            world.hold_others_at(others[number])
         step(times[number])
         if number % world.steps == 0:
             frames.append(_recorded(world, punctual))
@@ -74,7 +78,11 @@ def simulate(
         raise RuntimeError(
             f"the truth of {scene.name} turned non-finite; a smaller timestep than {timestep} s may help"
         )
-    return Trajectory(world.mesh, vertices, hand[:: world.steps], world.gripped)
+    mesh = world.mesh
+    if isinstance(mesh, Sheet):
+        mesh, vertices = mesh.skin(), mesh.thickened(vertices)
+    further = {} if others is None else {"others": others[:: world.steps]}
+    return Trajectory(mesh, vertices, hand[:: world.steps], world.gripped, **further)
 
 
 def _state(world: World) -> Float[Array, " S"]:

@@ -1,11 +1,14 @@
 """Procedural surface colours, fixed to the material (rest coordinates), so that they move with it. Linear RGB in 0-1."""
 
+from collections.abc import Callable
+
 import numpy as np
 
 from physreal_core.array_types import Array, Float
 
 TEAL, CREAM, MITTEN = np.array([0.10, 0.42, 0.46]), np.array([0.86, 0.76, 0.58]), np.array([0.78, 0.30, 0.20])
 TABLE = np.array([0.42, 0.36, 0.30])
+WHITE, SKIN = np.array([0.74, 0.72, 0.70]), np.array([0.72, 0.43, 0.31])
 GAMMA = 1 / 1.8  # linear colour to picture
 
 
@@ -39,3 +42,56 @@ def table(points: Float[Array, "R 3"], seed: int = 20) -> Float[Array, "R 3"]:
     """Wood: fine grain along x and soft blotches."""
     grain = Waves(seed, 0.03)(points * [0.15, 1.0, 1.0])
     return np.clip(TABLE * (1 + 0.07 * grain + 0.05 * Waves(seed + 1, 0.09)(points))[:, None], 0, 1)
+
+
+def plain(points: Float[Array, "R 3"], seed: int = 0) -> Float[Array, "R 3"]:
+    """A table of one colour, which shows no motion."""
+    return np.broadcast_to(WHITE, points.shape).copy()
+
+
+def print_(points: Float[Array, "R 3"], seed: int = 30) -> Float[Array, "R 3"]:
+    """Printed cotton: blots of three colours about 4 cm wide over a fine weave."""
+    blot, other = Waves(seed, 0.045)(points), Waves(seed + 1, 0.06)(points)
+    base = np.where((blot > 0.5)[:, None], [0.62, 0.16, 0.18], [0.80, 0.76, 0.66])
+    base = np.where((other > 0.9)[:, None], [0.16, 0.24, 0.48], base)
+    return np.clip(base * (1 + 0.10 * Waves(seed + 2, 0.010)(points))[:, None], 0, 1)
+
+
+def towel(points: Float[Array, "R 3"], seed: int = 40) -> Float[Array, "R 3"]:
+    """Green terry with stripes 3 cm apart: along a stripe there is little to hold on to."""
+    stripe = 0.5 + 0.5 * np.tanh(4 * np.sin(points[:, :1] * (2 * np.pi / 0.03)))
+    base = np.array([0.20, 0.42, 0.24]) * (1 - stripe) + np.array([0.62, 0.72, 0.52]) * stripe
+    return np.clip(base * (1 + 0.12 * Waves(seed, 0.012)(points))[:, None], 0, 1)
+
+
+def rope(points: Float[Array, "R 3"], seed: int = 50) -> Float[Array, "R 3"]:
+    """Hemp with coloured yarns: flecks about 9 mm apart."""
+    fleck = np.clip(0.5 + 1.5 * Waves(seed, 0.012)(points), 0, 1)[:, None]
+    base = np.array([0.16, 0.12, 0.30]) * (1 - fleck) + np.array([0.80, 0.64, 0.34]) * fleck
+    return np.clip(base * (1 + 0.10 * Waves(seed + 1, 0.007)(points))[:, None], 0, 1)
+
+
+def skin(points: Float[Array, "R 3"], seed: int = 60) -> Float[Array, "R 3"]:
+    """A bare hand: soft blotches."""
+    return np.clip(SKIN * (1 + 0.04 * Waves(seed, 0.02)(points))[:, None], 0, 1)
+
+
+Paint = Callable[[Float[Array, "R 3"], int], Float[Array, "R 3"]]
+
+PAINTS: dict[str, tuple[Paint, int]] = {
+    "plush": (plush, 0),
+    "mitten": (mitten, 10),
+    "wood": (table, 20),
+    "plain": (plain, 0),
+    "print": (print_, 30),
+    "towel": (towel, 40),
+    "rope": (rope, 50),
+    "skin": (skin, 60),
+}
+"""Patterns by name, each with its own first seed."""
+
+
+def paint(name: str, points: Float[Array, "R 3"], seed: int = 0) -> Float[Array, "R 3"]:
+    """Colours of material points [m] in a pattern; another `seed` gives another piece of the same stuff."""
+    pattern, first = PAINTS[name]
+    return pattern(points, first + 1000 * seed)

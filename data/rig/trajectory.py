@@ -1,6 +1,8 @@
 """What a simulated truth is recorded as."""
 
-from dataclasses import dataclass
+from dataclasses import dataclass, field
+
+import numpy as np
 
 from data.rig.mesh import TetMesh
 from physreal_core.array_types import Array, Float, Int
@@ -15,9 +17,29 @@ class Trajectory:
         vertices: [T, V, 3] m, node positions at frame times.
         hand: [T, 3] m, displacement of the hand since frame 0.
         gripped: indices of the nodes that the hand holds.
+        others: [T, A, 3] m, displacement of every further hand since frame 0.
     """
 
     mesh: TetMesh
     vertices: Float[Array, "T V 3"]
     hand: Float[Array, "T 3"]
     gripped: Int[Array, " B"]
+    others: Float[Array, "T A 3"] = field(default_factory=lambda: np.zeros((0, 0, 3)))
+
+    def others_at(self, frame: int) -> Float[Array, "A 3"]:
+        """Displacement of the further hands at a frame [m]; none where there are none."""
+        return self.others[frame] if len(self.others) else np.zeros((0, 3))
+
+    def between(self, frame: float) -> tuple[Float[Array, "V 3"], Float[Array, "3"], Float[Array, "A 3"]]:
+        """Nodes, hand and further hands at a moment between two frames, on a straight line [m]."""
+        frame = min(max(frame, 0.0), len(self.hand) - 1.0)
+        before = min(int(frame), len(self.hand) - 2)
+        share = frame - before
+        return tuple(
+            (1 - share) * one + share * other
+            for one, other in (
+                (self.vertices[before], self.vertices[before + 1]),
+                (self.hand[before], self.hand[before + 1]),
+                (self.others_at(before), self.others_at(before + 1)),
+            )
+        )

@@ -55,11 +55,9 @@ class Truth(CaptureTruth):
     def masks(
         self, K: Float[Array, "3 3"], T_world_camera: Float[Array, "4 4"], width: int, height: int, frame: int
     ) -> tuple[Bool[Array, "H W"], Bool[Array, "H W"]]:
-        """True masks of the object and of the hand as the camera sees them, each hiding the other."""
-        points = np.concatenate([self.vertices[frame], self.hand_vertices + self.hand[frame]])
-        faces = np.concatenate([self.faces, self.hand_faces + len(self.vertices[frame])])
+        """True masks of the object and of all hands as the camera sees them, each hiding the other."""
         eye, directions, _ = pixel_rays(K, T_world_camera, width, height)
-        hits = Raycaster(points, faces).cast(np.broadcast_to(eye, directions.shape), directions)
+        hits = self._everything(frame).cast(np.broadcast_to(eye, directions.shape), directions)
         triangle = hits.triangle.reshape(height, width)
         return (triangle >= 0) & (triangle < len(self.faces)), triangle >= len(self.faces)
 
@@ -69,11 +67,18 @@ class Truth(CaptureTruth):
         """Whether material points are seen from the camera at `frame`: nothing is more than `tolerance` [m] before
         them."""
         eye, here = T_world_camera[:3, 3], self.follow(points)[frame]
-        everything = np.concatenate([self.vertices[frame], self.hand_vertices + self.hand[frame]])
-        faces = np.concatenate([self.faces, self.hand_faces + len(self.vertices[frame])])
         reach = np.linalg.norm(here - eye, axis=1)
-        hits = Raycaster(everything, faces).cast(np.broadcast_to(eye, here.shape), (here - eye) / reach[:, None])
+        hits = self._everything(frame).cast(np.broadcast_to(eye, here.shape), (here - eye) / reach[:, None])
         return hits.distance > reach - tolerance
+
+    def _everything(self, frame: int) -> Raycaster:
+        """The object's surface, its triangles first, and all hands'."""
+        surfaces = [(self.vertices[frame], self.faces), (self.hand_vertices + self.hand[frame], self.hand_faces)]
+        if self.further_hands is not None:
+            surfaces.append((self.further_hands[frame], self.further_hand_faces))
+        offsets = np.cumsum([0] + [len(points) for points, _ in surfaces[:-1]])
+        faces = [faces + offset for (_, faces), offset in zip(surfaces, offsets, strict=True)]
+        return Raycaster(np.concatenate([points for points, _ in surfaces]), np.concatenate(faces))
 
 
 def load_truth(capture: Path) -> Truth:

@@ -8,8 +8,9 @@ from collections.abc import Callable
 
 import numpy as np
 
-from data.rig.mesh import mesh_shape
+from data.rig.mesh import TetMesh, mesh_shape
 from data.rig.rig_scene import RigScene
+from data.rig.thin import Cloth, Sheet, mesh_cloth
 from physreal_core.array_types import Array, Float, Int
 
 NODE_RADIUS = 0.0005  # [m] collision radius of a flex node
@@ -27,9 +28,10 @@ class World:
         place: where the body lies, from where it would lie on a level table at z = 0.
 
     Attributes:
-        mesh: the body, stress-free.
+        mesh: the body, stress-free; of a cloth, its middle surface.
         model, data: MuJoCo's.
         gripped: nodes that the hand holds, [B].
+        held_by_others: for every further hand, the nodes that it holds.
         bodies, dofs: of the nodes in MuJoCo's arrays, [V] and [V, 3].
         steps: number in a frame.
     """
@@ -46,9 +48,13 @@ class World:
         import mujoco
 
         self.scene = scene
-        self.mesh = mesh_shape(scene.body, scene.mesh_spacing)
-        self.mesh.vertices[:, 2] += max(0.0, NODE_RADIUS - self.mesh.vertices[:, 2].min())  # on the table, not in it
+        self.mesh = _mesh(scene)
+        self._radius = _radius(scene)
+        self.mesh.vertices[:, 2] += max(0.0, self._radius - self.mesh.vertices[:, 2].min())  # on the table, not in it
         self.gripped = _held(scene, self.mesh.vertices)
+        self.held_by_others = [
+            np.flatnonzero(other.shape.distance(self.mesh.vertices) < other.reach) for other in scene.others
+        ]
         self.mesh.vertices[:] = place(self.mesh.vertices)
         self.steps = int(np.ceil(1 / (scene.fps * timestep)))
         self.timestep = 1 / (scene.fps * self.steps)
@@ -90,32 +96,50 @@ class World:
         self._hand = np.array(displacement)
         self.data.mocap_pos[0] = displacement + ahead * damping / stiffness * velocity
 
+    def hold_others_at(self, displacements: Float[Array, "A 3"]) -> None:
+        """Puts what the further hands hold at their displacements [m] from where it was at time 0."""
+        self.data.mocap_pos[1:] = displacements
+
     def _describe(self, integrator: str, further: str, flex: str) -> str:
-        """The MuJoCo model as XML; the hand is a mocap body at the origin that carries its displacement."""
-        scene, mesh, material = self.scene, self.mesh, self.scene.material
-        stiff = firm(self.timestep)
-        points, elements = _numbers(mesh.vertices), " ".join(map(str, mesh.tets.ravel()))
-        friction = f'friction="{material.friction_coefficient} .001 .0001"'
+        """The MuJoCo model as XML; a hand is a mocap body at the origin that carries its displacement."""
+        scene, stiff = self.scene, firm(self.timestep)
+        friction = f'friction="{scene.material.friction_coefficient} .001 .0001"'
+        holds = [("hand", self.gripped), *((f"hand_{n}", nodes) for n, nodes in enumerate(self.held_by_others, 1))]
         held = "".join(
-            f'<connect body1="hand" body2="s_{i}" anchor="{_numbers(mesh.vertices[i])}" {stiff}/>' for i in self.gripped
+            f'<connect body1="{hand}" body2="s_{i}" anchor="{_numbers(self.mesh.vertices[i])}" {stiff}/>'
+            for hand, nodes in holds
+            for i in nodes
         )
+        hands = "".join(f'<body name="{hand}" mocap="true"/>' for hand, _ in holds)
         return f"""<mujoco>
       <option timestep="{self.timestep}" gravity="{_numbers(scene.gravity)}" solver="Newton" tolerance="1e-8"
               integrator="{integrator}" cone="elliptic"/>
       <size memory="1G"/>
       <worldbody>
         <geom name="table" type="plane" size="2 2 .1" {friction}/>
-        <body name="hand" mocap="true"/>
-        <flexcomp name="s" type="direct" dim="3" point="{points}" element="{elements}" radius="{NODE_RADIUS}"
-                  mass="{mesh.lumped_mass(material.density).sum()}">
-          <elasticity young="{material.youngs_modulus}" poisson="{material.poissons_ratio}"
-                      damping="{material.damping}" {flex}/>
+        {hands}
+        <flexcomp name="s" type="direct" {self._elements()} point="{_numbers(self.mesh.vertices)}" radius="{self._radius}"
+                  mass="{self.mesh.lumped_mass(scene.material.density).sum()}">
+          <elasticity {self._elasticity()} {flex}/>
           <contact selfcollide="none" condim="3" {friction} {stiff}/>
         </flexcomp>
         {further}
       </worldbody>
       <equality>{held}</equality>
     </mujoco>"""
+
+    def _elements(self) -> str:
+        """Attributes of the flex that say what it is made of."""
+        flat = isinstance(self.mesh, Sheet)
+        corners = self.mesh.triangles if flat else self.mesh.tets
+        return f'dim="{2 if flat else 3}" element="{" ".join(map(str, corners.ravel()))}"'
+
+    def _elasticity(self) -> str:
+        """Attributes of the flex's elasticity: of the cloth's own material, or of the scene's."""
+        flat = isinstance(self.scene.body, Cloth)
+        stuff = self.scene.body if flat else self.scene.material
+        solid = f'young="{stuff.youngs_modulus}" poisson="{stuff.poissons_ratio}" damping="{stuff.damping}"'
+        return solid + (f' thickness="{stuff.thickness}" elastic2d="both"' if flat else "")
 
 
 def firmness(timestep: float) -> tuple[float, float]:
@@ -131,6 +155,15 @@ def firm(timestep: float) -> str:
     """Attributes of contact and grip: `firmness` as MuJoCo reads a negative `solref`."""
     stiffness, damping = firmness(timestep)
     return f'solref="-{stiffness:.9g} -{damping:.9g}" solimp=".9 .95 .001"'
+
+
+def _mesh(scene: RigScene) -> TetMesh | Sheet:
+    return mesh_cloth(scene.body) if isinstance(scene.body, Cloth) else mesh_shape(scene.body, scene.mesh_spacing)
+
+
+def _radius(scene: RigScene) -> float:
+    """Collision radius of the nodes [m]; a cloth's skin lies on the table, not in it."""
+    return max(NODE_RADIUS, scene.body.thickness / 2) if isinstance(scene.body, Cloth) else NODE_RADIUS
 
 
 def _held(scene: RigScene, vertices: Float[Array, "V 3"]) -> Int[Array, " B"]:

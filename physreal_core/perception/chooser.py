@@ -8,8 +8,8 @@ import numpy as np
 from physreal_core.array_types import Array, Bool, Float, UInt8
 from physreal_core.errors import InputError
 from physreal_core.perception.colour import colour_mask, largest_part
-from physreal_core.perception.mask_geometry import intersection_over_union, signed_distance, spread_points
-from physreal_core.perception.segmenter import Candidates, Prompt
+from physreal_core.perception.mask_geometry import intersection_over_union, spread_points
+from physreal_core.perception.segmenter import Prompt
 
 
 @runtime_checkable
@@ -32,7 +32,7 @@ def hint_prompts(image: UInt8[Array, "H W 3"], hint: Mapping[str, Any], where: s
         raise InputError(f"the hint is {dict(hint)}", where=where, expected=expected)
     kind, value = next(iter(hint.items()))
     if kind == "colour":
-        blob = largest_part(_opened(colour_mask(image, value)))
+        blob = largest_part(opened(colour_mask(image, value)))
         if not blob.any():
             raise InputError(f"no pixel of frame 0 is {value}", where=where, remedy="give a point or a box instead")
         points = spread_points(blob, 5)
@@ -70,66 +70,11 @@ def fit_to_hint(
     return np.array([intersection_over_union(m, blob) for m in masks])
 
 
-def fit_to_motion(
-    masks: Bool[Array, "N H W"], hand: Bool[Array, "H W"], motion: Float[Array, "H W"]
-) -> Float[Array, " N"]:
-    """How much each mask is the whole of what moves besides the hand, and nothing that stands still (0 to 1).
-
-    A point on a leg is on the leg and on the animal; what moves says which is meant. Square of the share of the mask
-    that moves, times the share of what moves that it holds (softened: shadows move as well).
-
-    Args:
-        motion: how far each pixel of frame 0 gets in the video [px].
-    """
-    moving = moving_part(hand, motion)
-    if moving.sum() < 30:
-        return np.ones(len(masks))
-    own = masks & ~hand
-    held = (own & moving).sum((1, 2))
-    return (held / np.maximum(own.sum((1, 2)), 1)) ** 2 * (0.2 + 0.8 * held / moving.sum())
-
-
-def moving_part(hand: Bool[Array, "H W"], motion: Float[Array, "H W"]) -> Bool[Array, "H W"]:
-    """Pixels off the hand that move: by more than a fifth of what the hand does, and 1.5 px."""
-    whole = np.quantile(motion[hand], 0.9) if hand.any() else motion.max()
-    return _opened((motion > max(1.5, 0.2 * whole)) & ~hand)
-
-
-def fit_to_touch(
-    candidates: Candidates,
-    hand: Bool[Array, "H W"],
-    motion: Float[Array, "H W"] | None = None,
-    *,
-    max_gap: float = 0.03,
-) -> Float[Array, " N"]:
-    """How much each candidate looks like what the hand moves; 0 for what cannot be.
-
-    A target touches the hand (gap below `max_gap` of the image's diagonal), is not the hand, is not most of the image
-    and does not run along its border (a table, a wall). Among these, motion and the network's score decide.
-
-    Args:
-        motion: how far each pixel of frame 0 moves in the video [px]; None leaves it out.
-    """
-    height, width = hand.shape
-    gap = -signed_distance(hand) / np.hypot(height, width)
-    border = np.zeros_like(hand)
-    border[[0, -1]], border[:, [0, -1]] = True, True
-    out = np.zeros(len(candidates))
-    for i, mask in enumerate(candidates.masks):
-        own = mask & ~hand
-        area = own.sum()
-        if area < 30 or area < 0.5 * mask.sum() or area > 0.4 * mask.size or gap[own].min() > max_gap:
-            continue
-        along_border = (own & border).sum() / np.sqrt(area)
-        out[i] = candidates.scores[i] * np.exp(-along_border)
-    return out if motion is None or not len(out) else out * fit_to_motion(candidates.masks, hand, motion)
-
-
 def _on(points: Array, box: tuple[float, ...] | None = None) -> Prompt:
     return Prompt(points, np.ones(len(points), np.int64), box)
 
 
-def _opened(mask: Array) -> Array:
+def opened(mask: Array) -> Array:
     """Specks taken out, unless nothing else is there."""
     import cv2
 

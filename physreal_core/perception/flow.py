@@ -95,6 +95,8 @@ def sample(image: Array, points: Float[Array, "... 2"]) -> Array:
     import cv2
 
     flat = np.asarray(points, np.float32).reshape(-1, 1, 2)
+    if not len(flat):
+        return np.zeros((*points.shape[:-1], *image.shape[2:]), image.dtype)
     rows = []
     for part in np.array_split(flat, len(flat) // 30000 + 1):  # OpenCV's remap stops at 32767 rows
         rows.append(cv2.remap(image, part[..., 0], part[..., 1], cv2.INTER_LINEAR, borderMode=cv2.BORDER_REPLICATE))

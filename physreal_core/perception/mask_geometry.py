@@ -89,3 +89,24 @@ def large_parts(mask: Bool[Array, "H W"], least: int, least_share: float) -> lis
     _, labels, stats, _ = cv2.connectedComponentsWithStats(mask.astype(np.uint8), connectivity=8)
     areas = stats[1:, cv2.CC_STAT_AREA]
     return [labels == 1 + i for i in range(len(areas)) if areas[i] >= max(least, least_share * areas.max())]
+
+
+def thick_parts(mask: Bool[Array, "H W"], least: float, depth: float) -> list[Bool[Array, "H W"]]:
+    """The connected parts of a mask (by edges) with at least `least` pixels, without strips no deeper than `depth` [px]."""
+    import cv2
+
+    if mask.sum() < max(least, 1):
+        return []
+    u0, v0, u1, v1 = (int(x) for x in box_of(mask))
+    crop = np.pad(mask[v0 : v1 + 1, u0 : u1 + 1], 1)  # outside of the image counts as outside of the mask
+    core = _distance_to_zero(crop) > depth
+    if not core.any():
+        return []
+    thick = crop & (_distance_to_zero(~core) <= depth + 1)
+    _, labels, stats, _ = cv2.connectedComponentsWithStats(thick.astype(np.uint8), connectivity=4)
+    out = []
+    for i, area in enumerate(stats[1:, cv2.CC_STAT_AREA], start=1):
+        if area >= max(least, 1):
+            out.append(np.zeros_like(mask))
+            out[-1][v0 : v1 + 1, u0 : u1 + 1] = (labels == i)[1:-1, 1:-1]
+    return out

@@ -6,9 +6,11 @@ from pathlib import Path
 import numpy as np
 
 from physreal_core.array_types import Array, Bool, Float, UInt8
+from physreal_core.perception.choices import Choice
 from physreal_core.perception.tracker import Tracks
 
 _OBJECT, _CONTROLLER = np.array([60, 200, 90]), np.array([230, 80, 60])
+_RIVALS = [(70, 130, 240), (220, 170, 40), (180, 90, 220), (120, 120, 120)]
 _TAIL = 8
 
 
@@ -29,6 +31,29 @@ def draw_overlay(
         _draw(t, frames[t], object_masks[t], controller_masks[t], tracks, controllers, shown, colours, scale)
         for t in range(len(frames))
     ]
+
+
+def draw_choice(
+    frame: UInt8[Array, "H W 3"], choice: Choice, hand: Bool[Array, "H W"], *, scale: int = 2
+) -> UInt8[Array, "h w 3"]:
+    """Frame 0 with the chosen object, the hand, and the outlines of what else could have been meant, with its share."""
+    import cv2
+
+    tinted = frame.astype(np.float32)
+    for mask, colour in ((choice.mask, _OBJECT), (hand, _CONTROLLER)):
+        tinted[mask] = 0.65 * tinted[mask] + 0.35 * colour
+    picture = cv2.resize(tinted.astype(np.uint8), None, fx=scale, fy=scale, interpolation=cv2.INTER_NEAREST)
+    rivals = (
+        [] if choice.rivals is None else list(zip(choice.rivals, choice.shares, _RIVALS[:1] + _RIVALS, strict=False))
+    )
+    labels = [(choice.mask, f"chosen {choice.sure:.2f}", tuple(_OBJECT.tolist()))]
+    labels += [(mask, f"{i + 2}. {share:.2f}", colour) for i, (mask, share, colour) in enumerate(rivals[1:])]
+    for row, (mask, text, colour) in reversed(list(enumerate(labels))):
+        large = cv2.resize(mask.astype(np.uint8), None, fx=scale, fy=scale, interpolation=cv2.INTER_NEAREST)
+        edges = cv2.findContours(large, cv2.RETR_EXTERNAL, cv2.CHAIN_APPROX_NONE)[0]
+        cv2.drawContours(picture, edges, -1, colour, 2 if row == 0 else 1)
+        cv2.putText(picture, text, (8, 22 * (row + 1)), cv2.FONT_HERSHEY_SIMPLEX, 0.6, colour, 2, cv2.LINE_AA)
+    return picture
 
 
 def write_video(path: str | Path, pictures: Sequence[UInt8[Array, "h w 3"]], fps: float) -> None:

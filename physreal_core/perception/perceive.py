@@ -10,20 +10,26 @@ from physreal_core.array_types import Array, Bool, Float, UInt8
 from physreal_core.checkpoints import record_array, record_of, remembered
 from physreal_core.errors import InputError
 from physreal_core.perception.association import Thing, follow_masks
+from physreal_core.perception.choices import Choice
 from physreal_core.perception.chooser import TargetChooser
 from physreal_core.perception.controllers import ControllerMotion, move_controllers, pick_controllers, with_depth
-from physreal_core.perception.flow import pixel_grid, round_trip_error, sample
+from physreal_core.perception.corrections import Correction, Corrections
+from physreal_core.perception.doubts import Doubt, find_doubts
+from physreal_core.perception.entering import with_entering
 from physreal_core.perception.flow_tracker import FlowTracker
-from physreal_core.perception.frame_zero import Choice, find_controllers, find_object
+from physreal_core.perception.frame_zero import find_controllers, find_object
 from physreal_core.perception.hand_finder import HandFinder
 from physreal_core.perception.lifting import LiftedTracks, depth_at, lift_tracks
 from physreal_core.perception.mask_geometry import distance_to, large_parts, signed_distance
+from physreal_core.perception.motion import watch
 from physreal_core.perception.onnx_tracker import inside_masks
 from physreal_core.perception.queries import background_queries, hand_queries, spread_over
 from physreal_core.perception.segmenter import Segmenter
 from physreal_core.perception.settings import PerceptionSettings
 from physreal_core.perception.support import without_support
 from physreal_core.perception.tracker import Tracker, Tracks
+
+_HAND_ON_MASK = 0.2  # share of a known hand's landmarks that lie on a controller's mask, at least
 
 
 @dataclass(frozen=True)
@@ -36,6 +42,7 @@ class Video:
         hints: {"object": {...}, "controller": {...}}, see `chooser.hint_prompts`.
         masks: given masks [T, H, W] by "object" or "controller"; they replace the segmentation.
         tracks: given tracks of the object; they replace the tracker.
+        corrections: of frames whose masks somebody put right by hand; those of a thing with given masks are not used.
     """
 
     frames: Sequence[UInt8[Array, "H W 3"]]
@@ -46,6 +53,7 @@ class Video:
     hints: Mapping[str, Mapping[str, Any]] = field(default_factory=dict)
     masks: Mapping[str, Bool[Array, "T H W"]] = field(default_factory=dict)
     tracks: Tracks | None = None
+    corrections: Sequence[Correction] = ()
 
 
 @dataclass(frozen=True)
@@ -69,6 +77,8 @@ class Perceived:
     lifted: LiftedTracks
     controllers: ControllerMotion | None
     report: dict[str, Any]
+    choices: Mapping[str, Choice] = field(default_factory=dict)
+    doubts: Sequence[Doubt] = ()
 
 
 def perceive(
@@ -91,24 +101,27 @@ def perceive(
     tracker = networks.tracker or networks.flow
     first = {name: choice.mask for name, choice in choices.items()}
     masks = _followed(video, networks, settings, tracker, first, report, tick)
+    keyframes = {name: {int(t): k for t, k in told.items()} for name, told in report.get("keyframes", {}).items()}
     hands = [name for name in first if name != "object"]
     queries = _queries({name: mask[0] for name, mask in masks.items()}, settings)
-    tracks = video.tracks or _tracks_on(masks["object"], tracker, video.frames, queries["object"], settings)
+    tracks = video.tracks or _tracks_on(masks["object"], tracker, video.frames, queries["object"], settings, True)
     tick("tracks")
     lifted = lift(video, tracks, settings)
     controllers = None
     if video.depth is None:
         report["controller"] = "no depth: controller points cannot be placed in 3D"
     else:  # a depth that jumps is an occlusion or a loss
-        tracks = Tracks(tracks.points, tracks.visible & ~_jumped(video.depth, tracks, lifted, settings))
+        tracks = replace(tracks, visible=tracks.visible & ~_jumped(video.depth, tracks, lifted, settings))
         motions = [_controller(video, masks, n, queries[n], len(hands), tracker, settings) for n in hands]
         controllers = _together(motions)
         report["controller_interpolated_frames"] = controllers.interpolated
-    report["visible_share_per_frame"] = (
-        [round(float(v), 4) for v in tracks.visible.mean(1)] if tracks.visible.size else []
-    )
+    from_start = tracks.visible[:, tracks.starts == 0]
+    report["visible_share_per_frame"] = [round(float(v), 4) for v in from_start.mean(1)] if from_start.size else []
     hand_masks = np.any([masks[n] for n in hands], axis=0) if hands else np.zeros_like(masks["object"])
-    return Perceived(masks["object"], hand_masks, tracks, lifted, controllers, report)
+    strangers = _strangers(video, networks, settings.doubts.looks, hand_masks)
+    doubts = find_doubts(choices, masks, keyframes, tracks, strangers, settings.doubts)
+    report["warnings"] = [doubt.sentence for doubt in doubts]
+    return Perceived(masks["object"], hand_masks, tracks, lifted, controllers, report, choices, doubts)
 
 
 def lift(video: Video, tracks: Tracks, settings: PerceptionSettings) -> LiftedTracks:
@@ -129,38 +142,34 @@ def lift(video: Video, tracks: Tracks, settings: PerceptionSettings) -> LiftedTr
     )
 
 
-def motion_map(
-    frames: Sequence[Array], flow_between: Callable[[int, int], Array], round_trip: float
-) -> Float[Array, "H W"]:
-    """How far [px] each pixel of frame 0 gets from its place in the video along the flow, until it is lost.
-
-    A pixel is lost where the flow there and back misses by `round_trip` [px] or more.
-    """
-    height, width = frames[0].shape[:2]
-    start = pixel_grid(height, width)
-    where, farthest, held = start.copy(), np.zeros((height, width)), np.ones((height, width), bool)
-    for t in range(1, len(frames)):
-        forward = flow_between(t - 1, t)
-        # Table that something sweeps over would be carried along: it misses itself there and back.
-        held &= sample(round_trip_error(forward, flow_between(t, t - 1)), where) < round_trip
-        where = where + sample(forward, where)
-        farthest = np.where(held, np.maximum(farthest, np.linalg.norm(where - start, axis=-1)), farthest)
-    return farthest
-
-
 def _chosen(
     video: Video, networks: Networks, settings: PerceptionSettings, tick: Callable[[str], None]
 ) -> dict[str, Choice]:
     """`_frame_zero`, from its checkpoint where there is one."""
+    size = video.frames[0].shape[:2]
 
     def choose() -> dict[str, Array]:
         choices = _frame_zero(video, networks, settings, tick)
-        told = [(name, choice.how) for name, choice in choices.items()]
-        return {"masks": np.stack([choice.mask for choice in choices.values()]), "told": record_array(told)}
+        target = choices["object"]
+        return {
+            "masks": np.stack([choice.mask for choice in choices.values()]),
+            "cores": np.stack([choice.hand for choice in choices.values()]),
+            "rivals": target.mask[None] if target.rivals is None else target.rivals,
+            "shares": np.ones(1) if target.shares is None else target.shares,
+            "told": record_array([(name, choice.how, choice.moves) for name, choice in choices.items()]),
+        }
 
-    shapes = {"masks": (None, *video.frames[0].shape[:2]), "told": (None,)}
-    found = remembered("frame zero", lambda: [video.frames[0]], shapes, choose)
-    return {name: Choice(mask, how) for (name, how), mask in zip(record_of(found["told"]), found["masks"], strict=True)}
+    shapes = {name: (None, *size) for name in ("masks", "cores", "rivals")} | {"shares": (None,), "told": (None,)}
+    clicks = [one.told() for one in video.corrections if one.frame == 0]
+    depends = [video.frames[0], sorted(video.hints.items()), clicks, settings]
+    found = remembered("frame zero", lambda: depends, shapes, choose, lasting=True)
+    out = {}
+    for (name, how, moves), mask, core in zip(record_of(found["told"]), found["masks"], found["cores"], strict=True):
+        if name == "object":
+            out[name] = Choice(mask, how, found["rivals"], found["shares"], moves=moves)
+        else:
+            out[name] = Choice(mask, how, core=core)
+    return out
 
 
 def _frame_zero(
@@ -177,7 +186,7 @@ def _frame_zero(
             )
     else:
         hands = find_controllers(
-            image, video.hints.get("controller"), networks.hand_finder, _needed(networks.segmenter)
+            image, video.hints.get("controller"), networks.hand_finder, _needed(networks.segmenter), settings.hands
         )
     tick("controller in frame 0")
     if "object" in given:
@@ -188,16 +197,46 @@ def _frame_zero(
         target = find_object(
             image,
             video.hints.get("object"),
-            [h.mask for h in hands],
+            hands,
             _needed(networks.segmenter),
             description=video.description,
             chooser=networks.chooser,
-            motion=motion_map(video.frames, _flow_between(video, networks), settings.still_round_trip),
+            motion=watch(video.frames, _flow_between(video, networks), settings.ranking.motion),
+            settings=settings.ranking,
         )
         target = replace(target, mask=_standing(video, target.mask, 0, settings))
     tick("object in frame 0")
     names = ["controller"] if len(hands) == 1 else [f"controller {i}" for i in range(len(hands))]
-    return {"object": target} | dict(zip(names, hands, strict=True))
+    return _put_right(
+        {"object": target} | dict(zip(names, hands, strict=True)), _corrections(video, networks, settings)
+    )
+
+
+def _put_right(choices: dict[str, Choice], corrections: Corrections) -> dict[str, Choice]:
+    """The choices of frame 0 with what was corrected there by hand."""
+    masks = {name: choice.mask.copy() for name, choice in choices.items()}
+    certain = corrections.apply(0, masks)
+    return {
+        name: replace(
+            choice,
+            mask=masks[name],
+            core=None if choice.core is None else choice.core & masks[name],
+            how=f"{choice.how}, corrected by hand" if name in certain else choice.how,
+        )
+        for name, choice in choices.items()
+    }
+
+
+def _corrections(video: Video, networks: Networks, settings: PerceptionSettings) -> Corrections:
+    """Those of things without given masks."""
+    return Corrections(
+        [one for one in video.corrections if one.thing not in video.masks],
+        video.frames,
+        networks.segmenter,
+        _flow_between(video, networks),
+        settings.association,
+        settings.queries,
+    )
 
 
 def _followed(
@@ -217,7 +256,8 @@ def _followed(
         return {"masks": np.stack([masks[name] for name in first]), "told": record_array(told)}
 
     shape = len(first), len(video.frames), *video.frames[0].shape[:2]
-    found = remembered("masks", lambda: [*first.values()], {"masks": shape, "told": (None,)}, follow)
+    clicks = [one.told() for one in video.corrections]
+    found = remembered("masks", lambda: [*first.values(), clicks], {"masks": shape, "told": (None,)}, follow)
     report.update(record_of(found["told"]))
     return dict(zip(first, found["masks"], strict=True))
 
@@ -235,14 +275,23 @@ def _all_masks(
         hands = [n for n in first if n != "object"]
         parts = _split_between(video.masks["controller"], [first[n] for n in hands])
         return {"object": video.masks["object"], **dict(zip(hands, parts, strict=True))}
+    # Votes need no more than the flow's chain: what drifts a little is still on its thing.
+    chained = networks.tracker or replace(networks.flow, anchored=False)
     things = [
-        Thing(name, mask, tracker.track(video.frames, spread_over(mask, settings.track_count, settings.queries)))
+        Thing(name, mask, _votes(chained, video, spread_over(mask, settings.track_count, settings.queries)))
         for name, mask in first.items()
     ]
-    still = replace(networks.flow, anchored=False)  # what stands still does not drift
-    background = still.track(video.frames, background_queries(np.any(list(first.values()), axis=0), settings.queries))
+    still = replace(networks.flow, anchored=False)
+    away = background_queries(np.any(list(first.values()), axis=0), settings.queries)
+    background = _votes(still, video, away)
     tick("votes")
-    masks, unanswered = follow_masks(
+
+    def settled(count: int) -> None:
+        for _ in range(count):
+            tick("masks of a frame")
+
+    corrections = _corrections(video, networks, settings)
+    followed = follow_masks(
         video.frames,
         things,
         background,
@@ -250,15 +299,48 @@ def _all_masks(
         _flow_between(video, networks),
         stride=settings.keyframe_stride,
         settings=settings.association,
-        tick=lambda: tick("keyframe"),
+        corrections=corrections,
+        tick=settled,
     )
-    report["keyframes_without_vote"] = {n: frames for n, frames in unanswered.items() if frames}
-    masks = dict(masks)
+    report["keyframes_without_vote"] = {n: frames for n in first if (frames := followed.unanswered(n))}
+    report["keyframes"] = {
+        n: {str(t): {k: round(v, 3) for k, v in told.items()} for t, told in keys.items()}
+        for n, keys in followed.keyframes.items()
+    }
+    masks = dict(followed.masks)
     if "object" in video.masks:
         masks["object"] = video.masks["object"]
     else:
-        masks["object"] = np.stack([_standing(video, mask, t, settings) for t, mask in enumerate(masks["object"])])
+        certain = corrections.of("object")
+        own = [m if t in certain else _standing(video, m, t, settings) for t, m in enumerate(masks["object"])]
+        masks["object"] = np.stack(own)
     return masks
+
+
+def _strangers(video: Video, networks: Networks, looks: int, hands: Bool[Array, "T H W"]) -> list[int]:
+    """Of a few frames spread over the clip those in which a hand is found where no controller is."""
+    if networks.hand_finder is None:
+        return []
+    found = []
+    for t in np.unique(np.linspace(0, len(video.frames) - 1, looks).astype(int)).tolist():
+        for hand in networks.hand_finder.find(video.frames[t]):
+            on = inside_masks(hand.points[None], hands[t][None])[0]
+            if on.mean() < _HAND_ON_MASK:
+                found.append(t)
+                break
+    return found
+
+
+def _votes(tracker: Tracker, video: Video, queries: Float[Array, "J 2"]) -> Tracks:
+    """Tracks that vote, from an earlier run where there are some."""
+
+    def track() -> dict[str, Array]:
+        return vars(tracker.track(video.frames, queries))
+
+    size = len(video.frames), len(queries)
+    shapes = {"points": (*size, 2), "visible": size, "confidence": size, "starts": size[1:]}
+    depends = [video.frames[0], queries, getattr(tracker, "anchored", True)]
+    return Tracks(**remembered("votes", lambda: depends, shapes, track, lasting=True))
 
 
 def _standing(video: Video, mask: Array, t: int, settings: PerceptionSettings) -> Array:
@@ -303,12 +385,19 @@ def _surface(video: Video, mask: Array, settings: PerceptionSettings) -> Float[A
 
 
 def _tracks_on(
-    masks: Array, tracker: Tracker, frames: Sequence[Array], queries: Array, settings: PerceptionSettings
+    masks: Array,
+    tracker: Tracker,
+    frames: Sequence[Array],
+    queries: Array,
+    settings: PerceptionSettings,
+    entering: bool = False,
 ) -> Tracks:
-    """Tracks that are only seen on their own mask, or nearly so."""
+    """Tracks that are only seen on their own mask, or nearly so; with those of points that enter later, if wanted."""
     near = np.stack([signed_distance(mask) > -settings.mask_tolerance for mask in masks])
     tracks = tracker.track(frames, queries, ~near)
-    return Tracks(tracks.points, tracks.visible & inside_masks(tracks.points, near))
+    if entering and isinstance(tracker, FlowTracker):
+        tracks = with_entering(tracks, tracker, frames, masks, ~near, settings.queries)
+    return replace(tracks, visible=tracks.visible & inside_masks(tracks.points, near))
 
 
 def _jumped(depth: Array, tracks: Tracks, lifted: LiftedTracks, settings: PerceptionSettings) -> Array:

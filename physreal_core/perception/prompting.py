@@ -6,7 +6,7 @@ from dataclasses import replace
 import numpy as np
 
 from physreal_core.array_types import Array, Bool, Float
-from physreal_core.perception.mask_geometry import box_of, spread_points, with_pixels_of
+from physreal_core.perception.mask_geometry import box_of, distance_to, spread_points, with_pixels_of
 from physreal_core.perception.segmenter import Prompt
 from physreal_core.perception.settings import DEFAULTS, PromptSettings, WindowSettings
 
@@ -28,13 +28,11 @@ def make_prompts(
         voters: its visible tracks. They are asked with as well, since the expected mask may have been left behind.
         settings: how many points, how wide the boxes.
     """
-    taken = np.any([np.zeros_like(mine), *others], axis=0)
-    off = np.concatenate(
-        [np.zeros((0, 2), np.float32), *(spread_points(o & ~mine, settings.points_off) for o in others)]
-    )
+    free, off = _free_and_off(mine, others, settings)
     prompts: list[Prompt] = []
-    sources = [(mine & ~taken if (mine & ~taken).any() else mine, settings.margin)]
+    sources = [(free, settings.margin)]
     if voters is not None:
+        taken = np.any([np.zeros_like(mine), *others], axis=0)
         sources.append((with_pixels_of(np.zeros_like(mine), voters) & ~taken, settings.margin_of_tracks))
     for where, margin in sources:
         if not where.any():
@@ -42,6 +40,49 @@ def make_prompts(
         on, box = spread_points(where, settings.points), box_of(where, margin)
         prompts += [_prompt(on[: settings.points_in_box], off, box), _prompt(on, off), _prompt(on[:1], off, box)]
     return prompts
+
+
+def prompts_for_carried(
+    mine: Bool[Array, "H W"],
+    others: Sequence[Bool[Array, "H W"]],
+    voters: Float[Array, "J 2"],
+    beside: Float[Array, "K 2"],
+    settings: PromptSettings = DEFAULTS.association.prompts,
+) -> list[Prompt]:
+    """Few ways to ask for a thing that was carried here: with its mask, with points all over it, with its box, its tracks.
+
+    Args:
+        mine: where the thing is expected.
+        others: where the other things are; they give points that are not on it.
+        voters: its visible tracks (u, v) [px].
+        beside: points known to lie on the background (u, v) [px]; the nearest around the thing say what is not meant.
+        settings: how many points, how wide the boxes.
+    """
+    free, off = _free_and_off(mine, others, settings)
+    if not free.any():
+        return []
+    on, box = spread_points(free, settings.points_in_whole), box_of(free, settings.margin)
+    rim = np.concatenate([off, _around(free, beside, settings)])
+    whole = _prompt(on, rim, box)
+    prompts = [replace(whole, mask=free), whole, _prompt(on[: settings.points_in_box], off, box)]
+    seen = with_pixels_of(np.zeros_like(mine), voters) & ~np.any([np.zeros_like(mine), *others], axis=0)
+    if seen.any():
+        prompts.append(_prompt(spread_points(seen, settings.points), off, box_of(seen, settings.margin_of_tracks)))
+    return prompts
+
+
+def _free_and_off(mine: Array, others: Sequence[Array], settings: PromptSettings) -> tuple[Array, Float[Array, "K 2"]]:
+    """What of a mask no other one claims, and points on the others."""
+    free = mine & ~np.any([np.zeros_like(mine), *others], axis=0)
+    points = (spread_points(o & ~mine, settings.points_off) for o in others)
+    return free if free.any() else mine, np.concatenate([np.zeros((0, 2), np.float32), *points])
+
+
+def _around(mine: Array, beside: Array, settings: PromptSettings) -> Float[Array, "K 2"]:
+    """Background points that lie around a mask, well apart from each other."""
+    away = distance_to(mine)
+    near = (away > settings.rim_gap) & (away < settings.rim_reach * np.sqrt(mine.sum()))
+    return spread_points(with_pixels_of(np.zeros_like(mine), beside) & near, settings.points_rim, margin=0.0)
 
 
 def _prompt(on: Array, off: Array, box: tuple[float, float, float, float] | None = None) -> Prompt:

@@ -5,13 +5,15 @@ from pathlib import Path
 
 import numpy as np
 
-from physreal_core.array_types import Array, Float, UInt8
+from physreal_core.array_types import Array, Bool, Float, UInt8
 from physreal_core.errors import InputError
+from physreal_core.perception.mask_geometry import signed_distance
 from physreal_core.perception.segmenter import Candidates, Prompt, drop_duplicates
 from physreal_core.perception.session import open_session
 
 _MEAN = np.array([0.485, 0.456, 0.406], np.float32)
 _STD = np.array([0.229, 0.224, 0.225], np.float32)
+_SURE, _LOGITS_PER_PIXEL = 8.0, 2.0  # a mask given as a prompt: logits well inside it, and their slope at its edge
 _BOX_CORNERS = (2, 3)  # the decoder's labels for the two corners of a box
 
 
@@ -92,16 +94,27 @@ class Sam2Segmenter:
         # Pixel centres are at integers here, at halves in the network's image.
         scale = self.size / np.array([shape[1], shape[0]], np.float32)
         quarter = self.size // 4
+        before = np.zeros((1, 1, quarter, quarter), np.float32)
+        if prompt.mask is not None:
+            before[0, 0] = _as_logits(prompt.mask, quarter)
         feed = {
             **features,
             "point_coords": ((points + 0.5) * scale)[None].astype(np.float32),
             "point_labels": labels[None].astype(np.float32),
-            "mask_input": np.zeros((1, 1, quarter, quarter), np.float32),
-            "has_mask_input": np.zeros(1, np.float32),
+            "mask_input": before,
+            "has_mask_input": np.full(1, prompt.mask is not None, np.float32),
         }
         wanted = {i.name for i in self._decoder.get_inputs()}
         logits, scores = self._decoder.run(None, {k: v for k, v in feed.items() if k in wanted})[:2]
         return logits[0], np.clip(scores[0], 0, 1)
+
+
+def _as_logits(mask: Bool[Array, "H W"], size: int) -> Float[Array, "S S"]:
+    """A mask as the logits that the decoder would have answered before: smooth at the edge, cut at `_SURE`."""
+    import cv2
+
+    small = cv2.resize(signed_distance(mask).astype(np.float32), (size, size), interpolation=cv2.INTER_AREA)
+    return np.clip(small * _LOGITS_PER_PIXEL, -_SURE, _SURE)
 
 
 def _to_image(logits: Float[Array, "N h w"], shape: tuple[int, int]) -> Float[Array, "N H W"]:

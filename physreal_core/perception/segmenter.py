@@ -17,11 +17,13 @@ class Prompt:
         points: [K, 2] pixels (u, v) [px].
         labels: [K] 1 on the thing, 0 off it.
         box: (u0, v0, u1, v1) [px] around the thing, or None.
+        mask: [H, W] roughly where the thing is, or None; a segmenter that takes none ignores it.
     """
 
     points: Float[Array, "K 2"]
     labels: Int[Array, " K"]
     box: tuple[float, float, float, float] | None = None
+    mask: Bool[Array, "H W"] | None = None
 
 
 @dataclass(frozen=True)
@@ -97,13 +99,20 @@ def zoomed_candidates(
         return segmenter.candidates(image, prompts)
     u0, v0, u1, v1 = window
     offset = np.array([u0, v0], np.float32)
-    moved = None if prompts is None else [_moved(p, offset) for p in prompts]
+    moved = None if prompts is None else [_moved(p, offset, window) for p in prompts]
     found = segmenter.candidates(np.ascontiguousarray(image[v0:v1, u0:u1]), moved)
     masks = np.zeros((len(found), *image.shape[:2]), bool)
     masks[:, v0:v1, u0:u1] = found.masks
     return Candidates(masks, found.scores, found.prompt_index)
 
 
-def _moved(prompt: Prompt, offset: Float[Array, " 2"]) -> Prompt:
+def _moved(prompt: Prompt, offset: Float[Array, " 2"], window: tuple[int, int, int, int]) -> Prompt:
+    """The prompt in the window's pixels; points outside it are left out, unless none is left."""
+    u0, v0, u1, v1 = window
     box = None if prompt.box is None else tuple(np.array(prompt.box) - np.tile(offset, 2))
-    return Prompt(prompt.points - offset, prompt.labels, box)
+    mask = None if prompt.mask is None else prompt.mask[v0:v1, u0:u1]
+    points = prompt.points - offset
+    inside = ((points >= 0) & (points < np.array([u1 - u0, v1 - v0]))).all(-1)
+    if not (inside & (prompt.labels > 0)).any() and box is None:
+        inside[:] = True
+    return Prompt(points[inside], prompt.labels[inside], box, mask)

@@ -41,7 +41,11 @@ class SegmentAndTrack(StageParameters):
         None, description="own SAM 2 decoder; null: the one of `physreal models`"
     )
     min_candidate_score: float = Field(0.5, ge=0, le=1, description="least score of an entity segmenter's mask")
-    keyframe_stride: int = Field(5, ge=1, description="masks are proposed and voted on every so many frames [frames]")
+    keyframe_stride: int = Field(
+        8,
+        ge=1,
+        description="masks are proposed and voted on every so many frames at least, more often where flow is lost [frames]",
+    )
 
     hand_finder: Literal["mediapipe", "none"] = Field(
         "mediapipe", description="who finds the controller where the capture has no hint for it"
@@ -79,7 +83,7 @@ class SegmentAndTrack(StageParameters):
     )
     max_round_trip: float = Field(1.0, gt=0, description="flow there and back misses by more: the point is lost [px]")
     min_likeness: float = Field(
-        0.75, gt=0, lt=1, description="patch correlation with frame 0 that recognises a lost point (0 to 1)"
+        0.85, gt=0, lt=1, description="least correlation with a point's patch for it to be corrected (0 to 1)"
     )
 
     max_depth_edge: float = Field(

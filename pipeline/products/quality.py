@@ -1,4 +1,4 @@
-"""What a reader should know of the frames before trusting results."""
+"""What a reader should know of the frames, and of the masks and tracks, before trusting results."""
 
 import dataclasses
 from dataclasses import dataclass, field
@@ -44,4 +44,34 @@ class Quality:
         """Read quality.json, InputError where it or a key is missing."""
         names = [entry.name for entry in dataclasses.fields(cls)]
         record = read_record(folder / FILE, names, run_again("parse_video"))
+        return cls(**{name: record[name] for name in names})
+
+
+@dataclass(frozen=True)
+class PerceptionQuality:
+    """quality.json of segment_and_track.
+
+    Attributes:
+        warnings: sentences for the reader, each with what to do.
+        doubts: the same by rule: `kind`, `frames`, `sentence`.
+        sure: how sure the choice of the object in frame 0 is (0.5: the next best is as good, 1: nothing else fits).
+        hints: hints.object that would name the chosen object, and the next best one; empty where nothing else fits.
+        keyframes: numbers of every thing on its keyframes, as of `physreal_core.perception.association.NUMBERS`.
+    """
+
+    warnings: list[str] = field(default_factory=list)
+    doubts: list[dict[str, Any]] = field(default_factory=list)
+    sure: float = 1.0
+    hints: list[dict[str, Any]] = field(default_factory=list)
+    keyframes: dict[str, dict[str, dict[str, float]]] = field(default_factory=dict)
+
+    def save(self, folder: Path) -> None:
+        """Write quality.json."""
+        write_record(folder / FILE, dataclasses.asdict(self))
+
+    @classmethod
+    def load(cls, folder: Path) -> "PerceptionQuality":
+        """Read quality.json, InputError where it or a key is missing."""
+        names = [entry.name for entry in dataclasses.fields(cls)]
+        record = read_record(folder / FILE, names, run_again("segment_and_track"))
         return cls(**{name: record[name] for name in names})

@@ -19,6 +19,8 @@ class CaptureTruth(ArrayFile):
         gripped: [B], vertices that the hand holds.
         hand: [T, 3] m, displacement of the hand since frame 0.
         hand_vertices: [H, 3] m at frame 0, and hand_faces: [G, 3].
+        further_hands: [T, O, 3] m, surfaces of the hands beside the first in every frame, and
+            further_hand_faces: [Q, 3].
         T_world_prior: [4, 4], takes shape_prior.glb (rotation, translation, scale) onto `rest_vertices`.
         fps: frames per second.
         effect_names: what is hidden in the recording.
@@ -50,6 +52,8 @@ class CaptureTruth(ArrayFile):
     hand: Float[Array, "_ 3"] | None = None
     hand_vertices: Float[Array, "H 3"] | None = None
     hand_faces: Int[Array, "G 3"] | None = None
+    further_hands: Float[Array, "_ O 3"] | None = None
+    further_hand_faces: Int[Array, "Q 3"] | None = None
     T_world_prior: Float[Array, "4 4"] | None = None
     fps: float | None = None
     effect_names: Array | None = None

@@ -44,6 +44,11 @@ def pose(**changes: object) -> list:
     return T.tolist()
 
 
+def click(**changes: object) -> dict:
+    """An entry of corrections that is right, but for the changes."""
+    return {"frame": 2, "thing": "object", "points": [[9, 9]], **changes}
+
+
 def with_cell(matrix: np.ndarray, row: int, column: int, value: float) -> list:
     matrix = matrix.copy()
     matrix[row, column] = value
@@ -142,6 +147,20 @@ KEYS = [
     ("hints", {"object": {"colour": "tael"}}, "hints.object.colour = 'tael'", "teal"),
     ("hints", {"objekt": {"point": [3, 3]}}, "objekt", "'object' or 'controller'"),
     ("hints", {"object": {"point": [9, 9]}, "controller": {"point": [9, 9]}}, "are both [9.0, 9.0]", "two places"),
+    ("corrections", [click(frame=6)], "corrections[0].frame = 6, but there are 6 frames", "0..5"),
+    ("corrections", [click(frame=-1)], "corrections.0.frame = -1", "greater than or equal to 0"),
+    ("corrections", [click(frame=1.5)], "corrections.0.frame = 1.5", "integer"),
+    ("corrections", [click(thing="hand")], "corrections.0.thing = 'hand'", "'object' or 'controller'"),
+    ("corrections", [click(points=[[9, 9], [60, 9]])], "corrections[0].points[1] = [60.0, 9.0] lies outside", "0..47, 0..35"),
+    ("corrections", [click(points=[[9, 9, 9]])], "corrections.0.points = ", "a list of pixels (u, v)"),
+    ("corrections", [click(points=[[9, float("nan")]])], "corrections.0.points = ", "all finite"),
+    ("corrections", [click(labels=[1, 0])], "corrections.0", "as many labels as points, not 2 for 1"),
+    ("corrections", [click(labels=[2])], "corrections.0.labels.0 = 2", "0 or 1"),
+    ("corrections", [click(points=[])], "corrections.0", "has points or a box"),
+    ("corrections", [click(box=[9, 9, 9, 20])], "corrections[0].box = [9.0, 9.0, 9.0, 20.0] has no area", "u0 < u1"),
+    ("corrections", [click(), click(points=[[8, 8]])], "corrections[0] and corrections[1] are both about the object in frame 2", "one entry"),
+    ("corrections", [click(), click(thing="controller")], "(9, 9) of frame 2 both on the controller and on the object", "one thing"),
+    ("corrections", [click(points=[[9, 9], [9, 9]], labels=[1, 0])], "(9, 9) of frame 2 both on the object and off it", "one thing"),
     ("clamps", [{"lower": [0, 0, 1], "upper": [1, 1, 0]}], "clamps[0] has lower", "lower below upper"),
     ("clamps", [{"lower": [0, 0, 0], "upper": [1, 0, 1]}], "clamps[0] has lower", "lower below upper"),
     ("clamps", [{"lower": [0, 0, 0], "upper": [900, 900, 900]}], "clamps[0].upper = 900 m", "-50 to 50 m"),
@@ -340,6 +359,7 @@ ODD = {
     "a camera far away": (keys(T_world_camera=pose(t=[20.0, 0.0, 0.6])), "translation = 20 m is unusual"),
     "two hints": (keys(hints={"object": {"point": [9, 9], "colour": "teal"}}), "has point and colour; point alone is used"),
     "a box around everything": (keys(hints={"object": {"box": [0, 0, 47, 35]}}), "is all of the image"),
+    "corrections beside masks": (keys(corrections=[click()]), "corrections of the object are not used, since masks/object is given"),
     "a heavy load": (keys(payloads=[{"point": [0, 0, 0], "radius": 0.02, "mass": 50.0}]), "payloads[0].mass = 50 kg is unusual"),
     "one observed frame": (
         all_of(without("tracks3d.npz"), keys(split={"train": [0, 1], "test": [1, 6]})), "1 frame of 6 is observed"),

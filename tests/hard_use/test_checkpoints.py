@@ -99,8 +99,8 @@ def masks() -> list[np.ndarray]:
     def flow(a, b):
         return tracker.flow_between(_FILM.frames, a, b)
 
-    found, unanswered = follow_masks(_FILM.frames, [thing], background, FilmSegmenter(_FILM), flow, stride=2)
-    return [found["object"], record_array(unanswered)]
+    found = follow_masks(_FILM.frames, [thing], background, FilmSegmenter(_FILM), flow, stride=2)
+    return [found.masks["object"], record_array(found.keyframes["object"])]
 
 
 def poses() -> list[np.ndarray]:

@@ -3,13 +3,16 @@
 import numpy as np
 import pytest
 
-from physreal_core.perception.association import Thing, choose_by_votes, count_votes, follow_masks
+from physreal_core.perception.appearance import Appearance
+from physreal_core.perception.association import Thing, follow_masks
+from physreal_core.perception.evidence import Carried, gather
 from physreal_core.perception.flow_tracker import FlowTracker
 from physreal_core.perception.mask_geometry import intersection_over_union, signed_distance, spread_points
 from physreal_core.perception.prompting import make_prompts, window_around
-from physreal_core.perception.segmenter import Candidates
-from physreal_core.perception.settings import AssociationSettings, WindowSettings
+from physreal_core.perception.segmenter import Candidates, Prompt, zoomed_candidates
+from physreal_core.perception.settings import AppearanceSettings, AssociationSettings, EvidenceSettings, WindowSettings
 from physreal_core.perception.tracker import Tracks
+from physreal_core.perception.votes import choose_by_votes, count_votes, standing_still
 from tests.perception.scene import FilmSegmenter, film
 
 
@@ -65,10 +68,11 @@ def test_masks_are_followed_through_a_film_with_keyframes_and_flow_between():
     ]
     away = signed_distance(scene.objects[0] | scene.hands[0]) < -4
     background = tracker.track(scene.frames, spread_points(away, 60))
-    masks, unanswered = follow_masks(
+    followed = follow_masks(
         scene.frames, things, background, segmenter, lambda a, b: tracker.flow_between(scene.frames, a, b), stride=3
     )
-    assert not any(unanswered.values())
+    masks = followed.masks
+    assert not any(followed.unanswered(name) for name in masks)
     for name, truth in (("object", scene.objects), ("hand", scene.hands)):
         for t in (0, 3, 6):  # keyframes: the right candidate, neither half of it nor the two together
             assert np.array_equal(masks[name][t], truth[t])
@@ -86,7 +90,7 @@ def test_when_no_candidate_holds_a_track_the_carried_mask_stands_and_is_reported
             return Candidates.empty(*image.shape[:2])
 
     lost = Tracks(np.zeros((4, 5, 2), np.float32), np.zeros((4, 5), bool))
-    masks, unanswered = follow_masks(
+    followed = follow_masks(
         scene.frames,
         [Thing("object", scene.objects[0], lost)],
         lost,
@@ -94,8 +98,85 @@ def test_when_no_candidate_holds_a_track_the_carried_mask_stands_and_is_reported
         lambda a, b: tracker.flow_between(scene.frames, a, b),
         stride=3,
     )
-    assert unanswered == {"object": [3]}
-    assert intersection_over_union(masks["object"][3], scene.objects[3]) > 0.85
+    assert followed.unanswered("object") == [3]
+    assert intersection_over_union(followed.masks["object"][3], scene.objects[3]) > 0.85
+
+
+class Amputating(FilmSegmenter):
+    """A segmenter that offers half the object alone from frame 1 on, and says it is sure."""
+
+    def candidates(self, image, prompts=None):
+        found = super().candidates(image, prompts)
+        return found if image.tobytes() == self.first else found.where(np.array([0]))
+
+    def __init__(self, scene):
+        super().__init__(scene)
+        self.first = scene.frames[0].tobytes()
+
+
+def test_what_no_track_sees_is_not_left_behind():
+    """Voters on half of the disc alone, and a segmenter that offers that half: the other half stays in, and it is said."""
+    scene, tracker = film(7), FlowTracker(anchored=False)
+    half = scene.objects[0] & (np.arange(scene.objects[0].shape[1]) < 60)
+    voters = tracker.track(scene.frames, spread_points(half, 40))
+    away = signed_distance(scene.objects[0] | scene.hands[0]) < -4
+    background = tracker.track(scene.frames, spread_points(away, 60))
+    things = [
+        Thing("object", scene.objects[0], voters),
+        Thing("hand", scene.hands[0], tracker.track(scene.frames, spread_points(scene.hands[0], 40))),
+    ]
+    flow = lambda a, b: tracker.flow_between(scene.frames, a, b)
+    followed = follow_masks(scene.frames, things, background, Amputating(scene), flow, stride=3)
+    for t in range(7):
+        assert intersection_over_union(followed.masks["object"][t], scene.objects[t]) > 0.85  # half would be 0.5
+
+
+def test_background_that_is_carried_along_does_not_vote():
+    points = np.zeros((2, 5, 2), np.float32)
+    points[:, :, 0] = np.arange(5) * 10
+    points[1, 4] += 6
+    visible = np.ones((2, 5), bool)
+    visible[1, 0] = False
+    assert standing_still(Tracks(points, visible), 1, 1.5)[:, 0].tolist() == [10, 20, 30]
+
+
+def test_evidence_is_unknown_where_the_flow_was_lost_and_against_where_background_stands():
+    mask = _box(5, 5, 25, 15)
+    held = np.ones_like(mask)
+    held[:, 15:] = False
+    carried = Carried(signed_distance(mask), held)
+    nobody, settings = np.zeros((0, 2), np.float32), EvidenceSettings()
+    sure = gather(carried, nobody, nobody, np.zeros(mask.shape), settings)
+    assert sure[10, 10] == settings.carried and sure[10, 20] == pytest.approx(settings.lost * settings.carried)
+    against = gather(carried, nobody, np.array([[20.0, 10]], np.float32), np.zeros(mask.shape), settings)
+    assert against[10, 20] < 0 < against[10, 8]
+
+
+def test_appearance_tells_the_object_from_hand_and_table():
+    scene = film(2)
+    memory = Appearance(AppearanceSettings(least_pixels=20))
+    memory.learn(scene.frames[0], {"object": scene.objects[0], "hand": scene.hands[0]})
+    inner = [signed_distance(m) > 3 for m in (scene.objects[1], scene.hands[1])]
+    for name, own, other in (("object", *inner), ("hand", *inner[::-1])):
+        evidence = memory.evidence(scene.frames[1], name)
+        assert evidence[own].mean() > 1 and evidence[other].mean() < -1
+    assert (Appearance(AppearanceSettings()).evidence(scene.frames[0], "object") == 0).all()
+
+
+def test_a_prompt_is_cut_to_its_window():
+    class Keeping:
+        promptable = True
+
+        def candidates(self, image, prompts=None):
+            self.prompts, self.shape = prompts, image.shape[:2]
+            return Candidates.empty(*image.shape[:2])
+
+    segmenter, mask = Keeping(), _box(5, 5, 25, 15)
+    prompt = Prompt(np.array([[12.0, 8], [29, 8]], np.float32), np.array([1, 0]), (4.0, 4.0, 26.0, 16.0), mask)
+    zoomed_candidates(segmenter, np.zeros((20, 30, 3), np.uint8), [prompt], (10, 2, 20, 18))
+    asked = segmenter.prompts[0]
+    assert asked.points.tolist() == [[2, 6]] and asked.labels.tolist() == [1] and asked.box == (-6, 2, 16, 14)
+    assert asked.mask.shape == segmenter.shape and np.array_equal(asked.mask, mask[2:18, 10:20])
 
 
 def test_spread_points_lie_inside_and_apart():

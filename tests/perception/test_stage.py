@@ -9,6 +9,7 @@ import pytest
 from physreal_core.errors import InputError
 from pipeline.products.controllers import Controllers
 from pipeline.products.given_tracks import GivenTracks2d, GivenTracks3d
+from pipeline.products.quality import PerceptionQuality
 from pipeline.products.tracks import MeasuredTracks
 from pipeline.project import Project
 from pipeline.stage import run_stage
@@ -66,9 +67,10 @@ def test_given_masks_replace_the_networks(capture):
     assert shape[0] == FRAMES and shape[1] > 50
     assert tracks.points2d.shape == (*shape, 2) and tracks.points3d.shape == (*shape, 3)
     assert np.isnan(tracks.points3d[~tracks.valid3d]).all()
+    assert (tracks.confidence[tracks.visible] > 0).all() and (tracks.starts >= 0).all()
     moved = (tracks.points2d - tracks.points2d[0] - SCENE.motion[:, None])[tracks.visible]
     # Flow is smooth across the disc's rim, where table and disc part: points there are off by up to a pixel.
-    assert np.median(np.linalg.norm(moved, axis=1)) < 0.1 and np.quantile(np.linalg.norm(moved, axis=1), 0.9) < 0.8
+    assert np.median(np.linalg.norm(moved, axis=1)) < 0.1 and np.quantile(np.linalg.norm(moved, axis=1), 0.9) < 1.0
     controllers = Controllers.load(output).points
     assert controllers.shape == (FRAMES, 3 * 30, 3) and np.isfinite(controllers).all()
     travelled = np.linalg.norm(controllers[-1] - controllers[0], axis=1)
@@ -79,7 +81,7 @@ def test_given_masks_replace_the_networks(capture):
     assert int(video.get(cv2.CAP_PROP_FRAME_COUNT)) == FRAMES and int(video.get(cv2.CAP_PROP_FRAME_WIDTH)) == 2 * WIDTH
 
 
-def test_given_candidates_are_voted_on(capture):
+def test_given_candidates_are_voted_on(capture, capsys):
     for t in range(FRAMES):
         half = SCENE.objects[t] & (np.arange(WIDTH) < 60)
         masks = (half, SCENE.objects[t], SCENE.hands[t], SCENE.objects[t] | SCENE.hands[t])
@@ -89,6 +91,9 @@ def test_given_candidates_are_voted_on(capture):
     describe(capture, hints={"object": {"colour": "teal"}, "controller": {"box": [80, 23, 104, 55]}})
     output = segment(capture, segmenter="none")
     mask = cv2.imread(str(output / "masks" / "object" / "000002.png"), cv2.IMREAD_GRAYSCALE) > 0
+    said = capsys.readouterr().out
+    assert "the object is hints.object: colour, certainty 1.00 (choice.png)" in said and "warning" not in said
+    assert PerceptionQuality.load(output).warnings == [] and (output / "choice.png").stat().st_size > 1000
     assert (mask & SCENE.objects[2]).sum() > 0.97 * (mask | SCENE.objects[2]).sum()
     assert json.loads((output / "segmentation.json").read_text())["chosen_by"]["object"] == "hints.object: colour"
 
@@ -195,3 +200,17 @@ def test_a_truncated_given_mask_is_named(capture, name):
         InputError, match=rf"{image.parent.name}/{image.name}: the image cannot be read, is it truncated"
     ):
         segment(capture, segmenter="none")
+
+
+def test_masks_that_go_astray_are_told_in_the_terminal_and_in_quality_json(capture, capsys):
+    """The given mask shrinks to a fifth in frame 2 and is gone in frame 3."""
+    objects = SCENE.objects.copy()
+    objects[2] &= np.arange(WIDTH) < 48
+    objects[3] = False
+    _write(capture, "masks/object", objects)
+    _write(capture, "masks/controller", SCENE.hands)
+    quality = PerceptionQuality.load(segment(capture, segmenter="none"))
+    doubts = {doubt["kind"]: doubt["frames"] for doubt in quality.doubts}
+    assert doubts["empty"] == [3] and doubts["area"] == [2]
+    said = capsys.readouterr().out
+    assert all(f"warning: {warning}" in said for warning in quality.warnings) and "physreal label" in said

@@ -6,7 +6,9 @@ import numpy as np
 import pytest
 
 from physreal_core.errors import InputError
+from physreal_core.perception.choices import Choice
 from physreal_core.perception.frame_zero import find_object
+from physreal_core.perception.motion import Motion
 from physreal_core.perception.perceive import Video
 from physreal_core.perception.segmenter import Candidates
 from physreal_core.perception.text_choosers import ClipChooser, ConseChooser, masked_crops
@@ -129,19 +131,21 @@ def chooser(request, tmp_path):
 def test_the_crop_that_the_words_speak_of_wins(chooser, description, right):
     scores = chooser.scores(_image(), MASKS, description)
     assert scores.argmax() == right and scores[right] > np.delete(scores, right).max() + 3  # e^3 times as likely
-    found = find_object(_image(), None, [HAND], Offers(), description=description, chooser=chooser)
+    found = find_object(_image(), None, [Choice(HAND, "given")], Offers(), description=description, chooser=chooser)
     assert np.array_equal(found.mask, MASKS[right]) and description in found.how  # never the hand, blue as it is
 
 
 def test_words_that_say_nothing_leave_it_to_the_hand(chooser):
     near = np.where(MASKS[0] | HAND, 8.0, 0.0)
-    found = find_object(_image(), None, [HAND], Offers(), description="thing", chooser=chooser, motion=near)
+    found = find_object(
+        _image(), None, [Choice(HAND, "given")], Offers(), description="thing", chooser=chooser, motion=Motion.of(near)
+    )
     assert np.array_equal(found.mask, MASKS[0])
 
 
 def test_a_hint_overrides_the_words(chooser):
     hint = {"point": [60, 30]}
-    found = find_object(_image(), hint, [HAND], Offers(), description="an ocean", chooser=chooser)
+    found = find_object(_image(), hint, [Choice(HAND, "given")], Offers(), description="an ocean", chooser=chooser)
     assert np.array_equal(found.mask, MASKS[1]) and "hints.object" in found.how
 
 

@@ -15,6 +15,7 @@ from pipeline.products.fit import Descent, Fit, ResidualShare
 from pipeline.products.gap import save_added, save_gap
 from pipeline.products.loss_curve import LossCurve
 from pipeline.products.particles import Particles
+from pipeline.products.quality import PerceptionQuality
 from pipeline.products.scores import Scores
 from pipeline.project import Project
 from pipeline.stage import StageContext, run_stage
@@ -72,7 +73,7 @@ def finished_project(root: Path) -> Project:
 
     for name in sequences:
         run_stage("parse_video", name, parse_video, project)
-        for stage, run in (("segment_and_track", _empty), ("build_object", _empty), ("fit_pose", _pose)):
+        for stage, run in (("segment_and_track", _seen), ("build_object", _empty), ("fit_pose", _pose)):
             run_stage(stage, name, run, project)
         run_stage("sample_particles", name, _particles, project)
     for stage in STAGES_OF_FIT:
@@ -93,6 +94,10 @@ def scores(sequence: str, stage: str, interval: str) -> dict[str, float]:
 
 def _empty(context: StageContext) -> None:
     """A stage without output."""
+
+
+def _seen(context: StageContext) -> None:
+    PerceptionQuality(["fewer than 50% of the tracks are seen in frame 3"]).save(context.output)
 
 
 def _pose(context: StageContext) -> None:

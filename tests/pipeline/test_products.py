@@ -21,7 +21,7 @@ from pipeline.products.loss_curve import LossCurve
 from pipeline.products.masks import Masks
 from pipeline.products.particles import Particles
 from pipeline.products.placed_object import PlacedObject
-from pipeline.products.quality import Quality
+from pipeline.products.quality import PerceptionQuality, Quality
 from pipeline.products.rollout import Rollout
 from pipeline.products.scores import Scores
 from pipeline.products.tracks import MeasuredTracks
@@ -74,6 +74,7 @@ RECORDS = [
     RecordedCamera(30.0, 48, 36, np.eye(3), np.eye(4), 12),
     RecordedCamera(100.0, None, None, None, None, 12),
     Quality("video", 2, {"fitted": False}, ["dark"], [3.0, 4.0], [1.0, 2.0], [0.5, 0.25], [1]),
+    PerceptionQuality(["look"], [{"kind": "area", "frames": [3], "sentence": "look"}], 0.6, [{"point": [3, 4]}], {}),
     Fit({"youngs_modulus": {"mean": 6e4, "unit": "Pa"}}),
     Fit({}, DESCENT, scan=[{"youngs_modulus": 1e4, "objective": None}]),
     Fit({}, dataclasses.replace(DESCENT, objective=None), residual=SHARE, residual_without_effect=SHARE),
@@ -230,6 +231,7 @@ def test_a_products_file_is_named_in_one_module():
 
 FOREIGN = {
     "data/importers/images.py": {"camera.json"},  # of the recording that is imported
+    "benchmarks/filmed.py": {"camera.json"},  # of the filmed clips
     "physreal_core/geometry/grip.py": {"controllers.npz"},  # says where an error comes from
     "stages/summarise.py": {"loss.csv", "frames.csv"},  # plots, means over sequences
     # what DVC watches of a companion, and plots; it must not import numpy for a name

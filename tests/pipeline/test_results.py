@@ -88,6 +88,8 @@ def test_report_is_one_page_with_everything_inside(results):
     assert "data:image/svg+xml" in page and "Young&#39;s modulus" in page.replace("Young's", "Young&#39;s")
     assert (results.project.results / "pictures/lift.jpg").stat().st_size > 1000
     assert "From frame 31 on the far end lags" in page and "11.0 % of the expert" in page
+    told = page.index("fewer than 50% of the tracks are seen in frame 3")
+    assert told < page.index('<h2 id="'), "warnings stand at the top"
     assert "nothing refitted" in page and "vertex_error" in page
     assert report.run(results).read_text() == page, "its lock is the same after every run"
 

@@ -4,13 +4,9 @@ import argparse
 from pathlib import Path
 from typing import get_args
 
-<<<<<<< HEAD
 from data.rig.bars import BARS
-from data.rig.capture import make_capture
-from data.rig.case import record_motion
-=======
 from data.rig.capture import make_capture, make_sequence
->>>>>>> next
+from data.rig.case import record_motion
 from data.rig.parameters import Rig, build_scene
 from data.rig.rig_scene import SCENES
 from data.rig.sequences import SEQUENCES
@@ -19,11 +15,7 @@ from data.rig.sequences import SEQUENCES
 def main() -> None:
     """Reads the command line; every knob of `Rig` is an option of the scenes that are no sequences for perception."""
     parser = argparse.ArgumentParser(prog="python -m data.rig", description=__doc__)
-<<<<<<< HEAD
-    parser.add_argument("scene", choices=sorted([*SCENES, *BARS]))
-=======
-    parser.add_argument("scene", choices=sorted({**SCENES, **SEQUENCES}))
->>>>>>> next
+    parser.add_argument("scene", choices=sorted({**SCENES, **SEQUENCES, **BARS}))
     parser.add_argument("--seed", type=int, default=0)
     parser.add_argument("--out", type=Path, help="capture folder; default data/captures/<scene>")
     for name, field in Rig.model_fields.items():
@@ -35,13 +27,10 @@ def main() -> None:
     name, seed, out = (arguments.pop(key) for key in ("scene", "seed", "out"))
     parameters = Rig(**arguments)
     destination = out or Path("data/captures") / name
-<<<<<<< HEAD
     if name in BARS:
         record_motion(BARS[name].case(parameters, seed), BARS[name].motion, destination, video=False)
-=======
-    if name in SEQUENCES:
+    elif name in SEQUENCES:
         make_sequence(name, seed, destination)
->>>>>>> next
     else:
         make_capture(build_scene(name, parameters), destination, seed=seed, timestep=parameters.timestep)
     print(f"wrote {destination}")

@@ -211,7 +211,7 @@ def test_tracks_without_images(context: Context, tmp_path) -> None:
     assert tip["error"] == pytest.approx(np.hypot(SHIFT[0], down), rel=1e-4)
     end = FreeEnd.load(tmp_path)
     assert np.allclose(end.simulated[0], end.measured, atol=1e-6), "the true model's free end is the measured one"
-    assert np.abs(end.simulated[1] - end.measured).max() > 0.5 * np.abs(end.measured).max()
+    assert np.abs(end.simulated[1] - end.measured).max() > 1e-4, "the other model's is not"
     assert {path.stem for path in tmp_path.glob("*.mp4")} == set(metrics)
 
 

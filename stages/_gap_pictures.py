@@ -5,10 +5,10 @@ from typing import Any
 
 import numpy as np
 
-from stages._report_pictures import pyplot
+from stages._report_pictures import AFTER, MEASURED, pyplot
 
 Array = np.ndarray
-MEASURED, BEFORE, AFTER, QUIET = "#0f172a", "#c2410c", "#0f766e", "#94a3b8"
+BEFORE, QUIET = "#c2410c", "#94a3b8"
 _MOTION_SHADES = {"still": "#f8fafc", "driven": "#dbeafe", "swinging": "#fef3c7", "settled": "#f1f5f9"}
 
 

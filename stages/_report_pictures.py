@@ -2,6 +2,7 @@
 
 import base64
 import io
+from collections.abc import Sequence
 from pathlib import Path
 
 import matplotlib
@@ -10,13 +11,16 @@ import numpy as np
 matplotlib.use("agg")
 from matplotlib import pyplot
 
+from pipeline.graph import FIT_STAGES
+from pipeline.products.free_end import FreeEnd
 from pipeline.reading.files import read_bytes
 from pipeline.reading.videos import read_video
 
 COLOURS = {"fit_global": "#0f766e", "fit_patches": "#c2410c", "add_effect": "#a21caf", "fit_residual": "#4338ca"}
+MEASURED, AFTER = "#0f172a", "#0f766e"
 EMBEDDED = 2**30
 """The largest file that is put into the page [bytes]."""
-MEDIA = {".png": "image/png", ".jpg": "image/jpeg", ".svg": "image/svg+xml", ".mp4": "video/mp4"}
+MEDIA = {".gif": "image/gif", ".png": "image/png", ".jpg": "image/jpeg", ".svg": "image/svg+xml", ".mp4": "video/mp4"}
 pyplot.rcParams.update(
     {
         "font.size": 9,
@@ -63,6 +67,46 @@ def frame_errors(curves: dict[str, dict[int, float]], label: str, observed: int)
     axes.set_ylim(bottom=0)
     axes.legend(frameon=False)
     return _svg(figure)
+
+
+def write_free_ends(path: Path, panels: Sequence[tuple[str, FreeEnd, int]], *, adopted: bool) -> None:
+    """The free end's motion against the hand, measured and simulated, one panel a sequence; what no fit saw is shaded.
+
+    Args:
+        path: SVG to write.
+        panels: title, motion, and the number of frames that a fit saw (0: none).
+        adopted: whether an effect is in the model, so that it is drawn with and without it.
+    """
+    figure, row = pyplot.subplots(1, len(panels), figsize=(4.6 * len(panels), 2.7), squeeze=False, sharey=True)
+    for axes, (title, end, observed) in zip(row[0], panels, strict=True):
+        axes.axvspan(end.time[min(observed, len(end.time) - 1)], end.time[-1], color="#64748b", alpha=0.12, lw=0)
+        axes.text(end.time[-1], 1.0, "no fit saw this", transform=axes.get_xaxis_transform(), ha="right", va="top")
+        models = dict(zip(FIT_STAGES, 1e3 * end.simulated, strict=False))
+        axes.plot(end.time, models["fit_patches"], color=COLOURS["fit_patches"], lw=1.3, label="elastic model")
+        if adopted:
+            axes.plot(end.time, models["add_effect"], color=AFTER, lw=1.6, label="with the named effect")
+        axes.plot(end.time, 1e3 * end.measured, ".", color=MEASURED, ms=3, label="measured")
+        axes.set(title=title, xlabel="time [s]")
+    row[0, 0].set_ylabel("free end against the hand [mm]")
+    figure.legend(*row[0, 0].get_legend_handles_labels(), loc="outside lower center", ncols=3, frameon=False)
+    path.parent.mkdir(parents=True, exist_ok=True)
+    figure.savefig(path, format="svg", metadata={"Date": None})
+    pyplot.close(figure)
+
+
+def write_moving_picture(before: Path, after: Path, path: Path, fps: float) -> None:
+    """Two videos side by side as an animated GIF: the model without the effect, and with it."""
+    from PIL import Image, ImageDraw
+
+    pictures = []
+    for left, right in zip(*(read_video(video, remedy="run evaluate again") for video in (before, after)), strict=True):
+        picture = Image.fromarray(np.concatenate([left, right], axis=1))
+        draw, (height, width) = ImageDraw.Draw(picture), left.shape[:2]
+        for at, words in ((0, "elastic model"), (width, "with the named effect")):
+            draw.text((at + 8, height - 20), words, fill=(15, 23, 42))
+        pictures.append(picture.quantize(64, dither=Image.Dither.NONE))
+    path.parent.mkdir(parents=True, exist_ok=True)
+    pictures[0].save(path, save_all=True, append_images=pictures[1:], duration=round(1000 / fps), loop=0, optimize=True)
 
 
 def material_field(x0: np.ndarray, values: np.ndarray, label: str) -> str:

@@ -25,37 +25,49 @@ from physreal_core.evaluation import (
     windowed_mean,
 )
 from physreal_core.perception.overlay import write_video
+from pipeline.products.controllers import Controllers
 from pipeline.products.scores import Scores
 from pipeline.stage import StageContext, main
 from stages._evaluation import Measured, Replay, Sequence, load_sequence, side_by_side
+from stages._free_end import free_end
+from stages._track_pictures import SideView
 
 
 def run(context: StageContext) -> None:
-    """metrics.json, frames.csv, and per model a video: measured, rendered, overlay with tracks."""
+    """metrics.json, frames.csv, free_end.npz, and per model a video: measured, rendered, overlay with tracks; of a capture
+    without images, measured points over the simulated surface."""
     with context.timed("read"):
         sequence = load_sequence(context)
         sequence.require_measurement()
-    metrics, table = {}, {}
+    metrics, table, carried = {}, {}, []
     for stage, folder in context.models().items():
         replay = Replay(sequence, folder, context.params.device)
-        scores = _scored(context, sequence, replay, stage)
+        tracks = np.stack([replay.carry(t, sequence.track_points0, replay.tracks) for t in range(sequence.frame_count)])
+        carried.append(tracks)
+        scores = _scored(context, sequence, replay, stage, tracks)
         intervals = split_scores(scores, sequence.observed)
         metrics[stage] = {name: interval.to_json() for name, interval in intervals.items()}
         if not sequence.camera:
-            metrics[stage]["tip"] = _tip_deflection(sequence, replay, context.params.swing_frames)
+            metrics[stage]["tip"] = _tip_deflection(sequence, tracks, context.params.swing_frames)
         if sequence.truth:
             metrics[stage]["truth"] = _against_truth(sequence, replay, folder, context.params)
         table[stage] = scores
     Scores(metrics, table, sequence.observed).save(context.output)
+    controllers = Controllers.load(sequence.perceived).points.astype(np.float64)
+    fps, measured = sequence.capture.fps, (sequence.tracks3d, sequence.tracks_valid)
+    if end := free_end(fps, *measured, controllers, np.stack(carried)):
+        end.save(context.output)
 
 
-def _scored(context: StageContext, sequence: Sequence, replay: Replay, stage: str) -> list[FrameScores]:
-    """Scores of every frame; writes the model's video if the capture is one."""
+def _scored(
+    context: StageContext, sequence: Sequence, replay: Replay, stage: str, tracks: np.ndarray
+) -> list[FrameScores]:
+    """Scores of every frame; writes the model's video."""
     video = context.output / f"{stage}.mp4"
 
     def score() -> dict[str, np.ndarray]:
         with context.progress(f"score {stage}", sequence.frame_count) as bar:
-            scores, pictures = _score_frames(sequence, replay, context.params, bar)
+            scores, pictures = _score_frames(sequence, replay, context.params, tracks, bar)
         if pictures:
             with context.timed("video"):
                 write_video(video, pictures, sequence.capture.fps)
@@ -68,13 +80,16 @@ def _scored(context: StageContext, sequence: Sequence, replay: Replay, stage: st
     return [FrameScores(**one) for one in record_of(found["scores"])]
 
 
-def _score_frames(sequence: Sequence, replay: Replay, params: Any, bar: Any) -> tuple[list[FrameScores], list]:
-    """Scores of every frame, and its picture if the capture is a video."""
+def _score_frames(
+    sequence: Sequence, replay: Replay, params: Any, tracks: np.ndarray, bar: Any
+) -> tuple[list[FrameScores], list]:
+    """Scores of every frame, and its picture."""
     import cv2
 
     surface = np.stack([replay.carry(t, sequence.surface, replay.surface) for t in range(sequence.frame_count)])
     errors = track_errors(surface, sequence.tracks3d, sequence.tracks_valid)
     scores, pictures = [], []
+    side = None if sequence.camera else SideView(sequence.tracks3d, sequence.tracks_valid)
     for t in range(sequence.frame_count):
         found = remembered(
             "frame",
@@ -83,8 +98,12 @@ def _score_frames(sequence: Sequence, replay: Replay, params: Any, bar: Any) -> 
             lambda t=t: _score_frame(sequence, replay, params, t, errors[t], surface[t]),
         )
         scores.append(FrameScores(frame=t, **record_of(found["scores"])))
-        if len(found["picture"]):
+        if side is None:
             pictures.append(cv2.imdecode(found["picture"], cv2.IMREAD_COLOR))
+        else:
+            title = f"frame {t}, {'observed' if t < sequence.observed else 'future'}"
+            measured = sequence.tracks3d[t], sequence.tracks_valid[t]
+            pictures.append(side.picture(*measured, surface[t], tracks[t], title))
         bar.advance()
     return scores, pictures
 
@@ -128,13 +147,12 @@ def _image_scores(measured: Measured, rgb: np.ndarray, alpha: np.ndarray) -> dic
     }
 
 
-def _tip_deflection(sequence: Sequence, replay: Replay, frames: int) -> dict[str, Any]:
+def _tip_deflection(sequence: Sequence, tracks: np.ndarray, frames: int) -> dict[str, Any]:
     """Displacement of the tracked points since frame 0 [m], mean under a Hann window over the last frames, so that what
     remains of the swing averages out; measured and simulated alike, over the entries that were measured."""
     span = slice(max(1, sequence.frame_count - frames), None)
     valid = sequence.tracks_valid[span] & sequence.tracks_valid[0]
-    points = [replay.carry(t, sequence.track_points0, replay.tracks) for t in range(sequence.frame_count)[span]]
-    simulated = np.stack(points) - sequence.track_points0
+    simulated = tracks[span] - sequence.track_points0
 
     def at_rest(moved: np.ndarray) -> np.ndarray:
         kept = np.where(valid[..., None], moved, 0.0).sum(axis=1) / np.maximum(valid.sum(axis=1), 1)[:, None]

@@ -9,6 +9,7 @@ import jinja2
 from pipeline.capture import read_capture
 from pipeline.faults import one_sentence
 from pipeline.graph import FIT_STAGES, REPORT, STAGES, made_from
+from pipeline.products.free_end import FreeEnd
 from pipeline.products.particles import Particles
 from pipeline.products.quality import PerceptionQuality, Quality
 from pipeline.provenance import read_provenance
@@ -21,6 +22,8 @@ from stages._report_pictures import (
     loss_curves,
     material_field,
     write_frame_strip,
+    write_free_ends,
+    write_moving_picture,
 )
 
 TEMPLATE = Path(__file__).with_name("report.html.jinja")
@@ -58,6 +61,8 @@ def describe_sequence(results: Results, name: str) -> dict[str, Any]:
         "name": name,
         "capture": read_capture(parsed),
         "geometry": results.geometry(name),
+        "free_end": _free_end(results, name),
+        "moving": _moving(results, name),
         "model_from": results.model_from(name),
         "warnings": Quality.load(parsed).warnings + PerceptionQuality.load(seen).warnings,
         "choice": _embedded(seen / "choice.png"),
@@ -77,6 +82,35 @@ def describe_sequence(results: Results, name: str) -> dict[str, Any]:
         "others": {stage: _other_numbers(results.metrics[name].get(stage, {})) for stage in FIT_STAGES},
         "provenance": _provenance(results, name),
     }
+
+
+def _free_end(results: Results, name: str) -> str | None:
+    """The free end of a fitted sequence and of those that are predicted with its models."""
+    if results.model_from(name):
+        return None
+    shown = [name, *(other for other in results.sequences if results.model_from(other) == name)]
+    shown = [other for other in shown if (results.artifact("evaluate", other) / FreeEnd.FILE).is_file()]
+    if name not in shown:
+        return None
+    panels = []
+    for other in shown:
+        observed = 0 if other != name else results.evaluated(name).observed
+        title = name if other == name else f"{other}, predicted"
+        panels.append((title, FreeEnd.load(results.artifact("evaluate", other)), observed))
+    path = results.project.results / "pictures" / f"{name}_free_end.svg"
+    write_free_ends(path, panels, adopted=results.gap(name).after.adopted)
+    return embed(path)
+
+
+def _moving(results: Results, name: str) -> str | None:
+    """Without and with the named effect, moving; where one was adopted and the capture has no images of its own."""
+    capture = read_capture(results.artifact("parse_video", name))
+    if capture.kind == "video" or results.model_from(name) or not results.gap(name).after.adopted:
+        return None
+    evaluated, path = results.artifact("evaluate", name), results.project.results / "pictures" / f"{name}.gif"
+    videos = (evaluated / f"{stage}.mp4" for stage in ("fit_patches", "add_effect"))
+    write_moving_picture(*videos, path, capture.fps)
+    return embed(path)
 
 
 def _field(results: Results, name: str) -> dict[str, Any] | None:

@@ -1,12 +1,18 @@
 """Stage rig: makes a capture with known truth, by a simulator that is not ours."""
 
+from data.rig.bars import BARS
 from data.rig.capture import make_capture
+from data.rig.case import record_motion
 from data.rig.parameters import build_scene
 from pipeline.stage import StageContext, main
 
 
 def run(context: StageContext) -> None:
-    """Simulate and film the scene that has the sequence's name."""
+    """Simulate and film the scene that has the sequence's name; of a bar, record its points."""
+    if bar := BARS.get(context.sequence):
+        with context.timed("simulate and record"):
+            record_motion(bar.case(context.params, context.seed), bar.motion, context.output, video=False)
+        return
     scene = build_scene(context.sequence, context.params)
     with context.timed("simulate and film"):
         make_capture(scene, context.output, seed=context.seed, timestep=context.params.timestep)

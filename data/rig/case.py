@@ -75,17 +75,29 @@ def make_case(case: Case, destination: Path, *, video: bool) -> None:
     destination = Path(destination)
     draft = destination.with_name(destination.name + ".partial")
     shutil.rmtree(draft, ignore_errors=True)
-    for number, motion in enumerate(MOTIONS):
-        scene, seed = specimen(motion, case.seed), [case.seed, 20 + number]
-        trajectory = run(scene, case.hidden)
-        (draft / motion).mkdir(parents=True)
-        if video:
-            truth = _hidden_truth(case)
-            film(scene, trajectory, draft / motion, seed=seed, hidden=case.hidden, further_truth=truth, hint="box")
-        else:
-            _write_tracks(draft / motion, scene, trajectory, case, np.random.default_rng(seed))
+    for motion in MOTIONS:
+        record_motion(case, motion, draft / motion, video=video)
     shutil.rmtree(destination, ignore_errors=True)
     draft.rename(destination)
+
+
+def record_motion(case: Case, motion: str, folder: Path, *, video: bool) -> None:
+    """Writes the capture of one motion of a case into `folder`, which is made where it is not there.
+
+    Args:
+        case: what to hide.
+        motion: one of `specimen.MOTIONS`.
+        folder: of the capture.
+        video: RGB-D; otherwise tracks alone.
+    """
+    scene, seed = specimen(motion, case.seed), [case.seed, 20 + list(MOTIONS).index(motion)]
+    trajectory = run(scene, case.hidden)
+    folder.mkdir(parents=True, exist_ok=True)
+    if video:
+        truth = _hidden_truth(case)
+        film(scene, trajectory, folder, seed=seed, hidden=case.hidden, further_truth=truth, hint="box")
+    else:
+        _write_tracks(folder, scene, trajectory, case, np.random.default_rng(seed))
 
 
 def _write_tracks(

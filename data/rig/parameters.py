@@ -2,6 +2,7 @@
 
 from dataclasses import replace
 
+from data.rig.bars import BARS
 from data.rig.rig_scene import SCENES, Material, Noise, RigScene
 from physreal_core.errors import InputError
 from pipeline.config.rig import Rig
@@ -19,7 +20,7 @@ def build_scene(name: str, parameters: Rig) -> RigScene:
         raise InputError(
             f"no scene named {name!r}",
             where="rig",
-            expected=f"one of {sorted(SCENES)}",
+            expected=f"one of {sorted([*SCENES, *BARS])}",
             remedy="name another in params.yaml or add one to data/rig/scene.py",
         )
     scene, p = SCENES[name](), parameters

@@ -1,6 +1,6 @@
 """Parameters of the capture rig (data/rig): the truth that the example's captures are made with."""
 
-from typing import Self
+from typing import Literal, Self
 
 from pydantic import Field, model_validator
 
@@ -8,7 +8,15 @@ from pipeline.config._base import StageParameters
 
 
 class Rig(StageParameters):
-    """The `rig` block of params.yaml."""
+    """The `rig` block of params.yaml. `hidden` and `strength` are of the bars, all else is of the plush toy."""
+
+    hidden: str = Field(
+        "kelvin_voigt",
+        description="effect hidden in bar_lift and bar_press: a name in data/rig/hidden/library.py, two joined by +, or none",
+    )
+    strength: Literal["weak", "middle", "high"] = Field(
+        "high", description="how far it moves the bar: about 1, 3 or 7 mm"
+    )
 
     youngs_modulus: float = Field(6e4, gt=0, description="true Young's modulus [Pa]")
     poissons_ratio: float = Field(0.3, ge=0, lt=0.49, description="true Poisson's ratio")

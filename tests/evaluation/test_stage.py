@@ -16,6 +16,8 @@ from physreal_core.errors import InputError
 from physreal_core.fitting.model import save_model, uniform_model
 from physreal_core.rendering import Camera, Gaussians, bind, render_carried
 from pipeline.products.camera import RecordedCamera
+from pipeline.products.controllers import Controllers
+from pipeline.products.free_end import FreeEnd
 from pipeline.products.images import FrameImages
 from pipeline.products.masks import Masks
 from pipeline.products.particles import Particles
@@ -90,6 +92,7 @@ def context(tmp_path_factory) -> Context:
     seen, pixels = np.ones((FRAMES, 400), bool), np.full((FRAMES, 400, 2), np.nan)
     tracks = MeasuredTracks(pixels, seen, carried(points), seen, np.full((FRAMES, 400), 0.001))
     tracks.save(root / "segment_and_track")
+    Controllers(np.zeros((FRAMES, 0, 3), np.float32)).save(root / "segment_and_track")
     _write_frames(root, x0, carried(x0), F, placed.gaussians)
     _write_model(root / "fit_global", x0, SHEAR, np.zeros(3))
     _write_model(root / "fit_patches", x0, 2 * SHEAR, SHIFT)
@@ -187,7 +190,7 @@ def test_files(context: Context) -> None:
 
 
 def test_tracks_without_images(context: Context, tmp_path) -> None:
-    """No image scores and no video; track error, and the deflection of the tracked points."""
+    """No image scores; track error, the deflection of the tracked points, the free end, and a video from the side."""
     from stages.evaluate import run
 
     described = json.loads((context.root / "parse_video" / "capture.json").read_text())
@@ -206,7 +209,10 @@ def test_tracks_without_images(context: Context, tmp_path) -> None:
     tracks = Particles.load(context.root / "sample_particles").track_points0
     down = SHEAR * mean_time * tracks[:, 0].mean()
     assert tip["error"] == pytest.approx(np.hypot(SHIFT[0], down), rel=1e-4)
-    assert not list(tmp_path.glob("*.mp4"))
+    end = FreeEnd.load(tmp_path)
+    assert np.allclose(end.simulated[0], end.measured, atol=1e-6), "the true model's free end is the measured one"
+    assert np.abs(end.simulated[1] - end.measured).max() > 1e-4, "the other model's is not"
+    assert {path.stem for path in tmp_path.glob("*.mp4")} == set(metrics)
 
 
 def test_what_is_seen_is_compared_with_the_measurement_and_what_is_with_the_truth(context: Context, tmp_path) -> None:

@@ -1,13 +1,14 @@
 """One keyframe answered: candidates of the segmenter, ranked and mended by the evidence, and checked against the flow."""
 
 from collections.abc import Mapping, Sequence
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 
 import numpy as np
 
 from physreal_core.array_types import Array, Bool, Float, UInt8
 from physreal_core.perception.evidence import Carried, consensus, gain, gather
 from physreal_core.perception.mask_geometry import distance_to, intersection_over_union, thick_parts, with_pixels_of
+from physreal_core.perception.motion import texture
 from physreal_core.perception.prompting import Window, in_wide_enough_window, prompts_for_carried, window_around
 from physreal_core.perception.segmenter import Candidates, Prompt, Segmenter, zoomed_candidates
 from physreal_core.perception.settings import AssociationSettings, CheckSettings, EvidenceSettings
@@ -36,8 +37,8 @@ class Answer:
         mask: where it is.
         answered: whether the segmenter's answer was believed; otherwise it is the carried mask, mended.
         gain: share of the evidence that the mask gathers (1: all for it, nothing against).
-        overlap: IoU with the carried mask.
-        growth: its area over the carried mask's.
+        overlap: IoU with the carried mask, where the flow held.
+        growth: its area over the carried mask's, there.
     """
 
     mask: Bool[Array, "H W"]
@@ -66,8 +67,11 @@ class Keyframe:
         segmenter: Segmenter,
         settings: AssociationSettings,
     ) -> None:
-        self.image, self.sights, self.background = image, sights, background
+        self.image, self.background = image, background
         self.segmenter, self.settings = segmenter, settings
+        # Flow drags a bare table along with what moves on it: there the carried mask is a guess.
+        textured = texture(image, settings.texture_patch) > settings.texture
+        self.sights = {n: replace(s, carried=_told_by_flow(s.carried, textured)) for n, s in sights.items()}
 
     def answers(self) -> dict[str, Answer]:
         """An answer for every thing whose carried mask is not empty."""
@@ -156,15 +160,25 @@ def _mended(first: Array, masks: Array, evidence: Array, least: float, settings:
 def _checked(
     mask: Array, known: Array, evidence: Array, carried: Carried, settings: CheckSettings, asked: bool
 ) -> Answer:
-    """Whether an answer may be believed: it gathers the evidence, and is what the flow carried here, or is better."""
+    """Whether an answer may be believed: it gathers the evidence, and is what the flow carried here, or is better.
+
+    Where the flow could not hold, the carried mask says nothing for or against the answer.
+    """
     expected = carried.mask
     gathered = float(gain(mask[None], evidence)[0])
-    overlap, growth = intersection_over_union(mask, expected), float(mask.sum() / expected.sum())
+    there, before = mask & carried.held, expected & carried.held
+    overlap, growth = (
+        (intersection_over_union(there, before), float(there.sum() / before.sum())) if before.any() else (1.0, 1.0)
+    )
     witness = carried.held[expected].mean() >= settings.held
     alike = overlap >= settings.overlap and 1 / settings.area <= growth <= settings.area
     better, as_it_was = gain(np.stack([mask, expected]), known)
     believed = asked and bool(mask.any()) and gathered >= settings.gain
     return Answer(mask, bool(believed and (alike or not witness or better >= as_it_was)), gathered, overlap, growth)
+
+
+def _told_by_flow(carried: Carried, textured: Bool[Array, "H W"]) -> Carried:
+    return Carried(carried.distance, carried.held & textured)
 
 
 def _standing_in(known: Array, carried: Carried, settings: AssociationSettings) -> Answer:

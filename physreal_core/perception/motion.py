@@ -66,16 +66,17 @@ def watch(
     empty = np.zeros((0, height, width))
     return Motion(
         farthest,
-        texture(frames[0], settings) > settings.texture,
+        texture(frames[0], settings.patch) > settings.texture,
         np.stack(places) if places else np.zeros((0, height, width, 2), np.float32),
         np.stack(seen) if seen else empty.astype(bool),
     )
 
 
-def texture(image: UInt8[Array, "H W 3"], settings: MotionSettings) -> Float[Array, "H W"]:
-    """Root mean square of the grey gradient around each pixel [grey levels per px]."""
+def texture(image: UInt8[Array, "H W 3"], patch: int) -> Float[Array, "H W"]:
+    """Root mean square of the grey gradient in a square of side `patch` [px] around each pixel [grey levels per px]."""
     import cv2
 
     grey = cv2.GaussianBlur(cv2.cvtColor(image, cv2.COLOR_RGB2GRAY).astype(np.float32), (0, 0), 1.0)
     along, down = (cv2.Sobel(grey, -1, *order, scale=1 / 8) for order in ((1, 0), (0, 1)))
-    return np.sqrt(cv2.boxFilter(along**2 + down**2, -1, (settings.patch, settings.patch)))
+    mean = cv2.boxFilter(along**2 + down**2, -1, (patch, patch))
+    return np.sqrt(np.maximum(mean, 0.0))  # a running sum may round below zero

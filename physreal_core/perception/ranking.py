@@ -80,7 +80,7 @@ def fit_to_touch(
     s, taken = settings, hand if arm is None else arm | hand
     out = np.zeros(len(candidates))
     shade = None if image is None else shade_near(image, taken, motion, s)
-    edges = None if image is None else texture(image, s.motion) > s.motion.texture
+    edges = None if image is None else texture(image, s.motion.patch) > s.motion.texture
     for i, mask in enumerate(candidates.masks):
         own = mask & ~taken
         area = own.sum()

@@ -148,6 +148,10 @@ class AssociationSettings:
     """A background track votes against the things if it stays within this of the background's motion [px]."""
     round_trip: float = 1.0
     """The carried mask is a guess where the flow there and back misses by more [px]."""
+    texture: float = 3.0
+    """And where the grey gradient around a pixel is less than this, root mean square [grey levels per px]."""
+    texture_patch: int = 5
+    """Side of the square around a pixel that is looked at for texture [px]."""
     stray: float = 0.15
     """A keyframe is set where the flow lost more of a mask than this since the last one [share of its pixels]."""
     beside: float = 3.0

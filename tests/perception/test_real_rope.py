@@ -73,10 +73,11 @@ def test_rope_and_hand_have_a_mask_in_every_frame_and_tracks_stay_on_the_rope(ne
         v, u = np.rint(rope[t]).astype(int)[::-1]
         # A bent rope's centre of gravity lies beside it: within 6 px (the rope is 10 px thick) and near the mask's own.
         assert on_rope[v, u] > -6
-        assert np.linalg.norm(np.argwhere(parsed.object_masks[t])[:, ::-1].mean(0) - rope[t]) < 16
+        # The mask reaches up to the fingers, where the other cameras' points end earlier.
+        assert np.linalg.norm(np.argwhere(parsed.object_masks[t])[:, ::-1].mean(0) - rope[t]) < 20
         v, u = np.rint(hand[t]).astype(int)[::-1]
         assert on_hand[v, u] > -3
-        assert 700 < parsed.object_masks[t].sum() < 2000 and 500 < parsed.controller_masks[t].sum() < 8000
+        assert 900 < parsed.object_masks[t].sum() < 1500 and 500 < parsed.controller_masks[t].sum() < 8000
     inside = inside_masks(parsed.tracks.points, np.stack([signed_distance(m) > -2 for m in parsed.object_masks]))
     assert inside[parsed.tracks.visible].all()
     assert parsed.tracks.visible[-1].mean() > 0.5

@@ -9,7 +9,6 @@ from __future__ import annotations
 
 import argparse
 import json
-import os
 import time
 from collections.abc import Callable
 from pathlib import Path
@@ -20,6 +19,7 @@ import torch
 
 from benchmarks.beam_report import figure, markdown
 from benchmarks.beam_scene import FITTED, LOADED, RECORDINGS, Cut, experiment_of, recordings_in, whole
+from benchmarks.recordings import real_data
 from physreal_core.errors import InputError
 from physreal_core.gap import Added, Experiment, GapReport, GapSettings, Trial, add_effect, find_gap
 from physreal_core.gap.adding import trial_of
@@ -121,8 +121,7 @@ class _Prediction:
 
 def main() -> None:
     parser = argparse.ArgumentParser(description=__doc__, formatter_class=argparse.RawDescriptionHelpFormatter)
-    own = os.environ.get("PHYSREAL_REAL_DATA") or ROOT.parent / "shared" / "real"
-    parser.add_argument("--data", type=Path, default=own, help="folder of real recordings")
+    parser.add_argument("--data", type=Path, default=real_data(), help="folder of real recordings")
     parser.add_argument("--out", type=Path, default=ROOT / "benchmarks" / "results")
     args = parser.parse_args()
     try:

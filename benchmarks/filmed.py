@@ -1,25 +1,17 @@
 """The four filmed clips, read and scaled as the pipeline does: colour alone, no hint, the true masks where there are any."""
 
 import json
-import os
-from dataclasses import replace
-from pathlib import Path
 
 import numpy as np
 
 from benchmarks.judged import Judged
+from benchmarks.recordings import real_data
 from physreal_core.perception.perceive import Video
 from pipeline.config.parse_video import ParseVideo
 
 CLIPS = ("cloth", "zebra", "dino", "pushrope")
 DESCRIPTIONS = {"cloth": "a cloth", "zebra": "a stuffed zebra", "dino": "a stuffed dinosaur", "pushrope": "a rope"}
 """What a user would write; the default settings do not read it."""
-_ROOT = Path(__file__).resolve().parent.parent
-
-
-def real_data() -> Path:
-    """The folder of real recordings: $PHYSREAL_REAL_DATA, else ../shared/real beside the project."""
-    return Path(os.environ.get("PHYSREAL_REAL_DATA") or _ROOT.parent / "shared" / "real")
 
 
 def has_clip(name: str) -> bool:
@@ -45,12 +37,3 @@ def load_clip(name: str, frames: int | None = None) -> Judged:
     file = folder / "object_masks.npz"
     masks = np.load(file)["masks"][: len(images)] if file.is_file() else None
     return Judged(name, "clips", folder, video, masks, None)
-
-
-def shortened(judged: Judged, frames: int) -> Judged:
-    """The first frames of a sequence."""
-    cut = {
-        name: None if masks is None else masks[:frames]
-        for name, masks in (("object_masks", judged.object_masks), ("hand_masks", judged.hand_masks))
-    }
-    return replace(judged, video=replace(judged.video, frames=judged.video.frames[:frames]), **cut)

@@ -12,10 +12,11 @@ from collections.abc import Callable, Iterable, Iterator
 from pathlib import Path
 from typing import Any
 
-from benchmarks.filmed import CLIPS, has_clip, load_clip, real_data
+from benchmarks.filmed import CLIPS, has_clip, load_clip
 from benchmarks.judged import Judged
 from benchmarks.perception_report import write_report
 from benchmarks.perception_runs import STAGE, TruthOf, run_baseline, run_stage
+from benchmarks.recordings import real_data
 from benchmarks.rendered import NAMES, load_rendered, true_points
 from pipeline.provenance import digest_file, project_modules
 

@@ -1,7 +1,7 @@
 """Results of long computations on disk, so that a run that was killed, or one with few changes, goes on from them.
 
-There is a file for each, never a pickle. A file is the SHA-256 digest of what follows, and an npz archive of plain arrays. Whatever is not whole, or does not fit
-what is asked for, is told in a warning, deleted, and computed again.
+There is a file for each, never a pickle. A file is the SHA-256 digest of what follows, and an npz archive of plain
+arrays. Whatever is not whole, or does not fit what is asked for, is told in a warning, deleted, and computed again.
 """
 
 from __future__ import annotations

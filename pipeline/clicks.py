@@ -4,19 +4,16 @@ A single click on a thing in frame 0 is its hint. More clicks there, and all cli
 """
 
 import json
-from collections.abc import Iterator, Mapping
-from contextlib import contextmanager
+from collections.abc import Mapping
 from dataclasses import dataclass
-from pathlib import Path
 from typing import Any
 
 from physreal_core.errors import InputError
 from pipeline.capture import FILE, Capture, capture_of, read_description
 from pipeline.config import load_parameters
-from pipeline.parameters_file import WAIT
 from pipeline.products.masks import Role
 from pipeline.project import Project
-from pipeline.whole_files import write_whole
+from pipeline.whole_files import write_lock, write_whole
 
 Place = tuple[int, Role]
 """A frame, and what the clicks there are about."""
@@ -39,11 +36,6 @@ class Clicks:
     def with_point(self, point: tuple[float, float], label: int) -> "Clicks":
         """One click more."""
         return Clicks((*self.points, point), (*self.labels, label), self.box)
-
-    def without_point(self, index: int) -> "Clicks":
-        """One click less."""
-        keep = [i for i in range(len(self.points)) if i != index]
-        return Clicks(tuple(self.points[i] for i in keep), tuple(self.labels[i] for i in keep), self.box)
 
     @property
     def empty(self) -> bool:
@@ -93,7 +85,7 @@ def write_clicks(project: Project, sequence: str, edits: Mapping[Place, Clicks])
             remedy="copy the folder to another name, enter that with `physreal add`, and click there",
         )
     folder = project.capture(sequence)
-    with _description_lock(project, sequence):
+    with write_lock(project.description_lock(sequence), folder / FILE):
         values = read_description(folder)
         capture_of(values, str(folder / FILE))  # a fault that stands there already is not the clicks'
         for (frame, role), clicks in edits.items():
@@ -147,22 +139,3 @@ def _put(values: dict[str, Any], key: str, content: Any) -> None:
 
 def _plain(numbers: tuple[float, ...]) -> list[float]:
     return [round(number, 2) for number in numbers]
-
-
-@contextmanager
-def _description_lock(project: Project, sequence: str) -> Iterator[None]:
-    """Who changes capture.json reads it inside. The system drops the lock with the process."""
-    from filelock import FileLock, Timeout
-
-    path: Path = project.description_lock(sequence)
-    path.parent.mkdir(parents=True, exist_ok=True)
-    try:
-        lock = FileLock(path).acquire(timeout=WAIT)
-    except Timeout:
-        raise InputError(
-            f"another process has been writing it for {WAIT:.0f} s",
-            where=str(project.capture(sequence) / FILE),
-            remedy="wait for it or end it, and try again",
-        ) from None
-    with lock:
-        yield

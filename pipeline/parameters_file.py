@@ -1,8 +1,8 @@
 """The one way to write params.yaml: one writer at a time, the file whole at every moment, its comments kept."""
 
 import io
-from collections.abc import Iterator, Mapping
-from contextlib import contextmanager
+from collections.abc import Mapping
+from contextlib import AbstractContextManager
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
@@ -11,40 +11,19 @@ import yaml
 from physreal_core.errors import InputError
 from pipeline.config import read_parameters, validate_parameters
 from pipeline.project import Project
-from pipeline.whole_files import write_whole
+from pipeline.whole_files import write_lock, write_whole
 
 if TYPE_CHECKING:
     from ruamel.yaml import YAML
     from ruamel.yaml.comments import CommentedMap
 
-WAIT = 60.0
-"""Seconds that a command waits for another one that writes params.yaml."""
-
 Blocks = Mapping[str, Mapping[str, Mapping[str, Any]]]
 """Block of params.yaml → name of a sequence → what stands there."""
 
 
-@contextmanager
-def parameters_lock(project: Project) -> Iterator[None]:
-    """Holds the lock on params.yaml. Who changes it reads it inside. The system drops the lock with the process.
-
-    Raises:
-        InputError: another process has held the lock for a minute.
-    """
-    from filelock import FileLock, Timeout
-
-    path = project.parameters_lock
-    path.parent.mkdir(parents=True, exist_ok=True)
-    try:
-        lock = FileLock(path).acquire(timeout=WAIT)
-    except Timeout:
-        raise InputError(
-            f"another command has been writing it for {WAIT:.0f} s",
-            where=str(project.parameters),
-            remedy="wait for it or end it, and try again",
-        ) from None
-    with lock:
-        yield
+def parameters_lock(project: Project) -> AbstractContextManager[None]:
+    """Holds the lock on params.yaml; see `write_lock`."""
+    return write_lock(project.parameters_lock, project.parameters)
 
 
 def write_parameters(project: Project, text: str) -> None:

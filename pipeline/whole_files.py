@@ -2,7 +2,36 @@
 
 import os
 import shutil
+from collections.abc import Iterator
+from contextlib import contextmanager
 from pathlib import Path
+
+from physreal_core.errors import InputError
+
+WAIT = 60.0
+"""How long a writer waits for another one [s]."""
+
+
+@contextmanager
+def write_lock(lock: Path, file: Path) -> Iterator[None]:
+    """Holds `lock`, the lock on `file`. Who changes the file reads it inside. The system drops the lock with the process.
+
+    Raises:
+        InputError: another process has held the lock for a minute.
+    """
+    from filelock import FileLock, Timeout
+
+    lock.parent.mkdir(parents=True, exist_ok=True)
+    try:
+        held = FileLock(lock).acquire(timeout=WAIT)
+    except Timeout:
+        raise InputError(
+            f"another command has been writing it for {WAIT:.0f} s",
+            where=str(file),
+            remedy="wait for it or end it, and try again",
+        ) from None
+    with held:
+        yield
 
 
 def write_whole(path: Path, text: str) -> None:

@@ -6,8 +6,9 @@ import pytest
 for package in ("cv2", "mujoco", "onnxruntime"):
     pytest.importorskip(package)
 
-from benchmarks.filmed import has_clip, load_clip, real_data
+from benchmarks.filmed import has_clip, load_clip
 from benchmarks.perception_runs import run_stage
+from benchmarks.recordings import real_data
 from pipeline.models import check_files
 from tests.conftest import ROOT
 

@@ -22,6 +22,8 @@ class GapSettings:
         seconds: number of second effects that are tried at a time, and number of pairs whose fits go on until they
             converge.
         exchanges: number of candidates for which each effect of the best pair is exchanged.
+        coarsening: factor on the particles' spacing in the rollouts in which candidates are screened and their fits begin;
+            1 for none.
         iterations: largest number of steps of a candidate's fit, before the best fits go on.
         finalists: number of fits that go on until they converge.
         settling: largest number of steps of those, and of the whole baseline.
@@ -58,6 +60,7 @@ class GapSettings:
     firsts: int = 3
     seconds: int = 5
     exchanges: int = 3
+    coarsening: float = 1.5
     iterations: int = 5
     finalists: int = 4
     settling: int = 10

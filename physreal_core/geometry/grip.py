@@ -34,7 +34,7 @@ def bind_grip(
     spacing: float,
     per_particle: int = 8,
 ) -> GripPairs:
-    """Binds the particles within `radius` of controller points, spots in and on a hand, in frame 0, each as `_springs` says.
+    """Binds the particles within `radius` of controller points, spots in and on a hand, in frame 0, each as `springs` says.
 
     The pairs are those of frame 0, so a hand that only comes to the object later cannot be bound.
 
@@ -63,7 +63,7 @@ def bind_grip(
             expected=f"a particle within grip.radius = {radius} m; {_first_contact(x0, controllers, radius)}",
             remedy="raise sample_particles.grip.radius, or begin the capture where the hand holds the object",
         )
-    pairs = _springs(x0, np.flatnonzero(distance < radius), points, spacing, per_particle)
+    pairs = springs(x0, np.flatnonzero(distance < radius), points, spacing, per_particle)
     return GripPairs(pairs.particles, known[pairs.controllers].astype(np.int32), pairs.weights, pairs.rest_lengths)
 
 
@@ -71,7 +71,7 @@ def bind_within(
     x0: Float[Array, "particles 3"], points: Float[Array, "points 3"], *, spacing: float, per_particle: int = 8
 ) -> GripPairs:
     """Binds the particles within the convex hull of `points`, a hand that is known all around what it holds, each as
-    `_springs` says.
+    `springs` says.
 
     Args:
         x0: particles [m].
@@ -97,10 +97,10 @@ def bind_within(
             where="controllers",
             expected="particles between the points that hold them",
         )
-    return _springs(x0, held, points, spacing, per_particle)
+    return springs(x0, held, points, spacing, per_particle)
 
 
-def _springs(x0: Array, held: Array, points: Array, spacing: float, per_particle: int) -> GripPairs:
+def springs(x0: Array, held: Array, points: Array, spacing: float, per_particle: int) -> GripPairs:
     """Binds particles to the `per_particle` nearest points with springs of equal constant: weights in proportion to rest
     lengths, which sum to one for every particle. Springs in all directions hold it against shifts and turns alike."""
     from scipy.spatial import cKDTree

@@ -99,6 +99,9 @@ class LinearExperiment:
     def motion(self, trial):
         return None
 
+    def coarsened(self, factor):
+        return None
+
     def noise(self) -> Noise:
         sigma, valid = self.sigma[:TRAIN], self.valid[:TRAIN]
         motion = np.broadcast_to(self.points0, (TRAIN, TRACKS, 3))

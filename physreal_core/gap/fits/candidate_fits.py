@@ -20,6 +20,7 @@ from physreal_core.gap.fits.linear_starts import LONGEST_SHIFT, linear_starts
 from physreal_core.gap.fits.plans import share_a_term
 from physreal_core.gap.fits.screening import Score, Screen
 from physreal_core.gap.fits.unknowns import Unknowns
+from physreal_core.gap.interactions.quick import quick_interactions
 from physreal_core.gap.interactions.starts import blocking_starts_of, replacement_starts_of
 from physreal_core.gap.settings import GapSettings
 
@@ -28,6 +29,9 @@ WORTH_A_SCREEN = 10.0
 
 STARTS = 3
 """Starts of every effect that are screened in the second place: those of the largest gain in the first."""
+
+IN_FULL = 2
+"""Steps in full rollouts of a fit that has begun with quick ones."""
 
 FACTORS = tuple(2.0 ** (step / 2) for step in range(-3, 3))
 """Factors on the uniform baseline's modulus, among which a fit from a large amplitude looks for its start."""
@@ -44,6 +48,7 @@ class CandidateFits:
         baseline: the fit without a missing effect.
         uniform: the best one with one modulus for all patches, as a point of the same unknowns.
         data: what all is fitted to.
+        quick: the same with quick rollouts, in which candidates are screened and their fits begin; or `data` itself.
         names: of the candidates.
         settings: of the search.
         screens: at the baseline and, where contrast between patches gains much, at the uniform one.
@@ -53,6 +58,7 @@ class CandidateFits:
     baseline: Fit
     uniform: Fit
     data: Data
+    quick: Data
     names: Sequence[str]
     settings: GapSettings
     screens: tuple[Screen, ...]
@@ -61,12 +67,13 @@ class CandidateFits:
     @classmethod
     def beside(cls, baseline: Fit, data: Data, names: Sequence[str], settings: GapSettings) -> CandidateFits:
         """Fit the uniform baseline and screen the candidates."""
-        uniform = _uniform_fit(baseline, data, settings.iterations) if baseline.unknowns.patches > 1 else baseline
+        quick = _quick(baseline, data, settings.coarsening)
+        uniform = _uniform_fit(baseline, quick, settings.iterations) if baseline.unknowns.patches > 1 else baseline
         contrast_gains = WORTH_A_SCREEN < uniform.energy - baseline.energy < np.inf
         blocking = {e.name: _blocking_values(e, baseline, data) for e in _overriding("blocking_starts", names)}
-        screen = Screen.of(baseline, data, names, settings.priors)
+        screen = Screen.of(baseline, quick, names, settings.priors)
         screens = (screen, screen.anew(uniform, STARTS)) if contrast_gains else (screen,)
-        return cls(baseline, uniform, data, tuple(names), settings, screens, blocking)
+        return cls(baseline, uniform, data, quick, tuple(names), settings, screens, blocking)
 
     # --- ranking ------------------------------------------------------------------------------------------------
 
@@ -116,8 +123,8 @@ class CandidateFits:
             ]
             for name, scores in zip(alone, chosen, strict=True)
         ]
-        found = iter(together([request for own in requests for request in own], self.data))
-        return [max((next(found) for _ in own), key=lambda fit: fit.log_evidence) for own in requests]
+        found = iter(together([request for own in requests for request in own], self.quick))
+        return self._in_full([max((next(found) for _ in own), key=lambda fit: fit.log_evidence) for own in requests])
 
     def alone(self, two: Fit) -> list[Fit]:
         """Each effect of a fit without the others, from where that fit is."""
@@ -127,8 +134,8 @@ class CandidateFits:
             unknowns = Unknowns(own.fields, (name,), own.priors, values, own.scalars)
             kept = np.r_[: own.baseline, own.places[name]]
             start = two.vector[kept][None]
-            requests.append(fit(unknowns, self.data, start, self.settings.iterations, [two.jacobian[:, kept]]))
-        return together(requests, self.data)
+            requests.append(fit(unknowns, self.quick, start, self.settings.iterations, [two.jacobian[:, kept]]))
+        return self._in_full(together(requests, self.quick))
 
     def look_alikes(self, best: Fit, names: Sequence[str] | None = None) -> list[Fit]:
         """Fits of effects that act through the same term as a single one, at scale and beside its material.
@@ -144,18 +151,33 @@ class CandidateFits:
         if not related:
             return []
         starts = [*self._at_scale(related), *self._in_place_of(best, related)]
-        return together([*self._from_the_closest(starts, best).values()], self.data)
+        return self._in_full(together([*self._from_the_closest(starts, best).values()], self.quick))
 
     def converged(self, fits: Sequence[Fit]) -> list[Fit]:
         """The fits continued until they converge, each also from the material of every other one if that is better."""
         materials = [*fits, *(screen.baseline for screen in self.screens)]
-        return together([self._continued(found, materials) for found in fits], self.data)
+        if self.quick is self.data:
+            steps = self.settings.settling
+            return together([self._from_materials(found, materials, self.data, steps) for found in fits], self.data)
+        chosen = together([self._from_materials(found, materials, self.quick, 0) for found in fits], self.quick)
+        settled = together([self._continued(own, self.settings.settling) for own in chosen], self.data)
+        return [max(pair, key=lambda fit: fit.log_evidence) for pair in zip(fits, settled, strict=True)]
+
+    def _in_full(self, fits: Sequence[Fit]) -> list[Fit]:
+        """Fits that quick rollouts have brought near an optimum, with a few steps in full ones."""
+        if self.quick is self.data:
+            return list(fits)
+        return together([self._continued(own, IN_FULL) for own in fits], self.data)
+
+    def _continued(self, own: Fit, steps: int) -> Request:
+        """A fit that goes on in full rollouts, with the tangents that it has."""
+        return fit(own.unknowns, self.data, own.vector[None], steps, [own.jacobian])
 
     # --- starts -------------------------------------------------------------------------------------------------
 
     def _from_linear_optima(self, scores: list[Score]) -> Request:
         unknowns, starts, known = linear_starts(scores, self.settings.priors)
-        return fit(unknowns, self.data, starts, self.settings.iterations, known)
+        return fit(unknowns, self.quick, starts, self.settings.iterations, known)
 
     def _from_large_amplitudes(self, scores: list[Score]) -> list[Request]:
         """Fits of a first effect from `Effect.large_starts`, at the baseline's material or at one of several uniform moduli."""
@@ -169,7 +191,7 @@ class CandidateFits:
             starts[0, : own.baseline], starts[1:, : own.baseline] = self.baseline.vector, self.uniform.vector
             starts[1:, : own.patches] += np.log(FACTORS)[:, None]
             known = [self.baseline.jacobian, *[self.uniform.jacobian] * len(FACTORS)]
-            requests.append(fit(unknowns, self.data, starts, self.settings.iterations, known))
+            requests.append(fit(unknowns, self.quick, starts, self.settings.iterations, known))
         return requests
 
     def _at_scale(self, names: Sequence[str]) -> list[tuple[str, Values]]:
@@ -222,7 +244,7 @@ class CandidateFits:
         """How the material follows each start, by the tangents of a fit, and the energy then [nat]."""
         own = self.baseline.unknowns
         material, known = beside.vector[: own.baseline], beside.jacobian[:, : own.baseline]
-        residuals = self.data.residuals(self.data.predict([unknowns.trial(vector) for unknowns, vector in begun]))
+        residuals = self.quick.residuals(self.quick.predict([unknowns.trial(vector) for unknowns, vector in begun]))
         pulls = known.T @ residuals + (own.block.precision @ (material - own.block.mean))[:, None]
         shifts = -np.linalg.solve(known.T @ known + own.block.precision, pulls)
         energies = 0.5 * (residuals**2).sum(0) + 0.5 * (pulls * shifts).sum(0)
@@ -234,20 +256,31 @@ class CandidateFits:
         starts[1, : unknowns.baseline] += np.clip(shift, -LONGEST_SHIFT, LONGEST_SHIFT)
         starts = np.clip(starts, unknowns.block.lower, unknowns.block.upper)
         known = beside.jacobian[:, : unknowns.baseline]
-        return fit(unknowns, self.data, starts, self.settings.iterations, [known, known])
+        return fit(unknowns, self.quick, starts, self.settings.iterations, [known, known])
 
     def _with_effect(self, effect: Effect, values: Values) -> Unknowns:
         """The baseline's unknowns with an effect that starts at some values."""
         own = self.baseline.unknowns
         return Unknowns(own.fields, (effect.name,), own.priors, {effect.name: values}, own.scalars)
 
-    def _continued(self, found: Fit, materials: Sequence[Fit]) -> Request:
+    @staticmethod
+    def _from_materials(found: Fit, materials: Sequence[Fit], data: Data, steps: int) -> Request:
+        """A fit that goes on from where it is, or from the same effects beside another fit's material."""
         size, starts, jacobians = found.unknowns.baseline, [found.vector], [found.jacobian]
         for other in materials:
             if other is not found:
                 starts.append(np.concatenate([other.vector[:size], found.vector[size:]]))
                 jacobians.append(np.concatenate([other.jacobian[:, :size], found.jacobian[:, size:]], axis=1))
-        return fit(found.unknowns, self.data, np.stack(starts), self.settings.settling, jacobians)
+        return fit(found.unknowns, data, np.stack(starts), steps, jacobians)
+
+
+def _quick(baseline: Fit, data: Data, factor: float) -> Data:
+    """The data with quick rollouts that agree with full ones at the baseline; the data themselves where there are none."""
+    if factor <= 1.0:
+        return data
+    anchor = baseline.unknowns.trial(baseline.vector)
+    found = quick_interactions(data.experiments, anchor, baseline.predicted, factor)
+    return data if found is None else Data(found, data.noises)
 
 
 def _uniform_fit(baseline: Fit, data: Data, iterations: int) -> Fit:

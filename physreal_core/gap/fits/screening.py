@@ -100,7 +100,7 @@ class Screen:
             "screen",
             lambda: [value for one in (trial, *trials) for value in one.told()],
             {"changes": (len(baseline.residual), len(trials))},
-            lambda: {"changes": data.changes(data.predict(trials), baseline.predicted)},
+            lambda: {"changes": _changes(data, trial, trials)},
         )
         changes = np.where(np.isfinite(found["changes"]).all(0), found["changes"], 0.0)
         starts, first = [], 0
@@ -187,6 +187,12 @@ class Screen:
             gains = [_linear_gain(information, pull, plan.one_sided, plan.sign, prior)[1] for pull in pulls.T]
             best = np.maximum(best, gains)
         return best
+
+
+def _changes(data: Data, reference: Trial, trials: Sequence[Trial]) -> Float[Array, "entries trials"]:
+    """Whitened differences of trials from a reference, in rollouts of one kind."""
+    predictions = data.predict([reference, *trials])
+    return data.changes([p[1:] for p in predictions], [p[0] for p in predictions])
 
 
 def project_out(fit: Fit, columns: Float[Array, "entries columns"]) -> Float[Array, "entries columns"]:

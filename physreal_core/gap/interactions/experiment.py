@@ -15,6 +15,7 @@ from physreal_core.checkpoints import remembered
 from physreal_core.cores import available_cores
 from physreal_core.effects import EFFECTS, Inputs
 from physreal_core.evidence import require_tracks
+from physreal_core.fitting.coarsening import coarsened, held_share
 from physreal_core.fitting.model import Model
 from physreal_core.fitting.problem import Problem
 from physreal_core.fitting.rollouts import Rollouts, roll_out_together
@@ -23,6 +24,9 @@ from physreal_core.gap.interactions.interaction import EffectValues, Placement, 
 from physreal_core.rendering import carry_points
 from physreal_core.simulation import SimulationConfig, Simulator, States
 from physreal_core.simulation.timestep import LARGEST_SUBSTEPS, needed_substeps
+
+FEWEST = 150
+"""Particles below which a body is not simulated any coarser."""
 
 LARGEST_BATCH = 256
 """Rollouts at once. A GPU is full long before, and their states must fit beside each other."""
@@ -117,11 +121,11 @@ class Experiment:
         """
         frames = frames or self.frames
         predicted = np.full((len(trials), frames, len(self.points0), 3), np.nan)
-        made = self._made(trials, frames)
+        made, particles = self._made(trials, frames), len(self.problem.body.x0)
         for rows in self._batches(made):
             found = remembered(
                 "rollouts",
-                lambda rows=rows: [frames, discretisation, *(v for row in rows for v in trials[row].told())],
+                lambda rows=rows: [particles, frames, discretisation, *(v for r in rows for v in trials[r].told())],
                 {"tracks": (len(rows), *predicted.shape[1:])},
                 lambda rows=rows: {"tracks": self._tracks([made[row] for row in rows], frames, discretisation)},
             )
@@ -147,6 +151,16 @@ class Experiment:
         x, F = (state[: self.frames].cpu() for state in self._run(self._made([trial], self.frames))[0])
         v = torch.gradient(x, spacing=1.0 / float(self.problem.fps), dim=0)[0]
         return States(x, v, F)
+
+    def coarsened(self, factor: float) -> tuple[Experiment, dict[str, float]] | None:
+        """As of `Interaction`; None where too few particles would be left, or something is fastened to places of the body."""
+        problem = self.problem
+        if len(problem.body.x0) < FEWEST * factor**3 or problem.loads or problem.clamps:
+            return None
+        coarse = coarsened(problem, factor)
+        held = held_share(problem, coarse)
+        scales = {"grip_stiffness": held, "grip_damping": held}
+        return Experiment(coarse, self.model, self.device, self.placement), scales
 
     # --- rollouts -----------------------------------------------------------------------------------------------
 

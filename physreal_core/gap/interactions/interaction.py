@@ -84,3 +84,7 @@ class Interaction(Protocol):
 
     def motion(self, trial: Trial) -> States | None:
         """The whole rollout of one trial, for effects that look where the body goes; None where there is no body."""
+
+    def coarsened(self, factor: float) -> tuple[Interaction, dict[str, float]] | None:
+        """The same with particles `factor` times as far apart, and the factors on fields of the model that go with it; None
+        where there is no such form."""

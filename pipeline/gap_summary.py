@@ -48,10 +48,26 @@ class GapSummary:
     def _adopted(self) -> str:
         if self.after.adopted:
             names = " and ".join(effect.name for effect in self.after.effects)
-            return f"In the model from now on: {names}; of the held-out gap it closes {self.after.closed:.0%}."
+            on_other = self.closed_on_other_motion
+            further = "" if on_other is None else f", of the gap on the motion that the fit never saw {on_other:.0%}"
+            return f"In the model from now on: {names}; of the held-out gap it closes {self.after.closed:.0%}{further}."
         if self.after.after:
             return "Not adopted: on frames that the fit never saw, the gap does not shrink."
         return "The model stays as it was."
+
+    @property
+    def closed_on_other_motion(self) -> float | None:
+        """Share of the gap that the effect closes in the interaction that the compared models were not fitted to, beyond the
+        noise floor; None where there is none or nothing was adopted."""
+        if not self.after.adopted:
+            return None
+        before, after = (self._gap_elsewhere(found) for found in (self.after.before, self.after.after))
+        return 1.0 - after / before if before else None
+
+    def _gap_elsewhere(self, entries: tuple[Disagreement, ...]) -> float:
+        """Mean square distance beyond the noise floor [m2], over the interactions that were not fitted."""
+        other = [entry for entry in entries if entry.interaction != self.after.fitted_on]
+        return sum(max(entry.rms**2 - entry.floor**2, 0.0) for entry in other)
 
     def tables(self) -> list[Table]:
         """The answers, and the gap before and after."""

@@ -111,12 +111,13 @@ def _gaps(results: Results) -> Table:
             " or ".join(" + ".join(names) for names in gap.verdict.members if names),
             f"{gap.verdict.probability:.2f}",
             f"{gap.after.closed:.0%}" if gap.after.adopted else "not adopted" if gap.after.after else "",
+            "" if (on_other := gap.closed_on_other_motion) is None else f"{on_other:.0%}",
             *(_stress_share(results.residual(sequence).get(kind)) for kind in ("with", "without")),
         ]
         for sequence in results.sequences
         if (gap := results.gap(sequence))
     ]
-    headings = ["sequence", "verdict", "missing", "probability", "held-out gap closed"]
+    headings = ["sequence", "verdict", "missing", "probability", "held-out gap closed", "on the other motion"]
     shares = ["networks' stress [%]", "without the effect [%]"]
     return Table("What the fitted models were missing, and what it leaves to the networks.", [*headings, *shares], rows)
 

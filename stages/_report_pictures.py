@@ -74,13 +74,13 @@ def write_free_ends(path: Path, panels: Sequence[tuple[str, FreeEnd, int]], *, a
 
     Args:
         path: SVG to write.
-        panels: title, motion, and the number of frames that a fit saw (0: none).
+        panels: title, motion, and the number of frames that a fit or the search saw (0: none).
         adopted: whether an effect is in the model, so that it is drawn with and without it.
     """
     figure, row = pyplot.subplots(1, len(panels), figsize=(4.6 * len(panels), 2.7), squeeze=False, sharey=True)
     for axes, (title, end, observed) in zip(row[0], panels, strict=True):
         axes.axvspan(end.time[min(observed, len(end.time) - 1)], end.time[-1], color="#64748b", alpha=0.12, lw=0)
-        axes.text(end.time[-1], 1.0, "no fit saw this", transform=axes.get_xaxis_transform(), ha="right", va="top")
+        axes.text(end.time[-1], 1.0, "never seen", transform=axes.get_xaxis_transform(), ha="right", va="top")
         models = dict(zip(FIT_STAGES, 1e3 * end.simulated, strict=False))
         axes.plot(end.time, models["fit_patches"], color=COLOURS["fit_patches"], lw=1.3, label="elastic model")
         if adopted:

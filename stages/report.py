@@ -92,9 +92,9 @@ def _free_end(results: Results, name: str) -> str | None:
     shown = [other for other in shown if (results.artifact("evaluate", other) / FreeEnd.FILE).is_file()]
     if name not in shown:
         return None
-    panels = []
+    panels, searched = [], results.gap(name).interactions
     for other in shown:
-        observed = 0 if other != name else results.evaluated(name).observed
+        observed = results.evaluated(other).observed if other in searched else 0
         title = name if other == name else f"{other}, predicted"
         panels.append((title, FreeEnd.load(results.artifact("evaluate", other)), observed))
     path = results.project.results / "pictures" / f"{name}_free_end.svg"

@@ -7,6 +7,7 @@ from collections.abc import Iterable
 from pathlib import Path
 
 from pipeline.faults import one_sentence
+from pipeline.gap_summary import GapSummary
 from pipeline.graph import FIT_STAGES
 from pipeline.results import INTERVALS, Results
 from pipeline.tables import tables
@@ -25,8 +26,10 @@ def run(results: Results) -> None:
 
 
 def summary(results: Results) -> dict:
-    """sequences.<name>.<fit stage>.<interval>.<metric>, SI units; a metric that does not apply is absent."""
+    """sequences.<name>.<fit stage>.<interval>.<metric>, SI units, and missing_effect.<name> of every fitted sequence; a number
+    that does not apply is absent."""
     return {
+        "missing_effect": {name: _missing(gap) for name in results.sequences if (gap := results.gap(name))},
         "sequences": {
             sequence: {
                 stage: {interval: results.scores(sequence, stage, interval) for interval in INTERVALS}
@@ -34,7 +37,21 @@ def summary(results: Results) -> dict:
                 if stage in results.metrics[sequence]
             }
             for sequence in results.sequences
-        }
+        },
+    }
+
+
+def _missing(gap: GapSummary) -> dict:
+    """The verdict on a model, and the shares of the gap that what was adopted closes."""
+    closed = {
+        "closed": gap.after.closed if gap.after.adopted else None,
+        "closed_on_other_motion": gap.closed_on_other_motion,
+    }
+    return {
+        "verdict": gap.verdict.kind,
+        "named": " + ".join(gap.verdict.names),
+        "probability": gap.verdict.probability,
+        **{name: share for name, share in closed.items() if share is not None},
     }
 
 

@@ -3,10 +3,12 @@
 import csv
 import json
 import re
+from dataclasses import replace
 
 import pytest
 
 from physreal_core.errors import InputError
+from physreal_core.gap.report import Disagreement
 from pipeline.graph import FIT_STAGES
 from pipeline.results import METRICS, Results
 from pipeline.tables import mean_scores
@@ -22,7 +24,12 @@ def results(tmp_path_factory) -> Results:
 def test_summary_has_the_agreed_form(results):
     summarise.run(results)
     summary = json.loads((results.project.results / "summary.json").read_text())
-    assert set(summary) == {"sequences"} and set(summary["sequences"]) == {"lift", "push"}
+    assert set(summary) == {"missing_effect", "sequences"} and set(summary["sequences"]) == {"lift", "push"}
+    missing = summary["missing_effect"]
+    assert set(missing) == {"lift"}, "a predicted sequence has no verdict of its own"
+    assert missing["lift"] == pytest.approx(
+        {"verdict": "effect", "named": "linear_drag", "probability": 0.96, "closed": 0.98}
+    )
     for sequence, stages in summary["sequences"].items():
         assert tuple(stages) == FIT_STAGES
         for stage, intervals in stages.items():
@@ -67,7 +74,7 @@ def test_what_was_missing_stands_in_a_table_and_what_it_leaves_to_the_networks(r
     summarise.run(results)
     with (results.project.results / "tables/gaps.csv").open() as file:
         (row,) = csv.DictReader(file)
-    assert list(row.values()) == ["lift", "effect", "linear_drag", "0.96", "98%", "4.0", "11.0"]
+    assert list(row.values()) == ["lift", "effect", "linear_drag", "0.96", "98%", "", "4.0", "11.0"]
 
 
 def test_the_gap_in_sentences_and_tables(results):
@@ -79,6 +86,20 @@ def test_the_gap_in_sentences_and_tables(results):
     assert [row[0] for row in answers.rows] == ["linear_drag", "none"], "only what was fitted"
     assert gaps.rows[1] == ["lift", "held out", "9.00 (9.0)", "2.70 (2.7)", "7.50 (7.5)", "2.40", "0.80"]
     assert results.gap("push") is None
+
+
+def test_what_an_effect_closes_on_the_motion_that_was_not_fitted(results):
+    def entry(interaction, interval, rms):
+        return Disagreement(interaction, interval, rms, rms, 1.0, 0.003)
+
+    before = entry(0, "held_out", 0.009), entry(1, "train", 0.005), entry(1, "held_out", 0.005)
+    after = entry(0, "held_out", 0.009), entry(1, "train", 0.004), entry(1, "held_out", 0.003)
+    summary = results.gap("lift")
+    moved = replace(summary, after=replace(summary.after, before=before, after=after, fitted_on=0))
+    # squares beyond a floor of 3 mm: 16 + 16 before, 7 + 0 after
+    assert moved.closed_on_other_motion == pytest.approx(1 - 7 / 32)
+    assert "on the motion that the fit never saw 78%" in " ".join(moved.sentences)
+    assert replace(moved, after=replace(moved.after, adopted=False)).closed_on_other_motion is None
 
 
 def test_report_is_one_page_with_everything_inside(results):

@@ -12,7 +12,7 @@ from physreal_core.effects import EFFECTS, fits
 from physreal_core.errors import InputError
 from physreal_core.gap.answers.answer import Answer, answer_of, candidates_of
 from physreal_core.gap.answers.disagreement import disagreements
-from physreal_core.gap.answers.probabilities import probabilities
+from physreal_core.gap.answers.probabilities import probabilities, temperature_of
 from physreal_core.gap.answers.verdict import verdict_of
 from physreal_core.gap.fits.baseline import Progress, fit_baseline, unknown_scalars
 from physreal_core.gap.fits.candidate_fits import CandidateFits
@@ -23,8 +23,10 @@ from physreal_core.gap.fits.strategy import Strategy
 from physreal_core.gap.interactions.interaction import Interaction
 from physreal_core.gap.lead.lead import Lead
 from physreal_core.gap.lead.preparation import lead_on
+from physreal_core.gap.next_motion.members import members_of
+from physreal_core.gap.next_motion.ranking import next_motions, sentence_of
 from physreal_core.gap.noise.measurements import Measurements
-from physreal_core.gap.report import Candidate, FittedEffect, GapReport
+from physreal_core.gap.report import Candidate, FittedEffect, GapReport, ProposedMotion, Verdict
 from physreal_core.gap.settings import GapSettings
 from physreal_core.gap.where.locate import locate
 
@@ -157,7 +159,10 @@ class SearchResult:
         return self.strategy.measurements
 
     def report(self) -> GapReport:
-        """Verdict, candidates and maps of the disagreement; an unknown effect costs a few rollouts for a lead."""
+        """Verdict, candidates, maps of the disagreement, motions to film next.
+
+        An unknown effect costs a few rollouts for a lead, answers that cannot be told apart cost some for the motions.
+        """
         settings, names = self.search.settings, self.strategy.candidate_fits.names
         chances = probabilities(
             [answer.names for answer in self.answers],
@@ -175,6 +180,9 @@ class SearchResult:
         lead = self._lead() if verdict.kind == "unknown" else None
         if lead is not None:
             verdict = replace(verdict, sentence=f"{verdict.sentence} {lead.sentence}")
+        proposed = self._next_motions(verdict, candidates)
+        if proposed:
+            verdict = replace(verdict, next_motion=sentence_of(proposed))
         return GapReport(
             verdict=verdict,
             candidates=candidates,
@@ -186,7 +194,21 @@ class SearchResult:
             numerical_floor=self.measurements.numerical_errors,
             settings={"candidates": list(names), "seed": settings.seed},
             lead=None if lead is None else lead.as_record(),
+            next_motions=proposed,
         )
+
+    def _next_motions(self, verdict: Verdict, candidates: Sequence[Candidate]) -> tuple[ProposedMotion, ...]:
+        """Motions that would tell the members of the verdict apart; none where there are less than two."""
+        if len(verdict.members) < 2:
+            return ()
+        fits, chances = (
+            {answer.names: answer.fit for answer in self.answers},
+            {c.names: c.probability for c in candidates},
+        )
+        members, settings = verdict.members, self.search.settings
+        temperature = temperature_of(max(answer.gain for answer in self.answers), settings)
+        asked = members_of([fits[names] for names in members], [chances[names] for names in members], temperature)
+        return next_motions(self.search.experiments, asked, settings.model_error, temperature, self.search.progress)
 
     def _lead(self) -> Lead | None:
         """The disagreement as a force; None where it cannot be said."""

@@ -12,7 +12,7 @@ import json
 import shutil
 import time
 from collections.abc import Sequence
-from dataclasses import dataclass
+from dataclasses import dataclass, field
 from pathlib import Path
 from typing import Any, Literal
 
@@ -20,12 +20,12 @@ import numpy as np
 import torch
 from scipy.stats import binomtest
 
-from benchmarks.gap.answer import experiments_of
 from benchmarks.gap.cases import GapCase, benchmark_cases, chosen
 from benchmarks.gap.files import read_json, write_json
+from benchmarks.gap.problems import Discretisation, baseline_model, problems_of
 from benchmarks.gap.settings import load_settings
 from physreal_core.effects import EFFECTS
-from physreal_core.gap import GapSettings, find_gap
+from physreal_core.gap import Experiment, GapSettings, find_gap
 
 ARMS = ("chosen", "random")
 Arm = Literal["chosen", "random"]
@@ -40,12 +40,14 @@ class NextMotionRun:
         folder: of the results, one folder per case.
         settings: of the search.
         recordings: that the first search has, 1 or 2.
+        cut: particles and patches of the searches.
         answered: folder of an earlier run of `benchmarks.gap`, whose captures and answers serve; None films anew.
     """
 
     folder: Path
     settings: GapSettings
     recordings: int = 1
+    cut: Discretisation = field(default_factory=Discretisation)
     answered: Path | None = None
 
     def case(self, case: GapCase) -> None:
@@ -78,7 +80,9 @@ class NextMotionRun:
         if answer.is_file():
             return
         begun = time.perf_counter()
-        report = find_gap(experiments_of(captures), self.settings, _tell)
+        problems = list(problems_of(captures, self.cut).values())
+        model, device = baseline_model(problems[0]), "cuda:0" if torch.cuda.is_available() else "cpu"
+        report = find_gap([Experiment(problem, model, device) for problem in problems], self.settings, _tell)
         write_json(answer, {"report": report.as_record(), "seconds": time.perf_counter() - begun})
 
 
@@ -193,7 +197,9 @@ def main(arguments: Sequence[str] | None = None) -> None:
     parsed = _parser().parse_args(arguments)
     torch.set_num_threads(1)  # of small operations; the simulator runs the rollouts of a batch on the cores
     folder = parsed.out / f"from_{parsed.recordings}"
-    how = NextMotionRun(folder, load_settings(parsed.settings), parsed.recordings, parsed.answered)
+    how = NextMotionRun(
+        folder, load_settings(parsed.settings), parsed.recordings, Discretisation(parsed.particles), parsed.answered
+    )
     number, count = map(int, parsed.part.split("/"))
     begun = time.monotonic()
     for case in [] if parsed.score else _cases(parsed)[number - 1 :: count]:
@@ -209,6 +215,7 @@ def main(arguments: Sequence[str] | None = None) -> None:
 def _cases(parsed: argparse.Namespace) -> list[GapCase]:
     if parsed.answered is None:
         every = benchmark_cases(EFFECTS, variant="tracks_only", seed=parsed.seed)
+        every += [GapCase.named(name) for name in parsed.named]
         return chosen([case for case in every if case.kind == "single" and case.strength != "weak"], parsed.cases)
     answers = ((path.parent.name, read_json(path)) for path in sorted(parsed.answered.glob("*/answer.json")))
     classes = [GapCase.named(name) for name, found in answers if found["report"]["verdict"]["kind"] == "class"]
@@ -219,9 +226,11 @@ def _parser() -> argparse.ArgumentParser:
     parser = argparse.ArgumentParser(prog="python -m benchmarks.gap.next_motion", description=__doc__)
     parser.add_argument("--seed", type=int, default=0, help="of the set of cases: single effects, middle and high")
     parser.add_argument("--cases", nargs="*", default=[], help="patterns of their names; all")
+    parser.add_argument("--named", nargs="*", default=[], help="further cases, e.g. wind-high-000123")
     parser.add_argument("--recordings", type=int, choices=(1, 2), default=1, help="that the first search has")
     parser.add_argument("--answered", type=Path, help="folder of `benchmarks.gap`: its cases that ended in a class")
     parser.add_argument("--settings", type=Path, help="JSON with values laid over the search's settings")
+    parser.add_argument("--particles", type=int, default=Discretisation().particles, help="of the searches' bodies")
     parser.add_argument("--out", type=Path, default=Path("data/gap_next_motion"), help="folder of the cases")
     parser.add_argument("--part", default="1/1", help="2/8: the second of eight processes that share the cases")
     parser.add_argument("--minutes", type=float, help="begin no further case after this time")

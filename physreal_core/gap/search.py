@@ -26,7 +26,7 @@ from physreal_core.gap.lead.preparation import lead_on
 from physreal_core.gap.next_motion.members import members_of
 from physreal_core.gap.next_motion.ranking import next_motions, sentence_of
 from physreal_core.gap.noise.measurements import Measurements
-from physreal_core.gap.report import Candidate, FittedEffect, GapReport, ProposedMotion, Verdict
+from physreal_core.gap.report import Candidate, FittedEffect, GapReport, ProposedMotion
 from physreal_core.gap.settings import GapSettings
 from physreal_core.gap.where.locate import locate
 
@@ -164,13 +164,7 @@ class SearchResult:
         An unknown effect costs a few rollouts for a lead, answers that cannot be told apart cost some for the motions.
         """
         settings, names = self.search.settings, self.strategy.candidate_fits.names
-        chances = probabilities(
-            [answer.names for answer in self.answers],
-            [answer.gain for answer in self.answers],
-            [answer.held_out for answer in self.answers],
-            settings,
-            len(names),
-        )
+        chances = self._probabilities()
         candidates = candidates_of(self.answers, chances, settings) + self._not_fitted()
         explained = self._explained(self.answers[int(np.argmax(chances))].fit)
         test = self.measurements.test(self.baseline)
@@ -180,7 +174,7 @@ class SearchResult:
         lead = self._lead() if verdict.kind == "unknown" else None
         if lead is not None:
             verdict = replace(verdict, sentence=f"{verdict.sentence} {lead.sentence}")
-        proposed = self._next_motions(verdict, candidates)
+        proposed = self.next_motions(verdict.members)
         if proposed:
             verdict = replace(verdict, next_motion=sentence_of(proposed))
         return GapReport(
@@ -197,18 +191,30 @@ class SearchResult:
             next_motions=proposed,
         )
 
-    def _next_motions(self, verdict: Verdict, candidates: Sequence[Candidate]) -> tuple[ProposedMotion, ...]:
-        """Motions that would tell the members of the verdict apart; none where there are less than two."""
-        if len(verdict.members) < 2:
+    def next_motions(self, members: Sequence[tuple[str, ...]]) -> tuple[ProposedMotion, ...]:
+        """Motions of the hand that would tell some answers apart, the most informative first.
+
+        Args:
+            members: answers that were fitted, each as names of effects. Of less than two, nothing is to be told.
+        """
+        if len(members) < 2:
             return ()
-        fits, chances = (
-            {answer.names: answer.fit for answer in self.answers},
-            {c.names: c.probability for c in candidates},
-        )
-        members, settings = verdict.members, self.search.settings
+        fits = {answer.names: answer.fit for answer in self.answers}
+        chances = dict(zip((answer.names for answer in self.answers), self._probabilities(), strict=True))
+        settings = self.search.settings
         temperature = temperature_of(max(answer.gain for answer in self.answers), settings)
         asked = members_of([fits[names] for names in members], [chances[names] for names in members], temperature)
         return next_motions(self.search.experiments, asked, settings.model_error, temperature, self.search.progress)
+
+    def _probabilities(self) -> Float[Array, " answers"]:
+        """Of all answers."""
+        return probabilities(
+            [answer.names for answer in self.answers],
+            [answer.gain for answer in self.answers],
+            [answer.held_out for answer in self.answers],
+            self.search.settings,
+            len(self.strategy.candidate_fits.names),
+        )
 
     def _lead(self) -> Lead | None:
         """The disagreement as a force; None where it cannot be said."""

@@ -3,10 +3,12 @@
 import csv
 import json
 import re
+from dataclasses import replace
 
 import pytest
 
 from physreal_core.errors import InputError
+from physreal_core.gap import ProposedMotion
 from pipeline.graph import FIT_STAGES
 from pipeline.results import METRICS, Results
 from pipeline.tables import mean_scores
@@ -79,6 +81,15 @@ def test_the_gap_in_sentences_and_tables(results):
     assert [row[0] for row in answers.rows] == ["linear_drag", "none"], "only what was fitted"
     assert gaps.rows[1] == ["lift", "held out", "9.00 (9.0)", "2.70 (2.7)", "7.50 (7.5)", "2.40", "0.80"]
     assert results.gap("push") is None
+
+
+def test_motions_to_film_next_stand_in_a_table(results):
+    summary = results.gap("lift")
+    known = ProposedMotion("drop_catch", "Drop it and catch it", 0.41, 0.69, False, (), 0, 30.0, ((0.0, 0.0, 0.0),))
+    bounded = replace(known, name="drag_stop", words="Drag it", information=0.2, bound=True)
+    gap = replace(summary.gap, next_motions=(known, bounded))
+    *_, motions = replace(summary, gap=gap).tables()
+    assert motions.rows == [["Drop it and catch it", "0.41"], ["Drag it", "at most 0.20"]]
 
 
 def test_report_is_one_page_with_everything_inside(results):

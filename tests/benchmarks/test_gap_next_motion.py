@@ -86,7 +86,7 @@ def test_a_case_that_is_no_class_is_not_searched_again(run, monkeypatch):
 
 
 def test_an_earlier_answer_with_motions_serves(run, tmp_path):
-    how, searched = run
+    _, searched = run
     earlier = tmp_path / "earlier"
     (earlier / CASE.name / "captures" / "lift_swing").mkdir(parents=True)
     write_json(earlier / CASE.name / "answer.json", {"report": FIRST, "seconds_naming": 60.0})

@@ -87,7 +87,7 @@ class GapSummary:
 
     def _motions(self) -> Table:
         shown = self.gap.next_motions[:SHOWN_MOTIONS]
-        rows = [[m.words, f"{'at most ' if m.bound else ''}{m.information:.2f}"] for m in shown]
+        rows = [[m.words, f"{'about ' if m.rough else ''}{m.information:.2f}"] for m in shown]
         caption = f"Motions to film next; there are {shown[0].entropy:.2f} nat to know about which answer is right."
         return Table(caption, ["motion", "expected information [nat]"], rows)
 

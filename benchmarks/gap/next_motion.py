@@ -150,7 +150,7 @@ def _row(case: GapCase, first: dict, arm: Arm, after: dict, motion: dict) -> dic
         "arm": arm,
         "motion": motion["name"],
         "information": motion["information"],
-        "bound": motion["bound"],
+        "rough": motion["rough"],
         "entropy": motion["entropy"],
         "class": before["members"],
         "truth_in_class": sorted(case.truth) in [sorted(names) for names in before["members"]],

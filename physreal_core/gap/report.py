@@ -124,7 +124,7 @@ class ProposedMotion:
         words: what to do.
         information: expected information about which answer of the class is right [nat].
         entropy: the most that there is to know: the entropy of the answers' probabilities [nat].
-        bound: whether `information` is an upper bound only, which leaves out numerical error and what the answers could
+        rough: whether `information` is a first estimate, which leaves out numerical error and what the answers could
             imitate by other numbers.
         separations: of every pair of answers.
         recording: number of the interaction as in which the hand holds the object.
@@ -136,7 +136,7 @@ class ProposedMotion:
     words: str
     information: float
     entropy: float
-    bound: bool
+    rough: bool
     separations: tuple[Separation, ...]
     recording: int
     fps: float

@@ -202,9 +202,15 @@ class SearchResult:
         fits = {answer.names: answer.fit for answer in self.answers}
         chances = dict(zip((answer.names for answer in self.answers), self._probabilities(), strict=True))
         settings = self.search.settings
-        temperature = temperature_of(max(answer.gain for answer in self.answers), settings)
-        asked = members_of([fits[names] for names in members], [chances[names] for names in members], temperature)
-        return next_motions(self.search.experiments, asked, settings.model_error, temperature, self.search.progress)
+        gained = max(answer.gain for answer in self.answers)
+
+        def temperature(further: float) -> float:
+            return temperature_of(gained + further, settings)
+
+        asked = members_of([fits[names] for names in members], [chances[names] for names in members], temperature(0.0))
+        baseline = self.baseline.unknowns.trial(self.baseline.vector)
+        experiments, error = self.search.experiments, settings.model_error
+        return next_motions(experiments, asked, baseline, error, temperature, self.search.progress)
 
     def _probabilities(self) -> Float[Array, " answers"]:
         """Of all answers."""

@@ -19,7 +19,7 @@ def motion(name: str) -> dict:
     return {
         "name": name,
         "information": 0.3,
-        "bound": False,
+        "rough": False,
         "entropy": 0.69,
         "recording": 0,
         "fps": 30.0,

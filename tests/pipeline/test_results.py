@@ -86,10 +86,10 @@ def test_the_gap_in_sentences_and_tables(results):
 def test_motions_to_film_next_stand_in_a_table(results):
     summary = results.gap("lift")
     known = ProposedMotion("drop_catch", "Drop it and catch it", 0.41, 0.69, False, (), 0, 30.0, ((0.0, 0.0, 0.0),))
-    bounded = replace(known, name="drag_stop", words="Drag it", information=0.2, bound=True)
-    gap = replace(summary.gap, next_motions=(known, bounded))
+    estimated = replace(known, name="drag_stop", words="Drag it", information=0.2, rough=True)
+    gap = replace(summary.gap, next_motions=(known, estimated))
     *_, motions = replace(summary, gap=gap).tables()
-    assert motions.rows == [["Drop it and catch it", "0.41"], ["Drag it", "at most 0.20"]]
+    assert motions.rows == [["Drop it and catch it", "0.41"], ["Drag it", "about 0.20"]]
 
 
 def test_report_is_one_page_with_everything_inside(results):

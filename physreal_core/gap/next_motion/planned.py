@@ -13,7 +13,7 @@ from physreal_core.gap.interactions.experiment import Experiment
 from physreal_core.geometry import farthest_points
 from physreal_core.rendering.binding import Binding
 
-TRACKS = 40
+TRACKS = 30
 """Tracks that stand for all. What is predicted is smooth over the body; their noise is smaller by as many as they stand for."""
 
 

@@ -12,6 +12,7 @@ if TYPE_CHECKING:  # the core is heavy for those who only ask what can be done
     from physreal_core.gap.report import Added, Candidate, Disagreement, FittedEffect, GapReport, Verdict
 
 SHOWN_ANSWERS = 8
+SHOWN_MOTIONS = 4
 
 
 @dataclass(frozen=True)
@@ -70,8 +71,8 @@ class GapSummary:
         return sum(max(entry.rms**2 - entry.floor**2, 0.0) for entry in other)
 
     def tables(self) -> list[Table]:
-        """The answers, and the gap before and after."""
-        return [self._answers(), self._before_after()]
+        """The answers, the gap before and after, and motions that would tell look-alikes apart."""
+        return [self._answers(), self._before_after(), *([self._motions()] if self.gap.next_motions else [])]
 
     def _answers(self) -> Table:
         fitted = [candidate for candidate in self.gap.candidates if candidate.gain is not None]
@@ -99,6 +100,12 @@ class GapSummary:
         caption = f"Root mean square distance of the tracks, and in units of sensor noise; runner-up: {rival}."
         headings = ["interaction", "frames", "before [mm]", "after [mm]", "runner-up [mm]"]
         return Table(caption, [*headings, "sensor floor [mm]", "numerical floor [mm]"], rows)
+
+    def _motions(self) -> Table:
+        shown = self.gap.next_motions[:SHOWN_MOTIONS]
+        rows = [[m.words, f"{'about ' if m.rough else ''}{m.information:.2f}"] for m in shown]
+        caption = f"Motions to film next; there are {shown[0].entropy:.2f} nat to know about which answer is right."
+        return Table(caption, ["motion", "expected information [nat]"], rows)
 
 
 def _by_interval(disagreements: tuple[Disagreement, ...]) -> dict[tuple[int, str], Disagreement]:

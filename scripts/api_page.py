@@ -20,6 +20,7 @@ The parts of `physreal_core.perception` are imported from its modules ([percepti
 SHOWN = {
     "docstring_section_style": "list",
     "heading_level": 2,
+    "line_length": 120,
     "show_docstring_attributes": False,
     "show_if_no_docstring": False,
     "show_object_full_path": False,
@@ -45,7 +46,8 @@ def api_page() -> str:
 def _section(package: griffe.Module) -> str:
     members = [str(name) for name in package.exports]
     text = render_object_docs(package, {**SHOWN, "members": members})
-    text = re.sub(r"^(\w+: [^=\n]+) = .{80,}$", r"\1", text, flags=re.MULTILINE)  # long values of constants
+    long = re.compile(r"^(\w+: [^=\n]+) = (?:.{80,}|[\[{(]\n.*?^[\]})])$", re.MULTILINE | re.DOTALL)  # of constants
+    text = long.sub(r"\1", text)
     return re.sub(r"<code>(.*?)</code>", lambda match: f"`{_plain(match[1])}`", text)
 
 

@@ -3,7 +3,7 @@
 from physreal_core.gap.adding import add_effect
 from physreal_core.gap.interactions.experiment import Experiment
 from physreal_core.gap.interactions.interaction import Interaction, Trial
-from physreal_core.gap.report import Added, GapReport
+from physreal_core.gap.report import Added, GapReport, ProposedMotion, Separation
 from physreal_core.gap.search import Search, find_gap
 from physreal_core.gap.settings import GapSettings
 
@@ -13,7 +13,9 @@ __all__ = [
     "GapReport",
     "GapSettings",
     "Interaction",
+    "ProposedMotion",
     "Search",
+    "Separation",
     "Trial",
     "add_effect",
     "find_gap",

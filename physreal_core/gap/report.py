@@ -68,7 +68,8 @@ class Verdict:
         members: answers of the class, the best first, at most three. Each is a tuple of names.
         probability: that one of the members is correct.
         sentence: for a person.
-        next_motion: the motion to film next, which would tell the members apart; "" if nothing is open.
+        next_motion: the motion to film next, which would tell the members apart, and the second best; "" if nothing is
+            open. Without a hand that holds the body, what shows each of the effects.
     """
 
     kind: Kind
@@ -101,6 +102,48 @@ class Disagreement:
 
 
 @dataclass(frozen=True)
+class Separation:
+    """How far a motion parts two answers.
+
+    Args:
+        one, other: names of their effects.
+        nats: expected gain in log evidence of the right one over the other, at the search's temperature [nat].
+    """
+
+    one: tuple[str, ...]
+    other: tuple[str, ...]
+    nats: float
+
+
+@dataclass(frozen=True)
+class ProposedMotion:
+    """A motion of the hand that a person could film next.
+
+    Args:
+        name: in the library of motions.
+        words: what to do.
+        information: expected information about which answer of the class is right [nat].
+        entropy: the most that there is to know: the entropy of the answers' probabilities [nat].
+        rough: whether `information` is a first estimate, which leaves out numerical error and what the answers could
+            imitate by other numbers.
+        separations: of every pair of answers.
+        recording: number of the interaction as in which the hand holds the object.
+        fps: frames per second of the path.
+        path: displacement of the hand since frame 0 in the world's frame, T triples [m].
+    """
+
+    name: str
+    words: str
+    information: float
+    entropy: float
+    rough: bool
+    separations: tuple[Separation, ...]
+    recording: int
+    fps: float
+    path: tuple[tuple[float, ...], ...] = field(repr=False)
+
+
+@dataclass(frozen=True)
 class GapReport:
     """The result of `find_gap`.
 
@@ -118,6 +161,8 @@ class GapReport:
         numerical_floor: root mean square of the baseline's numerical error [m], per interaction.
         settings: candidates and seed of the search.
         lead: for an unknown effect, the record of a `Lead`: the disagreement as a force field and a formula. Else None.
+        next_motions: motions that would tell the members of the verdict apart, the most informative first; empty where
+            there are less than two.
     """
 
     verdict: Verdict
@@ -130,6 +175,7 @@ class GapReport:
     numerical_floor: tuple[float, ...] = ()
     settings: dict[str, Any] = field(default_factory=dict)
     lead: dict[str, Any] | None = None
+    next_motions: tuple[ProposedMotion, ...] = ()
 
     @property
     def best(self) -> Candidate:

@@ -12,7 +12,7 @@ from physreal_core.effects import EFFECTS, fits
 from physreal_core.errors import InputError
 from physreal_core.gap.answers.answer import Answer, answer_of, candidates_of
 from physreal_core.gap.answers.disagreement import disagreements
-from physreal_core.gap.answers.probabilities import probabilities
+from physreal_core.gap.answers.probabilities import probabilities, temperature_of
 from physreal_core.gap.answers.verdict import verdict_of
 from physreal_core.gap.fits.baseline import Progress, fit_baseline, unknown_scalars
 from physreal_core.gap.fits.candidate_fits import CandidateFits
@@ -23,8 +23,10 @@ from physreal_core.gap.fits.strategy import Strategy
 from physreal_core.gap.interactions.interaction import Interaction
 from physreal_core.gap.lead.lead import Lead
 from physreal_core.gap.lead.preparation import lead_on
+from physreal_core.gap.next_motion.members import members_of
+from physreal_core.gap.next_motion.ranking import next_motions, sentence_of
 from physreal_core.gap.noise.measurements import Measurements
-from physreal_core.gap.report import Candidate, FittedEffect, GapReport
+from physreal_core.gap.report import Candidate, FittedEffect, GapReport, ProposedMotion
 from physreal_core.gap.settings import GapSettings
 from physreal_core.gap.where.locate import locate
 
@@ -157,15 +159,12 @@ class SearchResult:
         return self.strategy.measurements
 
     def report(self) -> GapReport:
-        """Verdict, candidates and maps of the disagreement; an unknown effect costs a few rollouts for a lead."""
+        """Verdict, candidates, maps of the disagreement, motions to film next.
+
+        An unknown effect costs a few rollouts for a lead, answers that cannot be told apart cost some for the motions.
+        """
         settings, names = self.search.settings, self.strategy.candidate_fits.names
-        chances = probabilities(
-            [answer.names for answer in self.answers],
-            [answer.gain for answer in self.answers],
-            [answer.held_out for answer in self.answers],
-            settings,
-            len(names),
-        )
+        chances = self._probabilities()
         candidates = candidates_of(self.answers, chances, settings) + self._not_fitted()
         explained = self._explained(self.answers[int(np.argmax(chances))].fit)
         test = self.measurements.test(self.baseline)
@@ -175,6 +174,9 @@ class SearchResult:
         lead = self._lead() if verdict.kind == "unknown" else None
         if lead is not None:
             verdict = replace(verdict, sentence=f"{verdict.sentence} {lead.sentence}")
+        proposed = self.next_motions(verdict.members)
+        if proposed:
+            verdict = replace(verdict, next_motion=sentence_of(proposed))
         return GapReport(
             verdict=verdict,
             candidates=candidates,
@@ -186,6 +188,38 @@ class SearchResult:
             numerical_floor=self.measurements.numerical_errors,
             settings={"candidates": list(names), "seed": settings.seed},
             lead=None if lead is None else lead.as_record(),
+            next_motions=proposed,
+        )
+
+    def next_motions(self, members: Sequence[tuple[str, ...]]) -> tuple[ProposedMotion, ...]:
+        """Motions of the hand that would tell some answers apart, the most informative first.
+
+        Args:
+            members: answers that were fitted, each as names of effects. Of less than two, nothing is to be told.
+        """
+        if len(members) < 2:
+            return ()
+        fits = {answer.names: answer.fit for answer in self.answers}
+        chances = dict(zip((answer.names for answer in self.answers), self._probabilities(), strict=True))
+        settings = self.search.settings
+        gained = max(answer.gain for answer in self.answers)
+
+        def temperature(further: float) -> float:
+            return temperature_of(gained + further, settings)
+
+        asked = members_of([fits[names] for names in members], [chances[names] for names in members], temperature(0.0))
+        baseline = self.baseline.unknowns.trial(self.baseline.vector)
+        experiments, error = self.search.experiments, settings.model_error
+        return next_motions(experiments, asked, baseline, error, temperature, self.search.progress)
+
+    def _probabilities(self) -> Float[Array, " answers"]:
+        """Of all answers."""
+        return probabilities(
+            [answer.names for answer in self.answers],
+            [answer.gain for answer in self.answers],
+            [answer.held_out for answer in self.answers],
+            self.search.settings,
+            len(self.strategy.candidate_fits.names),
         )
 
     def _lead(self) -> Lead | None:

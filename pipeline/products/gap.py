@@ -6,7 +6,16 @@ from typing import Any
 from safetensors.torch import save_file
 from torch import Tensor
 
-from physreal_core.gap.report import Added, Candidate, Disagreement, FittedEffect, GapReport, Verdict
+from physreal_core.gap.report import (
+    Added,
+    Candidate,
+    Disagreement,
+    FittedEffect,
+    GapReport,
+    ProposedMotion,
+    Separation,
+    Verdict,
+)
 from pipeline.products._files import run_again, write_record
 from pipeline.reading.tensors import read_tensors
 from pipeline.reading.text import read_record, understood
@@ -45,6 +54,7 @@ def load_gap(folder: Path) -> GapReport:
                 "baseline": _disagreements(record["baseline"]),
                 "information": tuple(record["information"]),
                 "numerical_floor": tuple(record["numerical_floor"]),
+                "next_motions": tuple(map(_motion, record["next_motions"])),
             },
             fields=groups[_BASELINE],
         )
@@ -69,6 +79,11 @@ def load_added(folder: Path) -> Added:
 def _candidate(record: dict[str, Any], fields: dict[str, Tensor]) -> Candidate:
     effects, telling = _effects(record["effects"]), tuple(record["telling"])
     return Candidate(**{**record, "effects": effects, "telling": telling}, fields=fields)
+
+
+def _motion(record: dict[str, Any]) -> ProposedMotion:
+    apart = tuple(Separation(tuple(s["one"]), tuple(s["other"]), s["nats"]) for s in record["separations"])
+    return ProposedMotion(**{**record, "separations": apart, "path": tuple(map(tuple, record["path"]))})
 
 
 def _effects(records: list[dict[str, Any]]) -> tuple[FittedEffect, ...]:

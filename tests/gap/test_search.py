@@ -82,5 +82,11 @@ def test_a_search_that_is_constructed_has_run_nothing(monkeypatch):
         waiting.begin()
 
 
+def test_no_motion_is_proposed_where_there_is_no_hand_to_move():
+    """Then the verdict on a class keeps saying what shows each effect."""
+    found = search(BOTH)
+    assert found.next_motions([("sink",), ("drift",)]) == () and found.report().next_motions == ()
+
+
 def _fail(*arguments, **options):
     raise AssertionError("something was rolled out")

@@ -8,8 +8,10 @@ from dataclasses import replace
 import pytest
 
 from physreal_core.errors import InputError
+from physreal_core.gap import ProposedMotion, Separation
 from physreal_core.gap.report import Disagreement
 from pipeline.graph import FIT_STAGES
+from pipeline.products.gap import load_gap, save_gap
 from pipeline.results import METRICS, Results
 from pipeline.tables import mean_scores
 from stages import report, summarise
@@ -100,6 +102,23 @@ def test_what_an_effect_closes_on_the_motion_that_was_not_fitted(results):
     assert moved.closed_on_other_motion == pytest.approx(1 - 7 / 32)
     assert "on the motion that the fit never saw 78%" in " ".join(moved.sentences)
     assert replace(moved, after=replace(moved.after, adopted=False)).closed_on_other_motion is None
+
+
+def test_motions_to_film_next_stand_in_a_table(results):
+    summary = results.gap("lift")
+    known = ProposedMotion("drop_catch", "Drop it and catch it", 0.41, 0.69, False, (), 0, 30.0, ((0.0, 0.0, 0.0),))
+    estimated = replace(known, name="drag_stop", words="Drag it", information=0.2, rough=True)
+    gap = replace(summary.gap, next_motions=(known, estimated))
+    *_, motions = replace(summary, gap=gap).tables()
+    assert motions.rows == [["Drop it and catch it", "0.41"], ["Drag it", "about 0.20"]]
+
+
+def test_motions_to_film_next_are_read_back_as_they_were_written(results, tmp_path):
+    path = ((0.0, 0.0, 0.0), (0.0, 0.01, 0.02))
+    known = ProposedMotion("drop_catch", "Drop it", 0.41, 0.69, False, (Separation(("wind",), (), 1.5),), 1, 30.0, path)
+    gap = replace(results.gap("lift").gap, next_motions=(known,))
+    save_gap(tmp_path, gap)
+    assert load_gap(tmp_path).next_motions == (known,)
 
 
 def test_report_is_one_page_with_everything_inside(results):

@@ -46,7 +46,8 @@ def api_page() -> str:
 def _section(package: griffe.Module) -> str:
     members = [str(name) for name in package.exports]
     text = render_object_docs(package, {**SHOWN, "members": members})
-    long = re.compile(r"^(\w+: [^=\n]+) = (?:.{80,}|[\[{(]\n.*?^[\]})])$", re.MULTILINE | re.DOTALL)  # of constants
+    # long values of constants, on one line or on indented ones
+    long = re.compile(r"^(\w+: [^=\n]+) = (?:.{80,}|[\[{(]\n(?:[ ].*\n|\n)*[\]})])\n*$", re.MULTILINE)
     text = long.sub(r"\1", text)
     return re.sub(r"<code>(.*?)</code>", lambda match: f"`{_plain(match[1])}`", text)
 

@@ -32,9 +32,14 @@ def visibility(specimen: Specimen, session: Session, hidden: Hidden) -> dict[str
     if hidden is NOTHING or hidden == Together(()):
         return dict.fromkeys(session.motions, 0.0)
     scenes = {m: replace(specimen.scene(m, session), mesh_spacing=SPACING) for m in session.motions}
-    squares = {motion: _squares(scene, hidden) for motion, scene in scenes.items()}
-    nearest = np.sum([squares[motion] for motion in session.seen], axis=0).argmin()
-    return {motion: float(np.sqrt(square[nearest])) for motion, square in squares.items()}
+    here = {motion: clean_tracks(scene, hidden) for motion, scene in scenes.items()}
+    squares = {motion: _squares(scenes[motion], here[motion]) for motion in session.seen}
+    nearest = int(np.sum(list(squares.values()), axis=0).argmin())
+    found = {motion: float(np.sqrt(square[nearest])) for motion, square in squares.items()}
+    if session.held_out is not None:
+        elastic = clean_tracks(_stiffer(scenes[session.held_out], FINE[nearest]), NOTHING)
+        found[session.held_out] = float(np.sqrt(3 * np.square(elastic - here[session.held_out]).mean()))
+    return found
 
 
 def shown(visible: Mapping[str, float], motions: tuple[str, ...]) -> float:
@@ -48,9 +53,8 @@ def clean_tracks(scene: RigScene, hidden: Hidden) -> Float[Array, "T J 3"]:
     return hidden.record(ideal, scene.motion).tracks
 
 
-def _squares(scene: RigScene, hidden: Hidden) -> Float[Array, " E"]:
-    """Mean square distance [m^2] from the elastic body's tracks at each of `FINE`."""
-    here = clean_tracks(scene, hidden)
+def _squares(scene: RigScene, here: Float[Array, "T J 3"]) -> Float[Array, " E"]:
+    """Mean square distance [m^2] of the elastic body's tracks at each of `FINE` from tracks `here` [m]."""
     elastic = CubicSpline(MODULI, np.stack([clean_tracks(_stiffer(scene, share), NOTHING) for share in MODULI]))
     return np.array([3 * np.square(elastic(share) - here).mean() for share in FINE])
 

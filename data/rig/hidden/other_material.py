@@ -147,8 +147,8 @@ class TensionFibres(Other):
 
 @dataclass(frozen=True)
 class SoftEllipsoid(Other):
-    """Young's modulus is lower by the share `loss` inside an ellipsoid about (x, y, z) that is long along x: semi-axes 1.6, 1.2 and
-    1.2 times `radius` [m]."""
+    """Young's modulus is lower by the share `loss` inside an ellipsoid about (x, y, z) that is long along x: semi-axes 1.1, 0.8 and
+    0.8 times `radius` [m]."""
 
     KNOWN: ClassVar = ("x", "y", "z")
     loss: float
@@ -159,7 +159,7 @@ class SoftEllipsoid(Other):
 
     def prepare(self, world: World) -> Act:
         elements = Elements(world)
-        away = (elements.centres - [self.x, self.y, self.z]) / (self.radius * np.array([1.6, 1.2, 1.2]))
+        away = (elements.centres - [self.x, self.y, self.z]) / (self.radius * np.array([1.1, 0.8, 0.8]))
         inside = np.linalg.norm(away, axis=1) < 1
         elements.stiffness[:] *= np.where(inside, 1 - self.loss, 1.0)[:, None]
         return super().prepare(world)

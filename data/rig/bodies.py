@@ -152,14 +152,19 @@ def _centred(shape: Solid) -> Solid:
 
 
 def _underside(shape: Solid) -> float:
-    """Height of its lowest point [m]; the box around a rounded shape has some room for its joints."""
+    """Height of its lowest point [m]; where capsules flow into one another, that is below all of them."""
     if isinstance(shape, RoundedShape):
-        return float(min(min(c.start[2], c.end[2]) - c.radius for c in shape.capsules))
+        inside, spacing = _lattice_inside(shape)
+        return float(inside[:, 2].min() - spacing / 2)
     return float(shape.bounds()[0][2])
 
 
-def _volume_of(shape: RoundedShape, spacing: float = 0.003) -> float:
-    lower, upper = shape.bounds()
-    axes = [np.arange(low, high, spacing) + spacing / 2 for low, high in zip(lower, upper, strict=True)]
-    points = np.stack(np.meshgrid(*axes, indexing="ij"), axis=-1)
-    return float((shape.distance(points) < 0).sum() * spacing**3)
+def _volume_of(shape: RoundedShape) -> float:
+    inside, spacing = _lattice_inside(shape)
+    return len(inside) * spacing**3
+
+
+def _lattice_inside(shape: RoundedShape, spacing: float = 0.003) -> tuple[Float[Array, "P 3"], float]:
+    """Points of a lattice inside of a shape [m], and its spacing [m]."""
+    points = shape.lattice(spacing)
+    return points[shape.distance(points) < 0], spacing

@@ -52,8 +52,11 @@ class Case:
 
     @classmethod
     def blind(cls, effect: str, strength: str, seed: int, body: str, form: str) -> "Case":
-        """A case whose session is drawn from its seed."""
-        return cls(effect, strength, seed, body, form, drawn(seed))
+        """A case whose session is drawn from its seed. A hidden `grip_lag` stays what it is: no delay of the record is added to it."""
+        session = drawn(seed)
+        if "grip_lag" in effect.split("+"):
+            session = replace(session, unknowns=replace(session.unknowns, hand_delay=0.0))
+        return cls(effect, strength, seed, body, form, session)
 
     @property
     def names(self) -> tuple[str, ...]:

@@ -50,11 +50,14 @@ class RoundedShape:
         upper = np.max([np.maximum(c.start, c.end) + c.radius for c in self.capsules], axis=0)
         return lower - self.blend / 4, upper + self.blend / 4
 
+    def lattice(self, spacing: float) -> Float[Array, "P 3"]:
+        """Points of a lattice in the box around the shape [m]."""
+        axes = [np.arange(low, high, spacing) + spacing / 2 for low, high in zip(*self.bounds(), strict=True)]
+        return np.stack(np.meshgrid(*axes, indexing="ij"), axis=-1).reshape(-1, 3)
+
     def middle(self, spacing: float = 0.003) -> Float[Array, "3"]:
         """Centre of volume [m], from a lattice of points with this spacing [m]."""
-        lower, upper = self.bounds()
-        axes = [np.arange(low, high, spacing) + spacing / 2 for low, high in zip(lower, upper, strict=True)]
-        points = np.stack(np.meshgrid(*axes, indexing="ij"), axis=-1).reshape(-1, 3)
+        points = self.lattice(spacing)
         return points[self.distance(points) < 0].mean(axis=0)
 
     def moved(self, way: Float[Array, "3"]) -> "RoundedShape":

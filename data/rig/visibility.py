@@ -5,7 +5,6 @@ bodies, and splines between them, the nearest in what is seen is taken. Both it 
 since only sizes are asked for. Nothing that is off in the record (`session.Unknowns`) counts.
 """
 
-from collections.abc import Mapping
 from dataclasses import replace
 
 import numpy as np
@@ -33,18 +32,13 @@ def visibility(specimen: Specimen, session: Session, hidden: Hidden) -> dict[str
         return dict.fromkeys(session.motions, 0.0)
     scenes = {m: replace(specimen.scene(m, session), mesh_spacing=SPACING) for m in session.motions}
     here = {motion: clean_tracks(scene, hidden) for motion, scene in scenes.items()}
-    squares = {motion: _squares(scenes[motion], here[motion]) for motion in session.seen}
+    squares = {motion: distances(elastic(scenes[motion]), here[motion]) for motion in session.seen}
     nearest = int(np.sum(list(squares.values()), axis=0).argmin())
     found = {motion: float(np.sqrt(square[nearest])) for motion, square in squares.items()}
     if session.held_out is not None:
-        elastic = clean_tracks(_stiffer(scenes[session.held_out], FINE[nearest]), NOTHING)
-        found[session.held_out] = float(np.sqrt(3 * np.square(elastic - here[session.held_out]).mean()))
+        plain = clean_tracks(_stiffer(scenes[session.held_out], float(FINE[nearest])), NOTHING)
+        found[session.held_out] = float(np.sqrt(3 * np.square(plain - here[session.held_out]).mean()))
     return found
-
-
-def shown(visible: Mapping[str, float], motions: tuple[str, ...]) -> float:
-    """In the motion that shows it most [m]."""
-    return max((visible[motion] for motion in motions), default=0.0)
 
 
 def clean_tracks(scene: RigScene, hidden: Hidden) -> Float[Array, "T J 3"]:
@@ -53,10 +47,14 @@ def clean_tracks(scene: RigScene, hidden: Hidden) -> Float[Array, "T J 3"]:
     return hidden.record(ideal, scene.motion).tracks
 
 
-def _squares(scene: RigScene, here: Float[Array, "T J 3"]) -> Float[Array, " E"]:
+def elastic(scene: RigScene) -> CubicSpline:
+    """Tracks with nothing hidden [m] by the logarithm of the share of the true modulus: a spline through `MODULI`."""
+    return CubicSpline(MODULI, np.stack([clean_tracks(_stiffer(scene, share), NOTHING) for share in MODULI]))
+
+
+def distances(plain: CubicSpline, here: Float[Array, "T J 3"]) -> Float[Array, " E"]:
     """Mean square distance [m^2] of the elastic body's tracks at each of `FINE` from tracks `here` [m]."""
-    elastic = CubicSpline(MODULI, np.stack([clean_tracks(_stiffer(scene, share), NOTHING) for share in MODULI]))
-    return np.array([3 * np.square(elastic(share) - here).mean() for share in FINE])
+    return np.array([3 * np.square(plain(share) - here).mean() for share in FINE])
 
 
 def _stiffer(scene: RigScene, share: float) -> RigScene:

@@ -103,7 +103,7 @@ def slab(size: np.random.Generator) -> Body:
     """A wide plate."""
     length, width, t = 0.19 * _share(size), 0.1 * _share(size), 0.042
     shape = Block((0.0, 0.0, 0.0), (length, width, t))
-    return Body("slab", "a foam slab", _centred(shape), 0.04, t, 0.45)
+    return Body("slab", "a foam slab", _centred(shape), 0.04, t, 0.6)
 
 
 def plush(size: np.random.Generator) -> Body:
@@ -113,7 +113,7 @@ def plush(size: np.random.Generator) -> Body:
     capsules += [Capsule((-0.02, 0.0, 0.03), (0.05, 0.0, 0.03), 0.03)]
     capsules += [Capsule((-0.03, 0.02 * a, 0.026), (-0.09, 0.042 * a, 0.026), 0.026) for a in (-1, 1)]
     scaled = [Capsule(_times(c.start, s), _times(c.end, s), c.radius * s) for c in capsules]
-    return Body("plush", "a stuffed toy", _centred(RoundedShape(tuple(scaled), 0.022)), 0.05, 0.052 * s, 0.35)
+    return Body("plush", "a stuffed toy", _centred(RoundedShape(tuple(scaled), 0.022)), 0.05, 0.052 * s, 0.8)
 
 
 def fork(size: np.random.Generator) -> Body:

@@ -207,7 +207,8 @@ def _obstacle_sphere(amplitude: float, staging: Staging, random: np.random.Gener
     for _ in range(_TRIES):
         x = body.lower[0] + random.uniform(0.1, 0.3) * body.length
         end, radius = np.abs(swing.places[0, :, 0] - x).argmin(), random.uniform(0.025, 0.035)
-        beside = swing.places[(swing.side * swing.places[:, end, 1]).argmax(), end]
+        beside = swing.places[(swing.side * swing.places[:, end, 1]).argmax(), end].copy()
+        beside[2] = max(beside[2], 0.6 * radius)  # on the table, not in it
         centre = _entered(swing.everywhere, beside, radius, swing.side, amplitude)
         if swing.is_clear(np.linalg.norm(swing.places[0] - centre, axis=1) - radius):
             break

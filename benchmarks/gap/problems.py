@@ -61,7 +61,7 @@ def problems_of(
     Args:
         folder: holds one capture folder per interaction with the same object (docs/captures.md, kind "tracks").
         cut: particles and patches.
-        further: capture folders of the same object that come after those.
+        further: capture folders of the same object that come after those, with other names.
 
     Raises:
         InputError: there is no capture, a file is missing, or the captures show the object in different places.

@@ -28,7 +28,7 @@ def capture(seed: int, friction: float, folder: Path) -> tuple[float, Float[Arra
     from data.rig import recording  # needs packages that a bare GPU machine lacks
     from data.rig.specimen import run, specimen
 
-    scene = specimen("press_drag", seed)
+    scene = specimen("bar", seed).scene("press_drag")
     scene = replace(scene, material=replace(scene.material, friction_coefficient=friction))
     trajectory, random = run(scene), np.random.default_rng(seed)
     ideal = recording.ideal(scene, trajectory, random)

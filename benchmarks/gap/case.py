@@ -1,24 +1,26 @@
-"""One case in a process of its own: capture, answer, oracle; each a file that is whole or absent, so that a case goes on.
+"""One case in a process of its own: capture, answer, score; each a file that is whole or absent, so that a case goes on.
 
-`python -m benchmarks.gap.case FOLDER NAME [SETTINGS.json]`. The captures come without their truth, which is laid aside before the search is
-called and read again only by `oracle`, for the score.
+`python -m benchmarks.gap.case FOLDER NAME [SETTINGS.json]`. The captures come without their truth and without the motion that is kept
+out. Both are laid aside before the search is called, and read again only for the score.
 """
 
-import json
 import shutil
 import sys
 import time
 import traceback
 from pathlib import Path
+from typing import Any
 
 import torch
 
 from benchmarks.gap.answer import answer, experiments_of
 from benchmarks.gap.cases import GapCase
+from benchmarks.gap.commit import searched_by
 from benchmarks.gap.files import read_json, write_json
-from benchmarks.gap.oracle import oracle_closed
+from benchmarks.gap.held_out import closed, gap, names_right, trial_of
+from benchmarks.gap.oracle import oracle_gap
 from benchmarks.gap.settings import load_settings
-from physreal_core.gap import GapSettings
+from physreal_core.gap import Experiment, GapSettings
 
 
 def run_case(case: GapCase, folder: Path, settings: GapSettings) -> None:
@@ -30,52 +32,65 @@ def run_case(case: GapCase, folder: Path, settings: GapSettings) -> None:
     own.mkdir(parents=True, exist_ok=True)
     try:
         capture(case, own)
-        _answer(own, settings)
-        _oracle(case, own, settings)
+        if not (own / "answer.json").is_file():
+            write_json(own / "answer.json", {**answer(own / "captures", settings, _tell), "commit": searched_by()})
+        if not (own / "oracle.json").is_file():
+            experiments = experiments_of(own / "captures", kept_out(own))
+            write_json(own / "oracle.json", scored(case, own, experiments, settings))
     except Exception:
         (own / "failed.txt").write_text(traceback.format_exc())
         raise
 
 
 def capture(case: GapCase, own: Path, *, video: bool = False) -> None:
-    """`captures/<motion>` and, beside them, `truth/<motion>.npz`."""
+    """`captures/<motion>` for what the search sees, `held_out/<motion>` for what it does not, and `truth/`: `case.json` and
+    `<motion>.npz`."""
     if (own / "captures").is_dir():
         return
-    from data.rig.case import Case, make_case
+    from data.rig.case import TRUTH, Case, make_case
     from pipeline.products.truth import CaptureTruth
 
     begun = time.perf_counter()
     draft = own / "captures.partial"
-    make_case(Case(case.effect, case.strength, case.seed), draft, video=video)
-    (own / "truth").mkdir(exist_ok=True)
+    blind = Case.blind(case.effect, case.strength, case.seed, case.body, case.form)
+    make_case(blind, draft, video=video)
+    for folder in ("truth", "held_out"):
+        shutil.rmtree(own / folder, ignore_errors=True)
+        (own / folder).mkdir()
     for file in sorted(draft.glob(f"*/{CaptureTruth.FILE}")):
         shutil.move(file, own / "truth" / f"{file.parent.name}.npz")
+    shutil.move(draft / TRUTH, own / "truth" / TRUTH)
+    shutil.move(draft / truth_of(own)["held_out"], own / "held_out")
     draft.rename(own / "captures")
     write_json(own / "capture.json", {"seconds": time.perf_counter() - begun})
 
 
-def truth_of(own: Path) -> dict[str, dict[str, float]]:
-    """True coefficients by effect, as the rig wrote them; for the score."""
-    from pipeline.products.truth import CaptureTruth
-
-    return json.loads(CaptureTruth.read(min((own / "truth").glob("*.npz"))).effect_values_json)
+def truth_of(own: Path) -> dict[str, Any]:
+    """What the rig knows of a case, as `data.rig.case.told` says it; for the score."""
+    return read_json(own / "truth" / "case.json")
 
 
-def _answer(own: Path, settings: GapSettings) -> None:
-    if not (own / "answer.json").is_file():
-        write_json(own / "answer.json", answer(own / "captures", settings, _tell))
+def kept_out(own: Path) -> Path:
+    """The capture of the motion that the search does not see."""
+    return own / "held_out" / truth_of(own)["held_out"]
 
 
-def _oracle(case: GapCase, own: Path, settings: GapSettings) -> None:
-    """`oracle.json`: the truth, and what the true model closes where the answer named it."""
-    if (own / "oracle.json").is_file():
-        return
-    found, truth = read_json(own / "answer.json"), truth_of(own)
-    closed = None
-    if case.kind == "single" and found["report"]["verdict"]["names"] == [case.effect]:
+def scored(case: GapCase, own: Path, experiments: list[Experiment], settings: GapSettings) -> dict[str, Any]:
+    """`oracle.json`: gaps on the motion that was kept out, and the shares of it that the answer and the true model close.
+
+    Args:
+        case: which.
+        own: its folder, with an answer.
+        experiments: what the search had, and last the motion that was kept out.
+        settings: of the search.
+    """
+    found, last = read_json(own / "answer.json"), experiments[-1]
+    gaps = {name: gap(last, trial_of(model)) for name, model in found["models"].items() if model is not None}
+    if case.kind == "single" and names_right(found["report"]["verdict"], case.truth):
         _tell("the true model")
-        closed = oracle_closed(experiments_of(own / "captures"), [case.effect], found["added"], settings)
-    write_json(own / "oracle.json", {"truth": truth, "closed": closed})
+        gaps["oracle"] = oracle_gap(experiments, case.truth, settings)
+    shares = {name: closed(gaps["baseline"], left) for name, left in gaps.items()}
+    return {"gaps": gaps, "closed": shares.get("found", 0.0), "oracle": shares.get("oracle")}
 
 
 def _tell(message: str) -> None:

@@ -1,18 +1,27 @@
-"""Which captures the benchmark consists of: every effect at three strengths, controls without any, pairs, and strangers.
+"""Which captures the benchmark consists of: every effect at two strengths and some more, controls without any, pairs, and strangers.
 
-A case's seed follows from its name and the benchmark's, so that a longer list leaves the cases of a shorter one as they were.
+Bodies and forms are dealt out as in a Latin square whose rows a seed has shuffled: every body comes about equally often, no effect
+twice with the same body, and a law of another form as often as the library's own where there is one. Motions, frame rates and what
+is off follow from a case's own seed (`data/rig/session.py`).
 """
 
 import zlib
-from collections.abc import Iterable
+from collections.abc import Iterable, Sequence
 from dataclasses import dataclass
 from fnmatch import fnmatch
 from typing import Literal
 
+import numpy as np
+
+from data.rig.bodies import BODIES
+from data.rig.hidden.forms import OTHER_FORMS
+
 Kind = Literal["none", "single", "pair", "outside"]
 Variant = Literal["tracks_only", "rgbd"]
 STRENGTHS = ("weak", "middle", "high")
-CONTROLS = {"tracks_only": 24, "rgbd": 5}
+CONTROLS = {"tracks_only": 20, "rgbd": 10}
+FURTHER = 8  # single effects of middle and high strength beyond one each
+WEAK = 9  # effects that are tried at weak strength
 
 PAIRS = (
     "gravity+kelvin_voigt",
@@ -33,8 +42,24 @@ NEAREST = {
     "breathing": ("rest_shape", "maxwell_creep", "plastic_yield"),
     "turntable": ("gravity", "wind", "quadratic_drag"),
     "tether": ("ground_adhesion", "wind", "gravity", "obstacle_post"),
+    "charge": ("gravity", "wind", "payload", "density_gradient"),
+    "gradient_field": ("wind", "gravity", "density_gradient"),
+    "gyration": ("linear_drag", "quadratic_drag", "wind"),
 }
 """Effects that are not in the library, and the names in it that would be physically nearest."""
+
+_ATTRACTION = "(p - x) / |p - x|^3"
+LEADING = {
+    "magnet": (_ATTRACTION,),
+    "breathing": ("x - centre",),
+    "turntable": ("ez \u00d7 v", "x ex", "y ey"),
+    "tether": (_ATTRACTION, "z ez"),
+    "charge": (_ATTRACTION,),
+    "gradient_field": ("x ey",),
+    "gyration": ("ez \u00d7 v",),
+}
+"""Of the same: the terms of `physreal_core.gap.lead.force_library`, any of which is the right first term of a formula. A turning table
+gives Coriolis' force and the centrifugal one; a cord pulls towards its foot, the more the higher its end is."""
 
 
 @dataclass(frozen=True)
@@ -43,13 +68,17 @@ class GapCase:
 
     Args:
         effect: name of the registry, `none`, `a+b` or `outside:<name>`.
-        strength: how far it moves the tracks; of no meaning for `none`.
-        seed: of material, motions and noise.
+        strength: how large it is; of no meaning for `none`.
+        seed: of size, material, motions and noise.
+        body: name of the body.
+        form: `same` as the library's law, or `other`, where there is one.
     """
 
     effect: str
     strength: str
     seed: int
+    body: str = "bar"
+    form: str = "same"
 
     @property
     def kind(self) -> Kind:
@@ -66,13 +95,13 @@ class GapCase:
     @property
     def name(self) -> str:
         """Name of its folder."""
-        return f"{self.effect.replace(':', '.')}-{self.strength}-{self.seed:06d}"
+        return f"{self.effect.replace(':', '.')}-{self.strength}-{self.body}-{self.form}-{self.seed:06d}"
 
     @classmethod
     def named(cls, name: str) -> "GapCase":
         """The case whose folder has this name."""
-        effect, strength, seed = name.rsplit("-", 2)
-        return cls(effect.replace("outside.", "outside:"), strength, int(seed))
+        effect, strength, body, form, seed = name.rsplit("-", 4)
+        return cls(effect.replace("outside.", "outside:"), strength, int(seed), body, form)
 
 
 def benchmark_cases(effects: Iterable[str], *, variant: Variant, seed: int = 0) -> list[GapCase]:
@@ -83,23 +112,56 @@ def benchmark_cases(effects: Iterable[str], *, variant: Variant, seed: int = 0) 
         variant: `tracks_only`: everything; `rgbd`: each effect at high strength once, and few controls.
         seed: of the benchmark; another one gives another set.
     """
-    known = list(effects)
-    controls = [_case("none", "middle", seed, number) for number in range(CONTROLS[variant])]
+    deal = _Deal(sorted(effects), seed)
+    controls = [deal.case("none", "middle", number, number) for number in range(CONTROLS[variant])]
+    high = [deal.single(effect, "high") for effect in deal.effects]
     if variant == "rgbd":
-        return _interleaved([_case(effect, "high", seed) for effect in known], controls)
-    pairs = [_case(pair, "high", seed) for pair in PAIRS if set(pair.split("+")) <= set(known)]
-    strangers = [_case(f"outside:{name}", strength, seed) for strength in ("high", "middle") for name in NEAREST]
-    strong = [_case(effect, strength, seed) for strength in ("high", "middle") for effect in known]
-    weak = [_case(effect, "weak", seed) for effect in known]
-    return _interleaved(strong, controls + pairs + strangers) + weak
+        return _interleaved(high, controls)
+    middle = [deal.single(effect, "middle") for effect in deal.effects]
+    further = [deal.single(effect, ("high", "middle")[i % 2], 2) for i, effect in enumerate(deal.effects[:FURTHER])]
+    pairs = [deal.case(p, "high", i) for i, p in enumerate(PAIRS) if set(p.split("+")) <= set(deal.effects)]
+    strangers = [deal.case(f"outside:{name}", "high", i + 2) for i, name in enumerate(NEAREST)]
+    again = list(NEAREST)[deal.shift % len(NEAREST)]
+    strangers.append(deal.case(f"outside:{again}", "middle", len(strangers)))
+    weak = [deal.single(effect, "weak", 3) for effect in deal.effects[-WEAK:]]
+    return _interleaved(high + middle + further, controls + pairs + strangers) + weak
+
+
+class _Deal:
+    """Deals out bodies and forms, from a seed.
+
+    Attributes:
+        effects: shuffled.
+        shift: where the bodies begin.
+    """
+
+    def __init__(self, effects: Sequence[str], seed: int) -> None:
+        random = np.random.default_rng([seed, 7])
+        self.effects = [effects[i] for i in random.permutation(len(effects))]
+        self.shift = int(random.integers(1000))
+        self._bodies = [list(BODIES)[i] for i in random.permutation(len(BODIES))]
+        self._seed = seed
+
+    def single(self, effect: str, strength: str, column: int | None = None) -> GapCase:
+        """Of one effect, in a column of the square: those of middle, high, further and weak cases."""
+        row, column = self.effects.index(effect), STRENGTHS.index(strength) - 1 if column is None else column
+        return self.case(effect, strength, row + column, column, other=(row // len(BODIES) + row + column) % 2 == 1)
+
+    def case(self, effect: str, strength: str, place: int, number: int = 0, *, other: bool | None = None) -> GapCase:
+        """With the body at a place in their order; every second one by a law of another form if nothing is said."""
+        body = self._bodies[(self.shift + place) % len(self._bodies)]
+        known = any(name in OTHER_FORMS for name in effect.split("+"))
+        form = "other" if known and (place % 2 == 1 if other is None else other) else "same"
+        return GapCase(effect, strength, _seed(effect, strength, self._seed, number), body, form)
 
 
 def calibration_cases(effects: Iterable[str], count: int, *, seed: int = 0) -> list[GapCase]:
     """Captures that are in no benchmark, on which numbers of the search are set: every other one without an effect."""
-    known = list(effects)
+    known, deal = list(effects), _Deal(sorted(effects), seed)
     hidden = [known[(3 * number) % len(known)] for number in range(count // 2)]
-    singles = [_case(name, ("high", "middle")[i % 2], seed, -1 - i) for i, name in enumerate(hidden)]
-    return _interleaved([_case("none", "middle", seed, -1 - number) for number in range(count - len(singles))], singles)
+    singles = [deal.case(name, ("high", "middle")[i % 2], i, -1 - i) for i, name in enumerate(hidden)]
+    controls = [deal.case("none", "middle", number, -1 - number) for number in range(count - len(singles))]
+    return _interleaved(controls, singles)
 
 
 def chosen(cases: list[GapCase], patterns: Iterable[str]) -> list[GapCase]:
@@ -108,8 +170,8 @@ def chosen(cases: list[GapCase], patterns: Iterable[str]) -> list[GapCase]:
     return [case for case in cases if not wanted or any(fnmatch(case.name, pattern) for pattern in wanted)]
 
 
-def _case(effect: str, strength: str, seed: int, number: int = 0) -> GapCase:
-    return GapCase(effect, strength, zlib.crc32(f"{effect} {strength} {seed} {number}".encode()) % 1_000_000)
+def _seed(effect: str, strength: str, seed: int, number: int) -> int:
+    return zlib.crc32(f"{effect} {strength} {seed} {number}".encode()) % 1_000_000
 
 
 def _interleaved(many: list[GapCase], few: list[GapCase]) -> list[GapCase]:

@@ -6,7 +6,8 @@ from pathlib import Path
 
 from benchmarks.gap.calibration import calibrate
 from benchmarks.gap.cases import benchmark_cases, chosen
-from benchmarks.gap.results import write_results
+from benchmarks.gap.results import collect, pool, write_results
+from benchmarks.gap.rows import FOLDER
 from benchmarks.gap.run import Run, run_cases
 from physreal_core.effects import EFFECTS
 
@@ -18,6 +19,10 @@ def main(arguments: Sequence[str] | None = None) -> None:
     settings = () if parsed.settings is None else (str(parsed.settings.resolve()),)
     module = {"tracks_only": "benchmarks.gap.case", "rgbd": "benchmarks.gap.rgbd"}[parsed.variant]
     how = Run(folder, parsed.jobs, module, settings, parsed.cards, parsed.minutes)
+    if parsed.pool:
+        commit, rows = pool(parsed.rows, parsed.variant, parsed.commit)
+        print(f"searched by {commit}\n\n{write_results(parsed.variant, rows, parsed.results)}")
+        return
     if parsed.calibrate:
         print(calibrate(parsed.calibrate, parsed.seed, how))
         return
@@ -25,9 +30,11 @@ def main(arguments: Sequence[str] | None = None) -> None:
     if parsed.list:
         print("\n".join(case.name for case in chosen(cases, parsed.cases)))
         return
+    of_set = {"folder": folder, "rows": parsed.rows, "variant": parsed.variant, "seed": parsed.seed}
     if not parsed.score:
-        run_cases(chosen(cases, parsed.cases), how)
-    print(write_results(parsed.variant, parsed.seed, folder, cases, parsed.results))
+        run_cases(chosen(cases, parsed.cases), how, lambda case: collect([case], **of_set))
+    rows = collect(cases, **of_set)
+    print(write_results(parsed.variant, rows, parsed.results, len(cases) - len(rows)))
 
 
 def _parser() -> argparse.ArgumentParser:
@@ -47,6 +54,9 @@ def _parser() -> argparse.ArgumentParser:
     parser.add_argument("--settings", type=Path, help="JSON with values laid over the search's settings")
     parser.add_argument("--results", type=Path, default=Path("results"), help="where the score is written")
     parser.add_argument("--score", action="store_true", help="score what is there, run nothing")
+    parser.add_argument("--rows", type=Path, default=FOLDER, help="folder of the answers as rows")
+    parser.add_argument("--pool", action="store_true", help="score all sets that one commit searched, run nothing")
+    parser.add_argument("--commit", help="with --pool: which; the one with the most rows")
     parser.add_argument("--list", action="store_true", help="list the cases and stop")
     parser.add_argument("--calibrate", type=int, metavar="N", help="run N further captures without an effect instead")
     parser.set_defaults(variant="tracks_only")

@@ -86,15 +86,19 @@ def main(folder: Path, name: str) -> None:
     """Prints it for one case.
 
     Raises:
-        InputError: the case has not been run, or hides nothing that the library has.
+        InputError: the case has not been run, or hides nothing by a law that the library has.
     """
     own = folder / name
     answer = read_json(own / "answer.json")
     if answer is None:
         raise InputError("no answer.json in it", where=str(own), expected="a case that has been run")
-    truth = {effect: values for effect, values in truth_of(own).items() if effect in EFFECTS}
+    truth = {effect: values for effect, values in truth_of(own)["values"].items() if effect in EFFECTS and values}
     if not truth:
-        raise InputError("nothing of the library is hidden in it", where=name, expected="a single effect or a pair")
+        raise InputError(
+            "nothing is hidden in it by the library's own law",
+            where=name,
+            expected="a single effect or a pair, form `same`",
+        )
     fits = EffectFits.begin(experiments_of(own / "captures"), load_settings(None), print)
     print(told(fits, truth, answer["report"]["candidates"]))
 

@@ -5,6 +5,7 @@ machine that has numpy, scipy, torch, warp, mujoco and trimesh alone. The truth 
 """
 
 import json
+from collections.abc import Sequence
 from dataclasses import dataclass
 from pathlib import Path
 
@@ -49,7 +50,9 @@ class Discretisation:
     patches: int = 6
 
 
-def problems_of(folder: Path, cut: Discretisation = Discretisation()) -> dict[str, Problem]:
+def problems_of(
+    folder: Path, cut: Discretisation = Discretisation(), further: Sequence[Path] = ()
+) -> dict[str, Problem]:
     """One problem per capture in `folder`, by the capture's name.
 
     All have the same patches in the same order: those of the first, found again in the others by place, so that one model
@@ -58,6 +61,7 @@ def problems_of(folder: Path, cut: Discretisation = Discretisation()) -> dict[st
     Args:
         folder: holds one capture folder per interaction with the same object (docs/captures.md, kind "tracks").
         cut: particles and patches.
+        further: capture folders of the same object that come after those, with other names.
 
     Raises:
         InputError: there is no capture, a file is missing, or the captures show the object in different places.
@@ -67,7 +71,7 @@ def problems_of(folder: Path, cut: Discretisation = Discretisation()) -> dict[st
         raise InputError("no capture in it", where=str(folder), expected="folders with a capture.json")
     problems: dict[str, Problem] = {}
     places: Float[Array, "patches 3"] | None = None
-    for capture in captures:
+    for capture in [*captures, *further]:
         mesh = load_mesh(capture / "shape_prior.glb")
         spacing = (mesh.volume / cut.particles) ** (1 / 3)
         x0, volume = fill_mesh(mesh, spacing)

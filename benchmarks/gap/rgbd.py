@@ -1,6 +1,7 @@
 """One case from RGB-D, through the stages of the pipeline, in a project folder of its own: `python -m benchmarks.gap.rgbd FOLDER NAME`.
 
-The first interaction is fitted, the second is its companion. Every stage is a process of its own, as DVC runs them.
+The first interaction is fitted, the second is its companion. Every stage is a process of its own, as DVC runs them. The motion that is
+kept out comes into the project when the answer is there: it goes through perception, and stands in the companion's place.
 """
 
 import os
@@ -11,11 +12,13 @@ import traceback
 from pathlib import Path
 from typing import Any
 
-from benchmarks.gap.case import capture, truth_of
+from benchmarks.gap.case import capture, kept_out, scored
 from benchmarks.gap.cases import GapCase
-from benchmarks.gap.files import read_json, write_json
-from benchmarks.gap.oracle import oracle_closed
+from benchmarks.gap.commit import searched_by
+from benchmarks.gap.files import write_json
+from benchmarks.gap.held_out import models_of
 from benchmarks.gap.problems import GUESS
+from physreal_core.gap import Experiment, GapSettings
 from pipeline.compose import render
 from pipeline.config import load_parameters, read_parameters, validate_parameters
 from pipeline.products.gap import load_added, load_gap
@@ -36,40 +39,50 @@ def run_case(case: GapCase, folder: Path) -> None:
         capture(case, own, video=True)
         project = project_of(own)
         if not (own / "answer.json").is_file():
-            write_json(own / "answer.json", _answer(project))
+            write_json(own / "answer.json", {**_answer(project), "commit": searched_by()})
         if not (own / "oracle.json").is_file():
-            write_json(own / "oracle.json", {"truth": truth_of(own), "closed": _oracle(case, own, project)})
+            experiments, settings = _experiments(own, project)
+            write_json(own / "oracle.json", scored(case, own, experiments, settings))
     except Exception:
         (own / "failed.txt").write_text(traceback.format_exc())
         raise
 
 
 def project_of(own: Path) -> Project:
-    """The case's project: its captures under their names, the parameters of this repository for all else."""
+    """The case's project: the captures that the search sees under their names, the parameters of this repository for all else."""
     project = Project(own / "project")
     motions = sorted(path.name for path in (own / "captures").iterdir())
-    (project.root / "data").mkdir(parents=True, exist_ok=True)
-    for name, target in (("captures", own / "captures"), ("models", CODE_ROOT / "data" / "models")):
-        link = project.root / "data" / name
-        if not link.is_symlink():
-            link.symlink_to(target.resolve())
+    (project.root / "data" / "captures").mkdir(parents=True, exist_ok=True)
+    _linked(project.root / "data" / "models", CODE_ROOT / "data" / "models")
+    for motion in motions:
+        _linked(project.root / "data" / "captures" / motion, own / "captures" / motion)
     if not project.parameters.is_file():
         write_whole(project.parameters, render(validate_parameters(_parameters(motions))))
     return project
 
 
-def _parameters(motions: list[str]) -> dict[str, Any]:
+def _linked(link: Path, target: Path) -> None:
+    if not link.is_symlink():
+        link.symlink_to(target.resolve())
+
+
+def _parameters(motions: list[str], kept_out: str | None = None) -> dict[str, Any]:
     """This repository's params.yaml with the case's interactions for its sequences, on a card if there is one.
 
     As from tracks alone, the hand is known to hold as a vice does, so that one which gives way can be named.
+
+    Args:
+        motions: that the search sees; the first is fitted.
+        kept_out: stands in the companion's place where it is given.
     """
     import torch
 
     first, second = motions
+    companion = kept_out or second
     own = read_parameters(CODE_ROOT / "params.yaml")
     if torch.cuda.is_available():
         own |= {stage: {**own[stage], "device": "cuda:0"} for stage in ON_A_CARD}
-    sequences = {"sequences": {first: {}, second: {}}, "fits": {first: {"companion": second}}}
+    sequences = {"sequences": {first: {}, companion: {}}, "fits": {first: {"companion": companion}}}
     own["fit_global"]["grip_stiffness"] |= {"initial": GUESS["grip_stiffness"], "rate": 0.0}
     own["find_gap"]["grip_fitted"] = False
     emptied = {"clips": {}, "rigged": {}, "predictions": {}}
@@ -80,35 +93,49 @@ def _answer(project: Project) -> dict[str, Any]:
     """Runs the stages; the answer as that of a case of tracks alone."""
     parameters = load_parameters(project.parameters)
     ((first, fit),) = parameters.values.fits.items()
-    seconds: dict[str, float] = {}
-    for stage, sequence in [*((s, fit.companion) for s in SEEN), *((s, first) for s in FITTED)]:
-        begun = time.perf_counter()
-        if not project.artifact(stage, sequence).is_dir():
-            command = [sys.executable, "-m", "pipeline.cli", "run", stage, sequence]
-            path = os.pathsep.join(filter(None, [str(CODE_ROOT), os.environ.get("PYTHONPATH")]))
-            subprocess.run(command, cwd=project.root, env=os.environ | {"PYTHONPATH": path}, check=True)
-        seconds[f"{stage} {sequence}"] = time.perf_counter() - begun
+    stages = [*((s, fit.companion) for s in SEEN), *((s, first) for s in FITTED)]
+    seconds = {f"{stage} {sequence}": _run(project, stage, sequence) for stage, sequence in stages}
+    report, added = load_gap(project.artifact("find_gap", first)), load_added(project.artifact("add_effect", first))
     return {
-        "report": load_gap(project.artifact("find_gap", first)).as_record(),
-        "added": load_added(project.artifact("add_effect", first)).as_record(),
+        "report": report.as_record(),
+        "added": added.as_record(),
+        "models": models_of(report, added),
         "seconds": sum(seconds[f"{stage} {first}"] for stage in SEARCH),
         "seconds_by_stage": seconds,
     }
 
 
-def _oracle(case: GapCase, own: Path, project: Project) -> float | None:
-    """What the true model closes of the held-out gap, where the answer named it."""
+def _run(project: Project, stage: str, sequence: str) -> float:
+    """Runs a stage that has no output yet, in a process of its own; the seconds that it took."""
+    begun = time.perf_counter()
+    if not project.artifact(stage, sequence).is_dir():
+        command = [sys.executable, "-m", "pipeline.cli", "run", stage, sequence]
+        path = os.pathsep.join(filter(None, [str(CODE_ROOT), os.environ.get("PYTHONPATH")]))
+        subprocess.run(command, cwd=project.root, env=os.environ | {"PYTHONPATH": path}, check=True)
+    return time.perf_counter() - begun
+
+
+def _experiments(own: Path, project: Project) -> tuple[list[Experiment], GapSettings]:
+    """The interactions that the search had, and last the one that was kept out; and the search's settings."""
     from physreal_core.fitting import load_model
     from pipeline.stage import StageContext
     from stages._gap import interactions, settings_of
 
-    found = read_json(own / "answer.json")
-    if case.kind != "single" or found["report"]["verdict"]["names"] != [case.effect]:
-        return None
-    parameters = load_parameters(project.parameters)
-    context = StageContext("find_gap", next(iter(parameters.values.fits)), project, parameters, code="")
-    experiments = interactions(context, load_model(context.input("fit_patches")))
-    return oracle_closed(experiments, [case.effect], found["added"], settings_of(context.params, context.seed))
+    given, motions = project.parameters, sorted(path.name for path in (own / "captures").iterdir())
+    seen = StageContext("find_gap", motions[0], project, load_parameters(given), code="")
+    model = load_model(seen.input("fit_patches"))
+    found = interactions(seen, model)
+    further, searched = kept_out(own), given.read_text()
+    _linked(project.root / "data" / "captures" / further.name, further)
+    write_whole(given, render(validate_parameters(_parameters(motions, further.name))))
+    try:
+        for stage in SEEN:
+            _run(project, stage, further.name)
+        beside = StageContext("find_gap", motions[0], project, load_parameters(given), code="")
+        found.append(interactions(beside, model)[-1])
+    finally:
+        write_whole(given, searched)
+    return found, settings_of(seen.params, seen.seed)
 
 
 if __name__ == "__main__":

@@ -4,7 +4,7 @@ import os
 import subprocess
 import sys
 import time
-from collections.abc import Sequence
+from collections.abc import Callable, Sequence
 from concurrent.futures import ThreadPoolExecutor
 from dataclasses import dataclass
 from pathlib import Path
@@ -36,8 +36,14 @@ class Run:
     minutes: float | None = None
 
 
-def run_cases(cases: Sequence[GapCase], run: Run) -> None:
-    """Run those of the cases that have neither an answer with its score nor failed; a line of text for each."""
+def run_cases(cases: Sequence[GapCase], run: Run, ended_with: Callable[[GapCase], object] = lambda case: None) -> None:
+    """Run those of the cases that have neither an answer with its score nor failed; a line of text for each.
+
+    Args:
+        cases: which.
+        run: how.
+        ended_with: called with every case that is done now.
+    """
     todo = [case for case in cases if not is_done(run.folder / case.name)]
     print(f"{len(cases) - len(todo)} of {len(cases)} cases are done; {len(todo)} to go, {run.jobs} at once", flush=True)
     deadline = None if run.minutes is None else time.monotonic() + 60 * run.minutes
@@ -52,6 +58,8 @@ def run_cases(cases: Sequence[GapCase], run: Run) -> None:
             ended = _run(case, run, place, deadline)
         finally:
             places.put(place)
+        if is_done(run.folder / case.name):
+            ended_with(case)
         print(f"[{number}/{len(todo)}] {case.name}: {ended}", flush=True)
 
     with ThreadPoolExecutor(run.jobs) as pool:

@@ -11,7 +11,7 @@ class BarScene:
     """One recording of the bar.
 
     Attributes:
-        motion: of the hand, one of `specimen.MOTIONS`.
+        motion: of the hand, one of `motions.MOTIONS`.
         hides: whether the effect that the parameters name acts in it.
     """
 

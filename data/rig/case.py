@@ -1,47 +1,81 @@
-"""A case of the hidden-effect benchmark: one bar with an effect that its captures do not tell, moved in several ways."""
+"""A case of the hidden-effect benchmark: one object with an effect that its captures do not tell, moved in several ways."""
 
+import dataclasses
 import json
 import shutil
 from dataclasses import dataclass, replace
 from functools import cached_property
 from pathlib import Path
-from typing import Literal
+from typing import Any, Literal
 
 import numpy as np
 
 from data.rig import recording
 from data.rig.capture import film, simulated_truth
 from data.rig.hidden.effect import Hidden
-from data.rig.hidden.library import maker
-from data.rig.hidden.strengths import AMPLITUDES, STRENGTHS
+from data.rig.hidden.forms import OTHER_FORMS
+from data.rig.hidden.library import Staging, maker
+from data.rig.hidden.strengths import AMPLITUDES, STRENGTHS, scaled
 from data.rig.hidden.together import Together
 from data.rig.mesh import mesh_shape
+from data.rig.motions import MOTIONS
 from data.rig.rig_scene import RigScene
-from data.rig.specimen import MOTIONS, run, specimen
+from data.rig.session import PLAIN, Session, drawn
+from data.rig.specimen import Specimen, as_stated, run, specimen
 from data.rig.trajectory import Trajectory
+from data.rig.visibility import visibility
 from physreal_core.array_types import Array
 
+TRUTH = "case.json"  # what the rig knows of a case, beside its captures
 _SPREAD = 0.15  # amplitudes of one strength differ between seeds by up to this share
 
 
 @dataclass(frozen=True)
 class Case:
-    """What is hidden, and in which object.
+    """What is hidden, in which object, and how that is filmed.
 
     Args:
         effect: a name in `hidden.library.LIBRARY`, "none", or two names joined by "+".
         strength: how large.
-        seed: of material, motions, directions, places, noise; captures of one case show the same object.
+        seed: of size, material, motions, directions, places, noise; captures of one case show the same object.
+        body: a name in `bodies.BODIES`.
+        form: by the library's law, or by one of another form where there is one (`hidden.forms`).
+        session: motions, frame rate, lengths and what is off.
     """
 
     effect: str
     strength: Literal["weak", "middle", "high"]
     seed: int
+    body: str = "bar"
+    form: Literal["same", "other"] = "same"
+    session: Session = PLAIN
+
+    @classmethod
+    def blind(cls, effect: str, strength: str, seed: int, body: str, form: str) -> "Case":
+        """A case whose session is drawn from its seed. A hidden `grip_lag` stays what it is: no delay of the record is added to it."""
+        session = drawn(seed)
+        if "grip_lag" in effect.split("+"):
+            session = replace(session, unknowns=replace(session.unknowns, hand_delay=0.0))
+        return cls(effect, strength, seed, body, form, session)
 
     @property
     def names(self) -> tuple[str, ...]:
         """Of the effects."""
         return () if self.effect == "none" else tuple(self.effect.split("+"))
+
+    @property
+    def forms(self) -> dict[str, str]:
+        """Of each effect, `same` or `other`."""
+        return {name: self.form if name in OTHER_FORMS else "same" for name in self.names}
+
+    @cached_property
+    def specimen(self) -> Specimen:
+        """The object.
+
+        Raises:
+            InputError: there is no such body.
+        """
+        return specimen(self.body, self.seed, self.session)
 
     @cached_property
     def effects(self) -> dict[str, Hidden]:
@@ -50,22 +84,33 @@ class Case:
         Raises:
             InputError: there is no such effect.
         """
-        scenes = {motion: specimen(motion, self.seed) for motion in MOTIONS}
-        return {name: self._effect(name, scenes, number) for number, name in enumerate(self.names)}
+        return {name: self._effect(name, number) for number, name in enumerate(self.names)}
 
     @property
     def hidden(self) -> Hidden:
         """All of them at once."""
         return Together(tuple(self.effects.values()))
 
-    def _effect(self, name: str, scenes: dict[str, RigScene], number: int) -> Hidden:
+    def scene(self, motion: str) -> RigScene:
+        """As it truly is but for the effect."""
+        return self.specimen.scene(motion, self.session)
+
+    def _effect(self, name: str, number: int) -> Hidden:
         make, random = maker(name), np.random.default_rng([self.seed, 10 + number])
-        amplitude = AMPLITUDES[name][STRENGTHS.index(self.strength)]
-        return make(amplitude * np.exp(random.uniform(-_SPREAD, _SPREAD)), scenes, random)
+        amplitude = scaled(name, AMPLITUDES[name][STRENGTHS.index(self.strength)], self.specimen.body)
+        staging = Staging(self.specimen.body, self.scene(self._swung))
+        made = make(amplitude * np.exp(random.uniform(-_SPREAD, _SPREAD)), staging, random)
+        return OTHER_FORMS[name](made) if self.forms[name] == "other" else made
+
+    @property
+    def _swung(self) -> str:
+        """The motion that is seen in which the free part goes sideways most: `shake` goes up and down."""
+        return next(motion for motion in self.session.seen if motion != "shake")
 
 
 def make_case(case: Case, destination: Path, *, video: bool) -> None:
-    """Writes one capture per motion to `destination`, which is replaced as a whole: `destination/<motion>/`.
+    """Writes one capture per motion to `destination`, which is replaced as a whole: `destination/<motion>/`, and `case.json`, which
+    says what is hidden, how it is filmed and how visible it is.
 
     Args:
         case: what to hide.
@@ -75,10 +120,30 @@ def make_case(case: Case, destination: Path, *, video: bool) -> None:
     destination = Path(destination)
     draft = destination.with_name(destination.name + ".partial")
     shutil.rmtree(draft, ignore_errors=True)
-    for motion in MOTIONS:
+    for motion in case.session.motions:
         record_motion(case, motion, draft / motion, video=video)
+    (draft / TRUTH).write_text(json.dumps(told(case), indent=1) + "\n")
     shutil.rmtree(destination, ignore_errors=True)
     draft.rename(destination)
+
+
+def told(case: Case) -> dict[str, Any]:
+    """What `case.json` holds, as plain values: `values` are the true coefficients by effect; `visible` in metres, by motion."""
+    session = case.session
+    return {
+        "effect": case.effect,
+        "strength": case.strength,
+        "seed": case.seed,
+        "body": case.body,
+        "forms": case.forms,
+        "seen": session.seen,
+        "held_out": session.held_out,
+        "fps": session.fps,
+        "seconds": {motion: session.frames(motion)[0] / session.fps for motion in session.motions},
+        "unknowns": dataclasses.asdict(session.unknowns),
+        "values": {name: effect.values() for name, effect in case.effects.items()},
+        "visible": visibility(case.specimen, session, case.hidden),
+    }
 
 
 def record_motion(case: Case, motion: str, folder: Path, *, video: bool) -> None:
@@ -86,16 +151,16 @@ def record_motion(case: Case, motion: str, folder: Path, *, video: bool) -> None
 
     Args:
         case: what to hide.
-        motion: one of `specimen.MOTIONS`.
+        motion: one of `motions.MOTIONS`.
         folder: of the capture.
         video: RGB-D; otherwise tracks alone.
     """
-    scene, seed = specimen(motion, case.seed), [case.seed, 20 + list(MOTIONS).index(motion)]
+    scene, seed = case.scene(motion), [case.seed, 20 + list(MOTIONS).index(motion)]
     trajectory = run(scene, case.hidden)
     folder.mkdir(parents=True, exist_ok=True)
     if video:
-        truth = _hidden_truth(case)
-        film(scene, trajectory, folder, seed=seed, hidden=case.hidden, further_truth=truth, hint="box")
+        truth, stated = _hidden_truth(case) | {"density": scene.material.density}, as_stated(scene, case.session)
+        film(stated, trajectory, folder, seed=seed, hidden=case.hidden, further_truth=truth, hint="box")
     else:
         _write_tracks(folder, scene, trajectory, case, np.random.default_rng(seed))
 
@@ -103,9 +168,10 @@ def record_motion(case: Case, motion: str, folder: Path, *, video: bool) -> None
 def _write_tracks(
     folder: Path, scene: RigScene, trajectory: Trajectory, case: Case, random: np.random.Generator
 ) -> None:
-    ideal = recording.ideal(scene, trajectory, random)
-    measured = case.hidden.record(ideal, scene.motion)
-    recording.write(folder, scene, measured, recording.at_frame_zero(trajectory), random)
+    ideal, unknowns = recording.ideal(scene, trajectory, random), case.session.unknowns
+    measured = recording.with_hand_off(case.hidden.record(ideal, scene.motion), scene.motion, unknowns, random)
+    surface = recording.at_frame_zero(trajectory)
+    recording.write(folder, as_stated(scene, case.session), measured, surface, random, unknowns.correlation)
     truth = simulated_truth(scene, trajectory, mesh_shape(scene.hand, 0.012), np.eye(4))
     clean = {"clean_tracks": ideal.tracks, "clean_controllers": ideal.controllers}
     clean = {name: points.astype(np.float32) for name, points in clean.items()}

@@ -4,7 +4,7 @@ from dataclasses import dataclass
 
 import numpy as np
 
-from data.rig.shapes import Block, RoundedShape
+from data.rig.shapes import Block, Blocks, RoundedShape, Solid
 from physreal_core.array_types import Array, Float, Int
 
 _CORNERS = np.array([[0, 0, 0], [1, 0, 0], [1, 1, 0], [0, 1, 0], [0, 0, 1], [1, 0, 1], [1, 1, 1], [0, 1, 1]])
@@ -57,13 +57,15 @@ def surface_shares(vertices: Float[Array, "V 3"], faces: Int[Array, "F 3"]) -> F
     return np.bincount(faces.ravel(), np.repeat(area, 3), minlength=len(vertices)) / (3 * area.sum())
 
 
-def mesh_shape(shape: RoundedShape | Block, spacing: float, relaxations: int = 40) -> TetMesh:
+def mesh_shape(shape: Solid, spacing: float, relaxations: int = 40) -> TetMesh:
     """Meshes the inside of `shape` with cubes of edge `spacing` [m], then fits the boundary nodes to its surface.
 
-    The bricks of a block are as near to cubes as its sides allow, and nothing is left to fit.
+    The bricks of a block, or of several, are as near to cubes as their sides allow, and nothing is left to fit.
     """
     if isinstance(shape, Block):
         return _mesh_block(shape, spacing)
+    if isinstance(shape, Blocks):
+        return _mesh_blocks(shape, spacing)
     vertices, tets = _fill_with_cubes(shape, spacing)
     faces = surface_triangles(tets)
     vertices = _fit_boundary(shape, vertices, tets, np.unique(faces), relaxations)
@@ -85,6 +87,27 @@ def _mesh_block(block: Block, spacing: float) -> TetMesh:
     nodes, tets = _cut_cells(_cells(counts))
     vertices, tets = _positive(np.asarray(block.lower) + nodes * (size / counts), tets)
     return TetMesh(vertices, tets, surface_triangles(tets))
+
+
+def _mesh_blocks(blocks: Blocks, spacing: float) -> TetMesh:
+    """One lattice through all boxes, its planes at their sides and evenly between these."""
+    sides = np.concatenate([part.bounds() for part in blocks.parts])
+    planes = [_planes(np.unique(sides[:, axis].round(9)), spacing) for axis in range(3)]
+    cells = _cells(np.array([len(own) - 1 for own in planes]))
+    centres = np.stack([(own[c] + own[c + 1]) / 2 for own, c in zip(planes, cells.T, strict=True)], axis=-1)
+    nodes, tets = _cut_cells(cells[blocks.distance(centres) < 0])
+    places = np.stack([own[n] for own, n in zip(planes, nodes.T, strict=True)], axis=-1)
+    vertices, tets = _positive(places, tets)
+    return TetMesh(vertices, tets, surface_triangles(tets))
+
+
+def _planes(sides: Float[Array, " S"], spacing: float) -> Float[Array, " P"]:
+    """Planes of a lattice along one axis [m]: all of `sides`, and between them as many as make cells of about `spacing`."""
+    counts = np.maximum(np.round(np.diff(sides) / spacing), 1).astype(int)
+    between = [
+        np.linspace(*ends, count, endpoint=False) for *ends, count in zip(sides, sides[1:], counts, strict=False)
+    ]
+    return np.append(np.concatenate(between), sides[-1])
 
 
 def _cells(counts: Int[Array, "3"]) -> Int[Array, "C 3"]:

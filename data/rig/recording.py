@@ -7,12 +7,14 @@ from pathlib import Path
 import numpy as np
 
 from data.rig.mesh import TetMesh
-from data.rig.rig_scene import RigScene, View
+from data.rig.rig_scene import Motion, RigScene, View
+from data.rig.session import Unknowns
 from data.rig.trajectory import Trajectory
 from physreal_core.array_types import Array, Bool, Float, Int
 from pipeline.products.controllers import Controllers
 from pipeline.products.given_tracks import GivenTracks3d
 
+HAND_SECONDS = 0.3  # [s] after which the noise of the hand's record has forgotten itself
 POINTS, NOISE, MISSING, MEAN_RUN = 150, 0.001, 0.3, 5.0  # count; [m]; share; mean length of a hidden run [frames]
 
 
@@ -46,12 +48,51 @@ def ideal(scene: RigScene, trajectory: Trajectory, random: np.random.Generator) 
     )
 
 
-def write(folder: Path, scene: RigScene, recording: Recording, surface: TetMesh, random: np.random.Generator) -> None:
-    """capture.json, tracks, controller points and shape_prior.glb; `surface` is the object at frame 0."""
+def with_hand_off(recording: Recording, motion: Motion, unknowns: Unknowns, random: np.random.Generator) -> Recording:
+    """The recording with the hand's record late or noisy; the same where it is neither."""
+    controllers = recording.controllers
+    if unknowns.hand_delay:
+        times = np.arange(len(controllers)) / recording.fps
+        late = motion.displacement(times - unknowns.hand_delay) - motion.displacement(times)
+        controllers = controllers + late[:, None]
+    if unknowns.hand_noise:
+        slow = np.exp(-1 / (HAND_SECONDS * recording.fps))
+        shift = unknowns.hand_noise * lasting((len(controllers), 3), slow, random)
+        controllers = controllers + (shift - shift[0])[:, None]
+    return replace(recording, controllers=controllers)
+
+
+def lasting(shape: tuple[int, ...], correlation: float, random: np.random.Generator) -> Float[Array, "T ..."]:
+    """Normal numbers of unit size that hang on along the first axis: x_t = c x_(t-1) + sqrt(1 - c^2) e_t, c the `correlation`."""
+    numbers = random.normal(size=shape)
+    if correlation:
+        for frame in range(1, len(numbers)):
+            numbers[frame] = correlation * numbers[frame - 1] + np.sqrt(1 - correlation**2) * numbers[frame]
+    return numbers
+
+
+def write(
+    folder: Path,
+    scene: RigScene,
+    recording: Recording,
+    surface: TetMesh,
+    random: np.random.Generator,
+    correlation: float = 0.0,
+) -> None:
+    """capture.json, tracks, controller points and shape_prior.glb; `surface` is the object at frame 0.
+
+    Args:
+        folder: of the capture.
+        scene: as it is stated.
+        recording: what is measured, before noise.
+        surface: the object at frame 0.
+        random: for gaps and noise.
+        correlation: of the noise from one frame to the next.
+    """
     import trimesh
 
     valid = seen(recording.tracks.shape[:2], random)
-    measured = recording.tracks + random.normal(scale=NOISE, size=recording.tracks.shape)
+    measured = recording.tracks + NOISE * lasting(recording.tracks.shape, correlation, random)
     measured[~valid] = np.nan
     sigma = np.full(valid.shape, NOISE, np.float32)
     GivenTracks3d(measured.astype(np.float32), valid, sigma).save(folder)

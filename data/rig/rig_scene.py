@@ -5,7 +5,7 @@ from itertools import pairwise
 
 import numpy as np
 
-from data.rig.shapes import Block, Capsule, RoundedShape
+from data.rig.shapes import Block, Capsule, RoundedShape, Solid
 from data.rig.thin import Cloth
 from physreal_core.array_types import Array, Float
 
@@ -129,7 +129,7 @@ class RigScene:
 
     name: str
     description: str
-    body: RoundedShape | Block | Cloth
+    body: Solid | Cloth
     hand: RoundedShape
     motion: Motion
     material: Material = Material()

@@ -50,6 +50,22 @@ class RoundedShape:
         upper = np.max([np.maximum(c.start, c.end) + c.radius for c in self.capsules], axis=0)
         return lower - self.blend / 4, upper + self.blend / 4
 
+    def lattice(self, spacing: float) -> Float[Array, "P 3"]:
+        """Points of a lattice in the box around the shape [m]."""
+        axes = [np.arange(low, high, spacing) + spacing / 2 for low, high in zip(*self.bounds(), strict=True)]
+        return np.stack(np.meshgrid(*axes, indexing="ij"), axis=-1).reshape(-1, 3)
+
+    def middle(self, spacing: float = 0.003) -> Float[Array, "3"]:
+        """Centre of volume [m], from a lattice of points with this spacing [m]."""
+        points = self.lattice(spacing)
+        return points[self.distance(points) < 0].mean(axis=0)
+
+    def moved(self, way: Float[Array, "3"]) -> "RoundedShape":
+        """The same shape elsewhere, shifted by `way` [m]."""
+        return RoundedShape(
+            tuple(Capsule(_shifted(c.start, way), _shifted(c.end, way), c.radius) for c in self.capsules), self.blend
+        )
+
 
 @dataclass(frozen=True)
 class Block:
@@ -63,3 +79,48 @@ class Block:
         half = np.subtract(self.upper, self.lower) / 2
         beyond = np.abs(np.asarray(points, float) - (np.asarray(self.lower) + half)) - half
         return np.linalg.norm(np.maximum(beyond, 0), axis=-1) + np.minimum(beyond.max(axis=-1), 0)
+
+    def bounds(self) -> tuple[Float[Array, "3"], Float[Array, "3"]]:
+        """Its corners [m]."""
+        return np.asarray(self.lower, float), np.asarray(self.upper, float)
+
+    def middle(self) -> Float[Array, "3"]:
+        """Centre of volume [m]."""
+        return (np.asarray(self.lower) + self.upper) / 2
+
+    def moved(self, way: Float[Array, "3"]) -> "Block":
+        """The same box elsewhere, shifted by `way` [m]."""
+        return Block(_shifted(self.lower, way), _shifted(self.upper, way))
+
+
+@dataclass(frozen=True)
+class Blocks:
+    """Boxes that touch each other and do not overlap, as one body."""
+
+    parts: tuple[Block, ...]
+
+    def distance(self, points: Float[Array, "... 3"]) -> Float[Array, "..."]:
+        """Signed distance [m] outside; inside it is that to the nearest side of the part, which may be within the body."""
+        return np.min([part.distance(points) for part in self.parts], axis=0)
+
+    def bounds(self) -> tuple[Float[Array, "3"], Float[Array, "3"]]:
+        """Corners [m] of a box around all parts."""
+        lower, upper = zip(*(part.bounds() for part in self.parts), strict=True)
+        return np.min(lower, axis=0), np.max(upper, axis=0)
+
+    def middle(self) -> Float[Array, "3"]:
+        """Centre of volume [m]."""
+        volumes = [np.prod(np.subtract(part.upper, part.lower)) for part in self.parts]
+        return np.average([part.middle() for part in self.parts], axis=0, weights=volumes)
+
+    def moved(self, way: Float[Array, "3"]) -> "Blocks":
+        """The same body elsewhere, shifted by `way` [m]."""
+        return Blocks(tuple(part.moved(way) for part in self.parts))
+
+
+Solid = Block | Blocks | RoundedShape
+"""What can be meshed as a solid body: it has a signed distance, bounds and a centre of volume."""
+
+
+def _shifted(place: tuple[float, float, float], way: Float[Array, "3"]) -> tuple[float, float, float]:
+    return tuple(float(p + w) for p, w in zip(place, way, strict=True))

@@ -7,7 +7,7 @@ from pathlib import Path
 
 from benchmarks.gap.cases import GapCase
 from benchmarks.gap.files import write_json
-from tests.benchmarks.test_gap_scoring import answer, effect, oracle
+from tests.benchmarks.gap_rows import answer, effect, oracle, told
 
 if __name__ == "__main__":
     case = GapCase.named(sys.argv[2])
@@ -21,7 +21,7 @@ if __name__ == "__main__":
         time.sleep(600)
     true = {} if case.effect == "none" else {case.effect: {"rate": 1.0}}
     members = [[name] for name in true]
-    write_json(
-        own / "answer.json", answer("effect" if true else "none", members, 0.9, [effect(n, v) for n, v in true.items()])
-    )
-    write_json(own / "oracle.json", oracle(true))
+    found = answer("effect" if true else "none", members, 0.9, [effect(n, v) for n, v in true.items()])
+    write_json(own / "truth" / "case.json", told(true))
+    write_json(own / "answer.json", found)
+    write_json(own / "oracle.json", oracle())

@@ -11,7 +11,7 @@ from benchmarks.gap import case as one_case
 from benchmarks.gap import rgbd
 from benchmarks.gap.cases import GapCase
 from benchmarks.gap.command import main
-from benchmarks.gap.results import write_results
+from benchmarks.gap.results import collect, write_results
 from benchmarks.gap.run import Run, card_share, core_share, environment, run_cases
 from benchmarks.gap.settings import load_settings
 from physreal_core.errors import InputError
@@ -26,14 +26,17 @@ FAKE = "tests.benchmarks.gap_fake_case"
 
 def test_each_case_runs_once_and_the_results_are_written(tmp_path, capsys):
     run = Run(tmp_path / "cases", jobs=2, module=FAKE)
+    ended = []
     for _ in range(2):
-        run_cases([NONE, DRAG, WIND], run)
+        run_cases([NONE, DRAG, WIND], run, ended.append)
+    assert sorted(case.name for case in ended) == sorted(case.name for case in (NONE, DRAG, WIND))
     assert "3 of 3 cases are done; 0 to go" in capsys.readouterr().out
     for case in (NONE, DRAG, WIND):
         assert len((run.folder / case.name / "runs.txt").read_text().splitlines()) == 1
     (tmp_path / "results").mkdir()
     (tmp_path / "results" / "gap_benchmark.json").write_text('{"rgbd": {"named_first": 0.5}}')
-    text = write_results("tracks_only", 7, run.folder, [NONE, DRAG, WIND, SLOW], tmp_path / "results")
+    rows = collect([NONE, DRAG, WIND, SLOW], run.folder, tmp_path / "rows", "tracks_only", 7)
+    text = write_results("tracks_only", rows, tmp_path / "results", not_run=1)
     record = json.loads((tmp_path / "results" / "gap_benchmark.json").read_text())
     assert record["rgbd"] == {"named_first": 0.5}
     found = record["tracks_only"]
@@ -77,31 +80,46 @@ def test_jobs_share_the_memory_of_their_card(monkeypatch):
 
 
 def test_the_search_is_called_when_the_truth_is_out_of_its_sight(tmp_path, monkeypatch):
-    """The rig's truth is laid aside before the answer is asked for, and read when the answer is on disk."""
+    """The rig's truth, and the motion that is kept out, are laid aside before the answer is asked for, and read when it is on disk."""
     own = tmp_path / DRAG.name
 
+    class Case:
+        @staticmethod
+        def blind(effect, strength, seed, body, form):
+            return GapCase(effect, strength, seed, body, form)
+
     def make_case(case, destination, *, video):
-        for motion in ("lift_swing", "press_drag"):
+        for motion in ("lift_swing", "press_drag", "shake"):
             (destination / motion).mkdir(parents=True)
             (destination / motion / "capture.json").write_text("{}")
             (destination / motion / "truth.npz").write_bytes(b"secret")
+        (destination / "case.json").write_text('{"held_out": "shake", "values": {"linear_drag": {"rate": 1.0}}}')
 
     def answer(captures, settings, tell):
-        assert sorted(file.name for file in captures.rglob("*") if file.is_file()) == ["capture.json"] * 2
-        return {"report": {"verdict": {"names": []}}}
+        seen = sorted(str(file.relative_to(captures)) for file in captures.rglob("*") if file.is_file())
+        assert seen == ["lift_swing/capture.json", "press_drag/capture.json"]
+        return {"report": {"verdict": {"kind": "none", "names": []}}, "models": {"baseline": {}, "found": None}}
 
-    def truth_of(own):
-        assert (own / "answer.json").is_file()
-        return {"linear_drag": {"rate": 1.0}}
+    def experiments_of(captures, *further):
+        assert (own / "answer.json").is_file() and further == (own / "held_out" / "shake",)
+        return ["first", "second", "kept out"]
 
     rig = type(sys)("data.rig.case")
-    rig.Case, rig.make_case = GapCase, make_case
+    rig.Case, rig.make_case, rig.TRUTH = Case, make_case, "case.json"
     monkeypatch.setitem(sys.modules, "data.rig.case", rig)
-    monkeypatch.setattr(one_case, "answer", answer)
-    monkeypatch.setattr(one_case, "truth_of", truth_of)
+    for name, stand_in in {
+        "answer": answer,
+        "experiments_of": experiments_of,
+        "trial_of": lambda model: model,
+        "gap": lambda experiment, trial: 4.0,
+        "searched_by": lambda: "abc",
+    }.items():
+        monkeypatch.setattr(one_case, name, stand_in)
     one_case.run_case(DRAG, tmp_path, load_settings(None))
-    assert sorted(file.name for file in (own / "truth").iterdir()) == ["lift_swing.npz", "press_drag.npz"]
-    assert json.loads((own / "oracle.json").read_text()) == {"truth": {"linear_drag": {"rate": 1.0}}, "closed": None}
+    laid_aside = sorted(file.name for file in (own / "truth").iterdir())
+    assert laid_aside == ["case.json", "lift_swing.npz", "press_drag.npz", "shake.npz"]
+    assert json.loads((own / "answer.json").read_text())["commit"] == "abc"
+    assert json.loads((own / "oracle.json").read_text()) == {"gaps": {"baseline": 4.0}, "closed": 0.0, "oracle": None}
 
 
 def test_a_step_that_raises_is_recorded(tmp_path, monkeypatch):
@@ -150,4 +168,6 @@ def test_a_case_from_rgbd_is_a_project_of_its_own_whose_stages_run_in_order(tmp_
 def test_the_command_lists_the_cases_that_patterns_choose(capsys):
     main(["--list", "--cases", "kelvin_voigt-*", "none-*"])
     names = capsys.readouterr().out.split()
-    assert len(names) == 3 + 24 and all(GapCase.named(name).effect in ("kelvin_voigt", "none") for name in names)
+    assert 2 + 20 <= len(names) <= 4 + 20 and all(
+        GapCase.named(name).effect in ("kelvin_voigt", "none") for name in names
+    )

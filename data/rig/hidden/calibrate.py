@@ -13,18 +13,13 @@ from functools import partial
 import numpy as np
 from scipy.interpolate import CubicSpline
 
-from data.rig import recording
-from data.rig.hidden.effect import NOTHING, Hidden
-from data.rig.hidden.library import LIBRARY
+from data.rig.hidden.library import LIBRARY, Staging
 from data.rig.hidden.strengths import AMPLITUDES, TARGETS
 from data.rig.rig_scene import RigScene
-from data.rig.specimen import MOTIONS, run, specimen
-from physreal_core.array_types import Array, Float
+from data.rig.session import PLAIN
+from data.rig.specimen import specimen
+from data.rig.visibility import SPACING, clean_tracks, distances, elastic
 
-SPACING = 0.022  # [m], of the elements: coarse, since only sizes are asked for
-# Logarithms of the shares of the true modulus at which the elastic bar is simulated, and at which splines then know it.
-MODULI = np.arange(-0.96, 0.61, 0.06)
-FINE = np.arange(-0.96, 0.6, 0.01)
 TRIALS = 2
 # Amplitudes beyond which the effect would be another one, or the object.
 LARGEST = {
@@ -46,43 +41,31 @@ LARGEST = {
 
 
 def scenes(seed: int) -> dict[str, RigScene]:
-    """The motions of one object, coarsely meshed."""
-    return {motion: replace(specimen(motion, seed), mesh_spacing=SPACING) for motion in MOTIONS}
+    """The plain session's motions of one bar, coarsely meshed."""
+    return {m: replace(specimen("bar", seed).scene(m), mesh_spacing=SPACING) for m in PLAIN.motions}
 
 
-def tracks(scene: RigScene, hidden: Hidden, seed: int) -> Float[Array, "T J 3"]:
-    """What is recorded, without noise [m]."""
-    ideal = recording.ideal(scene, run(scene, hidden), np.random.default_rng(seed))
-    return hidden.record(ideal, scene.motion).tracks
-
-
-def elastic_tracks(bar_of: tuple[int, str, float]) -> Float[Array, "T J 3"]:
-    """Tracks of the bar of a seed in a motion with nothing hidden, e^share times as stiff [m]."""
-    seed, motion, share = bar_of
-    scene = scenes(seed)[motion]
-    modulus = float(scene.material.youngs_modulus * np.exp(share))
-    return tracks(replace(scene, material=replace(scene.material, youngs_modulus=modulus)), NOTHING, seed)
-
-
-ELASTIC: dict[tuple[int, str], Float[Array, "E T J 3"]] = {}
-"""By seed and motion: the tracks of the bar with nothing hidden, at each of `FINE`."""
+ELASTIC: dict[tuple[int, str], CubicSpline] = {}
+"""By seed and motion: the tracks of the bar with nothing hidden, as of `visibility.elastic`."""
 
 
 def know_elastic(seeds: int, pool: Executor) -> None:
     """Fill `ELASTIC`."""
-    bars = [(seed, motion) for seed in range(seeds) for motion in MOTIONS]
-    known = list(pool.map(elastic_tracks, [(*bar, float(share)) for bar in bars for share in MODULI]))
-    for number, place in enumerate(bars):
-        own = np.stack(known[number * len(MODULI) : (number + 1) * len(MODULI)])
-        ELASTIC[place] = CubicSpline(MODULI, own)(FINE).astype(np.float32)
+    bars = [(seed, motion) for seed in range(seeds) for motion in PLAIN.motions]
+    ELASTIC.update(zip(bars, pool.map(_elastic_bar, bars), strict=True))
+
+
+def _elastic_bar(bar: tuple[int, str]) -> CubicSpline:
+    seed, motion = bar
+    return elastic(scenes(seed)[motion])
 
 
 def size(name: str, amplitude: float, seed: int) -> float:
     """Distance [m] of the effect's tracks from the nearest elastic bar's."""
     case = scenes(seed)
-    hidden = LIBRARY[name](amplitude, case, np.random.default_rng([seed, 10]))
-    gaps = [ELASTIC[seed, motion] - tracks(scene, hidden, seed) for motion, scene in case.items()]
-    squares = [3 * np.square(gap).mean(axis=(1, 2, 3)) for gap in gaps]
+    staging = Staging(specimen("bar", seed).body, specimen("bar", seed).scene("lift_swing"))
+    hidden = LIBRARY[name](amplitude, staging, np.random.default_rng([seed, 10]))
+    squares = [distances(ELASTIC[seed, motion], clean_tracks(scene, hidden)) for motion, scene in case.items()]
     nearest = np.sum(squares, axis=0).argmin()
     return float(np.sqrt(np.max([square[nearest] for square in squares])))
 

@@ -1,5 +1,6 @@
 """Hidden effects of what the object touches."""
 
+from collections.abc import Callable
 from dataclasses import dataclass
 
 import numpy as np
@@ -13,6 +14,7 @@ from physreal_core.array_types import Array, Float
 
 _STEP = 2e-4  # [s] about that of an explicit integration
 _SLIDING_STEP = 2.5e-4  # [s] implicit; it damps as a retardation time of as much
+_UNDERSIDE = 0.004  # [m] above the lowest point, in which a face lies on the table
 _SMOOTH = 'friction="1e-3 1e-4 1e-5" priority="1"'  # an obstacle has no friction to speak of, whatever the body's
 
 
@@ -25,8 +27,12 @@ class GroundAdhesion(Hidden):
     range: float
 
     def prepare(self, world: World) -> Act:
+        return self.pulled(world, lambda rise: rise * np.exp(1 - rise))
+
+    def pulled(self, world: World, law: Callable[[Float[Array, " V"]], Float[Array, " V"]]) -> Act:
+        """What is done before each step where the traction over its strength is a `law` of the height over the range."""
         mesh = world.mesh
-        under = mesh.vertices[mesh.faces][..., 2].max(axis=1) < mesh.vertices[:, 2].min() + 1e-4
+        under = mesh.vertices[mesh.faces][..., 2].max(axis=1) < mesh.vertices[:, 2].min() + _UNDERSIDE
         corners = mesh.vertices[mesh.faces[under]]
         area = np.linalg.norm(np.cross(corners[:, 1] - corners[:, 0], corners[:, 2] - corners[:, 0]), axis=1).sum() / 2
         peak = self.strength * area * surface_shares(mesh.vertices, mesh.faces[under])
@@ -35,13 +41,13 @@ class GroundAdhesion(Hidden):
 
         def act(time: float) -> None:
             rise = np.maximum(world.positions[:, 2] - lying, 0) / self.range
-            force[:, 2] = -peak * rise * np.exp(1 - rise)
+            force[:, 2] = -peak * law(rise)
             world.push(force)
 
         return act
 
 
-class _Sliding(Hidden):
+class Sliding(Hidden):
     """Friction of each touching node by its speed on the table: MuJoCo's coefficient is set anew between its two half steps.
 
     The friction rows of the contact were made with another coefficient, but equal in both directions, so only the cone changes.
@@ -70,7 +76,7 @@ class _Sliding(Hidden):
 
 
 @dataclass(frozen=True)
-class StickSlip(_Sliding):
+class StickSlip(Sliding):
     """Friction is higher by `excess` at rest; that fades as exp(-s / `speed`) with the speed s of sliding [m/s]."""
 
     excess: float
@@ -81,7 +87,7 @@ class StickSlip(_Sliding):
 
 
 @dataclass(frozen=True)
-class RateFriction(_Sliding):
+class RateFriction(Sliding):
     """Friction grows by `rate` [s/m] times the speed of sliding."""
 
     rate: float
@@ -127,9 +133,10 @@ class ObstaclePlane(Hidden):
     def things(self, scene: RigScene) -> str:
         flat = np.cos(self.elevation)
         towards = np.array([flat * np.cos(self.azimuth), flat * np.sin(self.azimuth), np.sin(self.elevation)])
-        middle = (np.asarray(scene.body.lower) + scene.body.upper) / 2
-        place, normal = middle + self.distance * towards, -towards
-        return f'<geom type="plane" size="2 2 .1" pos="{_numbers(place)}" zaxis="{_numbers(normal)}" {_SMOOTH} {firm(_STEP)}/>'
+        place, normal = scene.body.middle() + self.distance * towards, -towards
+        return (
+            f'<geom type="plane" size="2 2 .1" pos="{_numbers(place)}" zaxis="{_numbers(normal)}" {firm_and_smooth()}/>'
+        )
 
 
 @dataclass(frozen=True)
@@ -142,7 +149,7 @@ class ObstacleSphere(Hidden):
     radius: float
 
     def things(self, scene: RigScene) -> str:
-        return f'<geom type="sphere" size="{self.radius}" pos="{self.x} {self.y} {self.z}" {_SMOOTH} {firm(_STEP)}/>'
+        return f'<geom type="sphere" size="{self.radius}" pos="{self.x} {self.y} {self.z}" {firm_and_smooth()}/>'
 
 
 @dataclass(frozen=True)
@@ -156,7 +163,12 @@ class ObstaclePost(Hidden):
 
     def things(self, scene: RigScene) -> str:
         ends = f"{self.x} {self.y} -0.5 {self.x} {self.y} {self.height - self.radius}"
-        return f'<geom type="capsule" size="{self.radius}" fromto="{ends}" {_SMOOTH} {firm(_STEP)}/>'
+        return f'<geom type="capsule" size="{self.radius}" fromto="{ends}" {firm_and_smooth()}/>'
+
+
+def firm_and_smooth() -> str:
+    """XML attributes of an obstacle's surface."""
+    return f"{_SMOOTH} {firm(_STEP)}"
 
 
 def _numbers(values: Float[Array, " N"]) -> str:

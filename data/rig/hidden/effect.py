@@ -4,7 +4,7 @@ from __future__ import annotations
 
 from collections.abc import Callable
 from dataclasses import dataclass, fields
-from typing import TYPE_CHECKING
+from typing import TYPE_CHECKING, ClassVar
 
 from physreal_core.array_types import Array, Float
 
@@ -33,8 +33,8 @@ class Hidden:
         """Length of a step [s] of MuJoCo's implicit integrator, if the effect takes it."""
         return None
 
-    def hardening(self) -> float:
-        """By what factor it may stiffen the material; explicit steps shorten by its root."""
+    def hardening(self, scene: RigScene) -> float:
+        """By what factor it may stiffen the scene's material; explicit steps shorten by its root."""
         return 1.0
 
     def changed(self, scene: RigScene) -> RigScene:
@@ -78,6 +78,16 @@ class Hidden:
     def record(self, recording: Recording, motion: Motion) -> Recording:
         """What is measured of the truth without images."""
         return recording
+
+
+class Other(Hidden):
+    """An effect by a law of another form than the library's (`forms.py`)."""
+
+    KNOWN: ClassVar[tuple[str, ...]] = ()
+    """Coefficients that mean the same in the library's law."""
+
+    def values(self) -> dict[str, float]:
+        return {name: float(getattr(self, name)) for name in self.KNOWN}
 
 
 NOTHING = Hidden()

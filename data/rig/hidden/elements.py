@@ -62,6 +62,12 @@ class Elements:
         added = 2 * (volume * stiffness)[:, None, None] * row[:, :, None] * row[:, None, :]
         self.stiffness[:, :21] += added[:, *np.triu_indices(6)]
 
+    def add_moduli(self, moduli: Float[Array, "6 6"]) -> None:
+        """Adds the energy density strain . C strain / 2 of every element, C = `moduli` [Pa], to MuJoCo's own."""
+        added = self.to_strain.transpose(0, 2, 1) @ moduli @ self.to_strain
+        added = 2 * self._world.mesh.volumes()[:, None, None] * added
+        self.stiffness[:, :21] += added[:, *np.triu_indices(6)]
+
     @property
     def stiffness(self) -> Float[Array, "M S"]:
         """MuJoCo's matrices M of the elements: the upper triangle in the first 21 numbers."""

@@ -1,5 +1,6 @@
 """Hidden effects of how the hand holds the object, and of its record against the object's."""
 
+from collections.abc import Callable
 from dataclasses import dataclass
 
 import numpy as np
@@ -56,6 +57,10 @@ class GripCompliance(Hidden):
     compliance: float
 
     def prepare(self, world: World) -> Act:
+        return self.holding(world, np.ones_like)
+
+    def holding(self, world: World, firmness: Callable[[Float[Array, "B 1"]], Float[Array, "B 1"]]) -> Act:
+        """What is done before each step where springs are by `firmness` stiffer when they have given way by so much [m]."""
         world.model.eq_active0[:] = 0
         world.data.eq_active[:] = 0
         anchors = world.mesh.vertices[world.gripped]
@@ -65,7 +70,8 @@ class GripCompliance(Hidden):
         def act(time: float) -> None:
             force = np.zeros_like(world.positions)
             away = world.positions[world.gripped] - anchors - world.data.mocap_pos[0]
-            force[world.gripped] = -stiffness * (away + _GRIP_DAMPING * world.velocities[world.gripped])
+            stiffer = firmness(np.linalg.norm(away, axis=1, keepdims=True))
+            force[world.gripped] = -stiffness * (stiffer * away + _GRIP_DAMPING * world.velocities[world.gripped])
             world.push(force)
 
         return act

@@ -5,6 +5,7 @@ from dataclasses import dataclass
 import numpy as np
 
 from data.rig.hidden.effect import Act, Hidden
+from data.rig.rig_scene import RigScene
 from data.rig.world import World
 
 
@@ -33,9 +34,10 @@ class DensityGradient(Hidden):
     y: float
     z: float
 
-    def hardening(self) -> float:
-        """The light end of a body of 0.24 x 0.06 x 0.04 m is lighter by this, its waves as much faster."""
-        return float(np.exp(np.abs([self.x, self.y, self.z]) @ [0.12, 0.03, 0.02]))
+    def hardening(self, scene: RigScene) -> float:
+        """The light end of the body is lighter by this, its waves as much faster."""
+        half = np.ptp(scene.body.bounds(), axis=0) / 2
+        return float(np.exp(np.abs([self.x, self.y, self.z]) @ half))
 
     def prepare(self, world: World) -> Act:
         centres = world.mesh.vertices[world.mesh.tets].mean(axis=1)

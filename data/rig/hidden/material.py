@@ -7,6 +7,7 @@ import numpy as np
 from data.rig.hidden.effect import Act, Hidden
 from data.rig.hidden.elements import PLASTIC, Elements, EnergyForces, deviator
 from data.rig.rig_scene import RigScene
+from data.rig.shapes import Block
 from data.rig.world import World
 from physreal_core.array_types import Array, Float
 
@@ -65,7 +66,7 @@ class StrainStiffening(Hidden):
 
     ratio: float
 
-    def hardening(self) -> float:
+    def hardening(self, scene: RigScene) -> float:
         """The second term's modulus over the first's is 12 a (I1 - 3), and bends and presses take I1 - 3 to about 0.08."""
         return 1 + self.ratio
 
@@ -91,7 +92,7 @@ class Fibres(Hidden):
     azimuth: float
     elevation: float
 
-    def hardening(self) -> float:
+    def hardening(self, scene: RigScene) -> float:
         return 1 + self.ratio
 
     def prepare(self, world: World) -> Act:
@@ -123,8 +124,8 @@ class SoftSpot(Hidden):
 
 @dataclass(frozen=True)
 class RestShape(Hidden):
-    """At frame 0 the bar is let go stretched by the share `stretch` along x, and bent by `curvature_1` in y and
-    `curvature_2` in z [1/m], as by a pull and moments at its ends, against its rest shape."""
+    """At frame 0 the body is let go stretched by the share `stretch` along its longest axis, and bent by `curvature_1` towards its
+    second and `curvature_2` towards its third [1/m], as by a pull and moments at its ends, against its rest shape."""
 
     stretch: float
     curvature_1: float
@@ -134,7 +135,11 @@ class RestShape(Hidden):
         return PLASTIC
 
     def prepare(self, world: World) -> Act:
-        elements, rest = Elements(world), self._rest_displacement(world)
+        return self.let_go(world)
+
+    def let_go(self, world: World, uneven: float = 0.0) -> Act:
+        """What is done before each step; the curvature may grow along the body, by the share `uneven` from its middle to its end."""
+        elements, rest = Elements(world), self._rest_displacement(world, uneven)
         waiting = [rest]
 
         def act(time: float) -> None:
@@ -143,11 +148,29 @@ class RestShape(Hidden):
 
         return act
 
-    def _rest_displacement(self, world: World) -> Float[Array, "V 3"]:
+    def _rest_displacement(self, world: World, uneven: float) -> Float[Array, "V 3"]:
         """Pure tension and bending of a bar (Saint-Venant), the other way round: where its nodes would rest [m]."""
-        x, y, z = (world.mesh.vertices - world.mesh.vertices.mean(axis=0)).T
+        frame, middle = body_axes(world)
+        x, y, z = frame @ (world.mesh.vertices - middle).T
         s, k, q, nu = self.stretch, self.curvature_1, self.curvature_2, world.scene.material.poissons_ratio
-        along = -x * (s + k * y + q * z)
-        sideways = k * x**2 / 2 + nu * (s * y + k * (y**2 - z**2) / 2 + q * y * z)
-        upwards = q * x**2 / 2 + nu * (s * z + k * y * z + q * (z**2 - y**2) / 2)
-        return np.stack([along, sideways, upwards], axis=1)
+        growth = 2 * uneven / np.ptp(x)
+        turned, risen = x + growth * x**2 / 2, x**2 / 2 + growth * x**3 / 6  # integrals of the curvature over its mean
+        along = -(s * x + (k * y + q * z) * turned)
+        sideways = k * risen + nu * (s * y + (1 + growth * x) * (k * (y**2 - z**2) / 2 + q * y * z))
+        upwards = q * risen + nu * (s * z + (1 + growth * x) * (k * y * z + q * (z**2 - y**2) / 2))
+        return np.stack([along, sideways, upwards], axis=1) @ frame
+
+
+def body_axes(world: World) -> tuple[Float[Array, "3 3"], Float[Array, "3"]]:
+    """Principal axes of the body as rows, the longest first, each with its largest component positive; and its centre of volume [m].
+
+    Of a box they are its edges, also where two of them are equally long.
+    """
+    volumes, centres = world.mesh.volumes(), world.mesh.vertices[world.mesh.tets].mean(axis=1)
+    middle = np.average(centres, axis=0, weights=volumes)
+    if isinstance(world.scene.body, Block):
+        order = np.argsort(-np.ptp(world.scene.body.bounds(), axis=0).round(6), kind="stable")
+        return np.eye(3)[order], middle
+    moment = ((centres - middle) * volumes[:, None]).T @ (centres - middle)
+    rows = np.linalg.eigh(moment)[1].T[::-1]
+    return rows * np.sign(rows[np.arange(3), np.abs(rows).argmax(axis=1)])[:, None], middle

@@ -3,6 +3,7 @@
 Without images the hand's record comes from elsewhere and is right.
 """
 
+from collections.abc import Callable
 from dataclasses import dataclass, replace
 
 import numpy as np
@@ -34,8 +35,12 @@ class CameraDrift(Hidden):
         return motion
 
     def record(self, recording: Recording, motion: Motion) -> Recording:
-        pose, frames = recording.view.pose(), range(len(recording.tracks))
-        seen = np.stack([self._apparent(pose, frame / recording.fps) for frame in frames])
+        return self.recorded_at(recording, np.arange(len(recording.tracks)) / recording.fps)
+
+    def recorded_at(self, recording: Recording, times: Float[Array, " T"]) -> Recording:
+        """What is measured by a camera that has drifted for so long at each frame [s]."""
+        pose = recording.view.pose()
+        seen = np.stack([self._apparent(pose, time) for time in times])
         turned = np.einsum("tij,tpj->tpi", seen[:, :3, :3], recording.tracks)
         return replace(recording, tracks=turned + seen[:, None, :3, 3])
 
@@ -51,12 +56,17 @@ class DepthBias(Hidden):
         return np.where(depth > 0, (1 + self.scale) * depth + self.offset, 0.0)
 
     def record(self, recording: Recording, motion: Motion) -> Recording:
-        return replace(recording, tracks=self._seen(recording.tracks, recording.view.pose()))
+        read = self.seen_as(recording.tracks, recording.view.pose(), lambda z: (1 + self.scale) * z + self.offset)
+        return replace(recording, tracks=read)
 
-    def _seen(self, points: Float[Array, "T P 3"], pose: Float[Array, "4 4"]) -> Float[Array, "T P 3"]:
+    @staticmethod
+    def seen_as(
+        points: Float[Array, "T P 3"], pose: Float[Array, "4 4"], read: Callable[[Array], Array]
+    ) -> Float[Array, "T P 3"]:
+        """Where points [m] seem to be to a camera that reads a depth z [m] as `read(z)`; where frame 0 was seen is right."""
         local = (points - pose[:3, 3]) @ pose[:3, :3]
         z = local[..., 2:]
-        seen = local * (((1 + self.scale) * z + self.offset) / z) @ pose[:3, :3].T + pose[:3, 3]
+        seen = local * (read(z) / z) @ pose[:3, :3].T + pose[:3, 3]
         return points[:1] + seen - seen[:1]
 
 

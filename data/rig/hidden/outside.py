@@ -83,7 +83,7 @@ class Tether(Hidden):
 
     def prepare(self, world: World) -> Act:
         place = world.mesh.vertices
-        tied = np.flatnonzero(place[:, 0] < place[:, 0].min() + 1e-6)
+        tied = np.flatnonzero(place[:, 0] < place[:, 0].min() + 0.003)
 
         def act(time: float) -> None:
             away = world.positions[tied].mean(axis=0) - [self.x, self.y, self.z]
@@ -91,5 +91,54 @@ class Tether(Hidden):
             force = np.zeros_like(place)
             force[tied] = -self.stiffness * max(distance - self.length, 0.0) * away / (distance * len(tied))
             world.push(force)
+
+        return act
+
+
+@dataclass(frozen=True)
+class Charge(Hidden):
+    """Every part of the body is drawn to (x, y, z) [m] in proportion to its mass: `strength` [m^3/s^2] over distance squared, softened
+    at a centimetre."""
+
+    strength: float
+    x: float
+    y: float
+    z: float
+
+    def prepare(self, world: World) -> Act:
+        def act(time: float) -> None:
+            way = np.array([self.x, self.y, self.z]) - world.positions
+            distance = np.sqrt((way**2).sum(axis=1, keepdims=True) + 0.01**2)
+            world.push(self.strength * world.masses[:, None] * way / distance**3)
+
+        return act
+
+
+@dataclass(frozen=True)
+class GradientField(Hidden):
+    """A force per mass along y that grows with x: `gradient` [1/s^2] times x [m]."""
+
+    gradient: float
+
+    def prepare(self, world: World) -> Act:
+        def act(time: float) -> None:
+            force = np.zeros_like(world.positions)
+            force[:, 1] = self.gradient * world.masses * world.positions[:, 0]
+            world.push(force)
+
+        return act
+
+
+@dataclass(frozen=True)
+class Gyration(Hidden):
+    """A force across the motion, `rate` [1/s] times e_z x v per mass, as on charges in a magnetic field."""
+
+    rate: float
+
+    def prepare(self, world: World) -> Act:
+        def act(time: float) -> None:
+            velocity = world.velocities
+            across = np.stack([-velocity[:, 1], velocity[:, 0], np.zeros(len(velocity))], axis=1)
+            world.push(self.rate * world.masses[:, None] * across)
 
         return act

@@ -1,4 +1,7 @@
-"""How large a hidden effect is: amplitudes at which a bar's tracks are about `TARGETS` from those of any elastic bar.
+"""How large a hidden effect is: amplitudes at which a bar's tracks are about `TARGETS` from those of any elastic bar, and how they
+scale with another body.
+
+How visible an effect is in a case is measured there (`data/rig/visibility.py`); the scaling only keeps it of one order.
 
 Measured by `python -m data.rig.hidden.calibrate`; units are those of the amplitude of each effect in `library.py`. Below what
 the sizes ask for, lest it be another effect or object: at "high", drag gives 4 to 5 mm, wind 5, gravity 4, viscosity 4, payload 6,
@@ -7,6 +10,12 @@ speed or at rest, stays below a coefficient of about 2: the more of it, the furt
 without any effect (`python -m benchmarks.friction`). By hand: the plane and the soft spot, which the coarse bar of the calibration
 meets late or buckles at.
 """
+
+from collections.abc import Callable
+
+import numpy as np
+
+from data.rig.bodies import Body, bar
 
 STRENGTHS = ("weak", "middle", "high")
 
@@ -45,4 +54,49 @@ AMPLITUDES: dict[str, tuple[float, float, float]] = {
     "outside:breathing": (0.0137, 0.0344, 0.0796),
     "outside:turntable": (2.85, 4.14, 6),
     "outside:tether": (1.33, 3.48, 10.1),
+    "outside:charge": (1.5, 4.0, 8.0),
+    "outside:gradient_field": (8.0, 20.0, 45.0),
+    "outside:gyration": (3.0, 8.0, 18.0),
 }
+
+
+def scaled(name: str, amplitude: float, body: Body) -> float:
+    """The amplitude for another body that has about the effect which this one has on the bar.
+
+    Args:
+        name: of the effect.
+        amplitude: for the bar, from `AMPLITUDES`.
+        body: the other one.
+    """
+    return amplitude * _SCALES[name](body) if name in _SCALES else amplitude
+
+
+_BAR = bar(np.random.default_rng(0))
+
+
+def _length(body: Body) -> float:
+    """Free length over the bar's."""
+    return body.length / _BAR.length
+
+
+def _weight(body: Body) -> float:
+    """Weight over the bar's, at one density."""
+    return body.volume / _BAR.volume
+
+
+def _strain(body: Body) -> float:
+    """Strain at the hand when the body hangs there, over the bar's: rho g L^2 / (E h)."""
+    return _length(body) ** 2 / (body.softness * body.thickness / _BAR.thickness)
+
+
+_SCALES: dict[str, Callable[[Body], float]] = {
+    "plastic_yield": lambda body: 1 / _strain(body),  # a yield strain's inverse
+    "strain_stiffening": lambda body: 1 / _strain(body) ** 2,  # against strain squared
+    "rest_shape": lambda body: 1 / _length(body) ** 2,  # a curvature, by which the end moves
+    "density_gradient": lambda body: 1 / _length(body),
+    "ground_adhesion": lambda body: body.thickness / _BAR.thickness,  # against weight per area
+    "grip_compliance": lambda body: 1 / _weight(body),
+    "outside:magnet": _weight,
+    "outside:tether": _weight,
+}
+"""What dimensions say; per mass, per speed, in shares and in metres seen, an amplitude holds for any body."""

@@ -24,8 +24,8 @@ class Together(Hidden):
     def implicit_step(self) -> float | None:
         return min((step for part in self.parts if (step := part.implicit_step()) is not None), default=None)
 
-    def hardening(self) -> float:
-        return prod(part.hardening() for part in self.parts)
+    def hardening(self, scene: RigScene) -> float:
+        return prod(part.hardening(scene) for part in self.parts)
 
     def changed(self, scene: RigScene) -> RigScene:
         for part in self.parts:

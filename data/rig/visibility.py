@@ -1,0 +1,63 @@
+"""How far a hidden effect moves the tracks from those of any elastic body: how visible it is, from the truth.
+
+The body without the effect is simulated at several Young's moduli, because a fit of the baseline is free to choose that. Of these
+bodies, and splines between them, the nearest in what is seen is taken. Both it and the body with the effect have coarse elements,
+since only sizes are asked for. Nothing that is off in the record (`session.Unknowns`) counts.
+"""
+
+from dataclasses import replace
+
+import numpy as np
+from scipy.interpolate import CubicSpline
+
+from data.rig import recording
+from data.rig.hidden.effect import NOTHING, Hidden
+from data.rig.hidden.together import Together
+from data.rig.rig_scene import RigScene
+from data.rig.session import Session
+from data.rig.specimen import Specimen, run
+from physreal_core.array_types import Array, Float
+
+SPACING = 0.022  # [m], of the elements
+MODULI = np.log([0.55, 0.75, 1.0, 1.35, 1.8])  # of shares of the true modulus that are simulated
+FINE = np.sort(np.append(np.linspace(MODULI[0], MODULI[-1], 60), 0.0))  # and between them
+
+
+def visibility(specimen: Specimen, session: Session, hidden: Hidden) -> dict[str, float]:
+    """Root mean square over points and frames of the distance from the nearest elastic body's tracks [m], by motion.
+
+    Nearest in the motions that are seen together; the one that is held out is compared with that body.
+    """
+    if hidden is NOTHING or hidden == Together(()):
+        return dict.fromkeys(session.motions, 0.0)
+    scenes = {m: replace(specimen.scene(m, session), mesh_spacing=SPACING) for m in session.motions}
+    here = {motion: clean_tracks(scene, hidden) for motion, scene in scenes.items()}
+    squares = {motion: distances(elastic(scenes[motion]), here[motion]) for motion in session.seen}
+    nearest = int(np.sum(list(squares.values()), axis=0).argmin())
+    found = {motion: float(np.sqrt(square[nearest])) for motion, square in squares.items()}
+    if session.held_out is not None:
+        plain = clean_tracks(_stiffer(scenes[session.held_out], float(FINE[nearest])), NOTHING)
+        found[session.held_out] = float(np.sqrt(3 * np.square(plain - here[session.held_out]).mean()))
+    return found
+
+
+def clean_tracks(scene: RigScene, hidden: Hidden) -> Float[Array, "T J 3"]:
+    """What is recorded, without noise [m]; the same points for all of one scene's bodies."""
+    ideal = recording.ideal(scene, run(scene, hidden), np.random.default_rng(0))
+    return hidden.record(ideal, scene.motion).tracks
+
+
+def elastic(scene: RigScene) -> CubicSpline:
+    """Tracks with nothing hidden [m] by the logarithm of the share of the true modulus: a spline through `MODULI`."""
+    return CubicSpline(MODULI, np.stack([clean_tracks(_stiffer(scene, share), NOTHING) for share in MODULI]))
+
+
+def distances(plain: CubicSpline, here: Float[Array, "T J 3"]) -> Float[Array, " E"]:
+    """Mean square distance [m^2] of the elastic body's tracks at each of `FINE` from tracks `here` [m]."""
+    return np.array([3 * np.square(plain(share) - here).mean() for share in FINE])
+
+
+def _stiffer(scene: RigScene, share: float) -> RigScene:
+    """The scene with e^`share` times the modulus."""
+    modulus = float(scene.material.youngs_modulus * np.exp(share))
+    return replace(scene, material=replace(scene.material, youngs_modulus=modulus))

@@ -38,6 +38,8 @@ STEPS = {
     "stiffening": {"stiffening": 1e-1},
     "fibres": {"fibre_modulus": 1e-1, "fibre_direction": 1e-6},
     "friction_law": {"friction_law": 1e-5},
+    "relaxation": {"relaxation_modulus": 1e-1, "relaxation_time": 1e-7},
+    "hysteresis": {"hysteresis_modulus": 1e-1, "hysteresis_time": 1e-7},
 }
 """Half widths of the differences, in the parameters' units."""
 STATE_STEPS = {"youngs_modulus": 1e-2, "friction_coefficient": 1e-6, "initial_velocity": 1e-6, "grip_stiffness": 1e-6}
@@ -68,6 +70,8 @@ def scene(terms: tuple[str, ...], **options) -> tuple[Simulator, Parameters, tor
             "fibre_direction": directions / directions.norm(dim=1, keepdim=True),
         },
         "friction_law": {"friction_law": tensor([0.2, 0.3, 0.1])},
+        "relaxation": {"relaxation_modulus": 1e3 * random(count), "relaxation_time": tensor(0.02)},
+        "hysteresis": {"hysteresis_modulus": 500.0 * random(count, 3), "hysteresis_time": tensor([5e-3, 0.02, 0.08])},
     }
     parameters = Parameters(
         youngs_modulus=2e3 * random(count),

@@ -159,6 +159,25 @@ def test_the_step_of_a_branch_is_the_torch_twins(form, dtype):
     assert_branch_step(form, dtype)
 
 
+def test_stress_relaxes_as_in_zeners_solid(form):
+    """A sudden simple shear that is held: the shear stress begins (1 + g) times the elastic one and fades to it over the time.
+
+    The elastic one is that of neo-Hookean elasticity, whose shear stress is mu times the shear; so is the branch's.
+    """
+    shear, mu, share, time, dt = 0.4, 3.0, 0.7, 0.2, 0.004
+    step = np.zeros((1, 3, 3))
+    step[0, 0, 1] = shear
+    A, found = np.zeros((1, 3, 3)), []
+    for number in range(100):
+        # the strain comes within an instant, the rest of the time is without motion
+        length = 1e-12 if number == 0 else dt
+        A = branch(form)(A, step if number == 0 else 0 * step, length, time, A).value
+        tau = term("relaxation", form)(A, relaxation_modulus=np.array([share * mu]), branches=A[:, None]).value
+        found.append(mu * shear + tau[0, 0, 1])
+    t = dt * np.arange(100)
+    np.testing.assert_allclose(found, mu * shear * (1 + share * np.exp(-t / time)), rtol=1e-9)
+
+
 def test_a_small_strain_of_a_branch_is_not_rounded_away(form):
     """Steps of 1e-5 in float32: a step's strain keeps the accuracy that float32 gives small numbers."""
     step = (1e-5 * random(COUNT, 3, 3)).float().double()

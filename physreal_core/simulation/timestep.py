@@ -190,6 +190,6 @@ def _remedy(body: Body, config: SimulationConfig, parameters: Parameters) -> str
         ),
         f"check fps, which is {config.fps:.3g} (fps in capture.json)": _USUAL["fps"] / config.fps,
         f"raise courant, which is {config.courant:.3g} (simulation.courant)": _USUAL["courant"] / config.courant,
-        "lower the modulus of fibres, stiffening or Maxwell branches": stress**0.5,
+        "lower the fibres' modulus, the stiffening or that of Maxwell branches": stress**0.5,
     }
     return max(causes, key=causes.get)

@@ -1,8 +1,9 @@
 """A real gap: what does an elastic model of the silicone beam lack? `python -m benchmarks.beam [--data FOLDER] [--out FOLDER]`
 
-The search sees the first 2 s of gravity_V2_a after the release and compares on the next second. The named effect, with the numbers
-fitted there, then predicts all four recordings as a whole, three of which no fit has seen and two of which carry a load.
-Writes beam.json, beam.md and beam.svg; says so and does nothing where the recordings are not at hand.
+One search sees the first 2 s after the release of gravity_V2_a and of load52_V2_a, and compares on the next second of both. The named
+effect, with the numbers fitted there, then predicts all four recordings as a whole, two of which no fit has seen.
+Writes beam.json, beam.md and beam.svg; says so and does nothing where the recordings are not at hand. With `--checkpoints FOLDER` a run
+that was killed goes on.
 """
 
 from __future__ import annotations
@@ -18,15 +19,18 @@ import numpy as np
 import torch
 
 from benchmarks.beam_report import figure, markdown
-from benchmarks.beam_scene import FITTED, LOADED, RECORDINGS, Cut, experiment_of, recordings_in, whole
+from benchmarks.beam_scene import LOADED, RECORDINGS, SEARCHED, UNSEEN, Cut, experiment_of, recordings_in, whole
 from benchmarks.recordings import real_data
+from physreal_core.checkpoints import Checkpoints
 from physreal_core.errors import InputError
 from physreal_core.gap import Added, Experiment, GapReport, GapSettings, Trial, add_effect, find_gap
 from physreal_core.gap.adding import trial_of
 from physreal_core.gap.fits.unknowns import Priors
 
 ROOT = Path(__file__).resolve().parent.parent
-DISSIPATION = ("kelvin_voigt", "linear_drag", "quadratic_drag", "maxwell_creep")
+DISSIPATION = (
+    "kelvin_voigt", "hysteretic_damping", "standard_linear_solid", "maxwell_creep", "linear_drag", "quadratic_drag",
+)  # fmt: skip
 SETTINGS = GapSettings(
     scan=(0.6, 1.0, 1.6),  # the stiffness is only guessed
     iterations=6,
@@ -34,14 +38,14 @@ SETTINGS = GapSettings(
     priors=Priors(contrast=0.05),  # cast in one piece: the same stiffness everywhere
 )
 SETTLED = 0.3  # [s] at the end of a recording over which the final deflection is averaged
-TARGETS = {"dissipation": 0.9, "closed_fitted": 0.6, "closed_loaded": 0.5, "final_loaded_m": 0.0015}
+TARGETS = {"dissipation": 0.9, "closed_fitted": 0.6, "closed_unseen": 0.5, "final_loaded_m": 0.0015}
 Tell = Callable[[str], None]
 
 
 def run(
     files: dict[str, Path], cut: Cut | None = None, settings: GapSettings | None = None, tell: Tell = lambda _: None
 ) -> tuple[dict[str, Any], dict[str, dict[str, np.ndarray]]]:
-    """The search on one recording and the prediction of all.
+    """The search on two recordings at once and the prediction of all.
 
     Args:
         files: the four recordings.
@@ -56,7 +60,7 @@ def run(
     cut, settings = cut or Cut(), settings or SETTINGS
     begun = time.perf_counter()
     experiments = [experiment_of(files[name], cut) for name in RECORDINGS]
-    report = find_gap(experiments[:1], settings, tell)
+    report = find_gap(experiments[: len(SEARCHED)], settings, tell)
     found = time.perf_counter()
     tell(report.verdict.sentence)
     added = add_effect(experiments, report, settings, tell)
@@ -82,12 +86,12 @@ def dissipation(report: GapReport) -> dict[str, float]:
 
 
 def reached(report: GapReport, scores: dict[str, dict[str, Any]]) -> dict[str, bool]:
-    """Which targets the numbers reach; of the loaded recordings, both must."""
+    """Which targets the numbers reach; of several recordings, all must."""
     loaded = [scores[name] for name in LOADED]
     return {
         "dissipation": dissipation(report)["any"] >= TARGETS["dissipation"],
-        "closed_fitted": scores[FITTED]["closed"] >= TARGETS["closed_fitted"],
-        "closed_loaded": min(score["closed"] for score in loaded) >= TARGETS["closed_loaded"],
+        "closed_fitted": min(scores[name]["closed"] for name in SEARCHED) >= TARGETS["closed_fitted"],
+        "closed_unseen": min(scores[name]["closed"] for name in UNSEEN) >= TARGETS["closed_unseen"],
         "final_loaded_m": max(abs(score["final"]["with_effect"] - score["final"]["measured"]) for score in loaded)
         <= TARGETS["final_loaded_m"],
     }
@@ -123,6 +127,7 @@ def main() -> None:
     parser = argparse.ArgumentParser(description=__doc__, formatter_class=argparse.RawDescriptionHelpFormatter)
     parser.add_argument("--data", type=Path, default=real_data(), help="folder of real recordings")
     parser.add_argument("--out", type=Path, default=ROOT / "benchmarks" / "results")
+    parser.add_argument("--checkpoints", type=Path, help="folder to go on from; none keeps nothing")
     args = parser.parse_args()
     try:
         files = recordings_in(args.data)
@@ -131,11 +136,14 @@ def main() -> None:
         return
     torch.set_num_threads(1)
     begun = time.perf_counter()
-    record, curves = run(files, tell=lambda line: print(f"{time.perf_counter() - begun:5.0f} s  {line}", flush=True))
+    with Checkpoints(args.checkpoints):
+        record, curves = run(
+            files, tell=lambda line: print(f"{time.perf_counter() - begun:5.0f} s  {line}", flush=True)
+        )
     args.out.mkdir(parents=True, exist_ok=True)
     (args.out / "beam.json").write_text(json.dumps(record, indent=1) + "\n")
     (args.out / "beam.md").write_text(markdown(record))
-    figure(args.out / "beam.svg", curves, fitted=FITTED)
+    figure(args.out / "beam.svg", curves, fitted=SEARCHED)
     print(markdown(record))
 
 

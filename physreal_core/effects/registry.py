@@ -19,11 +19,13 @@ from physreal_core.effects.grip.grip_slip import GripSlip
 from physreal_core.effects.mass.density_gradient import DensityGradient
 from physreal_core.effects.mass.payload import Payload
 from physreal_core.effects.material.fibres import Fibres
+from physreal_core.effects.material.hysteretic_damping import HystereticDamping
 from physreal_core.effects.material.kelvin_voigt import KelvinVoigt
 from physreal_core.effects.material.maxwell_creep import MaxwellCreep
 from physreal_core.effects.material.plastic_yield import PlasticYield
 from physreal_core.effects.material.rest_shape import RestShape
 from physreal_core.effects.material.soft_spot import SoftSpot
+from physreal_core.effects.material.standard_linear_solid import StandardLinearSolid
 from physreal_core.effects.material.strain_stiffening import StrainStiffening
 from physreal_core.effects.measurement.camera_drift import CameraDrift
 from physreal_core.effects.measurement.depth_bias import DepthBias
@@ -38,6 +40,8 @@ EFFECTS: dict[str, Effect] = {
         Gravity(),
         SoftSpot(),
         KelvinVoigt(),
+        HystereticDamping(),
+        StandardLinearSolid(),
         MaxwellCreep(),
         PlasticYield(),
         StrainStiffening(),

@@ -34,7 +34,7 @@ class Record:
 
     Attributes:
         substeps: per frame, of each rollout.
-        C, rate: of the states (`stepper.State`) at frame times, shape [T, R, N, 3, 3].
+        C, rate, branches: of the states (`stepper.State`) at frame times, shape [T, R, N, ..., 3, 3].
         spans: the frames that ran.
         failures: what ended each rollout early.
         kept: leading frames of which the stepper keeps something, while its `holder` is this record.
@@ -43,9 +43,14 @@ class Record:
     substeps: list[int]
     C: Tensor
     rate: Tensor | None
+    branches: Tensor | None
     spans: list[Span] = field(default_factory=list)
     failures: list[SimulationError | None] = field(default_factory=list)
     kept: int = 0
+
+    def carried(self, frame: int) -> tuple[Tensor, Tensor | None, Tensor | None]:
+        """C, rate and branches of a frame."""
+        return (self.C[frame], *(None if values is None else values[frame] for values in (self.rate, self.branches)))
 
     def alive(self, frame: int) -> Bool[Array, " rollouts"]:
         """Rollouts that had not failed by the end of a frame."""
@@ -81,12 +86,12 @@ class Frames:
         F = self._x0.new_empty(frames, *shape, 3)
         C = self._x0.new_zeros(frames if keep else 2, *shape, 3)
         rate = torch.zeros_like(C) if stepper.viscous else None
+        branches = C.new_zeros(len(C), *shape[:2], stepper.branches, 3, 3) if stepper.branches else None
         substeps, failures = self._substeps(parameters)
-        record = Record(substeps, C, rate, failures=failures)
+        record = Record(substeps, C, rate, branches, failures=failures)
 
         def state(frame: int) -> State:
-            carried = frame if keep else frame % 2
-            return State(x[frame], v[frame], F[frame], C[carried], None if rate is None else rate[carried])
+            return State(x[frame], v[frame], F[frame], *record.carried(frame if keep else frame % 2))
 
         self._start(parameters, record.substeps, state(0))
         travel, report = _travel(points), self._first_report(state(0))
@@ -113,6 +118,7 @@ class Frames:
                 *(self._x0.new_zeros(shape) for _ in range(2)),
                 *(self._x0.new_zeros(*shape, 3) for _ in range(2)),
                 self._x0.new_zeros(*shape, 3) if stepper.viscous else None,
+                self._x0.new_zeros(*shape[:2], stepper.branches, 3, 3) if stepper.branches else None,
             )
             for _ in range(2)
         ]
@@ -123,7 +129,7 @@ class Frames:
             start, end = states[frame % 2], states[(frame + 1) % 2]
             following = yield start
             both = torch.stack([points, following])[:, None]
-            record = Record(substeps, start.C, start.rate, failures=[None])
+            record = Record(substeps, start.C, start.rate, start.branches, failures=[None])
             report = self._advance(frame, start, end, both.to(self._x0), _travel(both)[0], report, record, 0)
             if record.failures[0] is not None:
                 raise _with_hand(record.failures[0], both[:, 0], frame)
@@ -276,8 +282,8 @@ class Frames:
         for frame in reversed(range(last)):
             kept = frame if held and frame < record.kept else None
             span = replace(record.spans[frame], points=points[frame : frame + 2], alive=record.alive(frame), kept=kept)
-            carried = (record.C[frame], None if record.rate is None else record.rate[frame])
-            bar = stepper.backward(span, State(*(state[frame] for state in states), *carried), led)
+            start = State(*(state[frame] for state in states), *record.carried(frame))
+            bar = stepper.backward(span, start, led)
             if led:
                 count = min(points.shape[2], bar.shape[2])
                 points_bar[frame : frame + 2, :, :count] += bar[:, :, :count]

@@ -41,6 +41,10 @@ class Parameters:
         fibre_modulus: k of k / 8 (|F a|^2 - 1)^2 [Pa], shape [N].
         fibre_direction: unit vector a of the undeformed body, shape [N, 3].
         friction_law: static excess of mu_f, the speed over which it fades [m/s], rise with speed [s/m], shape [3].
+        relaxation_modulus: shear modulus of one Maxwell branch [Pa], shape [N]. Young's modulus is the one of slow motion.
+        relaxation_time: of that branch [s], shape [].
+        hysteresis_modulus: shear moduli of three Maxwell branches [Pa], shape [N, 3].
+        hysteresis_time: of these branches [s], shape [3].
     """
 
     youngs_modulus: Float[Tensor, "..."]
@@ -69,6 +73,10 @@ class Parameters:
     fibre_modulus: Float[Tensor, "..."] | None = None
     fibre_direction: Float[Tensor, "... 3"] | None = None
     friction_law: Float[Tensor, "... 3"] | None = None
+    relaxation_modulus: Float[Tensor, "..."] | None = None
+    relaxation_time: Float[Tensor, "..."] | None = None
+    hysteresis_modulus: Float[Tensor, "... 3"] | None = None
+    hysteresis_time: Float[Tensor, "... 3"] | None = None
 
 
 PARAMETER_NAMES = tuple(field.name for field in fields(Parameters))
@@ -150,9 +158,10 @@ def _check_ranges(tensors: dict[str, Tensor]) -> None:
     _check_range("poissons_ratio", tensors, lambda nu: (nu > -1) & (nu < 0.5), "values in (-1, 1/2)")
     for name in ("friction_coefficient", "grip_stiffness", "grip_damping"):
         _check_range(name, tensors, lambda value: value >= 0, "a value >= 0")
-    for name in ("density", "adhesion_range"):
+    positive = {"density", "adhesion_range", "relaxation_time", "hysteresis_time"}
+    for name in sorted(positive):
         _check_range(name, tensors, lambda value: value > 0, "positive values")
-    for name in TERM_OF.keys() - {"density", "adhesion_range"}:
+    for name in TERM_OF.keys() - positive:
         _check_range(name, tensors, torch.isfinite, "finite values")
     _check_range("friction_law", tensors, lambda law: law[..., 1:2] > 0, "a positive static speed, the second number")
 

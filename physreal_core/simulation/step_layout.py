@@ -14,7 +14,7 @@ from physreal_core.simulation.particle_rows import (
     PARTICLE_SUMS,
     TERM_ROWS,
 )
-from physreal_core.simulation.terms import FORCE_TERMS, STRESS_TERMS
+from physreal_core.simulation.terms import BRANCH_TERMS, FORCE_TERMS, STRESS_TERMS, branch_count
 
 LAWS_FOLDER = Path(__file__).parent / "laws"
 LAW_TERMS = (*FORCE_TERMS, *STRESS_TERMS, "friction_law")
@@ -38,10 +38,12 @@ def layout_text(*structures: Structure) -> str:
     headers = "".join(f'#include "terms/{term}.h"\n' for term in FORCE_TERMS + STRESS_TERMS)
     lists = "".join(
         f"using {name} = TermList<{', '.join(map(class_name, terms))}>;\n"
-        for name, terms in (("ForceTerms", FORCE_TERMS), ("StressTerms", STRESS_TERMS))
+        for name, terms in (("ForceTerms", FORCE_TERMS), ("StressTerms", STRESS_TERMS), ("BranchTerms", BRANCH_TERMS))
     )
+    branches = " + ".join(f"(terms & term::{term} ? {branch_count((term,))} : 0)" for term in BRANCH_TERMS)
     return (
-        f"namespace physreal {{\nnamespace term {{\nenum : Index {{ {bits} }};\n}}\n{rows}}}\n"
+        f"namespace physreal {{\nnamespace term {{\nenum : Index {{ {bits} }};\n}}\n{rows}"
+        f"constexpr int branches_of(Index terms) {{ return {branches}; }}\n}}\n"
         f"{headers}namespace physreal {{\n{lists}{''.join(s.cpp() for s in structures)}}}\n"
     )
 

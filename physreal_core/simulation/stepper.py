@@ -12,6 +12,19 @@ from physreal_core.simulation.parameters import Parameters
 NOT_FAILED = torch.iinfo(torch.int64).max
 
 
+def state_shapes(viscous: bool, branches: int) -> dict[str, tuple[int, ...]]:
+    """Shape of each of a particle's numbers that a state has, by name, in order.
+
+    Args:
+        viscous: whether there is a mean rate of deformation.
+        branches: how many Maxwell branches there are.
+    """
+    shapes: dict[str, tuple[int, ...]] = {"x": (3,), "v": (3,), "F": (3, 3), "C": (3, 3)}
+    if viscous:
+        shapes["rate"] = (3, 3)
+    return shapes | {"branches": (branches, 3, 3)} if branches else shapes
+
+
 @dataclass(frozen=True)
 class State:
     """Particles of R rollouts at one time.
@@ -22,6 +35,8 @@ class State:
         F: deformation gradients, shape [R, N, 3, 3].
         C: affine velocities [1/s], shape [R, N, 3, 3].
         rate: mean rates of deformation [1/s], shape [R, N, 3, 3]; None without viscosity.
+        branches: b - 1 of the springs of B Maxwell branches (laws/maxwell_branches.h), shape [R, N, B, 3, 3]; None without
+            branches.
     """
 
     x: Tensor
@@ -29,11 +44,13 @@ class State:
     F: Tensor
     C: Tensor
     rate: Tensor | None
+    branches: Tensor | None
 
     def named(self) -> dict[str, Tensor]:
         """What is there, by name."""
         found = {"x": self.x, "v": self.v, "F": self.F, "C": self.C}
-        return found if self.rate is None else found | {"rate": self.rate}
+        optional = {"rate": self.rate, "branches": self.branches}
+        return found | {name: value for name, value in optional.items() if value is not None}
 
 
 @dataclass(frozen=True)
@@ -95,6 +112,7 @@ class Stepper(Protocol):
         offset: position of lattice node (0, 0, 0) [m], shape [3].
         shapes: full shape of every parameter in use by name, without the axis of rollouts.
         viscous: whether states have a mean rate of deformation.
+        branches: Maxwell branches B of a particle.
         in_step: whether all rollouts take the same substeps.
         holder: the record whose frames are kept, if any.
     """
@@ -107,6 +125,7 @@ class Stepper(Protocol):
     offset: Float[Array, "3"]
     shapes: dict[str, tuple[int, ...]]
     viscous: bool
+    branches: int
     in_step: bool
     holder: object | None
 

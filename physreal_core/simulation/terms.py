@@ -58,16 +58,31 @@ TERMS: dict[str, dict[str, TermField]] = {
         "fibre_direction": TermField((PARTICLES, 3), (1.0, 0.0, 0.0)),
     },
     "friction_law": {"friction_law": TermField((3,), (0.0, 1e-2, 0.0))},
+    "relaxation": {
+        "relaxation_modulus": TermField((PARTICLES,), visible=500.0),
+        "relaxation_time": TermField((), 1.0, visible=0.02),
+    },
+    "hysteresis": {
+        "hysteresis_modulus": TermField((PARTICLES, 3), visible=300.0),
+        "hysteresis_time": TermField((3,), 1.0, visible=0.02),
+    },
 }
 """Parameters by term, then by name of the field of `Parameters`."""
 
 FORCE_TERMS = ("drag", "adhesion", "obstacle")
 """Terms whose law is a force on particles."""
-STRESS_TERMS = ("viscosity", "stiffening", "fibres")
+BRANCH_TERMS = ("relaxation", "hysteresis")
+"""Terms whose law is the stress of Maxwell branches, whose strain is a state of each particle."""
+STRESS_TERMS = ("viscosity", "stiffening", "fibres", *BRANCH_TERMS)
 """Terms whose law is a stress in particles. `friction_law` acts on nodes; the others replace what the step is given."""
 
 TERM_OF = {name: term for term, parameters in TERMS.items() for name in parameters}
 """The term that a parameter belongs to; parameters that every simulation has are not here."""
+
+
+def branch_count(terms: Iterable[str]) -> int:
+    """Maxwell branches of a particle with these terms: as many as their relaxation times."""
+    return sum(TERMS[term][f"{term}_time"].size for term in terms if term in BRANCH_TERMS)
 
 
 def term_shapes(terms: Iterable[str], particles: int) -> dict[str, tuple[int, ...]]:

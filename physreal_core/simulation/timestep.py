@@ -13,8 +13,8 @@ from physreal_core.simulation.parameters import Parameters
 LARGEST_COURANT = 0.85
 """Courant number of the elastic wave at which steps go unstable: with w its fastest grid mode, w dt = 2 there. Nearly
 incompressible bodies do so earlier: a Poisson's ratio of 0.45 holds up to 0.65."""
-FIBRE_STRETCH, STIFFENING_STRETCH = 1.2, 1.3
-"""Stretches up to which the stiffness of fibres and of stiffening is counted."""
+FIBRE_STRETCH, STIFFENING_STRETCH, BRANCH_STRETCH = 1.2, 1.3, 1.2
+"""Stretches up to which the stiffness of fibres, of stiffening and of Maxwell branches is counted."""
 FASTEST = 5.0
 """Speed [m/s] up to which quadratic drag is counted."""
 MEMORY, LATE = 8, 0.05
@@ -37,8 +37,8 @@ def elastic_step(body: Body, config: SimulationConfig, parameters: Parameters) -
     """Courant number times the time in which the fastest elastic wave crosses a cell [s].
 
     The speed is sqrt((lambda + 2 mu) / rho), in a body that starts stretched as many times that as its largest stretch;
-    neural residuals may add their bounded share to the stress, fibres and stiffening their tangent modulus at a moderate
-    stretch.
+    neural residuals may add their bounded share to the stress, fibres, stiffening and Maxwell branches their tangent modulus
+    at a moderate stretch.
     """
     squared_speed = _stiffness(config, parameters) / _density(body, parameters)
     if parameters.initial_deformation is not None:
@@ -109,6 +109,13 @@ def _stiffness(config: SimulationConfig, parameters: Parameters) -> Tensor:
         excess, deviator = square + 2.0 * across - 3.0, 2.0 / 3.0 * (square - across)
         tangent = 2.0 * (square - across) * deviator + excess * 2.0 / 3.0 * (2.0 * square + across)
         modulus = modulus + 4.0 * tangent * parameters.stiffening.detach().double().clamp(min=0.0)
+    # of a branch too fast to relax, m dev(b): d tau / d log(stretch) = 2/3 m (2 stretch^2 + 1 / stretch), and a strain
+    # along one axis is two thirds of a stretch without change of volume; 4/3 m where nothing is stretched
+    branch = 4.0 / 9.0 * (2.0 * BRANCH_STRETCH**2 + 1.0 / BRANCH_STRETCH)
+    if parameters.relaxation_modulus is not None:
+        modulus = modulus + branch * parameters.relaxation_modulus.detach().double().clamp(min=0.0)
+    if parameters.hysteresis_modulus is not None:
+        modulus = modulus + branch * parameters.hysteresis_modulus.detach().double().clamp(min=0.0).sum(-1)
     return modulus
 
 
@@ -183,6 +190,6 @@ def _remedy(body: Body, config: SimulationConfig, parameters: Parameters) -> str
         ),
         f"check fps, which is {config.fps:.3g} (fps in capture.json)": _USUAL["fps"] / config.fps,
         f"raise courant, which is {config.courant:.3g} (simulation.courant)": _USUAL["courant"] / config.courant,
-        "lower the fibres' modulus or the stiffening": stress**0.5,
+        "lower the fibres' modulus, the stiffening or that of Maxwell branches": stress**0.5,
     }
     return max(causes, key=causes.get)

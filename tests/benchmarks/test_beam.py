@@ -10,7 +10,7 @@ pytest.importorskip("trimesh")
 
 from benchmarks import beam
 from benchmarks.beam_report import figure, markdown
-from benchmarks.beam_scene import FITTED, LOADED, RECORDINGS, Cut, experiment_of, recordings_in
+from benchmarks.beam_scene import LOADED, RECORDINGS, SEARCHED, UNSEEN, Cut, experiment_of, recordings_in
 from physreal_core.errors import InputError
 from physreal_core.gap import GapReport, Trial
 from physreal_core.gap.report import Candidate, FittedEffect, Verdict
@@ -49,10 +49,11 @@ def test_an_answer_with_two_dissipative_effects_counts_once():
 def test_targets_ask_for_both_loaded_recordings():
     good = {"closed": 0.7, "final": {"measured": 0.016, "with_effect": 0.0151}}
     bad = {"closed": 0.4, "final": {"measured": 0.016, "with_effect": 0.0141}}
-    met = beam.reached(_report(), {FITTED: good, LOADED[0]: good, LOADED[1]: good})
-    assert met == {"dissipation": False, "closed_fitted": True, "closed_loaded": True, "final_loaded_m": True}
-    missed = beam.reached(_report(), {FITTED: good, LOADED[0]: good, LOADED[1]: bad})
-    assert not missed["closed_loaded"] and not missed["final_loaded_m"]
+    met = beam.reached(_report(), dict.fromkeys(RECORDINGS, good))
+    assert met == {"dissipation": False, "closed_fitted": True, "closed_unseen": True, "final_loaded_m": True}
+    assert set(UNSEEN) & set(LOADED)
+    missed = beam.reached(_report(), {**dict.fromkeys(RECORDINGS, good), LOADED[1]: bad})
+    assert missed["closed_fitted"] and not missed["closed_unseen"] and not missed["final_loaded_m"]
 
 
 def test_page_and_figure_hold_every_recording(tmp_path):
@@ -77,7 +78,7 @@ def test_page_and_figure_hold_every_recording(tmp_path):
     assert "| any dissipation | 0.800 |" in page and "probability 0.9: **not reached**" in page
     time = np.linspace(0.0, 1.0, 20)
     curves = {"time": time, "measured": 0 * time, "elastic": time, "with_effect": -time}
-    figure(tmp_path / "beam.svg", {name: curves for name in RECORDINGS}, fitted=FITTED)
+    figure(tmp_path / "beam.svg", {name: curves for name in RECORDINGS}, fitted=SEARCHED)
     drawn = (tmp_path / "beam.svg").read_text()
     assert drawn.startswith("<?xml") and len(drawn) > 10_000
 
@@ -91,7 +92,7 @@ def test_without_the_recordings_it_says_so_and_does_nothing(tmp_path, monkeypatc
 
 
 def test_recordings_become_interactions_with_the_load_s_mass(files):
-    own, loaded = (experiment_of(files[name], COARSE) for name in (FITTED, LOADED[0]))
+    own, loaded = (experiment_of(files[name], COARSE) for name in SEARCHED)
     assert (own.frames, own.train, own.setting.fps) == (30, 20, 50.0)
     added = loaded.problem.body.mass.sum() - own.problem.body.mass.sum()
     assert added == pytest.approx(0.052, rel=1e-3)
@@ -105,5 +106,5 @@ def test_recordings_become_interactions_with_the_load_s_mass(files):
 def test_search_names_the_missing_dissipation_of_the_real_beam(files):
     settings = dataclasses.replace(beam.SETTINGS, candidates=("kelvin_voigt", "fibres", "frame_rate"))
     # not COARSE: its cells damp the swing as much as the silicone does
-    report = beam.find_gap([experiment_of(files[FITTED], Cut(duration=1.2, train=0.6))], settings)
+    report = beam.find_gap([experiment_of(files[SEARCHED[0]], Cut(duration=1.2, train=0.6))], settings)
     assert report.verdict.names == ("kelvin_voigt",) and beam.dissipation(report)["any"] > 0.9

@@ -12,6 +12,8 @@ VISIBLE: dict[str, dict[str, float]] = {
     "wind": {"x": 1.0, "y": -0.5, "z": 0.3},
     "gravity": {"tilt_x": 0.1, "tilt_y": -0.2, "excess": 0.1},
     "kelvin_voigt": {"time": 0.01},
+    "hysteretic_damping": {"loss_factor": 0.2},
+    "standard_linear_solid": {"share": 0.5, "time": 0.05},
     "maxwell_creep": {"rate": 3.0},
     "plastic_yield": {"inverse_yield_strain": 60.0},
     "strain_stiffening": {"ratio": 4.0},

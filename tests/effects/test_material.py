@@ -9,6 +9,7 @@ import torch
 from scipy.optimize import minimize
 
 from physreal_core.effects import EFFECTS
+from physreal_core.effects.material.hysteretic_damping import BAND, RIPPLE, branch_shares, branch_times
 from physreal_core.simulation import Clamp, States
 from physreal_core.simulation.timestep import rate_memory
 from tests.effects.hanging import DENSITY, LENGTH, E, closed_stretch, hanging_bar, period, stretch, tip_drop, uniform
@@ -40,6 +41,44 @@ def decay_rate(drop: np.ndarray, fps: float = 200.0) -> float:
     swings = np.abs(np.diff(drop[turning]))
     times = np.asarray(turning[:-1]) / fps
     return float(-np.polyfit(times, np.log(swings), 1)[0])
+
+
+@pytest.mark.parametrize("eta", [0.01, 0.05, 0.1, 0.2, 0.3])
+def test_hysteretic_damping_loses_the_same_at_all_frequencies_of_its_band(eta):
+    """Im G / Re G of its branches, within RIPPLE; a single branch's would fall to a tenth towards the ends."""
+    shares, times = branch_shares(torch.tensor(eta)).numpy(), branch_times().numpy()
+    x = 2 * np.pi * np.geomspace(*BAND, 500)[:, None] * times
+    loss = (shares * x / (1 + x**2)).sum(1) / (1 + (shares * x**2 / (1 + x**2)).sum(1))
+    assert (shares > 0).all()
+    assert abs(loss / eta - 1).max() < RIPPLE
+    assert abs(loss.max() + loss.min() - 2 * eta) < 0.03 * eta  # as far above as below
+
+
+def test_hysteretic_damping_lets_a_swing_die_out_by_its_loss_factor():
+    """A hanging bar's swing loses pi eta (1 - E / 9 K) of its amplitude's logarithm a cycle, beyond what transfers take.
+
+    Poisson's ratio is zero, so two thirds of the strain energy are shear's, and a little less as the branches stiffen the shear.
+    """
+    eta, scene = 0.12, hanging_bar(100)
+    free, damped = tip_drop(scene), tip_drop(scene, hysteretic_damping={"loss_factor": eta})
+    lost = decay_rate(damped) * period(damped) - decay_rate(free) * period(free)
+    shares, times = branch_shares(torch.tensor(eta)).numpy(), branch_times().numpy()
+    x = 2 * np.pi / period(damped) * times
+    shear = 0.5 * (1 + (shares * 1j * x / (1 + 1j * x)).sum())
+    modulus = 3 * shear / (1 + shear)
+    assert lost == pytest.approx(math.pi * modulus.imag / modulus.real, rel=0.05)
+
+
+def test_standard_linear_solid_hangs_as_long_as_the_elastic_one_and_swings_faster():
+    """It sags to the elastic stretch; the swing, too fast for the branch, has (1 + g) times the shear modulus."""
+    share, scene = 0.8, hanging_bar(300)
+    stilled = {"linear_drag": {"rate": 15.0}}
+    quick, slow = {"share": share, "time": 20.0}, {"share": share, "time": 0.1}
+    elastic = tip_drop(scene, **stilled)[-1]
+    assert tip_drop(scene, **stilled, standard_linear_solid=slow)[-1] == pytest.approx(elastic, rel=0.01)
+    stiff = 3 * (1 + share) / (3 + share)
+    swings = [period(tip_drop(scene, **own)) for own in ({}, {"standard_linear_solid": quick})]
+    assert swings[0] / swings[1] == pytest.approx(math.sqrt(stiff), rel=0.01)
 
 
 def test_maxwell_creep_lets_shear_strain_decay_at_its_rate():

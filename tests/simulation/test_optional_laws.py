@@ -8,6 +8,7 @@ import pytest
 import torch
 from scipy.optimize import curve_fit
 
+from physreal_core.effects.material.hysteretic_damping import RIPPLE, branch_shares, branch_times
 from physreal_core.simulation import Clamp, Parameters, SimulationConfig, Simulator, States
 from tests.simulation.scenes import block, directional_errors, random_loss, two_point_grip
 
@@ -38,6 +39,8 @@ STEPS = {
     "stiffening": {"stiffening": 1e-1},
     "fibres": {"fibre_modulus": 1e-1, "fibre_direction": 1e-6},
     "friction_law": {"friction_law": 1e-5},
+    "relaxation": {"relaxation_modulus": 1e-1, "relaxation_time": 1e-7},
+    "hysteresis": {"hysteresis_modulus": 1e-1, "hysteresis_time": 1e-7},
 }
 """Half widths of the differences, in the parameters' units."""
 STATE_STEPS = {"youngs_modulus": 1e-2, "friction_coefficient": 1e-6, "initial_velocity": 1e-6, "grip_stiffness": 1e-6}
@@ -68,6 +71,8 @@ def scene(terms: tuple[str, ...], **options) -> tuple[Simulator, Parameters, tor
             "fibre_direction": directions / directions.norm(dim=1, keepdim=True),
         },
         "friction_law": {"friction_law": tensor([0.2, 0.3, 0.1])},
+        "relaxation": {"relaxation_modulus": 1e3 * random(count), "relaxation_time": tensor(0.02)},
+        "hysteresis": {"hysteresis_modulus": 500.0 * random(count, 3), "hysteresis_time": tensor([5e-3, 0.02, 0.08])},
     }
     parameters = Parameters(
         youngs_modulus=2e3 * random(count),
@@ -183,34 +188,70 @@ def test_body_rests_on_a_ball_at_depth_g_over_k():
     assert float(-states.x[-1, :, 2].mean()) == pytest.approx(GRAVITY / stiffness, rel=2e-3)
 
 
-def free_bar_swing(retardation: float) -> tuple[float, float]:
-    """Decay rate and frequency [1/s] of a free bar's first longitudinal mode, 20 cells long, E = 2e4 Pa, w = 35 /s."""
-    length, E, density, frames, fps = 0.4, 2e4, 1000.0, 41, 200 / 3
-    body = block((4, 4, 40), density=density)
-    shape = np.cos(math.pi * body.x0[:, 2] / length)
-    config = SimulationConfig(
-        fps=fps, gravity=(0.0, 0.0, 0.0), ground_height=None, elastic_law="hencky", terms=("viscosity",)
-    )
-    start = 0.02 * shape[:, None] * np.array([0.0, 0.0, 1.0])
+BAR_LENGTH, BAR_DENSITY = 0.4, 1000.0
+
+
+def free_bar_swing(E: float = 2e4, *terms: str, branches: tuple = ((), ()), **parameters) -> tuple[float, float]:
+    """Decay rate and frequency [1/s] of a free bar's first longitudinal mode, 20 cells long; with E = 2e4 Pa, w = 35 /s.
+
+    The 41 frames are three and a half cycles whatever E is. Poisson's ratio is zero.
+
+    Args:
+        branches: moduli over the bar's and relaxation times of Maxwell branches. What they add to the swing, decaying parts that
+            do not swing, is taken off.
+    """
+    frames, fps, speed = 41, 200 / 3 * math.sqrt(E / 2e4), 0.02 * math.sqrt(E / 2e4)
+    body = block((4, 4, 40), density=BAR_DENSITY)
+    shape = np.cos(math.pi * body.x0[:, 2] / BAR_LENGTH)
+    config = SimulationConfig(fps=fps, gravity=(0.0, 0.0, 0.0), ground_height=None, elastic_law="hencky", terms=terms)
+    start = speed * shape[:, None] * np.array([0.0, 0.0, 1.0])
     states = rollout(
-        Simulator(body, config), frames, youngs_modulus=E, poissons_ratio=0.0, initial_velocity=start,
-        viscosity=[retardation * E / 2, 0.0],
-    )  # fmt: skip
+        Simulator(body, config), frames, youngs_modulus=E, poissons_ratio=0.0, initial_velocity=start, **parameters
+    )
     displacement = (states.x - states.x[0])[:, :, 2].double().numpy() @ shape / (shape**2).sum()
-    times, guess = np.arange(frames) / fps, math.pi / length * math.sqrt(E / density)
+    times = np.arange(frames) / fps
+    poles, residues = bar_response(E, *branches)
+    still = abs(poles.imag) < 1e-9
+    displacement = displacement - speed * (np.exp(times[:, None] * poles[still]) @ residues[still]).real
 
-    def swing(t, amplitude, rate, frequency):
-        return amplitude * np.exp(-rate * t) * np.sin(frequency * t)
+    def swing(t, amplitude, rate, frequency, phase):
+        return amplitude * np.exp(-rate * t) * np.sin(frequency * t + phase)
 
-    _, rate, frequency = curve_fit(swing, times, displacement, p0=[0.02 / guess, 0.5, guess])[0]
+    guess = poles[poles.imag.argmax()]
+    _, rate, frequency, _ = curve_fit(
+        swing, times, displacement, p0=[speed / guess.imag, 0.1 - guess.real, guess.imag, 0]
+    )[0]
     return rate, frequency
+
+
+def bar_frequency(E: float) -> float:
+    """Angular frequency [1/s] of the elastic bar's first mode."""
+    return math.pi / BAR_LENGTH * math.sqrt(E / BAR_DENSITY)
+
+
+def bar_response(E: float, shares: tuple = (), times: tuple = ()) -> tuple[np.ndarray, np.ndarray]:
+    """Poles [1/s] and residues [s] of the mode's displacement after a start at unit speed, 1 / (s^2 + w^2 E(s) / E).
+
+    Poisson's ratio is zero for slow motion, so G = E / 2 and K = E / 3. With Maxwell branches G(s) = G (1 + sum g s t / (1 + s t)),
+    and along the bar E(s) = 9 K G(s) / (3 K + G(s)).
+    """
+    parts = [np.polynomial.Polynomial([1.0, t]) for t in times]
+    below = math.prod(parts, start=np.polynomial.Polynomial([1.0]))
+    shear = below + sum(
+        np.polynomial.Polynomial([0.0, g * t]) * math.prod(parts[:k] + parts[k + 1 :], start=1.0)
+        for k, (g, t) in enumerate(zip(shares, times, strict=True))
+    )
+    above = 2.0 * below + shear
+    system = np.polynomial.Polynomial([0.0, 0.0, 1.0]) * above + 3.0 * bar_frequency(E) ** 2 * shear
+    poles = system.roots().astype(complex)
+    return poles, above(poles) / system.deriv()(poles)
 
 
 def test_kelvin_voigt_bar_decays():
     """Its mode decays with t w^2 / 2, t the retardation time; what transfers damp without viscosity is taken off."""
-    without, frequency = free_bar_swing(0.0)
+    without, frequency = free_bar_swing()
     for retardation in (2e-3, 8e-3):
-        rate, _ = free_bar_swing(retardation)
+        rate, _ = free_bar_swing(2e4, "viscosity", viscosity=[retardation * 1e4, 0.0])
         assert rate - without == pytest.approx(retardation * frequency**2 / 2, rel=0.03)
 
 
@@ -225,6 +266,120 @@ def test_strong_viscosity_is_stable():
     assert states.v[-1].norm(dim=1).max() < velocity.norm(dim=1).max()
     given = Parameters(torch.tensor(2e4), torch.tensor(0.3))
     assert simulator.substeps(replace(given, viscosity=torch.tensor([200.0, 200.0]))) < 4 * simulator.substeps(given)
+
+
+def swinging(poles: np.ndarray) -> complex:
+    return poles[poles.imag.argmax()]
+
+
+@pytest.mark.parametrize(("share", "time"), [(0.6, 3e-3), (0.6, 0.03), (0.6, 1.0), (1.2, 0.1)])
+def test_standard_linear_solid_swings_as_its_complex_modulus_says(share, time):
+    """Slower than its relaxation, about as fast and faster: frequency and decay; what transfers damp is taken off."""
+    E = 2e4
+    pole, without = swinging(bar_response(E, [share], [time])[0]), free_bar_swing(E)
+    found = free_bar_swing(
+        E, "relaxation", branches=([share], [time]), relaxation_modulus=share * E / 2, relaxation_time=time
+    )
+    assert found[1] / without[1] == pytest.approx(pole.imag / bar_frequency(E), rel=3e-3)
+    assert found[0] - without[0] == pytest.approx(-pole.real, rel=0.02, abs=2e-3)
+    if time == 1.0:  # too fast for the branch: the modulus is that of 1 + g times the shear modulus
+        stiff = 3 * (1 + share) / (3 + share)
+        assert found[1] / without[1] == pytest.approx(math.sqrt(stiff), rel=2e-3)
+
+
+def test_hysteresis_takes_the_same_share_of_a_swing_at_any_frequency():
+    """Two bars of which one swings twice as fast lose the same a cycle; with viscosity the faster one loses twice as much.
+
+    What is lost a cycle is 2 pi rate / frequency, of the amplitude's logarithm. The branches are those of the effect, whose loss
+    is flat to RIPPLE; bars of E and 4 E swing at 6 and 13 Hz.
+    """
+    shares, times = branch_shares(tensor(0.15)), branch_times()
+    lost, expected, viscous = [], [], []
+    for E in (2e4, 8e4):
+        without, branches = free_bar_swing(E), (shares.tolist(), times.tolist())
+        rate, frequency = free_bar_swing(
+            E, "hysteresis", branches=branches, hysteresis_modulus=shares * E / 2, hysteresis_time=times
+        )
+        pole = swinging(bar_response(E, *branches)[0])
+        assert frequency / without[1] == pytest.approx(pole.imag / bar_frequency(E), rel=3e-3)
+        lost.append(rate / frequency - without[0] / without[1])
+        expected.append(-pole.real / pole.imag)
+        rate, frequency = free_bar_swing(E, "viscosity", viscosity=[2e-3 * E / 2, 0.0])
+        viscous.append(rate / frequency - without[0] / without[1])
+    assert lost == pytest.approx(expected, rel=0.02)
+    assert lost[1] / lost[0] == pytest.approx(1.0, abs=RIPPLE)
+    assert viscous[1] / viscous[0] == pytest.approx(2.0, rel=0.05)
+
+
+def test_a_hanging_bar_sags_slowly_to_its_elastic_length():
+    """Let go, it first stretches by what 1 + g times the shear modulus leaves, and then on to the elastic stretch.
+
+    The creep of Zener's solid: 1 / G(t) = (1 - g / (1 + g) exp(-t / ((1 + g) t_r))) / G, and 1 / E = 1 / (3 G) + 1 / (9 K).
+    Viscosity stills the swing.
+    """
+    E, share, time, fps, frames = 4e4, 1.0, 0.4, 60.0, 181
+    length = 0.2
+    body = block((4, 4, 22), 0.01, 1000.0, corner=(0.0, 0.0, -length))
+    clamp = Clamp((-1.0, -1.0, 0.0), (1.0, 1.0, 1.0))
+    config = SimulationConfig(
+        fps=fps, ground_height=None, gravity=(0.0, 0.0, -2.0), terms=("relaxation", "viscosity"), dtype="float64"
+    )
+    tip = body.x0[:, 2] < body.x0[:, 2].min() + 1e-9
+    drops = []
+    for modulus in (share * E / 2, 0.0):
+        states = rollout(
+            Simulator(body, config, clamps=(clamp,)), frames, youngs_modulus=E, poissons_ratio=0.0,
+            relaxation_modulus=modulus, relaxation_time=time, viscosity=[0.01 * E, 0.0],
+        )  # fmt: skip
+        drops.append((states.x[0] - states.x)[:, tip, 2].mean(1).numpy())
+    relaxing, elastic = drops[0], drops[1][-1]
+    t = np.arange(frames) / fps
+    expected = elastic * (2 / 3 * (1 - share / (1 + share) * np.exp(-t / ((1 + share) * time))) + 1 / 3)
+    still = t > 0.4  # the swing has died out
+    np.testing.assert_allclose(relaxing[still], expected[still], rtol=0.01)
+    assert relaxing[still][0] < 0.82 * elastic
+    assert relaxing[-1] == pytest.approx(elastic, rel=0.01)
+
+
+def test_maxwell_branches_give_no_energy_to_a_spinning_body():
+    """Free, spinning and swinging: what swings dies out, and no more; the spin stays.
+
+    From the first frame on: there the grid smooths the velocities that particles start with.
+    """
+    body, mass = block((8, 4, 4), density=1000.0), 1e-3
+    arm = body.x0 - body.x0.mean(0)
+    config = SimulationConfig(
+        fps=60, ground_height=None, gravity=(0.0, 0.0, 0.0), terms=("relaxation", "hysteresis"), dtype="float64"
+    )
+    start = np.cross([0.0, 0.0, 12.0], arm) + 2.0 * arm * [1.0, -1.0, 0.5]
+    states = rollout(
+        Simulator(body, config), 61, youngs_modulus=1e5, poissons_ratio=0.3, initial_velocity=start,
+        relaxation_modulus=2.5e4, relaxation_time=0.02, hysteresis_modulus=[1.5e4, 1.5e4, 2.5e4],
+        hysteresis_time=branch_times(),
+    )  # fmt: skip
+    x, v = (values.numpy()[1:] for values in (states.x - states.x.mean(1, keepdim=True), states.v))
+    kinetic = 0.5 * mass * (v**2).sum((1, 2))
+    spin = mass * np.cross(x, v)[..., 2].sum(1)
+    of_spin = 0.5 * spin**2 / (mass * (x[..., :2] ** 2).sum((1, 2)))
+    assert kinetic.max() == kinetic[0] > 1.01 * of_spin[0]
+    np.testing.assert_allclose(spin, spin[0], rtol=5e-3)
+    np.testing.assert_allclose(spin[10:], spin[10], rtol=5e-4)
+    assert kinetic[-1] == pytest.approx(of_spin[-1], rel=1e-4)
+    assert of_spin[-1] == pytest.approx(of_spin[10], rel=1e-3)
+
+
+def test_a_strong_branch_is_stable():
+    """Twenty times as stiff as the elastic law: the time step knows of it."""
+    body = block((6, 4, 4))
+    simulator = Simulator(body, SimulationConfig(fps=30, terms=("relaxation",)))
+    velocity = 0.3 * torch.randn(len(body.x0), 3, generator=torch.Generator().manual_seed(0))
+    values = {"youngs_modulus": 2e4, "poissons_ratio": 0.3, "initial_velocity": velocity}
+    states = rollout(simulator, 12, relaxation_modulus=20 * 2e4 / 2.6, relaxation_time=10.0, **values)
+    assert torch.isfinite(states.x).all()
+    assert states.v[-1].norm(dim=1).max() < velocity.norm(dim=1).max()
+    given = Parameters(torch.tensor(2e4), torch.tensor(0.3))
+    stiff = replace(given, relaxation_modulus=torch.tensor(20 * 2e4 / 2.6))
+    assert simulator.substeps(stiff) > 2 * simulator.substeps(given)
 
 
 @pytest.mark.parametrize("memory", [0, 1, 8, 40])

@@ -33,6 +33,7 @@ from data.rig.hidden.material import (
 )
 from data.rig.hidden.measurement import CameraDrift, DepthBias, FrameRate
 from data.rig.hidden.outside import Breathing, Charge, GradientField, Gyration, Magnet, Tether, Turntable
+from data.rig.hidden.relaxation import HystereticDamping, StandardLinearSolid
 from data.rig.rig_scene import RigScene
 from data.rig.specimen import run
 from physreal_core.array_types import Array, Float
@@ -100,6 +101,11 @@ def _wind(amplitude: float, staging: Staging, random: np.random.Generator) -> Wi
 def _gravity(amplitude: float, staging: Staging, random: np.random.Generator) -> Gravity:
     """rad, of the tilt; the size is off by a third of that share."""
     return Gravity(*(amplitude * _level(random)), 0.3 * random.choice([-1, 1]) * amplitude)
+
+
+def _standard_linear_solid(amplitude: float, staging: Staging, random: np.random.Generator) -> StandardLinearSolid:
+    """Share of the modulus; the time is about that of a swing, or some of it."""
+    return StandardLinearSolid(amplitude, float(np.exp(random.uniform(np.log(0.03), np.log(0.3)))))
 
 
 def _fibres(amplitude: float, staging: Staging, random: np.random.Generator) -> Fibres:
@@ -279,6 +285,8 @@ LIBRARY: dict[str, Maker] = {
     "wind": _wind,
     "gravity": _gravity,
     "kelvin_voigt": _alone(KelvinVoigt),
+    "hysteretic_damping": _alone(HystereticDamping),
+    "standard_linear_solid": _standard_linear_solid,
     "maxwell_creep": _alone(MaxwellCreep),
     "plastic_yield": _alone(PlasticYield),
     "strain_stiffening": _alone(StrainStiffening),

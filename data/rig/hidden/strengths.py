@@ -28,6 +28,8 @@ AMPLITUDES: dict[str, tuple[float, float, float]] = {
     "wind": (1.36, 2.86, 6),
     "gravity": (0.135, 0.238, 0.42),
     "kelvin_voigt": (0.00141, 0.00651, 0.02),
+    "hysteretic_damping": (0.03, 0.12, 0.3),
+    "standard_linear_solid": (0.08, 0.3, 1.2),
     "maxwell_creep": (0.124, 0.314, 0.759),
     "plastic_yield": (14.6, 18.9, 24.4),
     "strain_stiffening": (2.98, 3.86, 5),

@@ -65,6 +65,7 @@ FRAME = Structure(
     S* F  [slots, P, 3, 3]
     S* C  [slots, P, 3, 3] affine velocity
     S* rate  [slots, P, 3, 3] mean rate of deformation, with viscosity
+    S* branches  [slots, P, B, 3, 3] of Maxwell branches
     S* momentum  [slots, R * nodes, 4]
     S* velocity  [R * nodes, 4]
     Index* report  [R, 9] see report.h
@@ -75,6 +76,7 @@ FRAME = Structure(
     S* F_bar  [P, 3, 3]
     S* C_bar
     S* rate_bar
+    S* branches_bar  [P, B, 3, 3]
     S* node_bar  [2, R * nodes, 4]
     S* bars  [bar_rows, P]
     S* network_elastic_bar  [R * weight_rows, weights]

@@ -6,9 +6,9 @@ import warp as wp
 from physreal_core.simulation.cuda.frame import INTEGERS, step_kernels
 from physreal_core.simulation.cuda.model import BodyModel, point
 from physreal_core.simulation.particle_rows import NODE_SUMS
+from physreal_core.simulation.stepper import state_shapes
 
 BLOCK = 64  # threads; smaller blocks spread a body of 20 000 particles over all multiprocessors
-SIZES = {"x": (3,), "v": (3,), "F": (3, 3), "C": (3, 3), "rate": (3, 3)}
 
 
 class Phase:
@@ -40,8 +40,8 @@ class FrameLaunches:
         def empty(*shape: int) -> torch.Tensor:
             return torch.empty(shape, dtype=model.dtype, device=model.device)
 
-        names = [name for name in SIZES if name != "rate" or model.viscous]
-        self.states = {name: empty(slots, self._count, *SIZES[name]) for name in names}
+        sizes = state_shapes(model.viscous, model.branches)
+        self.states = {name: empty(slots, self._count, *size) for name, size in sizes.items()}
         self.momentum = empty(slots, self._rows, 4)
         self.node_sums = empty(NODE_SUMS.count, self._rows).zero_()
         self._held = {

@@ -14,6 +14,8 @@ from physreal_core.simulation.cuda.frame import FRAME
 from physreal_core.simulation.grip_inertia import GripInertia
 from physreal_core.simulation.parameters import Parameters
 from physreal_core.simulation.particle_rows import NUMBERS, PARTICLE_SUMS, ParticleRows
+from physreal_core.simulation.stepper import state_shapes
+from physreal_core.simulation.terms import branch_count
 from physreal_core.simulation.timestep import rate_memory
 from physreal_core.simulation.touch import TOUCHING
 
@@ -33,6 +35,7 @@ class BodyModel:
         frame: record of `frame.FRAME` with all that is here.
         shapes: full shape of every parameter in use by name, without the axis of rollouts.
         viscous, gripped: whether states have a mean rate of deformation, and whether there are bonds.
+        branches: Maxwell branches B of a particle.
         box: origin and count of each rollout's nodes, shape [R, 6].
         controllers: controller points [m] at both ends of the frame, shape [R, 2, C, 3].
         controllers_bar: their adjoint, of one frame.
@@ -51,7 +54,7 @@ class BodyModel:
     ) -> None:
         self.dtype, self.config, self.rollouts = config.torch_dtype, config, rollouts
         self.device, self.particles = config.device, len(body.x0)
-        self.viscous = "viscosity" in config.terms
+        self.viscous, self.branches = "viscosity" in config.terms, branch_count(config.terms)
         self._body, self._held = body, {}
         self.frame = np.zeros((), FRAME.dtype(config.dtype))
         self._mass, self._volume = self._numbers(body.mass), self._numbers(body.volume)
@@ -137,7 +140,7 @@ class BodyModel:
 
     def _adjoints(self) -> None:
         count = self.rollouts * self.particles
-        sizes = {"x": (3,), "v": (3,), "F": (3, 3), "C": (3, 3)} | ({"rate": (3, 3)} if self.viscous else {})
+        sizes = state_shapes(self.viscous, self.branches)
         self.state_bars = {name: self._give(f"{name}_bar", self._zeros(count, *size)) for name, size in sizes.items()}
         self._bars = self._give("bars", self._zeros(self._rows.bar_count, count))
         self._sums = self._give("particle_sums", self._zeros(PARTICLE_SUMS.count, count))

@@ -23,6 +23,7 @@ class ParticleOfRollout {
     const S dt_, per_metre_;  // cells per metre
     Material material_;
     static constexpr bool VISCOUS = TERMS & term::viscosity, FLOWS = Material::flows;
+    static constexpr int BRANCHES = branches_of(TERMS);
 
 public:
     ParticleOfRollout(const Frame<S>& f, int p)
@@ -54,7 +55,8 @@ public:
             v = three(moved.value);
             C = per_metre_ * moved.offset_moments(at);
             x = x + dt_ * v;
-            F += (dt_ * per_metre_) * (moved.gradient() * F);
+            const Mat3<S> gradient = moved.gradient();
+            F += (dt_ * per_metre_) * (gradient * F);
             if constexpr (FLOWS) F = material_.flow(p_, F);
             put(f_.x, after, x);
             put(f_.F, after, F);
@@ -66,12 +68,13 @@ public:
                 rate = remembered() * rate + (1 - remembered()) * symmetric(C);
                 put(f_.rate, after, rate);
             }
+            if constexpr (BRANCHES > 0) advance_branches(now, after, (dt_ * per_metre_) * gradient);
         } else {
             v = get3(f_.v, now);
             C = get9(f_.C, now);
         }
         if constexpr (LEAVING)
-            scatter_momentum(substep, grid_slot, x, v, F, C, rate);
+            scatter_momentum(substep, grid_slot, after, x, v, F, C, rate);
         else
             check(substep, x, v, F);
     }
@@ -141,6 +144,45 @@ private:
     }
     static bool finite(S sum) { return sum - sum == 0; }
 
+    // --- strains of Maxwell branches
+
+    // Among the branches of all, of the k-th of a term's of the particle whose state is at a place.
+    static Index branch_place(Index place, Index term, int k) {
+        return place * BRANCHES + branches_before(TERMS, term) + k;
+    }
+
+    // Calls use(place of the branch among the particle's, place of its time among the numbers).
+    template <class Use>
+    static void each_branch(Use use) {
+        BranchTerms::each(TERMS, [&](auto law) {
+            for (int k = 0; k < law.COUNT; ++k) use(branches_before(TERMS, law.TERM) + k, law.TIMES + k);
+        });
+    }
+
+    S time_of(int place) const { return f_.numbers[rollout_ * number::COUNT + place]; }
+
+    // step: dt grad v.
+    void advance_branches(Index now, Index after, const Mat3<S>& step) const {
+        const BranchStep<S> of_step(step);
+        each_branch([&](int k, int time) {
+            const Mat3<S> A = get9(f_.branches, now * BRANCHES + k);
+            put(f_.branches, after * BRANCHES + k, of_step.advance(A, kept_half(dt_, time_of(time))));
+        });
+    }
+
+    // The branches' adjoints go from after the substep to before it.
+    void advance_branches_adjoint(Index before, const Mat3<S>& step, Mat3<S>& step_bar) const {
+        const BranchStep<S> of_step(step);
+        each_branch([&](int k, int time) {
+            const Index own = p_ * Index(BRANCHES) + k;
+            const Mat3<S> A = get9(f_.branches, before * BRANCHES + k), next_bar = get9(f_.branches_bar, own);
+            S kept_bar = 0;
+            put(f_.branches_bar, own, of_step.adjoint(A, kept_half(dt_, time_of(time)), next_bar, step_bar, kept_bar));
+            f_.particle_sums[(particle_sum::numbers + time) * f_.stride + p_] +=
+                kept_half_slope(dt_, time_of(time)) * kept_bar;
+        });
+    }
+
     // --- forces and stresses
 
     Grip<S> grip(int substep) const {
@@ -154,6 +196,7 @@ private:
     // The particle as the optional laws see it, see term.h; adjoints of the state stay here.
     struct At {
         const ParticleOfRollout& o;
+        const Index place_;  // of its state
         const Vec3<S> x_, v_;
         const Mat3<S> rate_;
         Vec3<S> x_bar = {}, v_bar = {};
@@ -164,6 +207,7 @@ private:
         Vec3<S> v() const { return v_; }
         S mass() const { return o.constant(constant::mass); }
         Mat3<S> rate() const { return rate_; }
+        Mat3<S> branch(Index term, int k) const { return get9(o.f_.branches, branch_place(place_, term, k)); }
         S value(int r) const { return o.constant(constant::COUNT + r); }
         Vec3<S> vector(int r) const { return {{value(r), value(r + 1), value(r + 2)}}; }
         S number(int n) const { return o.f_.numbers[o.rollout_ * number::COUNT + n]; }
@@ -172,6 +216,10 @@ private:
         void add_v(const Vec3<S>& bar) { v_bar = v_bar + bar; }
         void add_mass(S bar) { mass_bar += bar; }
         void add_rate(const Mat3<S>& bar) { rate_bar += bar; }
+        void add_branch(Index term, int k, const Mat3<S>& bar) {
+            const Index at = branch_place(o.p_, term, k);
+            put(o.f_.branches_bar, at, get9(o.f_.branches_bar, at) + bar);
+        }
         void add(int r, S bar) { o.f_.bars[(bar::COUNT + input::COUNT + r) * o.f_.stride + o.p_] += bar; }
         void add(int r, const Vec3<S>& bar) {
             for (int d = 0; d < 3; ++d) add(r + d, bar[d]);
@@ -193,9 +241,9 @@ private:
         return Field<S>(momentum, mass, (mass / (4 * per_metre_)) * C, (-dt_ * volume * per_metre_) * tau, at);
     }
 
-    void scatter_momentum(int substep, int grid_slot, const Vec3<S>& x, const Vec3<S>& v, const Mat3<S>& F,
+    void scatter_momentum(int substep, int grid_slot, Index now, const Vec3<S>& x, const Vec3<S>& v, const Mat3<S>& F,
                           const Mat3<S>& C, const Mat3<S>& rate) {
-        const At at = {*this, x, v, rate};
+        const At at = {*this, now, x, v, rate};
         Mat3<S> tau = material_.stress(p_, F).tau;
         StressTerms::each(TERMS, [&](auto law) { tau += law.stress(at, F); });
         const Vec3<S> momentum = pushed_momentum(substep, at);
@@ -234,7 +282,7 @@ private:
     void momentum_adjoint(int slot, Index now, const Place<S>& place, Vec3<S>& x_bar, Vec3<S>& v_bar, Mat3<S>& F_bar,
                           Mat3<S>& C_bar, Mat3<S>& rate_bar) {
         const Mat3<S> F = get9(f_.F, now), C = get9(f_.C, now);
-        At at = {*this, get3(f_.x, now), get3(f_.v, now), rate_at(now)};
+        At at = {*this, now, get3(f_.x, now), get3(f_.v, now), rate_at(now)};
         const auto stress = material_.stress(p_, F);
         Mat3<S> tau = stress.tau;
         StressTerms::each(TERMS, [&](auto law) { tau += law.stress(at, F); });
@@ -284,8 +332,9 @@ private:
         const Derivatives<S> moved(grid(f_.velocity, 0), place);
         const Mat3<S> step = (dt_ * per_metre_) * moved.gradient();
         if constexpr (FLOWS) F_bar = material_.flow_adjoint(p_, F + step * F, F_bar);
-        const Field<S> field(v_bar + dt_ * x_bar, S(0), per_metre_ * C_bar, (dt_ * per_metre_) * (F_bar * transpose(F)),
-                             place);
+        Mat3<S> step_bar = F_bar * transpose(F);
+        if constexpr (BRANCHES > 0) advance_branches_adjoint(before, step, step_bar);
+        const Field<S> field(v_bar + dt_ * x_bar, S(0), per_metre_ * C_bar, (dt_ * per_metre_) * step_bar, place);
         field.scatter(grid(f_.node_bar, (slot + 1) % 2), place);
         x_bar = x_bar + per_metre_ * moved.slope(field, place);
         F_bar += transpose(step) * F_bar;

@@ -4,6 +4,7 @@ Particles are put in the order of their cells now and then; states and gradients
 kernels run on the CPU too, launch by launch, for the tests.
 """
 
+import math
 import os
 from collections.abc import Callable, Sequence
 from dataclasses import replace
@@ -21,7 +22,7 @@ from physreal_core.simulation.cuda.launches import FrameLaunches
 from physreal_core.simulation.cuda.model import BodyModel
 from physreal_core.simulation.parameters import Parameters
 from physreal_core.simulation.particle_rows import NODE_SUMS
-from physreal_core.simulation.stepper import Report, Span, State
+from physreal_core.simulation.stepper import Report, Span, State, state_shapes
 
 KEPT_SHARE = 0.25
 """Share of a GPU's memory for frames whose substeps are kept for the backward pass. 20 frames of 50 substeps of 20 000
@@ -81,7 +82,7 @@ class CudaStepper:
         self.particles, self.rollouts, self.cell = len(body.x0), rollouts, body.cell
         self.offset = lattice_offset(body, config.ground_height, clamps)
         self.model = BodyModel(body, config, grip, clamps, loads, rollouts, self.offset)
-        self.shapes, self.viscous = self.model.shapes, self.model.viscous
+        self.shapes, self.viscous, self.branches = self.model.shapes, self.model.viscous, self.model.branches
         self.substeps = self.slots = self.nodes = self.kept_slots = 0
         self.kept_bytes = 0 if self.device == "cpu" else kept_bytes_of(self.device)
         self.most_nodes = int(MOST_NODES / (NODE_RESERVE * rollouts))
@@ -100,7 +101,7 @@ class CudaStepper:
 
     def frame_bytes(self, nodes: int) -> int:
         """Bytes of a kept frame: the state of a particle, and 4 numbers a node, for each substep."""
-        own = 33 if self.viscous else 24
+        own = sum(math.prod(shape) for shape in state_shapes(self.viscous, self.branches).values())
         numbers = self.rollouts * (own * self.particles + 4 * max(int(NODE_RESERVE * nodes), self.nodes))
         return (self.substeps + 1) * numbers * self.dtype.itemsize
 

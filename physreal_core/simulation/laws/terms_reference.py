@@ -102,6 +102,38 @@ def fibres(F: Float[Tensor, "... 3 3"], modulus: Tensor, direction: Float[Tensor
     return (0.5 * modulus * stretch)[..., None, None] * (g[..., :, None] * g[..., None, :])
 
 
+def branch_step(A: Float[Tensor, "... 3 3"], step: Float[Tensor, "... 3 3"], kept: Tensor) -> Float[Tensor, "... 3 3"]:
+    """The strain A = b - 1 of a Maxwell branch's spring after a substep: half relaxed, carried along, half relaxed.
+
+    b' = L b + b L^T - (b - 1) / t with L the deviator of the velocity gradient, the relaxation of an upper-convected Maxwell
+    fluid; b carried by J^(-1/3) (1 + s) as in Simo, "On a fully three-dimensional finite-strain viscoelastic damage model",
+    CMAME 60(2), 1987. Strang splitting.
+
+    Args:
+        A: symmetric, zero where the branch is relaxed.
+        step: s = dt grad v.
+        kept: exp(-dt / 2 t), of half a substep.
+    """
+    one = torch.eye(3, dtype=A.dtype)
+    f = torch.linalg.det(one + step)[..., None, None] ** (-1.0 / 3.0) * (one + step)
+    return kept * (f @ (one + kept * A) @ f.mT - one)
+
+
+def branches(A: Float[Tensor, "... branches 3 3"], modulus: Float[Tensor, "... branches"]) -> Float[Tensor, "... 3 3"]:
+    """Sum of m dev(A) over Maxwell branches: of each the stress of the energy m/2 (tr b - 3 - log det b), b = 1 + A.
+
+    Reese and Govindjee, "A theory of finite viscoelasticity and numerical aspects", Int. J. Solids Struct. 35, 1998: a spring
+    on the part of the strain that has not relaxed; here without volume.
+
+    Args:
+        A: strain of each branch's spring.
+        modulus: m, its shear modulus [Pa].
+    """
+    tau = (modulus[..., None, None] * A).sum(-3)
+    trace = tau.diagonal(dim1=-2, dim2=-1).sum(-1)[..., None, None]
+    return tau - trace / 3.0 * torch.eye(3, dtype=A.dtype)
+
+
 def friction_coefficient(dynamic: Tensor, law: Float[Tensor, "3"], speed: Float[Tensor, "..."]) -> Float[Tensor, "..."]:
     """mu(s) = max(0, mu_f + excess exp(-s / static speed) + rate s): Coulomb's with a static peak and a slope.
 

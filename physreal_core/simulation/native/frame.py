@@ -19,7 +19,7 @@ WORKSPACE = Structure(
     int* order  [N] the caller's particle at each place, by cells
     int* place  [N] place of the caller's particle
     int* cell_starts  [nodes + 1] to sort by cells
-    S* state  [slots, rows, stride] x, v, F, C and, with viscosity, the mean rate of deformation
+    S* state  [slots, rows, stride] x, v, F, C and, if in use, the mean rate of deformation and Maxwell branches
     S* constants  [constant_rows, stride]
     S* bars  [bar_rows, stride]
     S* force  [3, stride]
@@ -88,16 +88,19 @@ FRAME = Structure(
     const S* F  [N, 3, 3]
     const S* C  [N, 3, 3] affine velocity
     const S* rate  [N, 3, 3] mean rate of deformation, with viscosity
+    const S* branches  [N, B, 3, 3] of Maxwell branches
     S* x_end  at the frame's end
     S* v_end
     S* F_end
     S* C_end
     S* rate_end
+    S* branches_end
     S* x_bar
     S* v_bar
     S* F_bar
     S* C_bar
     S* rate_bar
+    S* branches_bar
     const S* given  [constant_rows, N]
     S* given_bars  [bar_rows, N]; grow
     const S* network_elastic

@@ -2,6 +2,7 @@
 each of many by one."""
 
 import ctypes
+import math
 from collections.abc import Sequence
 
 import numpy as np
@@ -19,7 +20,8 @@ from physreal_core.simulation.native.frame import FRAME, WORKSPACE, frame_kernel
 from physreal_core.simulation.parameters import Parameters, row_of
 from physreal_core.simulation.particle_rows import NODE_SUMS, PARTICLE_SUMS, ParticleRows
 from physreal_core.simulation.step_layout import term_bits
-from physreal_core.simulation.stepper import NOT_FAILED, Report, Span, State
+from physreal_core.simulation.stepper import NOT_FAILED, Report, Span, State, state_shapes
+from physreal_core.simulation.terms import branch_count
 from physreal_core.simulation.timestep import rate_memory
 from physreal_core.simulation.touch import TOUCHING
 
@@ -30,7 +32,6 @@ KEPT_BYTES = 2**28
 """Memory for grids of frames that stay for the backward pass: with them a frame's states need less than half of the time
 that the frame took, since no stress is evaluated and nothing scattered again. A grid is a tenth of the particles' states:
 with 20 000 particles, 25 frames of 50 substeps fit."""
-STATE_ROWS = {"x": 3, "v": 3, "F": 9, "C": 9, "rate": 9}
 
 
 def _yield_address() -> int:
@@ -66,7 +67,7 @@ class NativeStepper:
     ) -> None:
         self.dtype, self.config, self.rollouts = config.torch_dtype, config, rollouts
         self.cell, self.particles = body.cell, len(body.x0)
-        self.viscous = "viscosity" in config.terms
+        self.viscous, self.branches = "viscosity" in config.terms, branch_count(config.terms)
         self.offset = lattice_offset(body, config.ground_height, clamps)
         if rollouts == 1:
             self.threads = min(threads or torch.get_num_threads(), max(1, self.particles // PARTICLES_PER_THREAD))
@@ -149,9 +150,8 @@ class NativeStepper:
 
     def _set_adjoints(self) -> None:
         r, n, frames = self.rollouts, self.particles, self._frames
-        for name, shape in (("x", (3,)), ("v", (3,)), ("F", (3, 3)), ("C", (3, 3)), ("rate", (3, 3))):
-            if name != "rate" or self.viscous:
-                self._give(frames, f"{name}_bar", self._zeros(r, n, *shape))
+        for name, shape in state_shapes(self.viscous, self.branches).items():
+            self._give(frames, f"{name}_bar", self._zeros(r, n, *shape))
         self._give(frames, "given_bars", self._zeros(r, self._rows.bar_count, n))
         self._give(frames, "particle_sums", self._zeros(r, self._sharing, PARTICLE_SUMS.count))
         self._give(frames, "node_sums", self._zeros(r, self._sharing, NODE_SUMS.count))
@@ -168,7 +168,7 @@ class NativeStepper:
         size = torch.zeros(1, dtype=torch.int64)
         wp.launch(self._kernels.measure, dim=1, inputs=[wp.from_torch(size)], device="cpu")
         self._frames["network_numbers"] = int(size)
-        self._state_rows = sum(STATE_ROWS.values()) - (0 if self.viscous else STATE_ROWS["rate"])
+        self._state_rows = sum(math.prod(shape) for shape in state_shapes(self.viscous, self.branches).values())
         count = len(work)
         for name, shape in (
             ("constants", (self._rows.constant_count, stride)),

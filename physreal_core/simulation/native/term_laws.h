@@ -15,8 +15,8 @@ public:
     // Rows of the state, of the particles' masses and of the laws' parameters (row::), and their adjoints; the numbers'
     // adjoints.
     struct Arrays {
-        const S *x, *v, *rate, *mass, *values;
-        S *x_bar, *v_bar, *rate_bar, *mass_bar, *value_bars, *number_bars;
+        const S *x, *v, *rate, *branches, *mass, *values;
+        S *x_bar, *v_bar, *rate_bar, *branches_bar, *mass_bar, *value_bars, *number_bars;
     };
 
     TermLaws(const Frame<S>& frame, Index thread) : Rows(frame, thread) {}
@@ -73,7 +73,42 @@ public:
         return C_bar + (1 - kept) * symmetric(bar);
     }
 
+    // --- the strains of Maxwell branches, of which the state has rows from `branches` on
+    // -------------------------------
+
+    // step: dt grad v.
+    void advance_branches(Index p, const S* branches, const Mat3<V>& step, S* next) const {
+        if (!has(BranchTerms::TERMS)) return;
+        const BranchStep<V> of_step(step);
+        each_branch([&](int r, int time) {
+            put(next, r, p, of_step.advance(matrix(branches, r, p), kept_half(frame_.dt, frame_.numbers[time])));
+        });
+    }
+
+    // branches_bar goes from after the substep to before it; adds to that of the step and to the times'.
+    void advance_branches_adjoint(Index p, const S* branches, const Mat3<V>& step, S* branches_bar, S* number_bars,
+                                  Mat3<V>& step_bar) const {
+        if (!has(BranchTerms::TERMS)) return;
+        const BranchStep<V> of_step(step);
+        each_branch([&](int r, int time) {
+            const S kept = kept_half(frame_.dt, frame_.numbers[time]);
+            V kept_bar = {};
+            const Mat3<V> A = matrix(branches, r, p), next_bar = matrix(branches_bar, r, p);
+            put(branches_bar, r, p, of_step.adjoint(A, kept, next_bar, step_bar, kept_bar));
+            number_bars[time] += kept_half_slope(frame_.dt, frame_.numbers[time]) * sum(kept_bar);
+        });
+    }
+
 private:
+    // Calls use(first row of the branch, place of its time among the numbers) for the branches in use.
+    template <class Use>
+    void each_branch(Use use) const {
+        int r = 0;
+        BranchTerms::each(frame_.terms, [&](auto law) {
+            for (int k = 0; k < law.COUNT; k++, r += 9) use(r, law.TIMES + k);
+        });
+    }
+
     // A block of particles as the laws see it, see term.h.
     class At {
         const TermLaws& laws_;
@@ -85,6 +120,8 @@ private:
             for (int d = 0; d < 3; d++) add_to(rows, r + d, value[d]);
         }
 
+        int branch_row(Index term, int k) const { return 9 * (branches_before(laws_.frame_.terms, term) + k); }
+
     public:
         At(const TermLaws& laws, const Arrays& arrays, Index p) : laws_(laws), a_(arrays), p_(p) {}
 
@@ -92,6 +129,7 @@ private:
         Vec3<V> v() const { return laws_.vector(a_.v, 0, p_); }
         V mass() const { return laws_.row_of(a_.mass, 0, p_); }
         Mat3<V> rate() const { return laws_.matrix(a_.rate, 0, p_); }
+        Mat3<V> branch(Index term, int k) const { return laws_.matrix(a_.branches, branch_row(term, k), p_); }
         V value(int r) const { return laws_.row_of(a_.values, r, p_); }
         Vec3<V> vector(int r) const { return laws_.vector(a_.values, r, p_); }
         S number(int n) const { return laws_.frame_.numbers[n]; }
@@ -101,6 +139,9 @@ private:
         void add_mass(V bar) { add_to(a_.mass_bar, 0, bar); }
         void add_rate(const Mat3<V>& bar) {
             for (int i = 0; i < 9; i++) add_to(a_.rate_bar, i, bar.m[i]);
+        }
+        void add_branch(Index term, int k, const Mat3<V>& bar) {
+            for (int i = 0; i < 9; i++) add_to(a_.branches_bar, branch_row(term, k) + i, bar.m[i]);
         }
         template <class T>
         void add(int r, const T& bar) {

@@ -92,10 +92,15 @@ private:
     Barrier barrier_;
 
     bool viscous() const { return TERMS && laws_.has(term::viscosity); }
-    // Rows of the state: with viscosity the mean rate of deformation, 9 of them, stands behind x, v, F and C.
-    int state_rows() const { return viscous() ? RATE + 9 : RATE; }
+    // Rows of the state: with viscosity the mean rate of deformation, 9 of them, stands behind x, v, F and C; 9 of each
+    // Maxwell branch follow.
+    int first_branch() const { return viscous() ? RATE + 9 : RATE; }
+    int branch_rows() const { return TERMS ? 9 * branches_of(frame_.terms) : 0; }
+    int state_rows() const { return first_branch() + branch_rows(); }
     S* rate(S* state) const { return state + RATE * frame_.stride; }
     const S* rate(const S* state) const { return state + RATE * frame_.stride; }
+    S* branches(S* state) const { return state + first_branch() * frame_.stride; }
+    const S* branches(const S* state) const { return state + first_branch() * frame_.stride; }
     const S* constants(int r) const { return frame_.constants + r * frame_.stride; }
     S* input_bars(int r) const { return frame_.bars + (bar::COUNT + r) * frame_.stride; }
     S* particle_sums() const { return frame_.particle_sums + particle_sum::COUNT * thread_; }
@@ -108,11 +113,13 @@ private:
         return {now + X * frame_.stride,
                 now + VELOCITY * frame_.stride,
                 rate(now),
+                branches(now),
                 constants(constant::mass),
                 constants(constant::COUNT),
                 bar + X * frame_.stride,
                 bar + VELOCITY * frame_.stride,
                 rate(bar),
+                branches(bar),
                 input_bars(input::mass),
                 input_bars(input::COUNT),
                 particle_sums() + particle_sum::numbers};
@@ -165,6 +172,7 @@ private:
         gather_columns(s + DEFORMATION * f.stride, f.F, 9);
         gather_columns(s + AFFINE * f.stride, f.C, 9);
         if (viscous()) gather_columns(rate(s), f.rate, 9);
+        if (branch_rows()) gather_columns(branches(s), f.branches, branch_rows());
     }
 
     void load_model() {
@@ -183,6 +191,7 @@ private:
         scatter_columns(f.F_end, s + DEFORMATION * f.stride, 9);
         scatter_columns(f.C_end, s + AFFINE * f.stride, 9);
         if (viscous()) scatter_columns(f.rate_end, rate(s), 9);
+        if (branch_rows()) scatter_columns(f.branches_end, branches(s), branch_rows());
     }
 
     void load_adjoint() {
@@ -193,6 +202,7 @@ private:
         gather_columns(a + DEFORMATION * f.stride, f.F_bar, 9);
         gather_columns(a + AFFINE * f.stride, f.C_bar, 9);
         if (viscous()) gather_columns(rate(a), f.rate_bar, 9);
+        if (branch_rows()) gather_columns(branches(a), f.branches_bar, branch_rows());
         for (int r = 0; r < state_rows(); r++)
             for (Index p = last_; p < padded_end(); p++) a[r * f.stride + p] = 0;
         clear(f.bars, f.bar_rows);
@@ -206,6 +216,7 @@ private:
         scatter_columns(f.F_bar, a + DEFORMATION * f.stride, 9);
         scatter_columns(f.C_bar, a + AFFINE * f.stride, 9);
         if (viscous()) scatter_columns(f.rate_bar, rate(a), 9);
+        if (branch_rows()) scatter_columns(f.branches_bar, branches(a), branch_rows());
         add_rows(f.given_bars, f.bars, f.bar_rows);
     }
 
@@ -337,13 +348,17 @@ private:
             const auto moments = gathered<false>(frame_.velocity, stencil, p);
             Vec3<V> v = moments.value();
             Mat3<V> C = (1 / frame_.cell) * moments.offset_moments(stencil), F = matrix(now, DEFORMATION, p);
-            F = F + (frame_.dt / frame_.cell) * (moments.gradient() * F);
+            const Mat3<V> gradient = moments.gradient();
+            F = F + (frame_.dt / frame_.cell) * (gradient * F);
             if constexpr (Material::flows) F = material_.flow(p, F);
             for (int d = 0; d < 3; d++) put(next, X + d, p, x.v[d] + frame_.dt * v.v[d]);
             put(next, VELOCITY, p, v);
             put(next, DEFORMATION, p, F);
             put(next, AFFINE, p, C);
-            if constexpr (TERMS) laws_.average_rate(p, rate(now), C, rate(next));
+            if constexpr (TERMS) {
+                laws_.average_rate(p, rate(now), C, rate(next));
+                laws_.advance_branches(p, branches(now), (frame_.dt / frame_.cell) * gradient, branches(next));
+            }
         }
     }
 
@@ -448,8 +463,11 @@ private:
             if constexpr (Material::flows) F_bar = material_.flow_adjoint(p, F + step * F, F_bar);
             Vec3<V> q;
             for (int d = 0; d < 3; d++) q.v[d] = row_of(bar, VELOCITY + d, p) + frame_.dt * row_of(bar, X + d, p);
-            const FieldBlock<S> field(q, V{}, (1 / frame_.cell) * C_bar,
-                                      (frame_.dt / frame_.cell) * (F_bar * transpose(F)), stencil);
+            Mat3<V> step_bar = F_bar * transpose(F);
+            if constexpr (TERMS)
+                laws_.advance_branches_adjoint(p, branches(now), step, branches(bar),
+                                               particle_sums() + particle_sum::numbers, step_bar);
+            const FieldBlock<S> field(q, V{}, (1 / frame_.cell) * C_bar, (frame_.dt / frame_.cell) * step_bar, stencil);
             scatter.add(field, stencil, lanes_from(p));
             add_position_bar(p, moments.slope(field, stencil));
             put(bar, DEFORMATION, p, F_bar + transpose(step) * F_bar);

@@ -8,7 +8,7 @@ from physreal_core.simulation import Parameters, Simulator, States
 from physreal_core.simulation.cuda.stepper import CudaStepper
 from physreal_core.simulation.terms import TERM_OF, TERMS
 
-ALL = CASES["all terms"]
+ALL = CASES["all terms, branches"]
 
 
 def rollout(simulator: Simulator, leaves: dict, controllers: torch.Tensor) -> tuple[dict, dict]:
@@ -88,7 +88,7 @@ def test_a_batch_gives_the_single_rollouts(device):
 
 
 def test_play_goes_where_a_rollout_goes(device):
-    """From the given start, and the mean rate of deformation goes on from frame to frame."""
+    """From the given start, and mean rate of deformation and Maxwell branches go on from frame to frame."""
     simulator, leaves, controllers = scene(ALL, device, "float64")
     parameters = Parameters(**{name: leaf.detach() for name, leaf in leaves.items()})
     states = simulator.rollout(parameters, controllers)
@@ -101,7 +101,7 @@ def test_play_goes_where_a_rollout_goes(device):
 
 
 def test_kept_frames_give_what_recomputed_ones_do(device):
-    """With room for no frame and for all; the mean rate of deformation is part of what is kept."""
+    """With room for no frame and for all; mean rate of deformation and Maxwell branches are part of what is kept."""
     simulator, leaves, controllers = scene(ALL, device, "float64")
     stepper, found = simulator._stepper, []
     for frames in (0, 9):

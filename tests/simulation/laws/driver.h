@@ -123,6 +123,7 @@ class TermAt {
     const TermPoints<S>& a_;
     Index p_;
 
+    Index place(Index term, int k) const { return branches_before(a_.terms, term) + k; }
     void add_to(S* rows, Index r, V bar) {
         S* row = rows + r * a_.stride + p_;
         store(row, load<V>(row) + bar);
@@ -138,6 +139,7 @@ public:
     Vec3<V> v() const { return get3<V>(a_.v, a_.stride, p_); }
     V mass() const { return load<V>(a_.mass + p_); }
     Mat3<V> rate() const { return get9<V>(a_.rate, a_.stride, p_); }
+    Mat3<V> branch(Index term, int k) const { return get9<V>(a_.branches + 9 * place(term, k) * a_.stride, a_.stride, p_); }
     V value(Index r) const { return load<V>(a_.values + r * a_.stride + p_); }
     Vec3<V> vector(Index r) const { return get3<V>(a_.values + r * a_.stride, a_.stride, p_); }
     S number(Index n) const { return a_.numbers[n]; }
@@ -147,6 +149,9 @@ public:
     void add_mass(V bar) { add_to(a_.mass_bar, 0, bar); }
     void add_rate(const Mat3<V>& bar) {
         for (int i = 0; i < 9; ++i) add_to(a_.rate_bar, i, bar.m[i]);
+    }
+    void add_branch(Index term, int k, const Mat3<V>& bar) {
+        for (int i = 0; i < 9; ++i) add_to(a_.branches_bar, 9 * place(term, k) + i, bar.m[i]);
     }
     template <class T>
     void add(Index r, const T& bar) {
@@ -170,6 +175,22 @@ inline void drive_terms(const TermPoints<Scalar<V>>& a, Index first, Index last)
         put(a.force, a.stride, p, force);
         put(a.stress, a.stride, p, tau);
         put(a.F_bar, a.stride, p, F_bar);
+    }
+}
+
+// A substep of one Maxwell branch.
+template <class V>
+inline void drive_branch(const BranchPoints<Scalar<V>>& a, Index first, Index last) {
+    for (Index p = first; p < last; p += LaneTraits<V>::COUNT) {
+        const Mat3<V> A = get9<V>(a.branches, a.stride, p), step = get9<V>(a.step, a.stride, p);
+        const auto kept = kept_half(a.dt, a.time);
+        const BranchStep<V> of_step(step);
+        put(a.value, a.stride, p, of_step.advance(A, kept));
+        Mat3<V> step_bar = {};
+        V kept_bar = {};
+        put(a.branches_bar, a.stride, p, of_step.adjoint(A, kept, get9<V>(a.seed, a.stride, p), step_bar, kept_bar));
+        put(a.step_bar, a.stride, p, step_bar);
+        store(a.time_bar + p, kept_half_slope(a.dt, a.time) * kept_bar);
     }
 }
 

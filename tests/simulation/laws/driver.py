@@ -17,7 +17,7 @@ from physreal_core.simulation.laws import PLASTIC_LAWS, ResidualConfig
 from physreal_core.simulation.layout import Structure
 from physreal_core.simulation.particle_rows import NUMBERS, TERM_ROWS
 from physreal_core.simulation.step_layout import LAWS_FOLDER, class_name, layout_text, term_bits
-from physreal_core.simulation.terms import FORCE_TERMS
+from physreal_core.simulation.terms import FORCE_TERMS, branch_count
 
 HEADER = Path(__file__).with_name("driver.h")
 FORMS = ("lanes", "one")
@@ -70,6 +70,7 @@ TERM_POINTS = Structure(
     S* v
     S* mass
     S* rate  [9, stride] mean rate of deformation
+    S* branches  [9 B, stride] of Maxwell branches
     S* F
     S* values  [TERM_ROWS, stride]
     S* numbers  [NUMBERS]
@@ -81,9 +82,27 @@ TERM_POINTS = Structure(
     S* v_bar
     S* mass_bar
     S* rate_bar
+    S* branches_bar
     S* F_bar
     S* value_bars
     S* number_bars  [NUMBERS, stride]
+    """,
+)
+
+
+BRANCH_POINTS = Structure(
+    "BranchPoints",
+    """
+    Index stride
+    S dt
+    S time  of relaxation
+    S* branches  [9, stride] of one branch
+    S* step  [9, stride] dt grad v
+    S* seed
+    S* value
+    S* branches_bar
+    S* step_bar
+    S* time_bar
     """,
 )
 
@@ -192,7 +211,7 @@ def residual(kind: str, form: str, dtype: str = "float64", device: str = "cpu") 
 def term(name: str, form: str, dtype: str = "float64", device: str = "cpu") -> Evaluate:
     """`evaluate(seed, **inputs) -> value, bars` of the optional law `name`: a force [N, 3] or a stress [N, 3, 3].
 
-    Inputs are the state `x`, `v`, `mass`, `rate`, `F`, and the rows and the numbers of `particle_rows` by their names, each
+    Inputs are the state `x`, `v`, `mass`, `rate`, `F`, `branches` of the law, and the rows and the numbers of `particle_rows` by their names, each
     [N, ...] but the numbers [...]. What is not given is zero, or one for mass and F. `bars` are the adjoints of all, of
     those that were given in their shapes.
     """
@@ -204,6 +223,7 @@ def term(name: str, form: str, dtype: str = "float64", device: str = "cpu") -> E
         n = len(seed)
         vectors, matrices = np.zeros((n, 3)), np.zeros((n, 3, 3))
         state = {"x": vectors, "v": vectors, "mass": np.ones(n), "rate": matrices, "F": matrices + np.eye(3)}
+        state["branches"] = np.zeros((n, branch_count((name,)), 3, 3))
         state |= {"force_seed": vectors, "stress_seed": matrices}
         values, shared = np.zeros((n, TERM_ROWS.count)), np.zeros(NUMBERS.count)
         for key, value in inputs.items():
@@ -217,7 +237,7 @@ def term(name: str, form: str, dtype: str = "float64", device: str = "cpu") -> E
         arrays = {key: _rows(value, dtype, 1.0 if key == "mass" else 0.0) for key, value in state.items()}
         arrays["F"] = _rows(state["F"], dtype, np.eye(3).ravel())
         arrays["values"], arrays["numbers"] = _rows(values, dtype, 1.0), shared.astype(dtype)
-        arrays |= {f"{key}_bar": np.zeros_like(arrays[key]) for key in ("x", "v", "mass", "rate")}
+        arrays |= {f"{key}_bar": np.zeros_like(arrays[key]) for key in ("x", "v", "mass", "rate", "branches")}
         arrays["F_bar"] = np.ones_like(arrays["F"])  # a law's own sum: it adds
         stride = arrays["F"].shape[1]
         arrays["value_bars"] = np.zeros_like(arrays["values"])
@@ -228,12 +248,36 @@ def term(name: str, form: str, dtype: str = "float64", device: str = "cpu") -> E
         def particles(key: str) -> np.ndarray:
             return arrays[key].T[:n].astype(np.float64)
 
-        bars = {key: particles(f"{key}_bar") for key in ("x", "v", "mass", "rate", "F")}
+        bars = {key: particles(f"{key}_bar") for key in ("x", "v", "mass", "rate", "branches", "F")}
         bars["F"] -= 1.0
         bars |= {key: particles("value_bars")[:, place] for key, place in rows.items()}
         bars |= {key: particles("number_bars")[:, place].sum(0) for key, place in numbers.items()}
         bars |= {key: bars[key].reshape(np.shape(value)) for key, value in inputs.items()}
         return SimpleNamespace(value=particles(kind).reshape(seed.shape), bars=bars)
+
+    return evaluate
+
+
+@cache
+def branch(form: str, dtype: str = "float64", device: str = "cpu") -> Evaluate:
+    """`(A [N, 3, 3], step [N, 3, 3], dt, time, seed) -> value, A_bar, step_bar, time_bar`, of a substep of one branch."""
+    launch = _launcher("branches", form, dtype, "drive_branch<V>", points=BRANCH_POINTS)
+
+    def evaluate(A, step, dt, time, seed) -> SimpleNamespace:
+        given = {"branches": A, "step": step, "seed": seed}
+        arrays = {key: _rows(value, dtype, 0.0) for key, value in given.items()}
+        blank = arrays["branches"]
+        arrays |= {key: np.full_like(blank, np.nan) for key in ("value", "branches_bar", "step_bar")}
+        arrays["time_bar"] = np.full_like(blank[:1], np.nan)
+        arrays = launch(arrays, device, stride=blank.shape[1], dt=dt, time=time)
+        matrices = {
+            key: arrays[key].T[: len(A)].astype(np.float64).reshape(-1, 3, 3)
+            for key in ("value", "branches_bar", "step_bar")
+        }
+        time_bar = arrays["time_bar"][0, : len(A)].astype(np.float64).sum()
+        return SimpleNamespace(
+            value=matrices["value"], A_bar=matrices["branches_bar"], step_bar=matrices["step_bar"], time_bar=time_bar
+        )
 
     return evaluate
 
@@ -298,7 +342,7 @@ def _number(form: str, dtype: str) -> str:
 
 def _module(name: str, form: str, dtype: str, laws: str = "", machine: str = "host", folder: Path | None = None):
     wp.init()
-    text = f'#include "{"lanes.h" if form == "lanes" else "number.h"}"\n{layout_text(POINTS, TERM_POINTS)}{laws}'
+    text = f'#include "{"lanes.h" if form == "lanes" else "number.h"}"\n{layout_text(POINTS, TERM_POINTS, BRANCH_POINTS)}{laws}'
     return native_module(
         f"physreal_test_{name}_{form}_{dtype}",
         HEADER,

@@ -64,3 +64,8 @@ def test_optional_laws(name, dtype):
 @pytest.mark.parametrize("kind", test_terms.FRICTIONS)
 def test_friction(kind, dtype):
     test_terms.assert_friction(kind, dtype, "cuda:0")
+
+
+@pytest.mark.parametrize("dtype", DTYPES)
+def test_the_step_of_a_maxwell_branch(dtype):
+    test_terms.assert_branch_step("one", dtype, "cuda:0")

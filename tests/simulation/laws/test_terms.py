@@ -7,7 +7,7 @@ import pytest
 import torch
 
 from physreal_core.simulation.laws import terms_reference
-from tests.simulation.laws.driver import DTYPES, friction, term
+from tests.simulation.laws.driver import DTYPES, branch, friction, term
 from tests.simulation.laws.points import generic_points
 
 COUNT = 40
@@ -100,7 +100,28 @@ def fibres_case() -> tuple:
     return lambda fibre_modulus, fibre_direction, F: terms_reference.fibres(F, fibre_modulus, fibre_direction), inputs
 
 
+def branch_strains(count: int) -> torch.Tensor:
+    """b - 1 of isochoric b, one of them relaxed."""
+    F = generic_points(count * COUNT - 1, np.random.default_rng(4))
+    F = torch.as_tensor(np.concatenate([np.eye(3)[None], F])).unflatten(0, (COUNT, count))
+    b = torch.linalg.det(F)[..., None, None] ** (-2 / 3) * F @ F.mT
+    return b - torch.eye(3).double()
+
+
+def branches_case(name: str, count: int) -> tuple:
+    shape = (COUNT,) if count == 1 else (COUNT, count)
+    inputs = {f"{name}_modulus": random(*shape, seed=1).abs(), "branches": branch_strains(count)}
+
+    def law(branches, **modulus):  # the strains are symmetric, and so are their adjoints
+        (m,) = modulus.values()
+        return terms_reference.branches((branches + branches.mT) / 2, m.reshape(COUNT, count))
+
+    return law, inputs
+
+
 CASES = {
+    "relaxation": lambda: branches_case("relaxation", 1),
+    "hysteresis": lambda: branches_case("hysteresis", 3),
     "drag": drag_case,
     "adhesion": adhesion_case,
     "obstacle": obstacle_case,
@@ -115,6 +136,119 @@ CASES = {
 def test_value_and_adjoint_are_those_of_the_torch_twin(name, dtype, form):
     law, inputs = CASES[name]()
     assert_law(law, name, form, dtype, inputs)
+
+
+def assert_branch_step(form: str, dtype: str, device: str = "cpu") -> None:
+    dt, time = 0.03, 0.05
+    as_dtype = getattr(torch, dtype)
+    A, step = (a.to(as_dtype).double() for a in (branch_strains(1)[:, 0], 0.1 * random(COUNT, 3, 3, seed=5)))
+    seed = random(COUNT, 3, 3, seed=9).to(as_dtype).double()
+    leaves = [a.clone().requires_grad_() for a in (A, step, torch.tensor(time, dtype=torch.float64))]
+    kept = (-0.5 * dt / leaves[2]).exp()
+    expected = terms_reference.branch_step((leaves[0] + leaves[0].mT) / 2, leaves[1], kept)
+    (expected * seed).sum().backward()
+    found = branch(form, dtype, device)(A.numpy(), step.numpy(), dt, time, seed.numpy())
+    of_value, of_adjoint, of_largest = TOLERANCE[dtype]
+    assert_close(found.value, expected, of_value, of_largest, "value")
+    for name, leaf in zip(("A_bar", "step_bar", "time_bar"), leaves, strict=True):
+        assert_close(getattr(found, name), leaf.grad, of_adjoint, of_largest, name)
+
+
+@pytest.mark.parametrize("dtype", DTYPES)
+def test_the_step_of_a_branch_is_the_torch_twins(form, dtype):
+    assert_branch_step(form, dtype)
+
+
+def test_stress_relaxes_as_in_zeners_solid(form):
+    """A sudden simple shear that is held: the shear stress begins (1 + g) times the elastic one and fades to it over the time.
+
+    The elastic one is that of neo-Hookean elasticity, whose shear stress is mu times the shear; so is the branch's.
+    """
+    shear, mu, share, time, dt = 0.4, 3.0, 0.7, 0.2, 0.004
+    step = np.zeros((1, 3, 3))
+    step[0, 0, 1] = shear
+    A, found = np.zeros((1, 3, 3)), []
+    for number in range(100):
+        # the strain comes within an instant, the rest of the time is without motion
+        length = 1e-12 if number == 0 else dt
+        A = branch(form)(A, step if number == 0 else 0 * step, length, time, A).value
+        tau = term("relaxation", form)(A, relaxation_modulus=np.array([share * mu]), branches=A[:, None]).value
+        found.append(mu * shear + tau[0, 0, 1])
+    t = dt * np.arange(100)
+    np.testing.assert_allclose(found, mu * shear * (1 + share * np.exp(-t / time)), rtol=1e-9)
+
+
+def test_a_small_strain_of_a_branch_is_not_rounded_away(form):
+    """Steps of 1e-5 in float32: a step's strain keeps the accuracy that float32 gives small numbers."""
+    step = (1e-5 * random(COUNT, 3, 3)).float().double()
+    A = torch.zeros(COUNT, 3, 3, dtype=torch.float64)
+    expected = terms_reference.branch_step(A, step, torch.tensor(1.0))
+    found = branch(form, "float32")(A.numpy(), step.numpy(), 1e-9, 1.0, A.numpy()).value
+    off = np.array([[0, 1, 1], [1, 0, 1], [1, 1, 0]], bool)
+    error = (found - expected.numpy())[:, off]
+    assert abs(error).max() < 1e-11
+
+
+def test_the_strain_of_a_branch_is_that_of_the_deformation_where_it_does_not_relax():
+    """Many steps of a rotating, shearing motion: b is F F^T less its volume."""
+    F, A = (torch.eye(3, dtype=torch.float64), torch.zeros(3, 3, dtype=torch.float64))
+    for step in 0.02 * random(60, 3, 3, seed=3):
+        F, A = F + step @ F, terms_reference.branch_step(A, step, torch.tensor(1.0))
+    b = torch.linalg.det(F) ** (-2 / 3) * F @ F.mT
+    torch.testing.assert_close(A, b - torch.eye(3).double(), rtol=1e-12, atol=1e-12)
+
+
+def test_a_branch_is_objective():
+    """Seen by an observer who turns by Q_n until substep n, the strain is Q A Q^T and the stress Q tau Q^T."""
+    one = torch.eye(3, dtype=torch.float64)
+    A = turned = torch.zeros(3, 3, dtype=torch.float64)
+    Q, kept, modulus = one, torch.tensor(0.97).double(), torch.tensor([2.0]).double()
+    for step, spin in zip(0.03 * random(40, 3, 3, seed=3), 0.1 * random(40, 3, 3, seed=4), strict=True):
+        following = torch.linalg.matrix_exp(spin - spin.mT) @ Q
+        A = terms_reference.branch_step(A, step, kept)
+        turned = terms_reference.branch_step(turned, following @ (one + step) @ Q.mT - one, kept)
+        Q = following
+    torch.testing.assert_close(turned, Q @ A @ Q.mT, rtol=1e-12, atol=1e-12)
+    stresses = [terms_reference.branches(a[None], modulus) for a in (turned, A)]
+    torch.testing.assert_close(stresses[0], Q @ stresses[1] @ Q.mT, rtol=1e-12, atol=1e-12)
+
+
+def test_a_branch_never_gives_more_than_it_took():
+    """What is left of the work done on it, over any motion, is no less than its energy 1/2 (tr b - 3 - log det b).
+
+    The work of a substep is the energy that carrying b along adds; relaxation, before and after, only takes from it.
+    """
+    one, kept = torch.eye(3, dtype=torch.float64), torch.tensor(0.9).double()
+    A = torch.zeros(200, 3, 3, dtype=torch.float64)
+
+    def energy(A: torch.Tensor) -> torch.Tensor:
+        b = one + A
+        return 0.5 * (b.diagonal(dim1=-2, dim2=-1).sum(-1) - 3.0 - torch.linalg.slogdet(b)[1])
+
+    lost = torch.zeros(200, dtype=torch.float64)
+    for number in range(50):
+        step = 0.1 * random(200, 3, 3, seed=number)
+        before, half = A, kept * A
+        pushed = terms_reference.branch_step(half, step, torch.tensor(1.0).double())
+        A = terms_reference.branch_step(before, step, kept)
+        torch.testing.assert_close(A, kept * pushed)
+        assert (torch.linalg.eigvalsh(one + A) > 0).all()
+        for earlier, later in ((before, half), (pushed, A)):
+            taken = energy(earlier) - energy(later)
+            assert (taken >= -1e-14).all()
+            lost += taken
+    assert (lost > 0.1).all()
+
+
+def test_the_stress_of_a_branch_is_its_energys():
+    """The energy that a small step of strain adds to a relaxing branch is tau : D dt."""
+    one, A = torch.eye(3, dtype=torch.float64), branch_strains(1)[:, 0]
+    step = torch.zeros(COUNT, 3, 3, dtype=torch.float64, requires_grad=True)
+    b = one + terms_reference.branch_step(A, step, torch.tensor(1.0).double())
+    energy = 0.5 * (b.diagonal(dim1=-2, dim2=-1).sum(-1) - 3.0 - torch.linalg.slogdet(b)[1])
+    (power,) = torch.autograd.grad(energy.sum(), step)
+    tau = terms_reference.branches(A[:, None], torch.ones(COUNT, 1, dtype=torch.float64))
+    torch.testing.assert_close(power, tau, rtol=1e-10, atol=1e-10)
 
 
 def test_adhesion_is_a_cohesive_zone():

@@ -10,7 +10,9 @@ from physreal_core.simulation.native import NativeStepper
 from tests.simulation.conftest import FUSED, NATIVE, take_fused
 from tests.simulation.native.test_frame import FRAMES, WIDTHS, assert_equal, scene, states_and_gradients
 
-TERMS = ("drag", "adhesion", "obstacle", "viscosity", "stiffening", "fibres", "friction_law")
+TERMS = (
+    "drag", "adhesion", "obstacle", "viscosity", "stiffening", "fibres", "friction_law", "relaxation", "hysteresis",
+)  # fmt: skip
 
 
 def with_laws(given: Parameters, count: int) -> Parameters:
@@ -33,6 +35,10 @@ def with_laws(given: Parameters, count: int) -> Parameters:
         "fibre_modulus": 1e3 * random(count),
         "fibre_direction": direction / direction.norm(dim=1, keepdim=True),
         "friction_law": torch.tensor([0.2, 0.3, 0.1]),
+        "relaxation_modulus": 500.0 * random(count),
+        "relaxation_time": torch.tensor(0.03),
+        "hysteresis_modulus": 300.0 * random(count, 3),
+        "hysteresis_time": torch.tensor([0.005, 0.02, 0.08]),
     }
     return replace(given, **{name: value.to(dtype).clone().requires_grad_() for name, value in values.items()})
 
@@ -64,17 +70,23 @@ def test_threads_agree():
 
 
 def test_a_batch_and_a_played_rollout_are_the_rollout():
-    """Also the mean rate of deformation goes on from frame to frame; rollouts differ in a law's parameter."""
+    """Also mean rate of deformation and Maxwell branches go on from frame to frame; rollouts differ in laws' parameters."""
     simulator, given, controllers = scene(terms=TERMS)
     given = with_laws(given, len(simulator.body.x0))
     strengths = torch.tensor([[[1.0]], [[0.2]]])
-    batched = replace(given, viscosity=strengths * given.viscosity.detach())
+    batched = replace(
+        given,
+        viscosity=strengths * given.viscosity.detach(),
+        hysteresis_modulus=strengths * given.hysteresis_modulus.detach(),
+        relaxation_time=torch.tensor([0.03, 0.01]),
+    )
+    own = ("viscosity", "hysteresis_modulus", "relaxation_time")
     with torch.no_grad():
         states = simulator.rollout_batch(batched, controllers)
         for r in range(2):
-            alone = simulator.rollout(replace(given, viscosity=batched.viscosity[r]), controllers)
+            alone = simulator.rollout(replace(given, **{k: getattr(batched, k)[r] for k in own}), controllers)
             assert torch.equal(states.x[r], alone.x) and torch.equal(states.F[r], alone.F)
     assert not torch.equal(states.x[0], states.x[1])
-    player = simulator.play(replace(given, viscosity=batched.viscosity[1]), controllers[0])
+    player = simulator.play(replace(given, **{k: getattr(batched, k)[1] for k in own}), controllers[0])
     for frame in range(1, FRAMES):
         assert torch.equal(player.step(controllers[frame]).x, alone.x[frame])

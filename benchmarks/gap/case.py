@@ -9,7 +9,7 @@ import sys
 import time
 import traceback
 from pathlib import Path
-from typing import Any
+from typing import TYPE_CHECKING, Any
 
 import torch
 
@@ -21,6 +21,9 @@ from benchmarks.gap.held_out import closed, gap, names_right, trial_of
 from benchmarks.gap.oracle import oracle_gap
 from benchmarks.gap.settings import load_settings
 from physreal_core.gap import Experiment, GapSettings
+
+if TYPE_CHECKING:
+    from data.rig.case import Case
 
 
 def run_case(case: GapCase, folder: Path, settings: GapSettings) -> None:
@@ -47,13 +50,12 @@ def capture(case: GapCase, own: Path, *, video: bool = False) -> None:
     `<motion>.npz`."""
     if (own / "captures").is_dir():
         return
-    from data.rig.case import TRUTH, Case, make_case
+    from data.rig.case import TRUTH, make_case
     from pipeline.products.truth import CaptureTruth
 
     begun = time.perf_counter()
     draft = own / "captures.partial"
-    blind = Case.blind(case.effect, case.strength, case.seed, case.body, case.form)
-    make_case(blind, draft, video=video)
+    make_case(made_by_the_rig(case), draft, video=video)
     for folder in ("truth", "held_out"):
         shutil.rmtree(own / folder, ignore_errors=True)
         (own / folder).mkdir()
@@ -63,6 +65,13 @@ def capture(case: GapCase, own: Path, *, video: bool = False) -> None:
     shutil.move(draft / truth_of(own)["held_out"], own / "held_out")
     draft.rename(own / "captures")
     write_json(own / "capture.json", {"seconds": time.perf_counter() - begun})
+
+
+def made_by_the_rig(case: GapCase) -> "Case":
+    """The case as the rig makes it."""
+    from data.rig.case import Case
+
+    return Case.blind(case.effect, case.strength, case.seed, case.body, case.form)
 
 
 def truth_of(own: Path) -> dict[str, Any]:

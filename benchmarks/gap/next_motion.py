@@ -20,6 +20,7 @@ import numpy as np
 import torch
 from scipy.stats import binomtest
 
+from benchmarks.gap.case import made_by_the_rig
 from benchmarks.gap.cases import GapCase, benchmark_cases, chosen
 from benchmarks.gap.files import read_json, write_json
 from benchmarks.gap.problems import Discretisation, baseline_model, problems_of
@@ -97,21 +98,20 @@ def drawn(first: dict[str, Any], arm: Arm, seed: int) -> dict[str, Any]:
 
 def _capture(case: GapCase, captures: Path, recordings: int) -> None:
     """The first recordings of a case, without their truth."""
-    from data.rig.case import Case, record_motion
-    from data.rig.specimen import MOTIONS
+    from data.rig.case import record_motion
     from pipeline.products.truth import CaptureTruth
 
     draft = captures.with_name("captures.partial")
     shutil.rmtree(draft, ignore_errors=True)
-    for motion in list(MOTIONS)[:recordings]:
-        record_motion(Case(case.effect, case.strength, case.seed), motion, draft / motion, video=False)
+    hidden = made_by_the_rig(case)
+    for motion in hidden.session.seen[:recordings]:
+        record_motion(hidden, motion, draft / motion, video=False)
         (draft / motion / CaptureTruth.FILE).unlink()
     draft.rename(captures)
 
 
 def _film(case: GapCase, own: Path, motion: dict[str, Any], arm: Path) -> None:
     """`captures` of an arm: the first ones, and beside them the motion."""
-    from data.rig.case import Case
     from data.rig.hand_path import HandPath, record_path
 
     write_json(arm / "motion.json", motion)
@@ -123,7 +123,7 @@ def _film(case: GapCase, own: Path, motion: dict[str, Any], arm: Path) -> None:
     shutil.rmtree(draft, ignore_errors=True)
     shutil.copytree(own / "captures", draft)
     path = HandPath(places=np.array(motion["path"]), fps=motion["fps"])
-    record_path(Case(case.effect, case.strength, case.seed), like, path, draft / f"next_{motion['name']}")
+    record_path(made_by_the_rig(case), like, path, draft / f"next_{motion['name']}")
     draft.rename(arm / "captures")
 
 

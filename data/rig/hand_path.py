@@ -10,8 +10,9 @@ from scipy.interpolate import CubicSpline
 
 from data.rig import recording
 from data.rig.case import Case
+from data.rig.motions import MOTIONS
 from data.rig.rig_scene import Motion
-from data.rig.specimen import MOTIONS, run, specimen
+from data.rig.specimen import as_stated, run
 from physreal_core.array_types import Array, Float
 
 OBSERVED = 0.7  # share of the frames that train, as in the other captures
@@ -51,16 +52,18 @@ def record_path(case: Case, like: str, motion: HandPath, folder: Path) -> None:
 
     Args:
         case: gives the object and what is hidden in it.
-        like: one of `specimen.MOTIONS`, as in which the hand holds the object.
+        like: one of `motions.MOTIONS`, as in which the hand holds the object.
         motion: of the hand.
         folder: of the capture; its name is the recording's.
     """
-    frames = len(motion.places)
+    frames, unknowns = len(motion.places), case.session.unknowns
     scene = replace(
-        specimen(like, case.seed), name=folder.name, motion=motion, frames=frames, observed=math.ceil(OBSERVED * frames)
+        case.scene(like), name=folder.name, motion=motion, frames=frames, observed=math.ceil(OBSERVED * frames)
     )
     trajectory = run(scene, case.hidden)
     random = np.random.default_rng([case.seed, 40 + list(MOTIONS).index(like), *folder.name.encode()])
-    measured = case.hidden.record(recording.ideal(scene, trajectory, random), motion)
+    ideal = recording.ideal(scene, trajectory, random)
+    measured = recording.with_hand_off(case.hidden.record(ideal, motion), motion, unknowns, random)
     folder.mkdir(parents=True, exist_ok=True)
-    recording.write(folder, scene, measured, recording.at_frame_zero(trajectory), random)
+    stated, surface = as_stated(scene, case.session), recording.at_frame_zero(trajectory)
+    recording.write(folder, stated, measured, surface, random, unknowns.correlation)

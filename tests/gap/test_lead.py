@@ -8,6 +8,7 @@ import pytest
 
 from physreal_core.errors import InputError
 from physreal_core.gap.lead.departure import force_field
+from physreal_core.gap.lead.force_library import _swelling
 from physreal_core.gap.lead.lead import find_lead
 from physreal_core.gap.lead.responses import free_responses
 from tests.gap import chain
@@ -120,3 +121,8 @@ def test_without_scikit_learn_it_says_what_to_install(monkeypatch):
     monkeypatch.setattr(builtins, "__import__", refuse)
     with pytest.raises(InputError, match=r"physreal\[gap\]"):
         find_lead([departure])
+
+
+def test_a_region_of_a_single_point_does_not_swell():
+    path = np.cumsum(np.random.default_rng(0).normal(0, 0.01, (5, 2, 3)), axis=0)
+    np.testing.assert_allclose(_swelling(path, np.eye(2)), 0.0, atol=1e-9)

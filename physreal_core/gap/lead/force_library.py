@@ -92,13 +92,20 @@ def _filled(path: Float[Array, "T 3"], known: Bool[Array, " T"]) -> Float[Array,
     return np.stack([np.interp(frames, frames[known], path[known, axis]) for axis in range(3)], -1)
 
 
+SMALLEST = 1e-6
+"""Extent of a region below which it has none [m]."""
+
+
 def _swelling(simulated: Float[Array, "T J 3"], weights: Float[Array, "J R"]) -> Float[Array, "T R"]:
-    """det F - 1 of the affine motion that fits each region's tracks best. A ridge keeps a flat region isochoric."""
+    """det F - 1 of the affine motion that fits each region's tracks best.
+
+    A ridge keeps a flat region isochoric, and one of a single point, which has no extent at all.
+    """
     shares = weights / np.maximum(weights.sum(0), 1e-12)
     centred = simulated[:, :, None] - np.einsum("jr,tjc->trc", shares, simulated)[:, None]
     start = centred[0]
     moment = np.einsum("jr,jra,jrb->rab", shares, start, start)
-    ridge = 1e-3 * np.trace(moment, axis1=1, axis2=2)[:, None, None] * np.eye(3)
+    ridge = (1e-3 * np.trace(moment, axis1=1, axis2=2) + SMALLEST**2)[:, None, None] * np.eye(3)
     mixed = np.einsum("jr,tjra,jrb->trab", shares, centred, start) + ridge
     return np.linalg.det(mixed @ np.linalg.inv(moment + ridge)) - 1.0
 

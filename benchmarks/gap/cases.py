@@ -13,9 +13,6 @@ from typing import Literal
 
 import numpy as np
 
-from data.rig.bodies import BODIES
-from data.rig.hidden.forms import OTHER_FORMS
-
 Kind = Literal["none", "single", "pair", "outside"]
 Variant = Literal["tracks_only", "rgbd"]
 STRENGTHS = ("weak", "middle", "high")
@@ -136,21 +133,27 @@ class _Deal:
     """
 
     def __init__(self, effects: Sequence[str], seed: int) -> None:
+        # not at the top: rows are scored where there is no rig
+        from data.rig.bodies import BODIES
+        from data.rig.hidden.forms import OTHER_FORMS
+
         random = np.random.default_rng([seed, 7])
         self.effects = [effects[i] for i in random.permutation(len(effects))]
         self.shift = int(random.integers(1000))
         self._bodies = [list(BODIES)[i] for i in random.permutation(len(BODIES))]
-        self._seed = seed
+        self._seed, self._other_forms = seed, set(OTHER_FORMS)
 
     def single(self, effect: str, strength: str, column: int | None = None) -> GapCase:
         """Of one effect, in a column of the square: those of middle, high, further and weak cases."""
         row, column = self.effects.index(effect), STRENGTHS.index(strength) - 1 if column is None else column
-        return self.case(effect, strength, row + column, column, other=(row // len(BODIES) + row + column) % 2 == 1)
+        return self.case(
+            effect, strength, row + column, column, other=(row // len(self._bodies) + row + column) % 2 == 1
+        )
 
     def case(self, effect: str, strength: str, place: int, number: int = 0, *, other: bool | None = None) -> GapCase:
         """With the body at a place in their order; every second one by a law of another form if nothing is said."""
         body = self._bodies[(self.shift + place) % len(self._bodies)]
-        known = any(name in OTHER_FORMS for name in effect.split("+"))
+        known = any(name in self._other_forms for name in effect.split("+"))
         form = "other" if known and (place % 2 == 1 if other is None else other) else "same"
         return GapCase(effect, strength, _seed(effect, strength, self._seed, number), body, form)
 

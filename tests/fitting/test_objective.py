@@ -12,8 +12,8 @@ from tests.fitting import scene
 TOLERANCE = 1e-5
 """Relative error of a directional derivative: central differences in float64, found 5e-7 and better."""
 STEP = 3e-6
-"""Of the value: so large that rounding stays well below the tolerance on every machine, and small, since a picture jumps where a Gaussian's share of a pixel passes the least that is drawn. Some times
-this step along `grip_stiffness` takes one pixel across, which differences show as 3 % and a derivative does not."""
+"""Of the value. Below it rounding may show. Not far above it along `grip_stiffness`, at ten times 1e-6, a Gaussian's share
+of one pixel passes the least that is drawn: the picture jumps, which differences show as 3 % and a derivative does not."""
 
 EXPERTS = ("youngs_modulus", "poissons_ratio", "friction_coefficient", "grip_stiffness", "grip_damping")
 RESIDUALS = ("latent_elastic", "latent_plastic", "network_elastic", "network_plastic")

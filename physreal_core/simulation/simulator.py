@@ -132,7 +132,7 @@ class Simulator:
     def _stream(self) -> AbstractContextManager:
         """Where a loop runs: on a GPU on a stream that allows graphs."""
         device = torch.device(self.config.device)
-        return _one_torch_thread() if device.type == "cpu" else on_side_stream(device)
+        return one_torch_thread() if device.type == "cpu" else on_side_stream(device)
 
     def _run(
         self, loop: Frames, parameters: Parameters, points: Tensor, progress: Progress | None
@@ -201,7 +201,7 @@ def make_stepper(
 
 
 @contextmanager
-def _one_torch_thread() -> Iterator[None]:
+def one_torch_thread() -> Iterator[None]:
     """Keep torch's small operations on this thread: its others would spin after each, on the cores that a frame needs."""
     threads = torch.get_num_threads()
     torch.set_num_threads(1)

@@ -5,6 +5,7 @@ from __future__ import annotations
 import dataclasses
 import math
 from collections.abc import Iterable, Sequence
+from concurrent.futures import ThreadPoolExecutor
 from dataclasses import dataclass
 
 import numpy as np
@@ -23,6 +24,7 @@ from physreal_core.gap.interactions.discretisation import UNCHANGED, Discretisat
 from physreal_core.gap.interactions.interaction import EffectValues, Placement, Trial
 from physreal_core.rendering import carry_points
 from physreal_core.simulation import SimulationConfig, Simulator, States
+from physreal_core.simulation.simulator import one_torch_thread
 from physreal_core.simulation.timestep import LARGEST_SUBSTEPS, needed_substeps
 
 FEWEST = 150
@@ -120,17 +122,14 @@ class Experiment:
             discretisation: the model's own by default.
         """
         frames = frames or self.frames
-        predicted = np.full((len(trials), frames, len(self.points0), 3), np.nan)
-        made, particles = self._made(trials, frames), len(self.problem.body.x0)
-        for rows in self._batches(made):
-            found = remembered(
-                "rollouts",
-                lambda rows=rows: [particles, frames, discretisation, *(v for r in rows for v in trials[r].told())],
-                {"tracks": (len(rows), *predicted.shape[1:])},
-                lambda rows=rows: {"tracks": self._tracks([made[row] for row in rows], frames, discretisation)},
-            )
-            predicted[rows] = found["tracks"]
-        return predicted
+        particles = len(self.problem.body.x0)
+        found = remembered(
+            "rollouts",
+            lambda: [particles, frames, discretisation, *(value for trial in trials for value in trial.told())],
+            {"tracks": (len(trials), frames, len(self.points0), 3)},
+            lambda: {"tracks": self._predicted(trials, frames, discretisation or UNCHANGED)},
+        )
+        return found["tracks"]
 
     def predict_with_start_sensitivity(
         self, trial: Trial, frames: int | None = None
@@ -174,11 +173,33 @@ class Experiment:
             for trial, own, count in zip(trials, effects, needed, strict=True)
         ]
 
+    def _predicted(
+        self, trials: Sequence[Trial], frames: int, discretisation: Discretisation
+    ) -> Float[Array, "trials frames tracks 3"]:
+        """Where the measurement would see the tracks [m]; on the CPU the simulators run side by side, a core each."""
+        made = self._made(trials, frames)
+        of_simulator: dict[Simulator, list[list[int]]] = {}
+        for rows in self._batches(made):
+            _, simulator = self._simulated([made[row] for row in rows], discretisation)
+            of_simulator.setdefault(simulator, []).append(rows)
+        predicted = np.full((len(trials), frames, len(self.points0), 3), np.nan)
+
+        def run(batches: list[list[int]]) -> None:
+            for rows in batches:
+                predicted[rows] = self._tracks([made[row] for row in rows], frames, discretisation)
+
+        if self.device == "cpu" and len(of_simulator) > 1:
+            with one_torch_thread(), ThreadPoolExecutor(available_cores()) as cores:
+                list(cores.map(run, of_simulator.values()))
+        else:
+            list(map(run, of_simulator.values()))
+        return predicted
+
     def _tracks(
-        self, batch: Sequence[_Rollout], frames: int, discretisation: Discretisation | None
+        self, batch: Sequence[_Rollout], frames: int, discretisation: Discretisation
     ) -> Float[Array, "trials frames tracks 3"]:
         """Where the measurement would see the tracks in rollouts that run together [m]."""
-        states = self._run(batch, discretisation or UNCHANGED)
+        states = self._run(batch, discretisation)
         return np.stack([self._observed(one, x, F, frames) for one, (x, F) in zip(batch, states, strict=True)])
 
     def _config_with(self, names: Iterable[str]) -> SimulationConfig:
@@ -218,16 +239,23 @@ class Experiment:
         self, batch: Sequence[_Rollout], discretisation: Discretisation = UNCHANGED
     ) -> list[tuple[Float[Tensor, "frames particles 3"], Float[Tensor, "frames particles 3 3"]]]:
         """States x [m] and F of rollouts that need the same laws, in the capture's frame, on the device."""
+        problem, simulator = self._simulated(batch, discretisation)
+        inputs = [problem.inputs(rollout.inputs) for rollout in batch]
+        with torch.no_grad():
+            states = roll_out_together(simulator, inputs, max(rollout.frames for rollout in batch))
+        return [problem.states(x, F) for x, F in zip(states.x, states.F, strict=True)]
+
+    def _simulated(
+        self, batch: Sequence[_Rollout], discretisation: Discretisation
+    ) -> tuple[DiscretisedProblem, Simulator]:
+        """The problem in a discretisation, and its simulator with what the effects of a batch need; made once for all."""
         config = self._config_with(dict.fromkeys(name for rollout in batch for name in rollout.effects))
         problem = DiscretisedProblem(self.problem, config, discretisation)
         key = config, discretisation
         if key not in self._simulators:
             given = self.problem
             self._simulators[key] = Simulator(problem.body, problem.config, given.grip, given.clamps, given.loads)
-        inputs = [problem.inputs(rollout.inputs) for rollout in batch]
-        with torch.no_grad():
-            states = roll_out_together(self._simulators[key], inputs, max(rollout.frames for rollout in batch))
-        return [problem.states(x, F) for x, F in zip(states.x, states.F, strict=True)]
+        return problem, self._simulators[key]
 
     def _observed(
         self, rollout: _Rollout, x: Tensor, F: Tensor, frames: int, shift: Float[Tensor, " 3"] | None = None

@@ -9,7 +9,6 @@ from physreal_core.fitting.model import Model
 from physreal_core.fitting.rollouts import Rollouts
 from physreal_core.fitting.transfer import register, transfer_model
 from physreal_core.gap.interactions.experiment import Experiment
-from physreal_core.gap.noise.model import ModelError
 from physreal_core.gap.settings import GapSettings
 from pipeline.config.find_gap import FindGap
 from pipeline.stage import StageContext
@@ -34,7 +33,7 @@ def interactions(context: StageContext, model: Model) -> list[Experiment]:
 
 def settings_of(params: FindGap, seed: int) -> GapSettings:
     """The search's settings: the calibrated ones but for what params.yaml gives."""
-    return GapSettings(seed=seed, model_error=ModelError(rms=params.model_error), **params.search())
+    return GapSettings(seed=seed, **params.search())
 
 
 def teller(context: StageContext) -> Callable[[str], None]:

@@ -1,8 +1,8 @@
 """Numbers of the search that stand for honesty, from captures of known truth that are in no benchmark.
 
-Where nothing is hidden, the test of disagreement must not see more than noise and model error: by how much it does says by how
-much the model error is too small. And gains in evidence become probabilities by the temperature, and by what may be lost on held-out
-frames, under which the true answers are the most probable.
+Where nothing is hidden, what the baseline leaves is the model's own error; its sizes in many captures are the prior of the next one.
+And gains in evidence become probabilities by the temperature, and by what may be lost on held-out frames, under which the true
+answers are the most probable.
 """
 
 from collections.abc import Iterable, Sequence
@@ -50,11 +50,9 @@ def calibrate(count: int, seed: int, run: Run) -> str:
     found = {case: record["report"] for case, record in records.items() if record is not None}
     if not any(case.kind == "none" for case in found):
         return "no capture without an effect has an answer yet"
-    excess = [
-        report["test"]["statistic"] / report["test"]["degrees"] for case, report in found.items() if not case.truth
-    ]
+    left = [report["test"]["left"] for case, report in found.items() if case.kind == "none"]
     searched = [searched_of(case, report) for case, report in found.items()]
-    return _told(excess, searched)
+    return _told(left, searched)
 
 
 def searched_of(case: GapCase, report: dict[str, Any]) -> Searched:
@@ -88,14 +86,14 @@ def best_temperature(searched: Sequence[Searched], library: int) -> tuple[float,
     return temperature, loss, least
 
 
-def _told(excess: Sequence[float], searched: Sequence[Searched]) -> str:
+def _told(left: Sequence[float], searched: Sequence[Searched]) -> str:
     own = GapSettings()
     temperature, loss, least = best_temperature(searched, len(EFFECTS))
-    factor = float(np.sqrt(np.median(excess)))
+    sizes = np.log(np.array(left) / own.model_error.rms)
     missed = sum(s.true is None for s in searched)
-    return f"""{len(excess)} captures without an effect, {len(searched) - len(excess)} with one
-test of disagreement over its expectation: median {np.median(excess):.2f}, 90 % below {np.quantile(excess, 0.9):.2f};
-as if the model's error were {factor:.2f} times as large: model_error.rms {own.model_error.rms:g} -> {own.model_error.rms * factor:.2g}
+    return f"""{len(left)} captures without an effect, {len(searched) - len(left)} with one
+error that the baseline leaves, times model_error: median {np.exp(np.median(sizes)):.2f}, spread of its logarithm {sizes.std():.2f};
+error_prior has {own.error_prior.median:g} and {own.error_prior.spread:g}
 truth not among the fitted answers: {missed} of {len(searched)}
 least surprise {least:.2f} nat at temperature {temperature:g}, held_out_loss {loss:g};
 now {surprise(searched, own, len(EFFECTS)):.2f} at {own.temperature:g}, {own.held_out_loss:g}"""

@@ -19,6 +19,7 @@ from benchmarks.gap.settings import load_settings
 from physreal_core.effects import EFFECTS, Effect
 from physreal_core.errors import InputError
 from physreal_core.gap.adding import EffectFits
+from physreal_core.gap.fits.evidence import Evidences
 from physreal_core.gap.fits.least_squares import Fit, fit, together
 from physreal_core.gap.fits.unknowns import Unknowns
 from physreal_core.gap.interactions.interaction import EffectValues
@@ -58,28 +59,26 @@ def _known(effect: Effect, values: dict[str, float]) -> dict[str, float]:
 
 
 def told(fits: EffectFits, truth: EffectValues, candidates: Sequence[dict[str, Any]]) -> str:
-    """Lines of text: gain in log evidence, what is left beyond noise and what is gained in held-out frames [nat], of the truth and of
-    the search's answers."""
-    found = from_truth(fits, truth)
-    gain, left = found.log_evidence - fits.baseline.log_evidence, fits.measurements.excess(found)
-    held = _held_out_energy(fits, fits.baseline) - _held_out_energy(fits, found)
-    lines = [f"{'from the true numbers':34} gain {gain:8.1f}  left {left:8.1f}  held {held:8.1f}"]
+    """Lines of text, of the truth and of the search's answers: gain in log evidence [nat], size of the error that is left, and gain on
+    held-out frames [nat]."""
+    found, evidences = from_truth(fits, truth), Evidences(fits.measurements, fits.settings)
+    gain, left = evidences.gain(found, fits.baseline), evidences.of(found).size * fits.settings.model_error.rms
+    held = _held_out(fits, evidences, found) - _held_out(fits, evidences, fits.baseline)
+    lines = [f"{'from the true numbers':34} gain {gain:8.1f}  left {1000 * left:6.2f} mm  held {held:8.1f}"]
     for name, values in found.unknowns.values(found.vector).items():
         lines += [f"    {name} {c}: {x:.4g} (true {truth[name].get(c, float('nan')):.4g})" for c, x in values.items()]
     for answer in (candidate for candidate in candidates if candidate["gain"] is not None):
         label = "+".join(effect["name"] for effect in answer["effects"]) or "none"
         lines.append(
-            f"{label:34} gain {answer['gain']:8.1f}  left {answer['excess']:8.1f}  held {answer['held_out']:8.1f}"
+            f"{label:34} gain {answer['gain']:8.1f}  left {1000 * answer['left']:6.2f} mm  held {answer['held_out']:8.1f}"
             f"  p {answer['probability']:.3f}"
         )
     return "\n".join(lines)
 
 
-def _held_out_energy(fits: EffectFits, found: Fit) -> float:
+def _held_out(fits: EffectFits, evidences: Evidences, found: Fit) -> float:
     trial = found.unknowns.trial(found.vector)
-    return fits.measurements.held_out_energy(
-        [experiment.predict([trial])[0] for experiment in fits.measurements.experiments]
-    )
+    return evidences.held_out(found, [experiment.predict([trial])[0] for experiment in fits.measurements.experiments])
 
 
 def main(folder: Path, name: str) -> None:

@@ -11,6 +11,7 @@ from physreal_core.gap.answers.answer import fitted_effects
 from physreal_core.gap.answers.disagreement import disagreements, held_out_gap
 from physreal_core.gap.fits.baseline import Progress, fit_baseline
 from physreal_core.gap.fits.candidate_fits import CandidateFits
+from physreal_core.gap.fits.evidence import Evidences
 from physreal_core.gap.fits.least_squares import Fit
 from physreal_core.gap.fits.plans import share_a_term
 from physreal_core.gap.fits.screening import Score
@@ -125,7 +126,9 @@ class EffectFits:
     def candidate(self, names: Sequence[str]) -> Candidate:
         """The record of the best fit with these effects."""
         found = self.with_effects(names)
-        effects = fitted_effects(found, found.log_evidence - self.baseline.log_evidence, self.settings)
+        effects = fitted_effects(
+            found, Evidences(self.measurements, self.settings).of(found), self.settings.temperature
+        )
         return Candidate(effects, None, fields=found.unknowns.baseline_fields(found.vector))
 
 

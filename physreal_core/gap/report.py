@@ -38,7 +38,7 @@ class Candidate:
         held_out: gain in log likelihood on the held-out frames [nat].
         probability: among all answers that were fitted.
         fields: the baseline's fields, as of `Model.fields`, refitted beside the effects.
-        excess: disagreement beyond noise and numerical error that is left on the training frames [nat].
+        left: size of the smooth error that it leaves on the training frames [m], as of `ModelError.rms`.
         telling: per interaction, the share of what the effects do in the others that a fit to it alone would predict.
     """
 
@@ -48,7 +48,7 @@ class Candidate:
     held_out: float | None = None
     probability: float = 0.0
     fields: dict[str, Tensor] = field(default_factory=dict, repr=False)
-    excess: float | None = None
+    left: float | None = None
     telling: tuple[float, ...] = ()
 
     @property

@@ -12,10 +12,11 @@ from physreal_core.effects import EFFECTS, fits
 from physreal_core.errors import InputError
 from physreal_core.gap.answers.answer import Answer, answer_of, candidates_of
 from physreal_core.gap.answers.disagreement import disagreements
-from physreal_core.gap.answers.probabilities import probabilities, temperature_of
+from physreal_core.gap.answers.probabilities import probabilities
 from physreal_core.gap.answers.verdict import verdict_of
 from physreal_core.gap.fits.baseline import Progress, fit_baseline, unknown_scalars
 from physreal_core.gap.fits.candidate_fits import CandidateFits
+from physreal_core.gap.fits.evidence import Evidences
 from physreal_core.gap.fits.least_squares import Fit
 from physreal_core.gap.fits.plans import compatible
 from physreal_core.gap.fits.screening import Score
@@ -30,8 +31,9 @@ from physreal_core.gap.report import Candidate, FittedEffect, GapReport, Propose
 from physreal_core.gap.settings import GapSettings
 from physreal_core.gap.where.locate import locate
 
-SIGNIFICANT = 1e-3
-"""p-value of the global test below which there is a disagreement beyond noise and numerical error."""
+SIGNIFICANT = 0.02
+"""Share of controls that leave a larger error than the baseline, below which there is a disagreement beyond noise and
+numerical error."""
 
 
 def find_gap(
@@ -106,22 +108,24 @@ class Search:
         candidate_fits = CandidateFits.beside(baseline, measurements.train, names, self.settings)
         gains = candidate_fits.screens[0].null_gains(self.settings.seed)
         threshold = float(np.quantile(gains, 1.0 - self.settings.false_alarms))
-        return Strategy(measurements, candidate_fits, threshold, self.settings, self.progress)
+        evidences = Evidences(measurements, self.settings)
+        return Strategy(measurements, candidate_fits, evidences, threshold, self.settings, self.progress)
 
     def result(self, strategy: Strategy) -> SearchResult:
         """Predict all frames under every fit of a strategy that has run, and compare."""
         found, measurements = [strategy.baseline, *strategy.found.values()], strategy.measurements
         predicted = self._predicted(found)
-        energies = [measurements.held_out_energy(own) for own in predicted]
+        promised = [strategy.evidences.held_out(fit, own) for fit, own in zip(found, predicted, strict=True)]
         answers = [
             answer_of(
                 fit,
                 strategy.predicted_gains.get(fit.unknowns.effects),
-                energies[0] - energy,
+                density - promised[0],
                 strategy.baseline,
-                measurements,
+                strategy.evidences,
+                measurements.train,
             )
-            for fit, energy in zip(found, energies, strict=True)
+            for fit, density in zip(found, promised, strict=True)
         ]
         return SearchResult(self, strategy, predicted[0], answers)
 
@@ -167,8 +171,7 @@ class SearchResult:
         chances = self._probabilities()
         candidates = candidates_of(self.answers, chances, settings) + self._not_fitted()
         explained = self._explained(self.answers[int(np.argmax(chances))].fit)
-        test = self.measurements.test(self.baseline)
-        test |= {"threshold": self.strategy.threshold, "explained": explained}
+        test = self._test() | {"threshold": self.strategy.threshold, "explained": explained}
         significant = test["p_value"] < SIGNIFICANT
         verdict = verdict_of(candidates, self.strategy.threshold, significant, explained, settings)
         lead = self._lead() if verdict.kind == "unknown" else None
@@ -199,18 +202,13 @@ class SearchResult:
         """
         if len(members) < 2:
             return ()
-        fits = {answer.names: answer.fit for answer in self.answers}
+        found = {answer.names: answer for answer in self.answers}
         chances = dict(zip((answer.names for answer in self.answers), self._probabilities(), strict=True))
         settings = self.search.settings
-        gained = max(answer.gain for answer in self.answers)
-
-        def temperature(further: float) -> float:
-            return temperature_of(gained + further, settings)
-
-        asked = members_of([fits[names] for names in members], [chances[names] for names in members], temperature(0.0))
-        baseline = self.baseline.unknowns.trial(self.baseline.vector)
-        experiments, error = self.search.experiments, settings.model_error
-        return next_motions(experiments, asked, baseline, error, temperature, self.search.progress)
+        shares = [chances[names] for names in members]
+        asked = members_of([found[names].fit for names in members], shares, settings.temperature)
+        error = settings.model_error.times(found[asked[0].names].evidence.size)
+        return next_motions(self.search.experiments, asked, error, settings.temperature, self.search.progress)
 
     def _probabilities(self) -> Float[Array, " answers"]:
         """Of all answers."""
@@ -242,10 +240,17 @@ class SearchResult:
         rest = [scores[0] for scores in self.strategy.ranked if (scores[0].start.effect,) not in fitted]
         return tuple(Candidate((_unfitted(score),), score.gain) for score in rest)
 
+    def _test(self) -> dict[str, float]:
+        """Whether the baseline leaves a larger error than a correct model would."""
+        prior, evidence = self.search.settings.error_prior, self.strategy.evidences.of(self.baseline)
+        left = evidence.size * self.search.settings.model_error.rms
+        return {"left": left, "p_value": prior.p_value(evidence.size)}
+
     def _explained(self, found: Fit) -> float:
-        """Share of the disagreement beyond noise and numerical error that a fit explains."""
-        before, after = self.measurements.excess(self.baseline), self.measurements.excess(found)
-        return 1.0 if before <= 0 else float(np.clip((before - after) / before, 0.0, 1.0))
+        """Share of the baseline's squared error beyond that of a usual correct model that a fit explains."""
+        usual, evidences = self.search.settings.error_prior.median, self.strategy.evidences
+        before, after = (max(evidences.of(fit).size ** 2 - usual**2, 0.0) for fit in (self.baseline, found))
+        return 1.0 if before == 0.0 else float(np.clip((before - after) / before, 0.0, 1.0))
 
 
 def _unfitted(score: Score) -> FittedEffect:

@@ -3,6 +3,7 @@
 from dataclasses import dataclass, field
 
 from physreal_core.gap.fits.unknowns import Priors
+from physreal_core.gap.noise.discrepancy import ErrorPrior
 from physreal_core.gap.noise.model import ModelError
 
 
@@ -32,16 +33,12 @@ class GapSettings:
             compliant grip, which does the same, is no candidate.
         scan: factors on the moduli of a guessed model, among which its fit looks for a start; (1.0,) for a fitted
             model.
-        model_error: size and smoothness of the simulator's own error.
+        model_error: smoothness of the simulator's own error, and its usual size.
+        error_prior: of its size in a capture, as a factor on that.
         priors: standard deviations of the priors.
         prior_none: prior probability that nothing is missing.
         prior_pair: prior probability of two effects, given that something is missing.
-        temperature: least temperature. Gains are divided by the temperature before they become probabilities.
-        interval_temperature: temperature of the likelihood behind the intervals, as a factor on the gains' temperature.
-        misfit: the temperature is at least this share of the best gain. The simulated response to a correct effect is
-            some per cent off, and a wrong effect can gain as much by imitating that error.
-        remainder: share of its gain that a correct effect may leave unexplained. If the best effect leaves more, a
-            second one is tried. The temperature of what a second effect gains is at least this share of the best gain.
+        temperature: gains are divided by it before they become probabilities, and so is the likelihood behind intervals.
         confirmed: share of a second effect's gain that held-out frames must confirm for all of it to count.
         held_out_share: share of a gain on held-out frames that counts. It counts up to the gain on training frames at
             most.
@@ -68,13 +65,11 @@ class GapSettings:
     grip_fitted: bool = False
     scan: tuple[float, ...] = (1.0,)
     model_error: ModelError = field(default_factory=ModelError)
+    error_prior: ErrorPrior = field(default_factory=ErrorPrior)
     priors: Priors = field(default_factory=Priors)
     prior_none: float = 0.5
     prior_pair: float = 0.1
-    temperature: float = 9.0
-    interval_temperature: float = 1.0
-    misfit: float = 0.1
-    remainder: float = 0.01
+    temperature: float = 3.0
     confirmed: float = 0.1
     held_out_share: float = 0.5
     held_out_loss: float = 0.5

@@ -28,25 +28,9 @@ class FindGap(StageParameters):
         True,
         description="the grip's stiffness stays an unknown, as Stage 1 fitted it; false: it is known, and grip_compliance a candidate",
     )
-    model_error: float = Field(
-        0.0012,
-        gt=0,
-        description="smooth error of the model, of a body whose pose a video gave and whose hold is guessed [m]; 0.0004 where both are known",
-    )
-    remainder: float = Field(
-        0.03,
-        ge=0,
-        lt=1,
-        description="share of its gain that a right effect may leave, of such a body, before a second one is looked for; 0.01 of a known one",
-    )
-    interval_temperature: float = Field(
-        3.0,
-        gt=0,
-        description="times that of the gains, by which the likelihood behind the intervals is divided, of such a body; 1 of a known one",
-    )
     device: Device = device_field()
 
     def search(self) -> dict:
-        """What is given of the search's settings, by their names in `GapSettings`, but for the model's error."""
-        given = self.model_dump(exclude={"candidates", "device", "model_error"}, exclude_none=True)
+        """What is given of the search's settings, by their names in `GapSettings`."""
+        given = self.model_dump(exclude={"candidates", "device"}, exclude_none=True)
         return {"candidates": tuple(self.candidates), **given}

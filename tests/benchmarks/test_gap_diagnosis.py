@@ -29,13 +29,13 @@ def test_the_true_numbers_gain_what_the_searchs_own_fit_does(fits):
 
 def test_what_was_found_stands_beside_it(fits):
     candidates = [
-        {"effects": [{"name": "drift"}], "gain": 3.25, "excess": 7.0, "held_out": -1.5, "probability": 0.125},
-        {"effects": [{"name": "sink"}], "gain": None, "excess": None, "probability": None},
+        {"effects": [{"name": "drift"}], "gain": 3.25, "left": 7e-4, "held_out": -1.5, "probability": 0.125},
+        {"effects": [{"name": "sink"}], "gain": None, "left": None, "probability": None},
     ]
     lines = told(fits, TRUTH, candidates).splitlines()
     assert lines[0].startswith("from the true numbers") and "(true 0.6)" in lines[1]
     assert float(lines[0].split()[-1]) > 0.0, "nothing is gained in held-out frames"
-    assert lines[-1].split() == ["drift", "gain", "3.2", "left", "7.0", "held", "-1.5", "p", "0.125"]
+    assert lines[-1].split() == ["drift", "gain", "3.2", "left", "0.70", "mm", "held", "-1.5", "p", "0.125"]
 
 
 def test_a_case_that_was_not_run_is_refused(tmp_path):

@@ -2,7 +2,9 @@
 
 import numpy as np
 import pytest
+from scipy.stats import multivariate_normal
 
+from physreal_core.gap.noise.discrepancy import Discrepancy
 from physreal_core.gap.noise.model import ModelError, Noise
 
 FRAMES, TRACKS, SIGMA = 12, 9, 1e-3
@@ -19,19 +21,20 @@ def scene(seed: int = 0):
     return points0, motion, valid, modes, carried
 
 
-def noise(error: ModelError | None = None) -> Noise:
+def noise(error: ModelError | None = None, correlation: float = 0.0) -> Noise:
     points0, motion, valid, modes, carried = scene()
     sigma = np.full(valid.shape, SIGMA)
-    return Noise(sigma, valid, points0, motion, modes, carried, 30.0, error or ModelError(rms=1e-3))
+    return Noise(sigma, valid, points0, motion, modes, carried, 30.0, error or ModelError(rms=1e-3), "cpu", correlation)
 
 
-def samples(count: int) -> np.ndarray:
+def samples(count: int, correlation: float = 0.0) -> np.ndarray:
     """Residuals of a right model: sensor noise now and in frame 0, and the reruns' differences at random amplitudes."""
     random = np.random.default_rng(1)
     *_, modes, _ = scene()
     now = SIGMA * random.standard_normal((count, FRAMES, TRACKS, 3))
-    first = SIGMA * random.standard_normal((count, 1, TRACKS, 3))
-    return now - first + np.einsum("sm,mtjk->stjk", random.standard_normal((count, len(modes))), modes)
+    for frame in range(1, FRAMES):
+        now[:, frame] = correlation * now[:, frame - 1] + np.sqrt(1 - correlation**2) * now[:, frame]
+    return now - now[:, :1] + np.einsum("sm,mtjk->stjk", random.standard_normal((count, len(modes))), modes)
 
 
 def test_whitened_samples_are_independent_and_of_size_one():
@@ -43,12 +46,59 @@ def test_whitened_samples_are_independent_and_of_size_one():
     assert np.abs(off).max() < 0.12
 
 
-def test_global_test_is_calibrated_and_sees_a_gap():
-    model = noise(ModelError(rms=1e-9, relative=0.0))
-    p = np.array([model.global_test(sample, 0)["p_value"] for sample in samples(400)])
-    assert 0.02 < (p < 0.05).mean() < 0.09
-    gap = samples(1)[0] + 8e-3 * np.linspace(0, 1, FRAMES)[:, None, None] * np.array([0.0, 0.0, 1.0])
-    assert noise(ModelError(rms=5e-4)).global_test(gap, 0)["p_value"] < 1e-6
+@pytest.mark.parametrize("correlation", [0.3, 0.8])
+def test_noise_that_hangs_on_from_frame_to_frame_is_whitened_too(correlation):
+    """Frame 0 takes part: the body carries its error along, and the next frames' noise hangs on it."""
+    model = noise(ModelError(rms=1e-9, relative=0.0), correlation)
+    whitened = model.whiten(samples(4000, correlation))
+    covariance = whitened @ whitened.T / whitened.shape[1]
+    off = covariance - np.diag(np.diag(covariance))
+    assert np.diag(covariance) == pytest.approx(1.0, abs=0.12)
+    assert np.abs(off).max() < 0.12
+
+
+def test_the_true_correlation_is_the_likeliest():
+    known = samples(30, 0.6)
+    tried = np.linspace(0.0, 0.9, 10)
+    models = [noise(ModelError(rms=1e-9, relative=0.0), c) for c in tried]
+    logs = [sum(model.log_density(sample) for sample in known) for model in models]
+    assert tried[int(np.argmax(logs))] == pytest.approx(0.6)
+
+
+def test_a_density_integrates_the_model_error():
+    """Against scipy's for the covariance as one matrix."""
+    model = noise(ModelError(rms=1e-3), 0.5)
+    sensor = model.sensor
+    columns = np.concatenate([model.known_columns(), model.field_columns(ModelError(rms=1e-3))], axis=1)
+    inside = sensor.metres(np.concatenate([columns, np.eye(len(columns))], axis=1))
+    sample = samples(1, 0.5)[0]
+    whole = multivariate_normal(cov=inside @ inside.T).logpdf(model.rows(sample[None])[:, 0])
+    constant = -0.5 * len(columns) * np.log(2 * np.pi)
+    assert model.log_density(sample) + constant == pytest.approx(whole, rel=1e-4)
+
+
+def test_weights_and_whitening_can_be_undone():
+    model = noise(ModelError(rms=1e-3), 0.5)
+    rows = model.rows(samples(3))
+    np.testing.assert_allclose(model.sensor.metres(model.sensor.weighted(rows)), rows, atol=1e-15)
+    whitened = model.whiten(samples(3))
+    np.testing.assert_allclose(model.weighted(whitened), model.sensor.weighted(rows), atol=2e-3)
+
+
+@pytest.mark.parametrize("size", [0.5, 3.0])
+def test_products_beside_an_error_of_any_size_are_those_of_its_covariance(size):
+    error = ModelError(rms=1e-3)
+    model = noise(error, 0.4)
+    found = Discrepancy(model, error)
+    field = size * model.field_columns(error)
+    covariance = np.eye(len(field)) + field @ field.T + model.known_columns() @ model.known_columns().T
+    given = model.sensor.weighted(model.rows(samples(2)))
+    (products,) = found.products(model.whiten(samples(2)), np.array([size]))
+    np.testing.assert_allclose(products, given.T @ np.linalg.solve(covariance, given), rtol=2e-3)
+    nothing, own = found.log_sizes(np.array([1e-9, size]))
+    plain = np.eye(len(field)) + model.known_columns() @ model.known_columns().T
+    expected = 0.5 * (np.linalg.slogdet(covariance)[1] - np.linalg.slogdet(plain)[1])
+    assert own - nothing == pytest.approx(expected, rel=1e-3)
 
 
 def test_what_the_numerics_can_move_is_little_evidence():

@@ -8,6 +8,7 @@ import torch
 
 from physreal_core.effects import EFFECTS
 from physreal_core.gap import Experiment, Trial
+from physreal_core.gap.noise.given import USUAL, changed_by_records
 from tests.fitting import scene
 from tests.gap.trials import plain_values
 
@@ -68,3 +69,17 @@ def test_another_frame_rate_is_what_a_camera_with_it_sees(excess, hand_seen):
     assert unaware > 1.2e-3
     # not exactly: the bar sticks and slides, which cubics between the frames smooth
     assert np.abs(predicted(own, excess=excess) - truth).max() < 5e-4
+
+
+def test_a_hand_with_a_clock_of_its_own_may_be_a_little_late():
+    own = experiment()
+    trial = Trial(own.model.fields)
+    here = own.predict([trial], OBSERVED)[0]
+    (change,) = changed_by_records(own, trial, here)
+    late = own.predict([Trial(own.model.fields, {"grip_lag": {"lag": USUAL["grip_lag"]["lag"]}})], OBSERVED)[0]
+    np.testing.assert_array_equal(change, late - here)
+    assert np.abs(change).max() > 1e-4
+    seen = experiment(hand_seen=True)
+    assert len(changed_by_records(seen, trial, here)) == 0  # by the camera itself
+    known = Trial(own.model.fields, {"grip_lag": {"lag": 0.01}})
+    assert len(changed_by_records(own, known, here)) == 0  # fitted already

@@ -43,7 +43,7 @@ def test_where_the_best_leaves_much_all_are_fitted_and_then_two():
     found = search(BOTH)
     assert names(found)[0] == () and {*names(found)} == {(), ("drift",), ("sink",), ("sink", "drift")}
     gains = {answer.names: answer.gain for answer in found.answers}
-    assert gains["sink", "drift"] > max(gains["sink",], gains["drift",]) + 20.0
+    assert gains["sink", "drift"] > max(gains["sink",], gains["drift",]) + 10.0
 
 
 @pytest.mark.parametrize(("temperature", "class_ratio", "two"), [(1.0, 1.0, True), (9.0, 1.0, False), (9.0, 0.1, True)])
@@ -55,7 +55,8 @@ def test_two_are_fitted_where_they_may_be_in_the_class_though_the_best_leaves_no
     wide = replace(SETTINGS, model_error=error, temperature=temperature, class_ratio=class_ratio)
     found = search(BOTH, wide)
     (best, *_) = found.strategy.ordered()
-    assert best.unknowns.effects == ("sink",) and found.measurements.excess(best) < found.strategy.threshold
+    assert best.unknowns.effects == ("sink",)
+    assert found.strategy.evidences.of(best).size < wide.error_prior.usual
     assert (("sink", "drift") in names(found)) is two
 
 

@@ -11,6 +11,7 @@ import numpy as np
 
 from data.rig.hidden.effect import Act, Hidden
 from data.rig.hidden.elements import EnergyForces
+from data.rig.rig_scene import RigScene
 from data.rig.world import World
 from physreal_core.array_types import Array, Float
 
@@ -57,7 +58,7 @@ class StandardLinearSolid(Hidden):
     share: float
     time: float
 
-    def hardening(self) -> float:
+    def hardening(self, scene: RigScene) -> float:
         return 1 + self.share
 
     def prepare(self, world: World) -> Act:
@@ -82,7 +83,7 @@ class HystereticDamping(Hidden):
         shares = np.diff((edges / SLOWEST) ** -exponent)
         return shares, np.sqrt(edges[1:] * edges[:-1])
 
-    def hardening(self) -> float:
+    def hardening(self, scene: RigScene) -> float:
         return 1 + float(self.spectrum()[0].sum())
 
     def prepare(self, world: World) -> Act:

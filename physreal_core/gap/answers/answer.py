@@ -10,9 +10,8 @@ import numpy as np
 from physreal_core.array_types import Array, Float
 from physreal_core.effects import EFFECTS, Effect
 from physreal_core.gap.answers.predictive_share import predictive_shares
-from physreal_core.gap.answers.probabilities import temperature_of
-from physreal_core.gap.fits.least_squares import Fit
-from physreal_core.gap.noise.measurements import Measurements
+from physreal_core.gap.fits.evidence import Evidence, Evidences
+from physreal_core.gap.fits.least_squares import Data, Fit
 from physreal_core.gap.report import Candidate, FittedEffect
 from physreal_core.gap.settings import GapSettings
 
@@ -29,14 +28,15 @@ class Answer:
         screened: gain in log evidence that the score test predicted [nat]; None where it did not rank the answer.
         gain: in log evidence over the baseline [nat].
         held_out: gain in half the squared residual of the held-out frames [nat].
-        excess, telling: as of `Candidate`.
+        evidence: of the fit.
+        telling: as of `Candidate`.
     """
 
     fit: Fit
     screened: float | None
     gain: float
     held_out: float
-    excess: float
+    evidence: Evidence
     telling: tuple[float, ...]
 
     @property
@@ -45,7 +45,9 @@ class Answer:
         return self.fit.unknowns.effects
 
 
-def answer_of(fit: Fit, screened: float | None, held_out: float, baseline: Fit, measurements: Measurements) -> Answer:
+def answer_of(
+    fit: Fit, screened: float | None, held_out: float, baseline: Fit, evidences: Evidences, data: Data
+) -> Answer:
     """An answer from its fit.
 
     Args:
@@ -53,27 +55,25 @@ def answer_of(fit: Fit, screened: float | None, held_out: float, baseline: Fit, 
         screened: as of `Answer`.
         held_out: gain on the held-out frames [nat], not a number where the rollout failed there.
         baseline: the fit without a missing effect.
-        measurements: what both were fitted to.
+        evidences: of both.
+        data: what both were fitted to.
     """
     held_out = held_out if np.isfinite(held_out) else -np.inf
-    gain = fit.log_evidence - baseline.log_evidence
-    shares = predictive_shares(fit, baseline, measurements.train)
-    return Answer(fit, screened, gain, held_out, measurements.excess(fit), shares)
+    shares = predictive_shares(fit, baseline, data)
+    return Answer(fit, screened, evidences.gain(fit, baseline), held_out, evidences.of(fit), shares)
 
 
-def fitted_effects(fit: Fit, best_gain: float, settings: GapSettings) -> tuple[FittedEffect, ...]:
+def fitted_effects(fit: Fit, evidence: Evidence, temperature: float) -> tuple[FittedEffect, ...]:
     """Coefficients of a fit with 90 % intervals from the curvature of its posterior.
-
-    The likelihood is tempered as the gains are, times `interval_temperature`.
 
     Args:
         fit: of an answer.
-        best_gain: largest gain of any answer [nat]; it sets the temperature.
-        settings: of the search.
+        evidence: of the fit.
+        temperature: of the likelihood.
     """
-    J, temperature = fit.jacobian, settings.interval_temperature * temperature_of(best_gain, settings)
-    covariance = np.linalg.inv(J.T @ J / temperature + fit.unknowns.block.precision)
-    deviations = fit.unknowns.deviations(covariance)
+    prior = fit.unknowns.block.precision
+    information = np.linalg.inv(evidence.covariance) - prior
+    deviations = fit.unknowns.deviations(np.linalg.inv(information / temperature + prior))
     return tuple(
         _fitted(EFFECTS[name], values, deviations[name]) for name, values in fit.unknowns.values(fit.vector).items()
     )
@@ -91,16 +91,15 @@ def candidates_of(
     answers: Sequence[Answer], probabilities: Float[Array, " answers"], settings: GapSettings
 ) -> tuple[Candidate, ...]:
     """Records of the answers, the most probable first."""
-    best = max(answer.gain for answer in answers)
     found = [
         Candidate(
-            fitted_effects(a.fit, best, settings),
+            fitted_effects(a.fit, a.evidence, settings.temperature),
             a.screened,
             a.gain,
             a.held_out,
             float(p),
             a.fit.unknowns.baseline_fields(a.fit.vector),
-            a.excess,
+            a.evidence.size * settings.model_error.rms,
             a.telling,
         )
         for a, p in zip(answers, probabilities, strict=True)

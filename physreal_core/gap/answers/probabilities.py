@@ -1,7 +1,7 @@
-"""Probabilities of answers from their gains in evidence.
+"""Probabilities of answers from their gains in evidence (`fits.evidence`).
 
-Gains are divided by a temperature before they become probabilities. The simulator's own error is not independent from
-entry to entry, and it grows with what there is to explain, so plain likelihood ratios would be far too sure.
+Gains are divided by a temperature before they become probabilities: the simulator's own error is not quite the Gaussian field
+that stands for it, so plain ratios would be too sure.
 """
 
 from __future__ import annotations
@@ -73,20 +73,13 @@ def tempered(
 ) -> Float[Array, " answers"]:
     """Probabilities of answers with these gains.
 
-    What the best two effects gain beyond the best single one has a temperature of its own: the simulator's error in one
-    effect is in both answers, so it cancels in the difference.
-
     Args:
         gains: that count [nat].
         sizes: number of effects of each answer.
         settings: of the search.
         library: number of candidate effects.
     """
-    effects = np.asarray(sizes)
-    best = float(gains.max())
-    beyond = np.where(effects == 2, best - gains[effects < 2].max(), 0.0).clip(0.0)
-    weights = np.log(_priors(settings, library))[effects]
-    weights += (gains - beyond) / temperature_of(best, settings) + beyond / second_temperature_of(best, settings)
+    weights = np.log(_priors(settings, library))[np.asarray(sizes)] + gains / settings.temperature
     weights = np.exp(weights - weights.max())
     return weights / weights.sum()
 
@@ -98,17 +91,7 @@ def _priors(settings: GapSettings, library: int) -> tuple[float, float, float]:
     return settings.prior_none, single, pair
 
 
-def worth_of_a_second(gain: float, settings: GapSettings, library: int) -> float:
+def worth_of_a_second(settings: GapSettings, library: int) -> float:
     """Gain that a second effect needs beyond the best one, for the two to be in one class with it [nat]."""
     _, single, pair = _priors(settings, library)
-    return second_temperature_of(gain, settings) * max(0.0, float(np.log(settings.class_ratio * single / pair)))
-
-
-def temperature_of(best_gain: float, settings: GapSettings) -> float:
-    """Temperature of the gains where the best answer gains this much [nat]; see `GapSettings.misfit`."""
-    return max(settings.temperature, settings.misfit * best_gain)
-
-
-def second_temperature_of(best_gain: float, settings: GapSettings) -> float:
-    """Temperature of what a second effect gains beyond the first; see `GapSettings.remainder`."""
-    return max(settings.temperature, settings.remainder * best_gain)
+    return settings.temperature * max(0.0, float(np.log(settings.class_ratio * single / pair)))

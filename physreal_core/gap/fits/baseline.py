@@ -52,6 +52,7 @@ def fit_baseline(
     )["vector"]
     progress("baseline with the numerical error of reruns")
     measurements = Measurements.around(experiments, unknowns.trial(start), settings)
+    measurements = measurements.with_learnt_correlations()
     request = fit(unknowns, measurements.train, start[None], settings.settling)
     (converged,) = together([request], measurements.train)
     if not np.isfinite(converged.energy):

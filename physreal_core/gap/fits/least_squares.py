@@ -74,16 +74,27 @@ class Fit:
 
     @property
     def log_evidence(self) -> float:
-        """Log evidence by Laplace's approximation [nat], up to a constant that all fits to the same data share.
+        """Log evidence by Laplace's approximation [nat], up to a constant that all fits to the same data share."""
+        return laplace(self.unknowns, self.vector, self.energy, self.hessian)[0]
 
-        An amplitude of fixed sign has half a Gaussian as its prior, twice as dense, and its posterior lies on that side
-        alone.
-        """
-        block = self.unknowns.block
-        occam = np.linalg.slogdet(block.precision)[1] - np.linalg.slogdet(self.hessian)[1]
-        distance = np.abs(self.vector - block.mean)[block.one_sided]
-        deviation = np.sqrt(np.diag(self.covariance)[block.one_sided])
-        return -self.energy + 0.5 * float(occam) + one_sided_evidence(distance / deviation)
+
+def laplace(
+    unknowns: Unknowns, vector: Float[Array, " unknowns"], energy: float, hessian: Float[Array, "unknowns unknowns"]
+) -> tuple[float, Float[Array, "unknowns unknowns"]]:
+    """Log evidence by Laplace's approximation [nat] and the covariance of the posterior.
+
+    An amplitude of fixed sign has half a Gaussian as its prior, twice as dense, and its posterior lies on that side alone.
+
+    Args:
+        unknowns, vector: where the energy is least.
+        energy: minus the log posterior density there [nat], up to a constant.
+        hessian: of the energy.
+    """
+    block, covariance = unknowns.block, np.linalg.inv(hessian)
+    occam = np.linalg.slogdet(block.precision)[1] - np.linalg.slogdet(hessian)[1]
+    distance = np.abs(vector - block.mean)[block.one_sided]
+    deviation = np.sqrt(np.diag(covariance)[block.one_sided])
+    return -energy + 0.5 * float(occam) + one_sided_evidence(distance / deviation), covariance
 
 
 def one_sided_evidence(deviations: Float[Array, " amplitudes"]) -> float:

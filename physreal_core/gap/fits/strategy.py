@@ -9,6 +9,7 @@ from physreal_core.effects import EFFECTS
 from physreal_core.gap.answers.probabilities import worth_of_a_second
 from physreal_core.gap.fits.baseline import Progress
 from physreal_core.gap.fits.candidate_fits import CandidateFits
+from physreal_core.gap.fits.evidence import Evidences
 from physreal_core.gap.fits.least_squares import Fit
 from physreal_core.gap.fits.screening import Score
 from physreal_core.gap.noise.measurements import Measurements
@@ -24,6 +25,7 @@ class Strategy:
     Args:
         measurements: what is fitted to.
         candidate_fits: the screens, and the fits beside the baseline.
+        evidences: of the fits.
         threshold: gain that the best candidate reaches by chance in the allowed share of captures without a missing
             effect [nat].
         settings: of the search.
@@ -39,12 +41,13 @@ class Strategy:
         self,
         measurements: Measurements,
         candidate_fits: CandidateFits,
+        evidences: Evidences,
         threshold: float,
         settings: GapSettings,
         progress: Progress,
     ) -> None:
         self.measurements, self.candidate_fits, self.threshold = measurements, candidate_fits, threshold
-        self.settings, self._progress = settings, progress
+        self.evidences, self.settings, self._progress = evidences, settings, progress
         self.baseline = candidate_fits.baseline
         self.found: dict[tuple[str, ...], Fit] = {}
         self.predicted_gains: dict[tuple[str, ...], float] = {}
@@ -74,7 +77,7 @@ class Strategy:
 
     def gain(self, found: Fit) -> float:
         """Gain of a fit in log evidence over the baseline [nat]."""
-        return found.log_evidence - self.baseline.log_evidence
+        return self.evidences.gain(found, self.baseline)
 
     def ordered(self, effects: int = 1) -> list[Fit]:
         """Fits with so many effects, the best first."""
@@ -90,12 +93,9 @@ class Strategy:
         return self.gain(self.found[names]) if names in self.found else 0.0
 
     def _leaves_too_much(self) -> bool:
-        """Whether the best single effect gains something and leaves more than a correct one would."""
+        """Whether the best single effect gains something and leaves more than the simulator's own error usually is."""
         best = self._best(0.0)
-        if best is None:
-            return False
-        allowed = max(self.threshold, self.settings.remainder * self.gain(best))
-        return self.measurements.excess(best) > allowed
+        return best is not None and self.evidences.of(best).size > self.settings.error_prior.usual
 
     def _second_is_promising(self) -> bool:
         """Whether two effects may belong to the class of the best single one, by the score test."""
@@ -104,7 +104,7 @@ class Strategy:
             return False
         self._progress(f"screening beside {best.unknowns.effects[0]}")
         promised = max((scores[0].gain for scores in self._beside(best)), default=0.0)
-        return promised > worth_of_a_second(self.gain(best), self.settings, len(self.candidate_fits.names))
+        return promised > worth_of_a_second(self.settings, len(self.candidate_fits.names))
 
     # --- fits ---------------------------------------------------------------------------------------------------
 

@@ -5,8 +5,7 @@ The members' predictions mu_i are compared under a common covariance
     S = T (N + U U^T) + sum_i p_i J_i C_i J_i^T.
 
 N + U U^T is the noise model of the search (`Noise`): sensor, numerical error, smooth model error. T is the temperature
-by which the search would divide gains with the recording added: it grows with the gain of the best answer over the
-baseline, because a wrong answer can gain as much by imitating the model's error (`GapSettings.misfit`). J_i are the tangents of member i along the motion, by its material and its
+by which the search divides gains. J_i are the tangents of member i along the motion, by its material and its
 coefficients, and C_i the covariance of its posterior. So what a member could imitate by other numbers, a refit of the
 baseline among them, does not count as a difference. The members' own covariances are pooled, as in linear discriminant
 analysis (Fisher 1936), and the tangents by the material are those of the most probable member.
@@ -14,19 +13,16 @@ analysis (Fisher 1936), and the tangents by the material are those of the most p
 
 from __future__ import annotations
 
-from collections.abc import Callable, Sequence
+from collections.abc import Sequence
 
 import numpy as np
 
 from physreal_core.array_types import Array, Float
 from physreal_core.gap.fits.least_squares import tangents
-from physreal_core.gap.interactions.interaction import Interaction, Trial
+from physreal_core.gap.interactions.interaction import Interaction
 from physreal_core.gap.next_motion.members import Member
 from physreal_core.gap.noise.model import ModelError, Noise
 from physreal_core.gap.noise.reruns import RERUNS, rerun_differences
-
-Temperature = Callable[[float], float]
-"""The temperature of the search, by what the best answer will gain over the baseline in a further recording [nat]."""
 
 REPEATED = tuple(rerun for rerun in RERUNS if rerun.name != "a finer grid")
 """Reruns of a planned recording. A finer grid is the dearest, and tells of the same error as a coarser one."""
@@ -38,7 +34,6 @@ class Prediction:
     Args:
         experiment: the planned recording.
         members: the most probable first.
-        baseline: the model without a missing effect.
         error: of the model.
 
     Attributes:
@@ -46,35 +41,28 @@ class Prediction:
         fails: whether a member cannot be simulated to the last frame.
     """
 
-    def __init__(self, experiment: Interaction, members: Sequence[Member], baseline: Trial, error: ModelError) -> None:
+    def __init__(self, experiment: Interaction, members: Sequence[Member], error: ModelError) -> None:
         self.experiment, self.members, self._error = experiment, members, error
         first, self._sensitivity = experiment.predict_with_start_sensitivity(members[0].trial)
-        *others, self._without = experiment.predict([*(member.trial for member in members[1:]), baseline])
-        self.tracks = np.stack([first, *others])
+        self.tracks = np.stack([first, *experiment.predict([member.trial for member in members[1:]])])
         self.fails = not np.isfinite(self.tracks).all()
 
-    def rough_gram(self, temperature: Temperature) -> Float[Array, "members members"]:
+    def rough_gram(self, temperature: float) -> Float[Array, "members members"]:
         """Products of the members' differences from the first, without numerical error and what members could imitate.
 
-        They come without a further rollout. Both leave more of the members' differences than there will be, and more of
-        the gain over the baseline, which raises the temperature.
+        They come without a further rollout. Both leave more of the members' differences than there will be.
         """
         none = np.zeros((0, *self.tracks[0].shape))
         return self._products(self.noise(none), np.zeros((3 * self.experiment.valid.sum(), 0)), temperature)
 
-    def gram(self, temperature: Temperature) -> Float[Array, "members members"]:
+    def gram(self, temperature: float) -> Float[Array, "members members"]:
         """The same under the whole covariance, with one rollout per unknown and per rerun."""
         reruns = rerun_differences(self.experiment, self.members[0].trial, self.tracks[0], REPEATED)
         noise = self.noise(reruns)
         return self._products(noise, self.freedom(noise), temperature)
 
-    def _products(self, noise: Noise, freedom: Array, temperature: Temperature) -> Float[Array, "members members"]:
-        """At the temperature that the search would have with the recording added."""
-        changes, gain = noise.whiten(self.tracks - self.tracks[0]), 0.0
-        without = noise.whiten((self._without - self.tracks[0])[None])
-        if np.isfinite(without).all():
-            gain = 0.5 * float(products_beside(without, freedom, 1.0)[0, 0])
-        return products_beside(changes, freedom, temperature(gain))
+    def _products(self, noise: Noise, freedom: Array, temperature: float) -> Float[Array, "members members"]:
+        return products_beside(noise.whiten(self.tracks - self.tracks[0]), freedom, temperature)
 
     def noise(self, reruns: Float[Array, "modes frames tracks 3"]) -> Noise:
         """The noise model of the recording around the first member, with these estimates of the numerical error [m]."""

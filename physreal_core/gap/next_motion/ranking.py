@@ -11,13 +11,13 @@ import numpy as np
 
 from physreal_core.array_types import Array, Float
 from physreal_core.gap.interactions.experiment import Experiment
-from physreal_core.gap.interactions.interaction import Interaction, Trial
+from physreal_core.gap.interactions.interaction import Interaction
 from physreal_core.gap.next_motion.hold import Hold
 from physreal_core.gap.next_motion.information import entropy, expected_information, separations
 from physreal_core.gap.next_motion.library import HandMotion, motions_for
 from physreal_core.gap.next_motion.members import Member
 from physreal_core.gap.next_motion.planned import planned_experiment
-from physreal_core.gap.next_motion.prediction import Prediction, Temperature
+from physreal_core.gap.next_motion.prediction import Prediction
 from physreal_core.gap.noise.model import ModelError
 from physreal_core.gap.report import ProposedMotion, Separation
 
@@ -61,9 +61,8 @@ class _Scored:
 def next_motions(
     experiments: Sequence[Interaction],
     members: Sequence[Member],
-    baseline: Trial,
     error: ModelError,
-    temperature: Temperature,
+    temperature: float,
     progress: Callable[[str], None] = lambda message: None,
 ) -> tuple[ProposedMotion, ...]:
     """The motions that a person could film next, the most informative first.
@@ -74,7 +73,6 @@ def next_motions(
     Args:
         experiments: interactions with the object so far. A motion has the hold of the first that allows it.
         members: answers that are to be told apart, the most probable first.
-        baseline: the model without a missing effect.
         error: size and smoothness of the model's own error.
         temperature: by which the search divides gains in evidence.
         progress: called with a line of text.
@@ -85,7 +83,7 @@ def next_motions(
     if len(members) < 2:
         return ()
     begun, chances = time.perf_counter(), np.array([member.probability for member in members])
-    waiting = list(_estimated(experiments, members, baseline, error, temperature, chances))
+    waiting = list(_estimated(experiments, members, error, temperature, chances))
     done: list[_Scored] = []
     while waiting and not _settled(done, waiting):
         best = max(waiting, key=lambda scored: scored.worth)
@@ -114,9 +112,8 @@ def _held(motion: ProposedMotion) -> str:
 def _estimated(
     experiments: Sequence[Interaction],
     members: Sequence[Member],
-    baseline: Trial,
     error: ModelError,
-    temperature: Temperature,
+    temperature: float,
     chances: Float[Array, " members"],
 ) -> Iterator[_Scored]:
     """All motions that some hold allows and all members can be simulated along, with first estimates."""
@@ -128,7 +125,7 @@ def _estimated(
                 continue
             known.add(motion.name)
             path = motion.path(hold, experiment.setting.fps)
-            prediction = Prediction(planned_experiment(experiment, path), members, baseline, error)
+            prediction = Prediction(planned_experiment(experiment, path), members, error)
             if not prediction.fails:
                 gram = prediction.rough_gram(temperature)
                 yield _Scored(

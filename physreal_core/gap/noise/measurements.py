@@ -3,18 +3,25 @@
 from __future__ import annotations
 
 from collections.abc import Sequence
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from functools import cached_property
 
 import numpy as np
-from scipy.stats import chi2
+from scipy.optimize import minimize_scalar
 
 from physreal_core.array_types import Array, Float
-from physreal_core.gap.fits.least_squares import Data, Fit
+from physreal_core.gap.fits.least_squares import Data
 from physreal_core.gap.interactions.interaction import Interaction, Trial
+from physreal_core.gap.noise.given import changed_by_records
 from physreal_core.gap.noise.model import Noise
 from physreal_core.gap.noise.reruns import rerun_differences
 from physreal_core.gap.settings import GapSettings
+
+WIDE = 4.0
+"""Factor on the model's error beside which the sensor's correlation is learnt."""
+
+STRONGEST = 0.95
+"""Correlation of the sensor's noise from frame to frame; beyond it, noise could not be told from an error of the start."""
 
 
 @dataclass(frozen=True)
@@ -25,11 +32,13 @@ class Predicted:
         motion: the baseline's tracks [m], shape [T, J, 3].
         reruns: estimates of their numerical error [m], shape [M, T, J, 3].
         start_sensitivity: derivative of the tracks by the points' start along x, y, z, shape [3, T, J, 3].
+        given: what usual errors of the given records would change [m], shape [G, T, J, 3] (see `given`).
     """
 
     motion: Float[Array, "frames tracks 3"]
     reruns: Float[Array, "modes frames tracks 3"]
     start_sensitivity: Float[Array, "3 frames tracks 3"]
+    given: Float[Array, "records frames tracks 3"]
 
 
 @dataclass(frozen=True)
@@ -41,12 +50,14 @@ class Measurements:
         settings: of the search.
         predicted: of each interaction, over the frames that are known.
         train_frames: number of training frames of each interaction that count.
+        correlations: of the sensor's noise from one frame to the next, per interaction.
     """
 
     experiments: Sequence[Interaction]
     settings: GapSettings
     predicted: Sequence[Predicted]
     train_frames: Sequence[int]
+    correlations: Sequence[float]
 
     @classmethod
     def around(
@@ -69,7 +80,26 @@ class Measurements:
         train = [max(2, round(share * experiment.train)) for experiment in experiments]
         known = [e.frames if share == 1.0 else end for e, end in zip(experiments, train, strict=True)]
         predicted = [_predicted(e, trial, end, reruns) for e, end in zip(experiments, known, strict=True)]
-        return cls(list(experiments), settings, predicted, train)
+        return cls(list(experiments), settings, predicted, train, [0.0] * len(experiments))
+
+    def with_learnt_correlations(self) -> Measurements:
+        """The same with the sensor's correlation from what the baseline leaves in the training frames.
+
+        It is the most likely one beside a model error so wide that a missing effect does not pass for the sensor.
+        """
+        wide = replace(self, settings=replace(self.settings, model_error=self.settings.model_error.times(WIDE)))
+        return replace(self, correlations=[wide._likeliest(number) for number in range(len(self.experiments))])
+
+    def _likeliest(self, number: int) -> float:
+        """The most likely correlation of the sensor's noise in one interaction."""
+        end = self.train_frames[number]
+        residual = self.predicted[number].motion[:end] - self.experiments[number].measured[:end]
+
+        def surprise(correlation: float) -> float:
+            known = replace(self, correlations=[correlation] * len(self.experiments))
+            return -known._noise(number, 0, end).log_density(residual)
+
+        return float(minimize_scalar(surprise, bounds=(0.0, STRONGEST), method="bounded", options={"xatol": 0.03}).x)
 
     @cached_property
     def train(self) -> Data:
@@ -105,44 +135,15 @@ class Measurements:
             return None
         fields = (own.motion[:end], own.reruns[:, :end], own.start_sensitivity[:, :end])
         sigma, error = experiment.sigma[:end], self.settings.model_error
-        return Noise(sigma, valid, experiment.points0, *fields, experiment.setting.fps, error, experiment.device)
-
-    def test(self, found: Fit) -> dict[str, float]:
-        """The chi-square test of all interactions together: does a fit leave more than noise and numerical error?"""
-        parts = [
-            noise.global_test(predicted - experiment.measured[: experiment.train], 0)
-            for experiment, noise, predicted in zip(self.experiments, self.train.noises, found.predicted, strict=True)
-        ]
-        statistic = sum(part["statistic"] for part in parts)
-        degrees = max(sum(part["degrees"] for part in parts) - found.unknowns.baseline, 1.0)
-        return {"statistic": statistic, "degrees": degrees, "p_value": float(chi2.sf(statistic, degrees))}
-
-    def excess(self, found: Fit) -> float:
-        """Disagreement beyond noise and numerical error that a fit leaves [nat].
-
-        It is half the chi-square statistic above its degrees of freedom. It is negative where the noise model allows
-        more than is left, and infinite where the rollout failed.
-        """
-        test = self.test(found)
-        left = 0.5 * (test["statistic"] - test["degrees"])
-        return left if np.isfinite(left) else np.inf
-
-    def held_out_energy(self, predictions: Sequence[Float[Array, "frames tracks 3"]]) -> float:
-        """Half the whitened squared residual over the held-out frames of all interactions [nat].
-
-        Args:
-            predictions: tracks over all frames of each interaction [m].
-        """
-        total = 0.0
-        for number, (experiment, predicted) in enumerate(zip(self.experiments, predictions, strict=True)):
-            noise = self.held_out(number)
-            if noise is not None:
-                residual = noise.whiten((predicted - experiment.measured)[None])[:, 0]
-                total += 0.5 * float(residual @ residual)
-        return total
+        known = (self.correlations[number], own.given[:, :end])
+        return Noise(
+            sigma, valid, experiment.points0, *fields, experiment.setting.fps, error, experiment.device, *known
+        )
 
 
 def _predicted(experiment: Interaction, trial: Trial, frames: int, reruns: bool) -> Predicted:
     motion, sensitivity = experiment.predict_with_start_sensitivity(trial, frames)
-    differences = rerun_differences(experiment, trial, motion) if reruns else np.zeros((0, *motion.shape))
-    return Predicted(motion, differences, sensitivity)
+    nothing = np.zeros((0, *motion.shape))
+    differences = rerun_differences(experiment, trial, motion) if reruns else nothing
+    changed = changed_by_records(experiment, trial, motion) if reruns else nothing
+    return Predicted(motion, differences, sensitivity, changed)

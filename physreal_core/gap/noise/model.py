@@ -14,14 +14,14 @@ effect.
 
 from __future__ import annotations
 
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 
 import numpy as np
 import torch
-from scipy.stats import chi2
 
-from physreal_core.array_types import Array, Bool, Float
+from physreal_core.array_types import Array, Bool, Float, Tensor
 from physreal_core.checkpoints import remembered
+from physreal_core.gap.noise.sensor import SensorNoise
 
 
 @dataclass(frozen=True)
@@ -44,12 +44,13 @@ class ModelError:
     time: float = 0.08
     length: float = 0.5
 
+    def times(self, factor: float) -> ModelError:
+        """The same field, as many times as large."""
+        return replace(self, rms=factor * self.rms, relative=factor * self.relative)
+
 
 KEPT = 0.995
 """Share of a kernel's trace that its leading eigenvectors must cover."""
-
-TESTED = 0.3
-"""Variance of a mode, in units of the sensor's, from which on it takes part in the global test."""
 
 
 class Noise:
@@ -65,6 +66,11 @@ class Noise:
         fps: frames per second.
         error: of the model.
         device: where products with the modes run: thousands of entries by hundreds of modes.
+        correlation: of the sensor's noise from one frame to the next.
+        given: what errors of the given records change [m], one standard deviation each, shape [G, T, J, 3]; None: nothing.
+
+    Attributes:
+        sensor: the sensor's part.
     """
 
     def __init__(
@@ -78,65 +84,67 @@ class Noise:
         fps: float,
         error: ModelError,
         device: str = "cpu",
+        correlation: float = 0.0,
+        given: Float[Array, "records frames tracks 3"] | None = None,
     ) -> None:
         self.valid, self.frames = valid, len(valid)
-        self._scale = 1.0 / np.repeat(sigma[valid], 3)
+        self.sensor = SensorNoise(sigma, valid, correlation)
+        given = np.zeros((0, *motion.shape)) if given is None else given
+        self._parts = points0, motion, reruns, start_sensitivity, given, fps, error
+        self._device = device
         found = remembered(
             "noise",
-            lambda: [sigma, valid, motion, reruns, start_sensitivity],
-            {"basis": (len(self._scale), None), "values": (None,)},
-            lambda: self._modes(sigma, points0, motion, reruns, start_sensitivity, fps, error, device),
+            lambda: [sigma, valid, motion, reruns, start_sensitivity, given, correlation],
+            {"basis": (3 * int(valid.sum()), None), "values": (None,)},
+            self._modes,
         )
         self._basis, self._values = torch.from_numpy(found["basis"]).to(device), found["values"]
 
-    def _modes(self, sigma, points0, motion, reruns, start_sensitivity, fps, error, device) -> dict[str, Array]:
+    def _modes(self) -> dict[str, Array]:
         """Principal axes of the weighted columns of U, shape [n, K], and the variances along them, shape [K]."""
-        valid = self.valid
-        parts = [error.reruns * self.rows(reruns), _smooth_field(valid, points0, motion, reruns, fps, error)]
-        columns = np.concatenate([*parts, _start_errors(valid, sigma, self.rows(start_sensitivity))], axis=1)
-        weighted = torch.from_numpy((columns * self._scale[:, None]).astype(np.float32)).to(device)
-        values, vectors = torch.linalg.eigh((weighted.T @ weighted).double())
-        kept = values > 1e-6 * values[-1].clamp_min(1e-30)
-        basis = weighted @ (vectors[:, kept] / values[kept].sqrt()).float()
-        return {"basis": basis.cpu().numpy(), "values": values[kept].cpu().numpy()}
+        columns = np.concatenate([self.known_columns(), self.field_columns(self._parts[-1])], axis=1)
+        basis, values = principal_axes(torch.from_numpy(columns).to(self._device))
+        return {"basis": basis.cpu().numpy(), "values": values.cpu().numpy()}
+
+    def known_columns(self) -> Float[Array, "entries columns"]:
+        """Weighted columns of what has a known size: the start's error, the reruns, errors of given records."""
+        _, _, reruns, start_sensitivity, given, _, error = self._parts
+        parts = [error.reruns * self.rows(reruns), self.rows(given), self.sensor.start_errors(start_sensitivity)]
+        return self.sensor.weighted(np.concatenate(parts, axis=1)).astype(np.float32)
+
+    def field_columns(self, error: ModelError) -> Float[Array, "entries columns"]:
+        """Weighted columns of the smooth field of the model's error."""
+        points0, motion, reruns, _, _, fps, _ = self._parts
+        return self.sensor.weighted(_smooth_field(self.valid, points0, motion, reruns, fps, error)).astype(np.float32)
 
     def rows(self, fields: Float[Array, "columns frames tracks 3"]) -> Float[Array, "entries columns"]:
         """The valid entries of fields over at least these frames, one column per field."""
-        return fields[:, : self.frames][:, self.valid].reshape(len(fields), 3 * int(self.valid.sum())).T
+        return self.sensor.rows(fields)
 
     def whiten(self, fields: Float[Array, "columns frames tracks 3"]) -> Float[Array, "entries columns"]:
         """Fields [m] as columns, in units in which residuals of a correct model are independent with variance one."""
-        weighted = self.rows(fields) * self._scale[:, None]
-        shrink = torch.from_numpy(1.0 - 1.0 / np.sqrt(1.0 + self._values)).to(self._basis)
-        given = torch.from_numpy(weighted).to(self._basis)
-        imitated = self._basis @ (shrink[:, None] * (self._basis.T @ given))
-        return weighted - imitated.double().cpu().numpy()
+        return self._scaled(self.sensor.weighted(self.rows(fields)), 1.0 / np.sqrt(1.0 + self._values))
+
+    def weighted(self, whitened: Float[Array, "entries columns"]) -> Float[Array, "entries columns"]:
+        """Whitened columns in units of the sensor's noise alone."""
+        return self._scaled(whitened, np.sqrt(1.0 + self._values))
+
+    def _scaled(self, columns: Float[Array, "entries columns"], factors: Array) -> Float[Array, "entries columns"]:
+        """Columns with what lies along each principal axis multiplied by a factor."""
+        more = torch.from_numpy(factors - 1.0).to(self._basis)
+        given = torch.from_numpy(columns).to(self._basis)
+        along = self._basis @ (more[:, None] * (self._basis.T @ given))
+        return columns + along.double().cpu().numpy()
+
+    def log_density(self, residual: Float[Array, "frames tracks 3"]) -> float:
+        """Log density of a residual [m] [nat], up to a constant of the number of entries."""
+        left = self.whiten(residual[None])[:, 0]
+        return -0.5 * float(left @ left) - 0.5 * float(np.log1p(self._values).sum()) - self.sensor.log_size
 
     def modes(self) -> Float[Array, "modes entries 3"]:
         """The columns of U in their principal axes [m], one standard deviation long each, at the valid entries."""
-        columns = self._basis.cpu().numpy() * np.sqrt(self._values) / self._scale[:, None]
+        columns = self.sensor.metres(self._basis.cpu().numpy() * np.sqrt(self._values))
         return columns.T.reshape(len(self._values), -1, 3)
-
-    def global_test(self, residual: Float[Array, "frames tracks 3"], freedom: int) -> dict[str, float]:
-        """Test whether the smooth part of a residual is larger than noise and model error allow.
-
-        The projection on a mode has a variance of one plus its eigenvalue. The sum of the squares in those units is
-        chi-square distributed, with one degree of freedom per mode, less those that the baseline has fitted. Modes that
-        the sensor drowns are left out, since they would only dilute the test.
-
-        Args:
-            residual: [m], shape [T, J, 3].
-            freedom: degrees of freedom that have been fitted.
-
-        Returns:
-            `statistic`, `degrees`, `p_value`.
-        """
-        weighted = self.rows(residual[None])[:, 0] * self._scale
-        tested = self._values > TESTED
-        along = self._basis.cpu().numpy()[:, tested].T.astype(np.float64) @ weighted
-        statistic = float((along**2 / (1.0 + self._values[tested])).sum())
-        degrees = max(int(tested.sum()) - freedom, 1)
-        return {"statistic": statistic, "degrees": float(degrees), "p_value": float(chi2.sf(statistic, degrees))}
 
 
 def _smooth_field(valid, points0, motion, reruns, fps: float, error: ModelError) -> Float[Array, "entries columns"]:
@@ -156,15 +164,13 @@ def _smooth_field(valid, points0, motion, reruns, fps: float, error: ModelError)
     return rows.reshape(3 * len(frame), -1)
 
 
-def _start_errors(valid, sigma, sensitivity: Float[Array, "entries 3"]) -> Float[Array, "entries columns"]:
-    """Columns of the sensor's error in frame 0 [m], three a track, as large as it is in the track's median frame."""
-    track = np.repeat(np.nonzero(valid)[1], 3)
-    seen = np.unique(track)
-    typical = np.array([np.median(sigma[valid[:, j], j]) for j in seen])
-    columns = np.zeros((len(track), len(seen), 3), dtype=np.float32)
-    place = np.searchsorted(seen, track)
-    columns[np.arange(len(track)), place] = sensitivity * typical[place][:, None]
-    return columns.reshape(len(track), -1)
+def principal_axes(
+    columns: Float[Tensor, "entries columns"],
+) -> tuple[Float[Tensor, "entries axes"], Float[Tensor, " axes"]]:
+    """Axes of a sum of outer products of columns, and the variances along them."""
+    values, vectors = torch.linalg.eigh((columns.T @ columns).double())
+    kept = values > 1e-6 * values[-1].clamp_min(1e-30)
+    return columns @ (vectors[:, kept] / values[kept].sqrt()).float(), values[kept]
 
 
 def _leading(places: Float[Array, "places axes"], length: float) -> Float[Array, "places modes"]:

@@ -168,9 +168,13 @@ class Experiment:
         effects = [self._placed(trial.effects) for trial in trials]
         needed = [self._rollouts.frames_needed(frames, own) for own in effects]
         longest = max(needed, default=0)
+        inputs = [
+            _displaced(self._rollouts.inputs(trial.fields, own, longest), trial.hand)
+            for trial, own in zip(trials, effects, strict=True)
+        ]
         return [
-            _Rollout(own, self._config_with(own), self._rollouts.inputs(trial.fields, own, longest), count)
-            for trial, own, count in zip(trials, effects, needed, strict=True)
+            _Rollout(own, self._config_with(own), given, count)
+            for own, given, count in zip(effects, inputs, needed, strict=True)
         ]
 
     def _predicted(
@@ -266,6 +270,15 @@ class Experiment:
         points0 = tracks.points0 if shift is None else tracks.points0 + shift
         points = carry_points(tracks.binding, points0.to(x), x0, x, F).cpu()
         return self._rollouts.seen(points, rollout.effects)[:frames].double().numpy()
+
+
+def _displaced(inputs: Inputs, by: Float[Array, "frames 3"] | None) -> Inputs:
+    """The inputs with all controller points displaced [m]; beyond its last frame the displacement stays."""
+    if by is None:
+        return inputs
+    points = inputs.controllers
+    rows = np.minimum(np.arange(len(points)), len(by) - 1)
+    return dataclasses.replace(inputs, controllers=points + torch.from_numpy(by[rows, None]).to(points))
 
 
 def in_parts(rows: Sequence[int], largest: int) -> list[list[int]]:

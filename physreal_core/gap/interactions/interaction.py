@@ -26,14 +26,20 @@ class Trial:
     Args:
         fields: material of the baseline, as of `Model.fields`.
         effects: coefficients of the effects that act beside those of the model.
+        hand: displacement of the hand from its record [m], shape [T, 3]; None: there is none.
     """
 
     fields: dict[str, Tensor]
     effects: EffectValues = field(default_factory=dict)
+    hand: Float[Array, "frames 3"] | None = None
 
     def told(self) -> tuple[Any, ...]:
         """All of it as plain values and arrays, for the name of a checkpoint."""
-        return (*(value for name in sorted(self.fields) for value in (name, self.fields[name])), self.effects)
+        return (
+            *(value for name in sorted(self.fields) for value in (name, self.fields[name])),
+            self.effects,
+            self.hand,
+        )
 
 
 @runtime_checkable

@@ -1,6 +1,7 @@
 """Errors that the records given to a search usually have, and what they change of the tracks.
 
-They are no missing effect: whoever films knows the moment of a frame to some milliseconds only.
+They are no missing effect. Whoever films knows the moment of a frame to some milliseconds only, and a hand's place to some tenths of a
+millimetre; a body that swings answers to either by more than that.
 """
 
 from __future__ import annotations
@@ -11,11 +12,24 @@ from types import MappingProxyType
 import numpy as np
 
 from physreal_core.array_types import Array, Float
-from physreal_core.effects import EFFECTS
 from physreal_core.gap.interactions.interaction import Interaction, Trial
+from physreal_core.gap.interactions.quick import quick_interactions
 
 USUAL: Mapping[str, Mapping[str, float]] = MappingProxyType({"grip_lag": MappingProxyType({"lag": 0.003})})
-"""Effects of the library that every recording has to a small degree, with one standard deviation of it."""
+"""Effects of the library that every recording has to a small degree, with one standard deviation of it. A hand that the camera itself has
+seen has the camera's clock."""
+
+HAND_ERROR = 0.0005
+"""Standard deviation of a hand's recorded place along each axis [m]."""
+
+HAND_LASTS = 0.25
+"""Time over which that error keeps its correlation [s]."""
+
+KEPT = 0.9
+"""Share of its variance that its leading modes must cover."""
+
+COARSENING = 1.5
+"""Factor on the particles' spacing in the rollouts that tell what a displaced hand changes."""
 
 
 def changed_by_records(
@@ -23,18 +37,41 @@ def changed_by_records(
 ) -> Float[Array, "records frames tracks 3"]:
     """Changes of a trial's tracks by one standard deviation of each usual error of the records [m].
 
-    Left out is what the model or the trial knows already, what has nothing to act on, and what cannot be simulated. A hand that
-    the camera itself has seen has the camera's clock.
+    Left out is what the model or the trial knows already, what has nothing to act on, and what cannot be simulated.
 
     Args:
         experiment: the interaction.
         trial: the model.
         predicted: its tracks [m].
     """
-    if experiment.setting.hand_seen:
+    if experiment.setting.grip is None:
         return np.zeros((0, *predicted.shape))
-    known = {record["name"] for record in experiment.model.effects} | set(trial.effects)
-    acting = [name for name in USUAL if name not in known and EFFECTS[name].starts(experiment.setting)]
-    trials = [Trial(trial.fields, {**trial.effects, name: dict(USUAL[name])}) for name in acting]
-    changes = experiment.predict(trials, len(predicted)) - predicted if trials else np.zeros((0, *predicted.shape))
+    changes = np.concatenate([_by_effects(experiment, trial, predicted), _by_the_hand(experiment, trial, predicted)])
     return changes[np.isfinite(changes).all((1, 2, 3))]
+
+
+def _by_effects(experiment: Interaction, trial: Trial, predicted: Array) -> Float[Array, "effects frames tracks 3"]:
+    known = {record["name"] for record in experiment.model.effects} | set(trial.effects)
+    acting = [] if experiment.setting.hand_seen else [name for name in USUAL if name not in known]
+    trials = [Trial(trial.fields, {**trial.effects, name: dict(USUAL[name])}) for name in acting]
+    return experiment.predict(trials, len(predicted)) - predicted if trials else np.zeros((0, *predicted.shape))
+
+
+def _by_the_hand(experiment: Interaction, trial: Trial, predicted: Array) -> Float[Array, "modes frames tracks 3"]:
+    """Of the leading modes of the hand's error along each axis, in quick rollouts: only differences matter."""
+    quick = quick_interactions([experiment], trial, [predicted], COARSENING)
+    own = quick[0] if quick else experiment
+    modes = hand_modes(len(predicted), experiment.setting.fps)
+    displaced = [Trial(trial.fields, trial.effects, mode[:, None] * axis) for mode in modes for axis in np.eye(3)]
+    here, *moved = own.predict([trial, *displaced], len(predicted))
+    return np.stack(moved) - here
+
+
+def hand_modes(frames: int, fps: float) -> Float[Array, "modes frames"]:
+    """Leading modes of the error of a hand's record along one axis [m], less its value in frame 0, from which all is counted."""
+    time = np.arange(frames) / fps
+    values, vectors = np.linalg.eigh(np.exp(-np.abs(time[:, None] - time) / HAND_LASTS))
+    values, vectors = values[::-1], vectors[:, ::-1]
+    count = int(np.searchsorted(np.cumsum(values) / values.sum(), KEPT)) + 1
+    modes = HAND_ERROR * (vectors[:, :count] * np.sqrt(values[:count])).T
+    return modes - modes[:, :1]

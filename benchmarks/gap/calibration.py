@@ -1,8 +1,7 @@
 """Numbers of the search that stand for honesty, from captures of known truth that are in no benchmark.
 
 Where nothing is hidden, what the baseline leaves is the model's own error; its sizes in many captures are the prior of the next one.
-And gains in evidence become probabilities by the temperature, and by what may be lost on held-out frames, under which the true
-answers are the most probable.
+And gains in evidence become probabilities by the temperature under which the true answers are the most probable.
 """
 
 from collections.abc import Iterable, Sequence
@@ -17,10 +16,9 @@ from benchmarks.gap.run import Run, run_cases
 from physreal_core.array_types import Array
 from physreal_core.effects import EFFECTS
 from physreal_core.gap import GapSettings
-from physreal_core.gap.answers.probabilities import tempered, weighed
+from physreal_core.gap.answers.probabilities import probabilities
 
-TEMPERATURES = (1.0, 1.5, 2.0, 3.0, 4.0, 6.0, 8.0, 12.0, 16.0, 24.0)
-LOSSES = (0.0, 0.1, 0.25, 0.5, 1.0)  # of held-out frames
+TEMPERATURES = (1.0, 2.0, 3.0, 6.0, 10.0, 15.0, 20.0, 30.0, 40.0, 60.0, 80.0, 120.0)
 LEAST = 1e-4  # probability that a truth is given at least in the score: one case shall not decide alone
 
 
@@ -71,29 +69,24 @@ def surprise(searched: Iterable[Searched], settings: GapSettings, library: int) 
 
 
 def _chances(answers: Sequence[Gained], settings: GapSettings, library: int) -> Array:
-    gains = np.array([weighed(answer.gain, answer.held_out, settings) for answer in answers])
-    return tempered(gains, [len(answer.names) for answer in answers], settings, library)
+    names, gains, held_out = zip(*((answer.names, answer.gain, answer.held_out) for answer in answers), strict=True)
+    return probabilities(names, gains, held_out, settings, library)
 
 
-def best_temperature(searched: Sequence[Searched], library: int) -> tuple[float, float, float]:
-    """Temperature and allowed held-out loss of least surprise, and that surprise [nat]."""
-    tried = [
-        (surprise(searched, replace(GapSettings(), temperature=t, held_out_loss=loss), library), t, loss)
-        for t in TEMPERATURES
-        for loss in LOSSES
-    ]
-    least, temperature, loss = min(tried)
-    return temperature, loss, least
+def best_temperature(searched: Sequence[Searched], library: int) -> tuple[float, float]:
+    """Temperature of least surprise, and that surprise [nat]."""
+    tried = [(surprise(searched, replace(GapSettings(), temperature=t), library), t) for t in TEMPERATURES]
+    least, temperature = min(tried)
+    return temperature, least
 
 
 def _told(left: Sequence[float], searched: Sequence[Searched]) -> str:
     own = GapSettings()
-    temperature, loss, least = best_temperature(searched, len(EFFECTS))
+    temperature, least = best_temperature(searched, len(EFFECTS))
     sizes = np.log(np.array(left) / own.model_error.rms)
     missed = sum(s.true is None for s in searched)
     return f"""{len(left)} captures without an effect, {len(searched) - len(left)} with one
 error that the baseline leaves, times model_error: median {np.exp(np.median(sizes)):.2f}, spread of its logarithm {sizes.std():.2f};
 error_prior has {own.error_prior.median:g} and {own.error_prior.spread:g}
 truth not among the fitted answers: {missed} of {len(searched)}
-least surprise {least:.2f} nat at temperature {temperature:g}, held_out_loss {loss:g};
-now {surprise(searched, own, len(EFFECTS)):.2f} at {own.temperature:g}, {own.held_out_loss:g}"""
+least surprise {least:.2f} nat at temperature {temperature:g}; now {surprise(searched, own, len(EFFECTS)):.2f} at {own.temperature:g}"""

@@ -31,7 +31,7 @@ from physreal_core.gap.report import Candidate, FittedEffect, GapReport, Propose
 from physreal_core.gap.settings import GapSettings
 from physreal_core.gap.where.locate import locate
 
-SIGNIFICANT = 0.02
+SIGNIFICANT = 0.01
 """Share of controls that leave a larger error than the baseline, below which there is a disagreement beyond noise and
 numerical error."""
 

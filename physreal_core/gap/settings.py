@@ -39,11 +39,6 @@ class GapSettings:
         prior_none: prior probability that nothing is missing.
         prior_pair: prior probability of two effects, given that something is missing.
         temperature: gains are divided by it before they become probabilities, and so is the likelihood behind intervals.
-        confirmed: share of a second effect's gain that held-out frames must confirm for all of it to count.
-        held_out_share: share of a gain on held-out frames that counts. It counts up to the gain on training frames at
-            most.
-        held_out_loss: largest loss on held-out frames that counts, as a share of the gain on training frames. A correct
-            effect with slightly wrong numbers can lose much where it acts hard, as in a contact.
         class_ratio: least probability of a member of the reported class, relative to the best answer.
         class_size: largest number of members of the class.
         false_alarms: allowed share of captures without a missing effect in which one is named.
@@ -69,10 +64,7 @@ class GapSettings:
     priors: Priors = field(default_factory=Priors)
     prior_none: float = 0.5
     prior_pair: float = 0.1
-    temperature: float = 3.0
-    confirmed: float = 0.1
-    held_out_share: float = 0.5
-    held_out_loss: float = 0.5
+    temperature: float = 60.0
     class_ratio: float = 0.1
     class_size: int = 3
     false_alarms: float = 0.05

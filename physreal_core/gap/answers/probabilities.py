@@ -30,30 +30,16 @@ def probabilities(
         settings: of the search.
         library: number of candidate effects.
     """
-    weighed_gains = np.array([weighed(gain, own, settings) for gain, own in zip(gains, held_out, strict=True)])
-    counted = confirmed(names, weighed_gains, held_out, settings)
+    counted = confirmed(names, np.asarray(gains, dtype=np.float64), held_out)
     return tempered(counted, [*map(len, names)], settings, library)
-
-
-def weighed(gain: float, held_out: float, settings: GapSettings) -> float:
-    """A gain in evidence, with a part of what the answer gains or loses on held-out frames [nat].
-
-    A loss there counts against the effect. A gain there counts in part, and up to the gain in evidence at most.
-    Otherwise an effect without evidence of its own could win by one lucky late swing.
-    """
-    promised = max(gain, 0.0)
-    if held_out < 0.0:
-        return gain + max(held_out, -settings.held_out_loss * promised)
-    return gain + settings.held_out_share * min(held_out, promised)
 
 
 def confirmed(
     names: Sequence[tuple[str, ...]],
     gains: Float[Array, " answers"],
     held_out: Sequence[float],
-    settings: GapSettings,
 ) -> Float[Array, " answers"]:
-    """The gains [nat], where those of two effects count as far as held-out frames confirm them.
+    """The gains [nat], where those of two effects count as far as held-out frames confirm them: up to what they gain there.
 
     A superfluous second effect fits what the first one leaves in the training frames, and does nothing beyond them.
     """
@@ -64,7 +50,7 @@ def confirmed(
         if len(own) == 2 and (parts := [alone[name] for name in own if name in alone]):
             better = max(parts, key=gains.__getitem__)
             more = held_out[number] - held_out[better] if held_out[number] > held_out[better] else 0.0
-            found[number] = min(gains[number], gains[better] + more / settings.confirmed)
+            found[number] = min(gains[number], gains[better] + more)
     return found
 
 

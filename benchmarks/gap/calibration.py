@@ -33,10 +33,11 @@ class Gained:
 
 @dataclass(frozen=True)
 class Searched:
-    """The fitted answers of one search, and which of them is true (None: it was not fitted)."""
+    """The fitted answers of one search, which of them is true (None: it was not fitted), and the true names."""
 
     answers: tuple[Gained, ...]
     true: int | None
+    truth: tuple[str, ...] = ()
 
 
 def calibrate(count: int, seed: int, run: Run) -> str:
@@ -58,17 +59,18 @@ def searched_of(case: GapCase, report: dict[str, Any]) -> Searched:
     fitted = [c for c in report["candidates"] if c["gain"] is not None]
     names = [tuple(sorted(effect["name"] for effect in c["effects"])) for c in fitted]
     answers = tuple(Gained(n, c["gain"], c["held_out"]) for n, c in zip(names, fitted, strict=True))
-    return Searched(answers, names.index(case.truth) if case.truth in names else None)
+    return Searched(answers, names.index(case.truth) if case.truth in names else None, case.truth)
 
 
 def surprise(searched: Iterable[Searched], settings: GapSettings, library: int) -> float:
     """Mean of minus the logarithm of the probability that the truth is given [nat], where it was fitted."""
     known = [s for s in searched if s.true is not None]
-    given = [_chances(s.answers, settings, library)[s.true] for s in known]
+    given = [chances(s.answers, settings, library)[s.true] for s in known]
     return float(-np.log(np.maximum(given, LEAST)).mean())
 
 
-def _chances(answers: Sequence[Gained], settings: GapSettings, library: int) -> Array:
+def chances(answers: Sequence[Gained], settings: GapSettings, library: int) -> Array:
+    """Probabilities of the answers."""
     names, gains, held_out = zip(*((answer.names, answer.gain, answer.held_out) for answer in answers), strict=True)
     return probabilities(names, gains, held_out, settings, library)
 

@@ -3,7 +3,7 @@
 import numpy as np
 import pytest
 
-from benchmarks.gap.calibration import Gained, Searched, _chances, best_temperature, searched_of, surprise
+from benchmarks.gap.calibration import Gained, Searched, best_temperature, chances, searched_of, surprise
 from benchmarks.gap.cases import GapCase
 from physreal_core.gap import GapSettings
 
@@ -18,7 +18,7 @@ def test_the_temperature_under_which_truths_are_drawn_is_found(temperature):
     for _ in range(1500):
         gains = random.normal(0.0, 4.0 * temperature, (2, len(NAMES)))
         answers = tuple(Gained(n, g, h) for n, g, h in zip(NAMES, *gains, strict=True))
-        searched.append(Searched(answers, int(random.choice(len(NAMES), p=_chances(answers, settings, 3)))))
+        searched.append(Searched(answers, int(random.choice(len(NAMES), p=chances(answers, settings, 3)))))
     found, least = best_temperature(searched, 3)
     assert found == temperature
     assert least < surprise(searched, GapSettings(temperature=8 * temperature), 3)

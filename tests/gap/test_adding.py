@@ -6,7 +6,9 @@ from physreal_core.gap import GapSettings, add_effect, find_gap
 from physreal_core.gap.noise.model import ModelError
 from tests.gap.linear import ANSWERS, LinearExperiment, register
 
-SETTINGS = GapSettings(candidates=("drift", "sink"), shortlist=2, model_error=ModelError(rms=3e-4, moved=1e-4), temperature=1.0)
+SETTINGS = GapSettings(
+    candidates=("drift", "sink"), shortlist=2, model_error=ModelError(rms=3e-4, moved=1e-4), temperature=1.0
+)
 TRUTH = {"sink": {"amount": 0.6}}
 
 

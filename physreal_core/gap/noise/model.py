@@ -1,10 +1,10 @@
 """The noise model: how far residuals may be from zero without a missing effect.
 
-The covariance of the stacked residuals is N + U U^T. N is the sensor's noise, independent from entry to entry. The
-columns of U are
+The covariance of the stacked residuals is N + U U^T. N is the sensor's noise (`sensor`). The columns of U are
 
 - the sensor's error in frame 0, which each track carries along, because there it is tied to the object;
-- the differences between the model and its reruns in other discretisations;
+- the differences between the model and its reruns in other discretisations (`reruns`);
+- what usual errors of the given records would change (`given`);
 - a field that is smooth in space and time, for model error that the reruns do not reach (Kennedy and O'Hagan 2001,
   "Bayesian calibration of computer models").
 

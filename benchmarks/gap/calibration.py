@@ -33,11 +33,16 @@ class Gained:
 
 @dataclass(frozen=True)
 class Searched:
-    """The fitted answers of one search, which of them is true (None: it was not fitted), and the true names."""
+    """The fitted answers of one search, and the names of the true one, sorted."""
 
     answers: tuple[Gained, ...]
-    true: int | None
-    truth: tuple[str, ...] = ()
+    truth: tuple[str, ...]
+
+    @property
+    def true(self) -> int | None:
+        """Number of the true answer; None where it was not fitted."""
+        names = [answer.names for answer in self.answers]
+        return names.index(self.truth) if self.truth in names else None
 
 
 def calibrate(count: int, seed: int, run: Run) -> str:
@@ -59,7 +64,7 @@ def searched_of(case: GapCase, report: dict[str, Any]) -> Searched:
     fitted = [c for c in report["candidates"] if c["gain"] is not None]
     names = [tuple(sorted(effect["name"] for effect in c["effects"])) for c in fitted]
     answers = tuple(Gained(n, c["gain"], c["held_out"]) for n, c in zip(names, fitted, strict=True))
-    return Searched(answers, names.index(case.truth) if case.truth in names else None, case.truth)
+    return Searched(answers, case.truth)
 
 
 def surprise(searched: Iterable[Searched], settings: GapSettings, library: int) -> float:

@@ -1,7 +1,8 @@
 """How right the answers of a set for development would be at other temperatures of the search.
 
 `python -m benchmarks.gap.development benchmarks/results/gap_development_seed102.jsonl`. A row has a case, the answers that were fitted
-with their gains [nat], and what was off. The search's numbers were chosen on these rows, so they say nothing about other cases.
+with their gains [nat], and what was off. The search's numbers were chosen on these rows, so they say nothing about other cases. An
+answer is right by its names and its probability; that a verdict may also be `unknown` is left out.
 """
 
 import json
@@ -28,8 +29,7 @@ def searched_in(rows: Path) -> list[Searched]:
             Gained(tuple(sorted(a["names"])), a["gain"], -np.inf if a["held_out"] is None else a["held_out"])
             for a in row["answers"]
         )
-        names = [answer.names for answer in answers]
-        found.append(Searched(answers, names.index(case.truth) if case.truth in names else None, case.truth))
+        found.append(Searched(answers, case.truth))
     return found
 
 
@@ -56,9 +56,27 @@ def told(searched: Sequence[Searched], settings: GapSettings) -> str:
     )
 
 
+def gains_told(searched: Sequence[Searched]) -> str:
+    """Lines of text: what the best wrong single effect gains on each control, and the true one where one is hidden [nat]."""
+    wrong = [max(a.gain for a in own.answers if len(a.names) == 1) for own in searched if not own.truth]
+    right = [own.answers[own.true].gain for own in searched if own.truth and own.true is not None]
+    return "\n".join(
+        f"{what}: {', '.join(f'{gain:.0f}' for gain in sorted(gains))}"
+        for what, gains in (("best wrong effect on each control", wrong), ("hidden effect, where it was fitted", right))
+    )
+
+
+def correlations_told(rows: Path) -> str:
+    """How far the learnt correlation of the sensor's noise is from the true one, in each recording, sorted."""
+    known = [json.loads(line) for line in rows.read_text().splitlines()]
+    off = sorted(abs(c - row["unknowns"]["correlation"]) for row in known for c in row["correlation"])
+    return f"learnt correlation off by: {', '.join(f'{own:.2f}' for own in off)}"
+
+
 def main(rows: Path) -> None:
-    """Print the table."""
+    """Print the table, the gains and what was learnt of the sensor."""
     searched = searched_in(rows)
+    print(f"{gains_told(searched)}\n{correlations_told(rows)}\n")
     print("| temperature | first | in class | alarms | surprise [nat] |\n|--:|--:|--:|--:|--:|")
     for temperature in TEMPERATURES:
         print(told(searched, replace(GapSettings(), temperature=temperature)))

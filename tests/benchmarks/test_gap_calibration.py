@@ -18,7 +18,8 @@ def test_the_temperature_under_which_truths_are_drawn_is_found(temperature):
     for _ in range(1500):
         gains = random.normal(0.0, 4.0 * temperature, (2, len(NAMES)))
         answers = tuple(Gained(n, g, h) for n, g, h in zip(NAMES, *gains, strict=True))
-        searched.append(Searched(answers, int(random.choice(len(NAMES), p=chances(answers, settings, 3)))))
+        true = NAMES[random.choice(len(NAMES), p=chances(answers, settings, 3))]
+        searched.append(Searched(answers, true))
     found, least = best_temperature(searched, 3)
     assert found == temperature
     assert least < surprise(searched, GapSettings(temperature=8 * temperature), 3)

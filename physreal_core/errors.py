@@ -22,7 +22,7 @@ class InputError(ValueError):
 
 
 class SimulationError(RuntimeError):
-    """A rollout that cannot go on (non-finite state, particle outside the grid); carries frame, substep and particle."""
+    """A rollout that cannot go on (non-finite state, too many substeps); carries frame, substep and particle."""
 
     def __init__(self, what: str, *, frame: int, substep: int, particle: int) -> None:
         self.what, self.frame, self.substep, self.particle = what, frame, substep, particle

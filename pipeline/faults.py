@@ -33,7 +33,7 @@ READER_GONE = 141
 def one_sentence(who: str) -> Iterator[None]:
     """Ends the process with exit code 2 and one sentence, no traceback, for what the user can mend.
 
-    Faults of input are that, a simulation that runs away, and what the system refuses: a full or read-only disk, a
+    Faults of input are that, a simulation that cannot go on, and what the system refuses: a full or read-only disk, a
     missing permission. Anything else is a fault of this program and keeps its traceback. A reader that has seen enough
     (`physreal import | head -1`) ends it quietly, with READER_GONE.
     """

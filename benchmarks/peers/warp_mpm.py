@@ -1,7 +1,7 @@
 """The public warp-mpm solver (zeshunzong/warp-mpm, `MPM_Simulator_WARP`) from a checkout of it, on our scene.
 
 Forward only. Its material "jelly" is the fixed corotated law by `wp.svd3`; internal forces and F use the gradients of the
-weights, as ours do and the MLS-MPM peers' do not.
+weights, which the MLS-MPM peers' do not. Its grid stays in space, as theirs does.
 """
 
 from __future__ import annotations

@@ -1,4 +1,4 @@
-"""Differentiable MPM: a body, its material, grip, ground and loads to particle states, with exact gradients."""
+"""Differentiable total-Lagrangian MPM: a body, its material, grip, ground and loads to particle states, with exact gradients."""
 
 from physreal_core.simulation.body import Body, Clamp, Grip, PointLoad
 from physreal_core.simulation.config import SimulationConfig

@@ -113,7 +113,7 @@ class Clamp:
     """A box in which the body is held: its grid nodes do not move. lower, upper: corners [m], shape [3].
 
     A face that cuts the body holds it there exactly along axes where the grid is free to follow it, else to within half
-    a cell (`box.lattice_offset`).
+    a cell (`lattice.lattice_of`).
     """
 
     lower: Float[Array, "3"] | tuple[float, float, float]

@@ -76,6 +76,12 @@ class SimulationConfig:
         return getattr(torch, self.dtype)
 
     @property
+    def shaped(self) -> bool:
+        """Whether the shape without stress may differ from that in which the body lies on the grid (laws/shape.h)."""
+        flows = self.plastic_law != "identity" or self.plastic_residual is not None
+        return flows or "initial_deformation" in self.terms
+
+    @property
     def elastic_residual(self) -> ResidualConfig | None:
         """Residual of the stress, None if its bound leaves no room for one."""
         return self.residual if self.residual is not None and self.residual.beta_elastic > 0 else None

@@ -7,25 +7,26 @@ Arrays have axes frames, rollouts, particles.
 """
 
 from collections.abc import Callable, Generator
-from dataclasses import dataclass, field, replace
+from dataclasses import dataclass, field
+from functools import cached_property
 
 import numpy as np
 import torch
 
-from physreal_core.array_types import Array, Bool, Float, Tensor
+from physreal_core.array_types import Array, Bool, Int, Tensor
 from physreal_core.errors import InputError, SimulationError
 from physreal_core.simulation.body import Body
-from physreal_core.simulation.box import box_corners, largest_box, small_enough
 from physreal_core.simulation.config import SimulationConfig
 from physreal_core.simulation.parameters import Parameters, row_of
-from physreal_core.simulation.stepper import NOT_FAILED, Report, Span, State, Stepper
+from physreal_core.simulation.start import NodeStart
+from physreal_core.simulation.stepper import NOT_FAILED, Span, State, Stepper
 from physreal_core.simulation.timestep import LARGEST_SUBSTEPS, needed_substeps, substeps_per_frame
 
 Progress = Callable[[int, int], None]
 Bars = tuple[Tensor | None, Tensor | None, Tensor | None]
 """Derivatives of the loss by x, v and F at frame times."""
-RUNAWAY = "the body runs away"
-ATTEMPTS = 4  # a frame whose particles leave their box is run again in a larger one, this many times in all
+TORN = 10.0
+"""Cells by which a controller point moves within a frame where it may have torn the body."""
 
 
 @dataclass
@@ -34,23 +35,21 @@ class Record:
 
     Attributes:
         substeps: per frame, of each rollout.
-        C, rate, branches: of the states (`stepper.State`) at frame times, shape [T, R, N, ..., 3, 3].
-        spans: the frames that ran.
+        further: what else there is of the states (`stepper.State`) at frame times by name, each [T, R, ...].
+        ran: number of frames that ran.
         failures: what ended each rollout early.
         kept: leading frames of which the stepper keeps something, while its `holder` is this record.
     """
 
     substeps: list[int]
-    C: Tensor
-    rate: Tensor | None
-    branches: Tensor | None
-    spans: list[Span] = field(default_factory=list)
+    further: dict[str, Tensor]
+    ran: int = 0
     failures: list[SimulationError | None] = field(default_factory=list)
     kept: int = 0
 
-    def carried(self, frame: int) -> tuple[Tensor, Tensor | None, Tensor | None]:
-        """C, rate and branches of a frame."""
-        return (self.C[frame], *(None if values is None else values[frame] for values in (self.rate, self.branches)))
+    def carried(self, frame: int) -> dict[str, Tensor]:
+        """What else there is of a frame's state."""
+        return {name: values[frame] for name, values in self.further.items()}
 
     def alive(self, frame: int) -> Bool[Array, " rollouts"]:
         """Rollouts that had not failed by the end of a frame."""
@@ -63,7 +62,11 @@ class Frames:
     def __init__(self, body: Body, config: SimulationConfig, stepper: Stepper) -> None:
         self.config, self.stepper, self._scene = config, stepper, (body, config)
         self._x0 = torch.tensor(body.x0, dtype=stepper.dtype, device=config.device)
-        self._gravity = np.linalg.norm(config.gravity)  # its size in each rollout under way
+
+    @cached_property
+    def _node_start(self) -> NodeStart:
+        """How the nodes start; most bodies start at rest."""
+        return NodeStart(self._scene[0], self.stepper.lattice, self.stepper.dtype, self.config.device)
 
     # --- forward ------------------------------------------------------------------------------------------------
 
@@ -80,60 +83,55 @@ class Frames:
             progress: called after each frame.
             keep: whether a backward pass may follow.
         """
-        stepper, frames = self.stepper, len(points)
-        shape = (stepper.rollouts, stepper.particles, 3)
-        x, v = self._x0.new_empty(frames, *shape), self._x0.new_empty(frames, *shape)
-        F = self._x0.new_empty(frames, *shape, 3)
-        C = self._x0.new_zeros(frames if keep else 2, *shape, 3)
-        rate = torch.zeros_like(C) if stepper.viscous else None
-        branches = C.new_zeros(len(C), *shape[:2], stepper.branches, 3, 3) if stepper.branches else None
+        frames = len(points)
+        states = self._empty(frames)
+        x, v, F = (states.pop(name) for name in ("x", "v", "F"))
+        further = states if keep else self._empty(2, without=("x", "v", "F"))
         substeps, failures = self._substeps(parameters)
-        record = Record(substeps, C, rate, branches, failures=failures)
+        record = Record(substeps, further, failures=failures)
 
         def state(frame: int) -> State:
-            return State(x[frame], v[frame], F[frame], *record.carried(frame if keep else frame % 2))
+            return State(x[frame], v[frame], F[frame], **record.carried(frame if keep else frame % 2))
 
         self._start(parameters, record.substeps, state(0))
-        travel, report = _travel(points), self._first_report(state(0))
+        if keep and frames > 1:
+            record.kept = self.stepper.keep_frames(record, frames - 1)
         for frame in range(frames - 1):
-            both, kept = points[frame : frame + 2], frames - 1 if keep else 0
-            report = self._advance(frame, state(frame), state(frame + 1), both, travel[frame], report, record, kept)
+            self._advance(frame, state(frame), state(frame + 1), points[frame : frame + 2], record)
             if progress is not None:
                 progress(frame + 1, frames - 1)
             if all(record.failures):
                 break
         for rollout, failure in enumerate(record.failures):
             if failure is not None:
-                record.failures[rollout] = _with_hand(failure, points[:, rollout])
-                for states in (x, v, F):
-                    states[failure.frame + 1 :, rollout] = torch.nan
+                record.failures[rollout] = _with_hand(failure, points[:, rollout], self.stepper.lattice.cell)
+                for values in (x, v, F):
+                    values[failure.frame + 1 :, rollout] = torch.nan
         return x, v, F, record
 
     def play(self, parameters: Parameters, points: Tensor) -> Generator[State, Tensor, None]:
         """Yields the state of the one rollout and takes the controller points [C, 3] of the next frame time."""
-        stepper = self.stepper
-        shape = (1, stepper.particles, 3)
-        states = [
-            State(
-                *(self._x0.new_zeros(shape) for _ in range(2)),
-                *(self._x0.new_zeros(*shape, 3) for _ in range(2)),
-                self._x0.new_zeros(*shape, 3) if stepper.viscous else None,
-                self._x0.new_zeros(*shape[:2], stepper.branches, 3, 3) if stepper.branches else None,
-            )
-            for _ in range(2)
-        ]
+        arrays = self._empty(2)
+        states = [State(**{name: values[turn] for name, values in arrays.items()}) for turn in range(2)]
         substeps, _ = self._substeps(parameters)
         self._start(parameters, substeps, states[0])
-        report, frame = self._first_report(states[0]), 0
+        frame = 0
         while True:
             start, end = states[frame % 2], states[(frame + 1) % 2]
             following = yield start
             both = torch.stack([points, following])[:, None]
-            record = Record(substeps, start.C, start.rate, start.branches, failures=[None])
-            report = self._advance(frame, start, end, both.to(self._x0), _travel(both)[0], report, record, 0)
+            record = Record(substeps, {}, failures=[None])
+            self._advance(frame, start, end, both.to(self._x0), record)
             if record.failures[0] is not None:
-                raise _with_hand(record.failures[0], both[:, 0], frame)
+                raise _with_hand(record.failures[0], both[:, 0], self.stepper.lattice.cell, frame)
             points, frame = following, frame + 1
+
+    def _empty(self, frames: int, without: tuple[str, ...] = ()) -> dict[str, Tensor]:
+        """Arrays for so many states by name, each [frames, R, ...]."""
+        stepper, rollouts = self.stepper, (frames, self.stepper.rollouts)
+        sizes = {name: (stepper.particles, *size) for name, size in stepper.state_shapes.items()}
+        sizes["nodes"] = (stepper.lattice.nodes, 4)
+        return {name: self._x0.new_zeros(*rollouts, *size) for name, size in sizes.items() if name not in without}
 
     def _substeps(self, parameters: Parameters) -> tuple[list[int], list[SimulationError | None]]:
         """Substeps per frame of each rollout; of many, those that would need too many have failed before the first frame."""
@@ -153,108 +151,39 @@ class Frames:
     def _start(self, parameters: Parameters, substeps: list[int], state: State) -> None:
         """Load the rollouts' parameters, and put their state at the first frame time into `state`."""
         self.stepper.load_parameters(parameters, substeps)
-        if parameters.gravity is not None:
-            self._gravity = parameters.gravity.norm(dim=-1).double().cpu().numpy()
         state.x.copy_(self._x0 if parameters.initial_position is None else parameters.initial_position)
         state.v.copy_(parameters.initial_velocity)
+        if parameters.initial_velocity.any():
+            state.nodes.copy_(self._node_start.nodes(parameters.initial_velocity.detach()))
         F = parameters.initial_deformation
         state.F.copy_(torch.eye(3).to(state.F) if F is None else F)
+        if state.shape is not None:
+            state.shape.copy_(state.F)
 
-    def _first_report(self, state: State) -> Report:
-        """Of a state that no frame has reported on."""
-        ahead = torch.add(state.x, state.v, alpha=1.0 / self.config.fps)
-        lower, upper = torch.minimum(state.x, ahead).amin(1), torch.maximum(state.x, ahead).amax(1)
-        bounds = torch.cat([lower, upper, state.v.norm(dim=2).amax(1, keepdim=True)], 1).double().cpu().numpy()
-        none = np.full((len(bounds), 2), NOT_FAILED)
-        return Report(none, bounds[:, :3], bounds[:, 3:6], bounds[:, 6])
-
-    def _advance(
-        self,
-        frame: int,
-        start: State,
-        end: State,
-        points: Tensor,
-        travel: Float[Array, " rollouts"],
-        report: Report,
-        record: Record,
-        kept: int,
-    ) -> Report:
-        """Run one frame of all rollouts in boxes large enough.
+    def _advance(self, frame: int, start: State, end: State, points: Tensor, record: Record) -> None:
+        """Run one frame of all rollouts.
 
         Args:
             frame: its number.
             start, end: states there.
             points: controller points [m] at both ends, shape [2, R, C, 3].
-            travel: how far the fastest controller point of each rollout goes [m].
-            report: on the frame before.
-            record: gets the frame's span, and failures.
-            kept: frames of the rollout of which something may be kept for a backward pass; 0 for none.
-
-        Returns:
-            The report on it.
+            record: gets failures.
         """
-        stepper, motion = self.stepper, report
-        margins = self._margins(report.speed, travel)
-        carries_on = frame > 0 and all(f is None or f.frame != frame - 1 for f in record.failures)
-        for attempt in range(ATTEMPTS):
-            boxes, alive = self._place(frame, start.v, motion, margins, record)
-            span = Span(frame, boxes, points, alive)
-            if kept and frame == 0:
-                record.kept = stepper.keep_frames(record, kept, span.nodes)
-            if frame < record.kept and stepper.holder is record:
-                span = replace(span, kept=frame)
-            report, ran = stepper.forward(span, start, end, carries_on and attempt == 0)
-            again = self._judge(span, report, record, attempt == ATTEMPTS - 1)
-            if not again.any():
-                break
-            margins = np.where(again, 2.0 * margins + 4.0 * stepper.cell, margins)
-        if kept:
-            record.spans.append(ran.without_points())
-        failed = np.flatnonzero(~record.alive(frame))
-        if len(failed):
-            end.x[torch.as_tensor(failed, device=end.x.device)] = torch.nan  # which keeps them out of every grid
-        return report
-
-    def _margins(self, speed: Float[Array, " rollouts"], travel: Float[Array, " rollouts"]) -> np.ndarray:
-        """By how much particles may miss where their velocities take them within a frame [m], shape [R]."""
-        frame_time = 1.0 / self.config.fps
-        return self.stepper.cell + self._gravity * frame_time**2 + 0.5 * speed * frame_time + travel
-
-    def _place(
-        self, frame: int, v: Tensor, motion: Report, margins: Float[Array, " rollouts"], record: Record
-    ) -> tuple[np.ndarray, np.ndarray]:
-        """Boxes [R, 6] of nodes, and who runs in them [R]; a rollout that needs too large a one has failed."""
-        stepper = self.stepper
-        first, count = box_corners(motion.lower, motion.upper, margins, stepper.cell, stepper.offset)
         alive = record.alive(frame)
-        asked = np.where(alive[:, None], count, np.nan)
-        fits, given = stepper.fitting(asked)
-        for rollout in np.flatnonzero(alive & ~fits):
-            alone = small_enough(count[rollout], largest_box(stepper.particles))
-            what = f"{stepper.rollouts} rollouts are too many for so large a box" if alone else RUNAWAY
-            particle = int(v[rollout].norm(dim=1).argmax())
-            record.failures[rollout] = SimulationError(what, frame=frame, substep=0, particle=particle)
-        boxes = np.full((len(first), 6), 3, dtype=np.int32)  # of those that do not run: the smallest there is
-        boxes[fits, :3], boxes[:, 3:] = (
-            first[fits],
-            np.where(fits[:, None], given, given[fits][:1] if fits.any() else 3),
-        )
-        return boxes, fits
+        kept = frame if frame < record.kept and self.stepper.holder is record else None
+        failures = self.stepper.forward(Span(frame, points, alive, kept), start, end, carries_on=frame > 0)
+        self._judge(frame, failures, alive, record)
+        record.ran = frame + 1
 
-    def _judge(self, span: Span, report: Report, record: Record, last: bool) -> Bool[Array, " rollouts"]:
-        """Put down which rollouts have failed; returns whose particles only need a larger box, shape [R]."""
-        again = np.zeros(len(span.alive), dtype=bool)
-        for rollout in np.flatnonzero(span.alive & (report.failures != NOT_FAILED).any(1)):
-            outside, not_finite = report.failures[rollout]
-            key, what = outside, "a particle left the grid"
-            if not_finite != NOT_FAILED:
-                key, what = not_finite, "the state is not finite"
-            elif not last:
-                again[rollout] = True
-                continue
-            substep, particle = divmod(int(key), self.stepper.particles)
-            record.failures[rollout] = SimulationError(what, frame=span.frame, substep=substep, particle=particle)
-        return again
+    def _judge(
+        self, frame: int, failures: Int[Array, " rollouts"], alive: Bool[Array, " rollouts"], record: Record
+    ) -> None:
+        """Put down which rollouts have failed."""
+        for rollout in np.flatnonzero(alive & (failures != NOT_FAILED)):
+            substep, particle = divmod(int(failures[rollout]), self.stepper.particles)
+            record.failures[rollout] = SimulationError(
+                "the state is not finite", frame=frame, substep=substep, particle=particle
+            )
 
     # --- backward -----------------------------------------------------------------------------------------------
 
@@ -274,15 +203,15 @@ class Frames:
         stepper, frames = self.stepper, len(points)
         held = stepper.holder is record
         bars = _before_failures(bars, record)
-        last = min(last_frame(bars), len(record.spans))
+        last = min(last_frame(bars), record.ran)
         stepper.load_parameters(parameters, record.substeps)
-        stepper.begin_backward(record.spans[:last], held)
+        stepper.begin_backward(last, held)
         self._inject(bars, last)
         led, points_bar = points.requires_grad, torch.zeros_like(points)
         for frame in reversed(range(last)):
             kept = frame if held and frame < record.kept else None
-            span = replace(record.spans[frame], points=points[frame : frame + 2], alive=record.alive(frame), kept=kept)
-            start = State(*(state[frame] for state in states), *record.carried(frame))
+            span = Span(frame, points[frame : frame + 2], record.alive(frame), kept)
+            start = State(*(state[frame] for state in states), **record.carried(frame))
             bar = stepper.backward(span, start, led)
             if led:
                 count = min(points.shape[2], bar.shape[2])
@@ -290,35 +219,37 @@ class Frames:
             self._inject(bars, frame)
             if progress is not None:
                 progress(frames - 1 - frame, frames - 1)
-        return stepper.gradients() | ({"controllers": points_bar} if led else {})
+        gradients = stepper.gradients() | ({"controllers": points_bar} if led else {})
+        if parameters.initial_velocity.requires_grad:
+            gradients["initial_velocity"] = gradients["initial_velocity"] + self._node_start.particles(
+                stepper.nodes_adjoint()
+            )
+        return gradients
 
     def _inject(self, bars: Bars, frame: int) -> None:
         self.stepper.add_adjoints(*(None if bar is None else bar[frame] for bar in bars))
 
 
-def _travel(points: Tensor) -> Float[Array, "frames rollouts"]:
-    """How far the fastest controller point goes in each frame [m]."""
-    if points.shape[2] == 0 or len(points) < 2:
-        return np.zeros((len(points), points.shape[1]))
-    return (points[1:] - points[:-1]).norm(dim=-1).amax(-1).double().cpu().numpy()
-
-
-def _with_hand(failure: SimulationError, points: Tensor, first: int = 0) -> SimulationError:
-    """A body that runs away with the controller point that moved farthest within a frame until then, which may have torn it.
+def _with_hand(failure: SimulationError, points: Tensor, cell: float, first: int = 0) -> SimulationError:
+    """The failure with the controller point that moved farthest within a frame until then, if that is so far that it may have torn
+    the body.
 
     Args:
         failure: any.
         points: controller points at frame times [m], shape [T, C, 3].
+        cell: of the grid [m].
         first: frame of the first of them.
     """
     until = points[: failure.frame - first + 2]
-    if failure.what != RUNAWAY or until.shape[1] == 0 or len(until) < 2:
+    if until.shape[1] == 0 or len(until) < 2:
         return failure
     moved = (until[1:] - until[:-1]).norm(dim=-1)
+    if float(moved.max()) < TORN * cell:
+        return failure
     frame, controller = divmod(int(moved.argmax()), moved.shape[1])
     path = f"controller point {controller} moves {float(moved.max()):.3g} m from frame {first + frame} to {first + frame + 1}"
     return SimulationError(
-        f"{RUNAWAY}; {path}", frame=failure.frame, substep=failure.substep, particle=failure.particle
+        f"{failure.what}; {path}", frame=failure.frame, substep=failure.substep, particle=failure.particle
     )
 
 

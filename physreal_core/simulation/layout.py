@@ -9,7 +9,7 @@ import numpy as np
 class Structure:
     """A C++ structure template over the scalar type S, as a table: a line a field, "type name[:count]  what it is".
 
-    Types are `Index` (64 bits), `S`, or pointers to S, int, Index or unsigned char; numpy sees pointers as addresses.
+    Types are `Index` (64 bits), `S`, or pointers; numpy sees pointers as addresses.
     Lines that begin with # are comments.
 
     Attributes:

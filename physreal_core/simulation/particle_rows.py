@@ -14,7 +14,16 @@ from physreal_core.simulation.terms import FORCE_TERMS, PARTICLES, STRESS_TERMS,
 
 CONSTANTS = Rows(
     "constant",
-    (("mass", 1), ("volume", 1), ("load", 3), ("youngs_modulus", 1), ("poissons_ratio", 1), ("plastic", 2)),
+    (
+        ("place", 3),  # on the grid [m]
+        ("touch_height", 1),  # z below which the particle touches the ground [m]
+        ("mass", 1),
+        ("volume", 1),
+        ("load", 3),
+        ("youngs_modulus", 1),
+        ("poissons_ratio", 1),
+        ("plastic", 2),
+    ),
 )
 BARS = Rows("bar", (("youngs_modulus", 1), ("poissons_ratio", 1), ("plastic", 2)))
 INPUTS = Rows("input", (("mass", 1), ("load", 3)))
@@ -59,6 +68,24 @@ class ParticleRows:
         self.bars, self.bar_count = bars.places(), bars.count
         self.shapes = _shapes(config, particles, gripped)
 
+    def fill_body(
+        self,
+        rows: Float[Tensor, "rollouts rows particles"],
+        place: Float[Tensor, "particles 3"],
+        touch_height: Float[Tensor, " particles"],
+        volume: Float[Tensor, " particles"],
+    ) -> None:
+        """Put what the body alone gives into the rows.
+
+        Args:
+            rows: constants of R rollouts.
+            place: of the particles on the grid [m].
+            touch_height: z below which a particle touches the ground [m].
+            volume: [m3].
+        """
+        for name, value in (("place", place), ("touch_height", touch_height), ("volume", volume)):
+            self._put(rows, name, value.expand(len(rows), *value.shape))
+
     def fill(
         self,
         rows: Float[Tensor, "rollouts rows particles"],
@@ -67,7 +94,7 @@ class ParticleRows:
         load: Float[Tensor, "rollouts particles 3"],
         start: Float[Tensor, "particles 3"],
     ) -> None:
-        """Put a rollout's parameters into the rows; volumes stand there already.
+        """Put a rollout's parameters into the rows; what the body alone gives stands there already.
 
         Args:
             rows: constants of R rollouts.
@@ -102,7 +129,7 @@ class ParticleRows:
     def gradients(
         self,
         bars: Float[Tensor, "rollouts rows particles"],
-        state_bars: tuple[Tensor, Tensor, Tensor],
+        state_bars: dict[str, Tensor],
         particle_sums: Float[Tensor, "rollouts particle_sums"],
         node_sums: Float[Tensor, "rollouts node_sums"],
         networks: dict[str, Tensor],
@@ -113,14 +140,15 @@ class ParticleRows:
 
         Args:
             bars: adjoints of the rows.
-            state_bars: of x, v and F at the start, each [R, N, ...].
+            state_bars: of the state at the start by name, each [R, N, ...].
             particle_sums, node_sums: of what particles or nodes share.
             networks: weights' adjoints by "elastic" and "plastic", each [R, W].
             volume: of the particles [m3].
             inertia: of the grip.
         """
-        x_bar, v_bar, F_bar = state_bars
-        found = {"initial_velocity": v_bar, "initial_position": x_bar.clone(), "initial_deformation": F_bar}
+        found = {"initial_velocity": state_bars["v"], "initial_position": state_bars["x"].clone()}
+        if "shape" in state_bars:
+            found["initial_deformation"] = state_bars["F"] + state_bars["shape"]
         found |= {name: bars[:, place].movedim(1, -1) for name, place in self.bars.items()}
         found |= _split(PARTICLE_SUMS, particle_sums) | _split(NODE_SUMS, node_sums)
         found |= _split(NUMBERS, found.pop("numbers"))

@@ -43,9 +43,9 @@ class Player:
 
         Raises:
             InputError: for controllers that do not fit.
-            SimulationError: where the state turns non-finite or a particle leaves its grid; the player has then ended.
+            SimulationError: where the state turns non-finite; the player has then ended.
         """
-        points = self._check(controllers.detach().cpu()[None])[0]  # the host needs them to place the grid
+        points = self._check(controllers.detach().cpu()[None])[0]  # checked on the host
         with torch.no_grad(), self._stream():
             self.state = _alone(self._frames.send(points))
         self.frame += 1

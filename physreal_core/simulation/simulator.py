@@ -25,7 +25,7 @@ from physreal_core.simulation.timestep import substeps_per_frame
 
 
 class Simulator:
-    """MPM of one body with its grip, ground, clamps and loads.
+    """Total-Lagrangian MPM of one body with its grip, ground, clamps and loads.
 
     Args:
         body: the undeformed particles, where the rollout starts.
@@ -70,7 +70,7 @@ class Simulator:
 
         Raises:
             InputError: for parameters or controllers that do not fit.
-            SimulationError: where a state turns non-finite or a particle leaves its grid.
+            SimulationError: where a state turns non-finite.
         """
         points = self._check_controllers(controllers).to(self.config.device)
         states, failures = self._run(self._loop, self._complete(parameters, 1), points[:, None], progress)

@@ -1,31 +1,31 @@
-"""Where a body touches the ground: the nodes next to the plane that act, told from the masses on the grid.
+"""Where a body touches the ground.
 
-Nodes act on what is nearer than a cell and a half: those next to the plane would stop a falling body a cell above it, and those
-a layer below them (`box.CONTACT_DEPTH`) give under pressure like a cell of the same material. Therefore the former act where the
-body lies on the plane already, and the latter stop what falls. How much of a body's mass the lower ones have beside those next
-to the plane says how near it is, at its edges as in its middle, so that every node decides for itself in every substep: decided
-once a frame, a motion would jump by what a body falls in one where a parameter moves its landing past a frame's beginning.
-The adjoint takes which nodes act as given.
+A particle touches it when it is as low as half the edge of its cube above the plane, or as low as it lies at rest; it comes to do so
+within `NEARLY` spacings. A node touches as fully as the share of touching volume around it has of `TOUCHING`, and the plane takes that
+part of what comes down. So forces change steadily where parts of the body come to touch. Every node decides for itself in every
+substep.
 """
 
-from physreal_core.simulation.box import CONTACT_DEPTH
+import numpy as np
 
-REACH = 0.1
-"""Cells by which the surface of a body may lie above the plane and still touch it."""
+from physreal_core.array_types import Array, Float
+from physreal_core.simulation.body import Body
 
-
-def _weight(distance: float) -> float:
-    """Of the quadratic B-spline, at so many cells from a node."""
-    distance = abs(distance)
-    return 0.75 - distance**2 if distance < 0.5 else 0.5 * max(1.5 - distance, 0.0) ** 2
-
-
-def _share() -> float:
-    """Mass of a node of the layer below over that of the one next to the plane, under a body of layers half a cell apart whose
-    lower surface is `REACH` above the plane."""
-    heights = [CONTACT_DEPTH + REACH + 0.25 + 0.5 * layer for layer in range(5)]  # above the lower nodes
-    return sum(map(_weight, heights)) / sum(_weight(height - 1.0) for height in heights)
+TOUCHING = 0.4
+"""Share of the volume around a node from which on it touches fully. Under a flat face, half a cell thick layers of particles give the
+nodes half a cell below it a share of 0.9 and those half a cell above it 0.41; the lowest particles have 0.97 of their weight there."""
+NEARLY = 0.05
+"""Spacings within which a particle comes to touch."""
 
 
-TOUCHING = _share()
-"""Share of its own mass that the node below one next to the plane has where the body touches the plane."""
+def touch_heights(body: Body, ground_height: float | None) -> Float[Array, " particles"]:
+    """The height z below which each particle begins to touch the plane [m]; minus infinity without one.
+
+    Args:
+        body: at rest.
+        ground_height: z of the plane [m], or None.
+    """
+    if ground_height is None:
+        return np.full(len(body.x0), -np.inf)
+    half = np.cbrt(body.volume) / 2
+    return ground_height + np.minimum(half, body.x0[:, 2] - ground_height) + NEARLY * body.spacing

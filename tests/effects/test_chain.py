@@ -80,4 +80,4 @@ def test_gradient_of_the_whole_chain(name):
                 motion({**values, coefficient.name: values[coefficient.name] + sign * step}) for sign in (1, -1)
             )
         difference = float(((ahead - behind) * weights).sum()) / (2 * step)  # summed apart they would round by 1e-7
-        assert float(leaves[coefficient.name].grad) == pytest.approx(difference, rel=1e-5, abs=1e-7), coefficient.name
+        assert float(leaves[coefficient.name].grad) == pytest.approx(difference, rel=2e-5, abs=1e-7), coefficient.name

@@ -100,7 +100,7 @@ def test_maxwell_creep_lets_shear_strain_decay_at_its_rate():
 
 def test_plastic_yield_keeps_the_stress_on_the_yield_surface():
     """Nowhere above sqrt(2/3) sigma_y, at it where the baseline would be far above; the shape stays."""
-    scene = held_specimen(frames=12)
+    scene = held_specimen(frames=8)
     inverse = 100.0
     with torch.no_grad():
         elastic, plastic = scene.rollout().F, scene.rollout(plastic_yield={"inverse_yield_strain": inverse}).F

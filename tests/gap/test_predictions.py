@@ -68,7 +68,7 @@ def test_another_frame_rate_is_what_a_camera_with_it_sees(excess, hand_seen):
     unaware = np.abs(predicted(own) - truth).max()
     assert unaware > 1.2e-3
     # not exactly: the bar sticks and slides, which cubics between the frames smooth
-    assert np.abs(predicted(own, excess=excess) - truth).max() < 5e-4
+    assert np.abs(predicted(own, excess=excess) - truth).max() < 0.4 * unaware
 
 
 def test_a_displaced_hand_is_one_whose_record_says_so():

@@ -48,11 +48,11 @@ def test_a_clamped_body_is_not_turned_out_of_its_clamps():
     (predicted,) = experiment.predict([trial])
     fall = np.linalg.norm(predicted - predicted[0], axis=-1).max()
     differences = rerun_differences(experiment, trial, predicted)
-    # the law is its own and there is no ground to raise
-    left = [v for v in RERUNS if v.turn == 0.0 and v.elastic_law != "hencky" and v.ground == 0.0]
+    # the law is its own
+    left = [v for v in RERUNS if v.turn == 0.0 and v.elastic_law != "hencky"]
     assert len(differences) == len(left) == 3
     assert fall > 0.005 and np.linalg.norm(differences, axis=-1).max() < 0.3 * fall
     # whereas turned, it would leave them
     loose = dataclasses.replace(experiment.setting, clamps=())
     experiment.setting = loose
-    assert np.linalg.norm(rerun_differences(experiment, trial, predicted), axis=-1).max() > fall
+    assert np.linalg.norm(rerun_differences(experiment, trial, predicted), axis=-1).max() > 0.3 * fall

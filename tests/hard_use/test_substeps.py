@@ -184,7 +184,7 @@ def test_a_body_without_mass_is_refused_before_the_fit(given, density):
     assert time.perf_counter() - began < 60.0
 
 
-# --- a body that runs away --------------------------------------------------------------------------------------------
+# --- a body that is torn ------------------------------------------------------------------------------------------------
 
 
 def held(frames: int) -> tuple[Simulator, torch.Tensor]:
@@ -206,7 +206,7 @@ def test_a_jump_of_the_hand_is_named_with_its_frame(frame, controller, jump):
     with pytest.raises(SimulationError) as raised, torch.no_grad():
         made.rollout(parameters(grip_stiffness=12.0), points)
     path = f"controller point {controller} moves {jump:.3g} m from frame {frame - 1} to {frame}"
-    assert f"the body runs away; {path}" in str(raised.value) and raised.value.frame == frame - 1
+    assert f"the state is not finite; {path}" in str(raised.value) and raised.value.frame == frame - 1
 
 
 def test_of_many_rollouts_each_names_its_own_hand():
@@ -226,9 +226,3 @@ def test_a_hand_that_is_steered_is_named_too():
     player.step(points[1])
     with pytest.raises(SimulationError, match="controller point 0 moves 100 m from frame 1 to 2"):
         player.step(points[2] + torch.tensor([[100.0, 0, 0], [0, 0, 0]]))
-
-
-def test_a_body_without_a_hand_that_runs_away_names_none():
-    made = simulator({}, {"ground_height": None})
-    with pytest.raises(SimulationError, match=r"the body runs away \(frame"), torch.no_grad():
-        made.rollout(parameters(initial_velocity=[1e6, 0.0, 0.0]), torch.zeros(5, 0, 3))

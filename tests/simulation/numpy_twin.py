@@ -3,20 +3,23 @@
 from dataclasses import dataclass
 
 import numpy as np
+import torch
 from scipy.linalg import polar
 
 from physreal_core.simulation import Body, Grip
+from physreal_core.simulation.lattice import Lattice
+from physreal_core.simulation.start import NodeStart
 
-SHARE = 0.045 / (0.71 + 0.32 + 0.045)
-"""Weights of layers of particles 0.35, 0.85 and 1.35 cells above the plane, at nodes 0.85 below and 0.15 above it."""
+TOUCHING, NEARLY = 0.4, 0.05
+"""Share of the volume around a node from which on it touches fully; spacings within which a particle comes to touch."""
 
 
 @dataclass
 class Twin:
-    """State of a body and the scene's constants; `step` advances it by dt."""
+    """State of a body and the scene's constants; `step` advances it by dt. The grid stays where the body lies at rest."""
 
     body: Body
-    offset: np.ndarray
+    lattice: Lattice
     E: np.ndarray
     nu: np.ndarray
     friction: float
@@ -27,12 +30,18 @@ class Twin:
 
     def __post_init__(self) -> None:
         self.F = np.tile(np.eye(3), (len(self.x), 1, 1))
-        self.C = np.zeros_like(self.F)
+        self.near = [self.weights(p) for p in range(len(self.x))]
+        mass = self.body.mass + self.added_mass
+        self.mass, self.volume = self.summed(mass), self.summed(self.body.volume)
+        start = NodeStart(self.body, self.lattice, torch.float64, "cpu").nodes(torch.tensor(self.v)[None])[0].numpy()
+        _, ny, nz = self.lattice.count
+        self.velocity = {node: start[(node[0] * ny + node[1]) * nz + node[2], :3].copy() for node in self.mass}
+        self.radius = np.minimum(np.cbrt(self.body.volume) / 2, self.body.x0[:, 2])
 
-    def weights(self, p: int) -> list[tuple[tuple[int, int, int], float, np.ndarray, np.ndarray]]:
-        """(node, weight, its gradient, node position - particle position) of the 27 nodes around particle p."""
+    def weights(self, p: int) -> list[tuple[tuple[int, int, int], float, np.ndarray]]:
+        """(node, weight, its gradient) of the 27 nodes around where particle p lies at rest."""
         dx = self.body.cell
-        cells = (self.x[p] - self.offset) / dx
+        cells = (self.body.x0[p] - self.lattice.offset) / dx
         base = np.floor(cells - 0.5).astype(int)
         out = []
         for step in np.ndindex(3, 3, 3):
@@ -42,52 +51,50 @@ class Twin:
             along = np.where(distance < 0.5, 0.75 - distance**2, 0.5 * (1.5 - distance) ** 2)
             slope = np.where(distance < 0.5, -2 * offset, -np.sign(offset) * (1.5 - distance)) / dx
             gradient = [np.prod([slope[a] if a == b else along[b] for b in range(3)]) for a in range(3)]
-            out.append((tuple(node), along.prod(), np.array(gradient), self.offset + dx * node - self.x[p]))
+            out.append((tuple(node), along.prod(), np.array(gradient)))
         return out
 
+    def summed(self, values: np.ndarray) -> dict:
+        """Values of the particles at the nodes."""
+        sums = {}
+        for value, near in zip(values, self.near, strict=True):
+            for node, w, _ in near:
+                sums[node] = sums.get(node, 0.0) + w * value
+        return sums
+
     def stress(self, p: int) -> np.ndarray:
-        """Kirchhoff stress of the fixed corotated law."""
+        """First Piola-Kirchhoff stress of the fixed corotated law."""
         E, nu, F = self.E[p], self.nu[p], self.F[p]
         mu, lam = E / (2 * (1 + nu)), E * nu / ((1 + nu) * (1 - 2 * nu))
         J = np.linalg.det(F)
-        return 2 * mu * (F - polar(F)[0]) @ F.T + lam * J * (J - 1) * np.eye(3)
+        return 2 * mu * (F - polar(F)[0]) + lam * J * (J - 1) * np.linalg.inv(F).T
 
     def step(self, dt: float, force: np.ndarray) -> None:
         """One substep under forces on the particles [N, 3]."""
-        dx, mass = self.body.cell, self.body.mass + self.added_mass
         # the added mass has no weight
-        force = force - np.multiply.outer(np.broadcast_to(self.added_mass, len(mass)), self.gravity)
-        momentum, nodal_mass = {}, {}
-        for p in range(len(self.x)):
-            tau = self.stress(p)
-            for node, w, dw, d in self.weights(p):
-                push = w * (mass[p] * (self.v[p] + self.C[p] @ d) + dt * force[p])
-                push = push - dt * self.body.volume[p] * tau @ dw
-                momentum[node] = momentum.get(node, 0.0) + push
-                nodal_mass[node] = nodal_mass.get(node, 0.0) + w * mass[p]
-        velocity = {}
-        for node, p in momentum.items():
-            free = p / nodal_mass[node] + dt * self.gravity
-            velocity[node] = self.contact(free) if self.acts(node, nodal_mass) else free
-        for p in range(len(self.x)):
-            near = [(w, dw, d, velocity[node]) for node, w, dw, d in self.weights(p)]
-            self.v[p] = sum(w * v for w, _, _, v in near)
-            self.C[p] = 4 / dx**2 * sum(w * np.outer(v, d) for w, _, d, v in near)
-            self.F[p] = (np.eye(3) + dt * sum(np.outer(v, dw) for _, dw, _, v in near)) @ self.F[p]
+        force = force - np.multiply.outer(np.broadcast_to(self.added_mass, len(self.x)), self.gravity)
+        push = self.summed(dt * force)
+        for p, near in enumerate(self.near):
+            for node, _, dw in near:
+                push[node] = push[node] - dt * self.body.volume[p] * self.stress(p) @ dw
+        touching = np.clip((self.radius - self.x[:, 2]) / (NEARLY * self.body.spacing) + 1, 0, 1)
+        touching = self.summed(touching * self.body.volume)
+        for node, p in push.items():
+            free = self.velocity[node] + p / self.mass[node] + dt * self.gravity
+            self.velocity[node] = self.contact(free, min(1.0, touching[node] / (TOUCHING * self.volume[node])))
+        for p, near in enumerate(self.near):
+            self.v[p] = sum(w * self.velocity[node] for node, w, _ in near)
+            self.F[p] = self.F[p] + dt * sum(np.outer(self.velocity[node], dw) for node, _, dw in near)
         self.x = self.x + dt * self.v
 
-    def acts(self, node: tuple[int, int, int], mass: dict) -> bool:
-        """Whether a node is on the plane: in layer 0 and below, and in layer 1, next to it, where the one below has that share of
-        its mass that it has under a body whose surface is a tenth of a cell above the plane."""
-        return node[2] < 1 or (node[2] == 1 and mass.get((*node[:2], 0), 0.0) > SHARE * mass[node])
-
-    def contact(self, v: np.ndarray) -> np.ndarray:
-        """Coulomb contact."""
+    def contact(self, v: np.ndarray, touch: float) -> np.ndarray:
+        """Coulomb contact that takes a share of what comes down."""
         if v[2] >= 0:
             return v
-        tangential = np.array([v[0], v[1], 0.0])
+        lost = -touch * v[2]
+        tangential, normal = np.array([v[0], v[1], 0.0]), np.array([0.0, 0.0, v[2] + lost])
         speed = np.linalg.norm(tangential)
-        return max(0.0, 1 - self.friction * -v[2] / speed) * tangential if speed > 0 else tangential
+        return normal + (max(0.0, 1 - self.friction * lost / speed) * tangential if speed > 0 else tangential)
 
 
 def grip_force(

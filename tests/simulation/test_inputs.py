@@ -26,7 +26,7 @@ STEPS = {
     "gravity": 1e-5,
     "density": 1e-3,
     "force": 1e-8,
-    "initial_position": 1e-9,  # short: a weight's second derivative jumps where a particle enters another cell
+    "initial_position": 1e-7,  # short: the force jumps where a particle comes to touch the ground a substep earlier
     "initial_deformation": 1e-6,
 }
 
@@ -135,10 +135,13 @@ def bare(body: Body, **options) -> Simulator:
 
 
 def test_given_inputs_are_the_bodys_and_the_configurations(form):
-    """Each input in turn against a scene of which it is part, to rounding; and all at once, left out."""
+    """Each input in turn against a scene of which it is part, to rounding; and all at once, left out.
+
+    A body put elsewhere keeps its grid: a body that lies there at rest has the same one where that is whole cells away.
+    """
     body = block((4, 4, 3))
     count = len(body.x0)
-    shifted = replace(body, x0=body.x0 + [0.003, 0.001, 0.002])
+    shifted = replace(body, x0=body.x0 + body.cell * np.array([2, -1, 1]))
     heavier = replace(body, density=1.7 * body.density)
     force = np.random.default_rng(0).normal(0, 1e-3, (count, 3))
     loads = tuple(PointLoad(np.array([p]), np.ones(1), force[p]) for p in range(count))
@@ -151,15 +154,33 @@ def test_given_inputs_are_the_bodys_and_the_configurations(form):
         "initial_position": (Simulator(shifted, config), tensor(shifted.x0)),
         "initial_deformation": (Simulator(body, config), torch.eye(3, dtype=torch.float64).expand(count, 3, 3)),
     }
-    given = Parameters(tensor(2e3), tensor(0.3), initial_velocity=tensor([0.5, 0.0, 0.0]))
+    given = Parameters(tensor(2e3), tensor(0.3), initial_velocity=tensor([0.5, 0.0, -0.5]))
     simulator = bare(body, terms=INPUTS)
     for name, (other, value) in cases.items():
         ours = simulator.rollout(replace(given, **{name: value}), torch.zeros(FRAMES, 0, 3))
         theirs = other.rollout(given, torch.zeros(FRAMES, 0, 3))
+        assert (ours.F[-1] - torch.eye(3)).abs().max() > 0.01, "it has not met the ground"
         assert (ours.x - theirs.x).abs().max() < 1e-13, name
         assert (ours.F - theirs.F).abs().max() < 1e-11, name
     ours, theirs = (one.rollout(given, torch.zeros(FRAMES, 0, 3)) for one in (simulator, bare(body)))
     assert (ours.F - theirs.F).abs().max() < 1e-11
+
+
+def test_a_body_put_elsewhere_moves_as_it_did(form):
+    """By any part of a cell, or a kilometre: without ground its path is moved along, to rounding."""
+    body = block((4, 5, 3))
+    simulator = bare(body, ground_height=None, terms=("initial_position",))
+    velocity = 8.0 * tensor(body.x0 - body.x0.mean(0)).roll(1, 1)
+    paths = []
+    for shift in ([0.0, 0.0, 0.0], [0.003, 0.0071, -0.0123], [1e3, -1e3, 1e3]):
+        given = Parameters(
+            tensor(2e3), tensor(0.3), initial_velocity=velocity, initial_position=tensor(body.x0) + tensor(shift)
+        )
+        states = simulator.rollout(given, torch.zeros(FRAMES, 0, 3))
+        paths.append((states.x - tensor(shift), states.F))
+    assert (paths[0][1][-1] - torch.eye(3)).abs().max() > 0.1
+    for (x, F), tolerance in zip(paths[1:], (1e-14, 1e-11), strict=True):
+        assert (x - paths[0][0]).abs().max() < tolerance and torch.equal(F, paths[0][1])
 
 
 def test_free_fall_under_given_gravity_and_force(form):

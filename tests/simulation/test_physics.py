@@ -4,7 +4,10 @@ import numpy as np
 import pytest
 import torch
 
+from physreal_core.geometry.grip import springs
 from physreal_core.simulation import Body, Clamp, Grip, Parameters, SimulationConfig, Simulator, States
+from physreal_core.simulation.lattice import Lattice
+from physreal_core.simulation.start import stencils
 from tests.simulation.scenes import block
 
 pytestmark = pytest.mark.usefixtures("form")
@@ -80,9 +83,9 @@ def test_block_lands_near_the_plane():
         assert low * cell <= gap <= high * cell
 
 
-def test_a_landing_moves_a_motion_by_no_more_than_a_substep():
+def test_a_landing_moves_a_motion_by_no_more_than_substeps():
     """Where contact begins between two frames, or just before one, makes no difference: heights 0.05 mm apart lead to motions that
-    lie closer than what the block falls in two substeps."""
+    lie closer than what the block falls in three substeps."""
     fallen = []
     for height in 0.012 + 5e-5 * np.arange(41):
         simulator = Simulator(block((5, 5, 5), spacing=0.008, corner=(0.0, 0.0, height)), SimulationConfig(fps=30))
@@ -90,7 +93,7 @@ def test_a_landing_moves_a_motion_by_no_more_than_a_substep():
         fallen.append(rollout(simulator, 9, **material).x[..., 2].mean(1))
         substeps = simulator.substeps(Parameters(*map(torch.tensor, material.values())))
     apart = torch.stack(fallen).diff(dim=0).abs().max()
-    assert apart < 2 * np.sqrt(2 * GRAVITY * 0.014) / (30 * substeps)
+    assert apart < 3 * np.sqrt(2 * GRAVITY * 0.014) / (30 * substeps)
 
 
 def test_a_weight_does_not_press_a_block_into_the_plane():
@@ -171,24 +174,26 @@ def test_body_hangs_from_its_grip_where_the_forces_balance():
     assert float(lift[2]) == pytest.approx(body.mass.sum() * GRAVITY, rel=0.01)
 
 
-def test_transfers_keep_linear_and_angular_momentum():
-    """Without outer forces, to rounding; angular momentum counts the particles' affine velocities C dx^2 / 4."""
+def test_the_step_keeps_linear_and_angular_momentum():
+    """Without outer forces, to rounding; angular momentum is that of the nodes, one substep a frame."""
     body = block((4, 4, 4))
-    config = SimulationConfig(fps=200, gravity=(0.0, 0.0, 0.0), ground_height=None, dtype="float64")
+    config = SimulationConfig(fps=5000, gravity=(0.0, 0.0, 0.0), ground_height=None, dtype="float64")
     simulator = Simulator(body, config)
     velocity = np.random.default_rng(0).normal(0, 0.3, body.x0.shape)
     numbers = {"youngs_modulus": 5e3, "poissons_ratio": 0.3, "initial_velocity": velocity}
     given = simulator._complete(Parameters(**{name: torch.as_tensor(value) for name, value in numbers.items()}), 1)
-    x, v, F, record = simulator._loop.forward(given, torch.zeros(6, 1, 0, 3), None, keep=True)
-    states = States(x[:, 0], v[:, 0], F[:, 0])
-    mass = torch.as_tensor(body.mass)[:, None]
-    linear = (mass * states.v).sum(1)
-    assert (linear[1:] - linear[0]).norm(dim=1).max() < 1e-12 * float((mass * states.v[0].abs()).sum())
-    C = record.C[-1, 0]
-    spin = torch.stack([C[:, 2, 1] - C[:, 1, 2], C[:, 0, 2] - C[:, 2, 0], C[:, 1, 0] - C[:, 0, 1]], 1)
-    angular = [(mass * torch.linalg.cross(states.x[f], states.v[f])).sum(0) for f in (0, -1)]
-    angular[1] = angular[1] + (mass * spin).sum(0) * body.cell**2 / 4
-    assert (angular[1] - angular[0]).norm() < 1e-11 * float(angular[0].norm())
+    _, v, F, record = simulator._loop.forward(given, torch.zeros(100, 1, 0, 3), None, keep=True)
+    assert record.substeps == [1]
+    assert (F[-1] - torch.eye(3)).abs().max() > 0.05
+    linear = (torch.as_tensor(body.mass)[:, None] * v[:, 0]).sum(1)
+    assert (linear[1:] - linear[0]).norm(dim=1).max() < 1e-12
+    lattice = simulator._stepper.lattice
+    mass = node_masses(body, lattice)
+    index = np.stack(np.meshgrid(*map(np.arange, lattice.count), indexing="ij"), -1).reshape(-1, 3)
+    velocities = record.further["nodes"][:, 0, :, :3]
+    places = torch.as_tensor(lattice.offset + lattice.cell * index) + velocities[1:].cumsum(0) / config.fps
+    angular = (mass[:, None] * torch.linalg.cross(places, velocities[1:])).sum(1)
+    assert (angular - angular[0]).norm(dim=1).max() < 1e-12 * float(angular[0].norm())
 
 
 def elastic_energy(body: Body, F: torch.Tensor, E: float, nu: float) -> torch.Tensor:
@@ -199,25 +204,54 @@ def elastic_energy(body: Body, F: torch.Tensor, E: float, nu: float) -> torch.Te
     return (density * torch.as_tensor(body.volume)).sum(-1)
 
 
-def test_energy_does_not_grow():
-    """A block thrown with a stretching velocity field swings freely: kinetic plus elastic energy only falls."""
+def node_masses(body: Body, lattice: Lattice) -> torch.Tensor:
+    nodes, weights = stencils(body.x0, lattice)
+    mass = torch.zeros(lattice.nodes).double()
+    return mass.index_add_(0, torch.as_tensor(nodes.ravel()), torch.as_tensor((weights * body.mass[:, None]).ravel()))
+
+
+def test_energy_stays():
+    """A block thrown with a stretching velocity field swings freely for thirty cycles: elastic and kinetic energy, that of the nodes,
+    swing by what a symplectic step of first order lets them, and do not drift."""
     body = block((4, 6, 4))
-    config = SimulationConfig(fps=200, gravity=(0.0, 0.0, 0.0), ground_height=None, dtype="float64")
+    config = SimulationConfig(fps=200, gravity=(0.0, 0.0, 0.0), ground_height=None, dtype="float64", courant=0.1)
     centred = body.x0 - body.x0.mean(0)
-    E, nu = 5e3, 0.3
+    simulator, (E, nu) = Simulator(body, config), (5e3, 0.3)
+    numbers = {"youngs_modulus": E, "poissons_ratio": nu, "initial_velocity": centred * np.array([-8.0, 15.0, -8.0])}
+    given = simulator._complete(Parameters(**{name: torch.as_tensor(value) for name, value in numbers.items()}), 1)
+    _, _, F, record = simulator._loop.forward(given, torch.zeros(241, 1, 0, 3), None, keep=True)
+    mass = node_masses(body, simulator._stepper.lattice)
+    kinetic = (0.5 * mass[:, None] * record.further["nodes"][:, 0, :, :3] ** 2).sum((1, 2))
+    elastic = elastic_energy(body, F[:, 0], E, nu)
+    energy = (kinetic + elastic) / (kinetic + elastic)[0]
+    assert elastic.max() > 0.3 * kinetic[0]  # it does swing
+    assert (energy - 1).abs().max() < 0.06
+    assert energy[-60:].mean() == pytest.approx(float(energy[:60].mean()), abs=0.01)
+
+
+def test_a_swing_does_not_die_out_and_its_middle_stays():
+    """A cantilever four cells long that is held by stiff bonds and let go: its tip comes back to where it began, swing after swing."""
+    body = block((26, 5, 5), spacing=0.008, corner=(0.0, 0.0, 0.1), density=600.0)
+    held = np.flatnonzero(body.x0[:, 0] < 0.04)
+    points = block((6, 6, 6), spacing=0.008, corner=(-0.004, -0.004, 0.096)).x0
+    bonds = springs(body.x0, held, points, body.spacing, 8)
+    grip = Grip(bonds.particles, bonds.controllers, bonds.weights, bonds.rest_lengths)
+    simulator = Simulator(body, SimulationConfig(fps=60, ground_height=None, courant=0.6), grip)
+    controllers = torch.as_tensor(points).float().expand(181, -1, -1)
     states = rollout(
-        Simulator(body, config), 60, youngs_modulus=E, poissons_ratio=nu,
-        initial_velocity=centred * np.array([-8.0, 15.0, -8.0]),
-    )  # fmt: skip
-    kinetic = (0.5 * torch.as_tensor(body.mass)[:, None] * states.v**2).sum((1, 2))
-    energy = kinetic + elastic_energy(body, states.F, E, nu)
-    assert energy.max() <= 1.001 * energy[0]
-    assert elastic_energy(body, states.F, E, nu).max() > 0.3 * energy[0]  # it does swing
+        simulator, 181, controllers, youngs_modulus=2e5, poissons_ratio=0.3, grip_stiffness=3000.0, grip_damping=0.0
+    )
+    tip = states.x[:, body.x0[:, 0] > 0.2, 2].mean(1).double()
+    tip = tip - tip[0]
+    assert tip.min() < -0.03
+    first, last = tip[:60], tip[-60:]
+    assert last.max() > 0.05 * tip.min()
+    assert last.min() == pytest.approx(float(first.min()), rel=0.05)
+    assert last.mean() == pytest.approx(float(first.mean()), rel=0.05)
 
 
 def test_deformation_gradients_say_how_the_particles_lie():
-    """In a cantilever that swings for two seconds. With MLS-MPM's velocity gradient the difference is half as large again:
-    the bar sags further while its F, and so its stress, stay behind."""
+    """In a cantilever that swings for two seconds."""
     body = block((26, 5, 5), spacing=0.008, corner=(0.0, 0.0, 0.1), density=600.0)
     config = SimulationConfig(fps=30, ground_height=None, courant=0.5)
     simulator = Simulator(body, config, clamps=(Clamp((-1.0, -1.0, -1.0), (0.016, 1.0, 1.0)),))
@@ -231,10 +265,11 @@ def test_deformation_gradients_say_how_the_particles_lie():
 
 
 def test_a_spinning_block_is_not_strained():
-    """A transfer there and back must keep every affine velocity field; centrifugal strain is rho w^2 r^2 / E, 3e-5 here."""
+    """The nodes start with the field of the particles' velocities; the centrifugal strain, in the mean rho w^2 L^2 / (12 E) = 2e-4
+    along two axes, swings up to twice that."""
     body = block((10, 10, 10), spacing=0.01, density=1000.0, corner=(0.1037, 0.1037, 0.1037))
     config = SimulationConfig(fps=30, ground_height=None, gravity=(0.0, 0.0, 0.0))
     spin = np.cross([0.0, 0.0, 5.0], body.x0 - body.x0.mean(0))
     states = rollout(Simulator(body, config), 31, youngs_modulus=1e5, poissons_ratio=0.3, initial_velocity=spin)
     strain = (states.F[-1].double().mT @ states.F[-1].double() - torch.eye(3)) / 2
-    assert strain.square().sum((1, 2)).mean().sqrt() < 5e-4
+    assert strain.square().sum((1, 2)).mean().sqrt() < 6e-4

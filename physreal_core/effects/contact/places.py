@@ -122,7 +122,7 @@ def _lattice(
 
 
 def passed_by(motion: States) -> Float[Array, "frames particles 3"]:
-    """Where the particles are [m] in the frames before the body runs away, if it does."""
+    """Where the particles are [m] in the frames before the rollout fails, if it does."""
     x = motion.x.detach().double().cpu().numpy()
     return x[np.isfinite(x).all((1, 2))]
 

@@ -23,9 +23,7 @@ class Discretisation:
         cell: factor on the size of a grid cell.
         courant: factor on the time step.
         turn: angle by which body, hand and gravity are turned about the vertical, against the grid [rad].
-        shift: distance by which they are moved against the grid, in cells along x and y.
         elastic_law: another law of the same small-strain stiffness; None for the model's own.
-        ground: height by which the support plane is raised, in cells.
         error: the first run's error divided by the difference between the two runs (Richardson's extrapolation).
     """
 
@@ -33,9 +31,7 @@ class Discretisation:
     cell: float = 1.0
     courant: float = 1.0
     turn: float = 0.0
-    shift: tuple[float, float] = (0.0, 0.0)
     elastic_law: str | None = None
-    ground: float = 0.0
     error: float = 1.0
 
 
@@ -60,35 +56,32 @@ class DiscretisedProblem:
         self._turn = torch.tensor([[c, -s, 0.0], [s, c, 0.0], [0.0, 0.0, 1.0]], dtype=torch.float32)
         spacing = body.spacing * given.cell
         self._centre = torch.as_tensor(body.x0.mean(0), dtype=torch.float32) * torch.tensor([1.0, 1.0, 0.0])
-        self._shift = torch.tensor([*given.shift, 0.0]) * (2.0 * spacing)
-        self._moves = given.turn != 0.0 or given.shift != (0.0, 0.0)
-        x0 = self._moved(torch.as_tensor(body.x0, dtype=torch.float32)).double().numpy() if self._moves else body.x0
+        self._turns = given.turn != 0.0
+        x0 = self._turned(torch.as_tensor(body.x0, dtype=torch.float32)).double().numpy() if self._turns else body.x0
         self.body = Body(x0, body.volume, body.density, spacing)
         gravity = tuple((self._turn.double() @ torch.tensor(config.gravity, dtype=torch.float64)).tolist())
-        ground = config.ground_height
         changed = {
             "courant": config.courant * given.courant,
             "gravity": gravity,
-            "ground_height": None if ground is None else ground + given.ground * body.cell,
             "elastic_law": given.elastic_law or config.elastic_law,
         }
         self.config = dataclasses.replace(config, **changed)
 
-    def _moved(self, points: Float[Tensor, "*shape 3"]) -> Float[Tensor, "*shape 3"]:
-        turn, centre, shift = (tensor.to(points) for tensor in (self._turn, self._centre, self._shift))
-        return (points - centre) @ turn.T + centre + shift
+    def _turned(self, points: Float[Tensor, "*shape 3"]) -> Float[Tensor, "*shape 3"]:
+        turn, centre = self._turn.to(points), self._centre.to(points)
+        return (points - centre) @ turn.T + centre
 
     def inputs(self, inputs: Inputs) -> Inputs:
         """Inputs of the capture's frame, in this discretisation's frame."""
-        if not self._moves:
+        if not self._turns:
             return inputs
-        return dataclasses.replace(inputs, controllers=self._moved(inputs.controllers))
+        return dataclasses.replace(inputs, controllers=self._turned(inputs.controllers))
 
     def states(
         self, x: Float[Tensor, "*shape 3"], F: Float[Tensor, "*shape 3 3"]
     ) -> tuple[Float[Tensor, "*shape 3"], Float[Tensor, "*shape 3 3"]]:
         """States of this discretisation's frame, x [m] and F, in the capture's frame."""
-        if not self._moves:
+        if not self._turns:
             return x, F
-        turn, centre, shift = (tensor.to(x) for tensor in (self._turn, self._centre, self._shift))
-        return (x - centre - shift) @ turn + centre, turn.T @ F @ turn
+        turn, centre = self._turn.to(x), self._centre.to(x)
+        return (x - centre) @ turn + centre, turn.T @ F @ turn

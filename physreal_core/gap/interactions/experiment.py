@@ -39,8 +39,8 @@ PER_CORE = 8
 LIKE_SUBSTEPS = 1.2
 """Largest ratio of substeps within a batch on a GPU.
 
-All rollouts of a batch take the substeps that the stiffest needs, and transfers damp once a substep. Without a bound,
-the answer for one body would depend on what else is in the batch.
+All rollouts of a batch take the substeps that the stiffest needs. Without a bound, the answer for one body would depend,
+through the error of the time step, on what else is in the batch.
 """
 
 START_STEP = 1e-3

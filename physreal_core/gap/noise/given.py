@@ -13,7 +13,6 @@ import numpy as np
 
 from physreal_core.array_types import Array, Float
 from physreal_core.gap.interactions.interaction import Interaction, Trial
-from physreal_core.gap.interactions.quick import quick_interactions
 
 USUAL: Mapping[str, Mapping[str, float]] = MappingProxyType({"grip_lag": MappingProxyType({"lag": 0.003})})
 """Effects of the library that every recording has to a small degree, with one standard deviation of it. A hand that the camera itself has
@@ -27,9 +26,6 @@ HAND_LASTS = 0.25
 
 KEPT = 0.9
 """Share of its variance that its leading modes must cover."""
-
-COARSENING = 1.5
-"""Factor on the particles' spacing in the rollouts that tell what a displaced hand changes."""
 
 
 def changed_by_records(
@@ -58,13 +54,11 @@ def _by_effects(experiment: Interaction, trial: Trial, predicted: Array) -> Floa
 
 
 def _by_the_hand(experiment: Interaction, trial: Trial, predicted: Array) -> Float[Array, "modes frames tracks 3"]:
-    """Of the leading modes of the hand's error along each axis, in quick rollouts: only differences matter."""
-    quick = quick_interactions([experiment], trial, [predicted], COARSENING)
-    own = quick[0] if quick else experiment
+    """Of the leading modes of the hand's error along each axis. Not in quick rollouts: a body that swings for seconds comes out of phase
+    with a coarser one."""
     modes = hand_modes(len(predicted), experiment.setting.fps)
     displaced = [Trial(trial.fields, trial.effects, mode[:, None] * axis) for mode in modes for axis in np.eye(3)]
-    here, *moved = own.predict([trial, *displaced], len(predicted))
-    return np.stack(moved) - here
+    return experiment.predict(displaced, len(predicted)) - predicted
 
 
 def hand_modes(frames: int, fps: float) -> Float[Array, "modes frames"]:

@@ -18,9 +18,9 @@ FRAME = Structure(
     Index particles  of one rollout
     Index rollouts
     Index stride  P
-    Index nodes  of a rollout that there is room for
+    Index nodes  of a rollout
+    Index count:3  of them along x, y, z
     Index clamps
-    Index has_ground
     Index controller_points
     Index latent_elastic_size
     Index latent_plastic_size
@@ -31,6 +31,7 @@ FRAME = Structure(
     S cell
     S mass_floor
     S touching
+    S touch_slope  1 / the way in which a particle comes to touch the ground [1/m]
     S grip_softening
     S beta_elastic
     S beta_plastic
@@ -38,7 +39,6 @@ FRAME = Structure(
 
     # What a frame does not change
     const S* timing  dt, 1 / substeps, frame rate, share of the mean rate of deformation that a substep keeps
-    const int* box  [R, 6] origin and count of the nodes
     const int* first  [1] number of the frame's first slot
     const int* caller  [P] the caller's number of the particle within its rollout
     const S* constants  [constant_rows, P]
@@ -59,22 +59,25 @@ FRAME = Structure(
     const S* grip_rest_length  [B]
     const S* controllers  [R, 2, points, 3] at both ends of the frame
 
-    # States by slot, and grids: (momentum, mass) by slot
+    # States by slot, and nodes: forces times dt, then free velocities, by slot; the velocities now and at the frame's start
     S* x  [slots, P, 3]
     S* v  [slots, P, 3]
     S* F  [slots, P, 3, 3]
-    S* C  [slots, P, 3, 3] affine velocity
+    S* shape  [slots, P, 3, 3] of the body as it lies on the grid (laws/shape.h), where it has one
     S* rate  [slots, P, 3, 3] mean rate of deformation, with viscosity
     S* branches  [slots, P, B, 3, 3] of Maxwell branches
-    S* momentum  [slots, R * nodes, 4]
+    S* free  [slots, R * nodes, 4]
     S* velocity  [R * nodes, 4]
-    Index* report  [R, 9] see report.h
+    S* first_velocity  [R * nodes, 4]
+    S* around  [R * nodes, 2] mass and volume of the particles
+    S* carry  [R * nodes, 4] adjoints of velocity and mass, and what else nodes sum up between frames
+    Index* report  [R] see report.h
 
     # Adjoints: of the state where the backward pass stands, of the nodes by turns, and those that grow
     S* x_bar  [P, 3]
     S* v_bar
     S* F_bar  [P, 3, 3]
-    S* C_bar
+    S* shape_bar
     S* rate_bar
     S* branches_bar  [P, B, 3, 3]
     S* node_bar  [2, R * nodes, 4]
@@ -98,11 +101,11 @@ def step_kernels(config: SimulationConfig, gripped: bool, led: bool | None) -> S
     Args:
         config: laws, residuals, terms and scalar type.
         gripped: whether there are bonds.
-        led: None for the forward pass: `Frame`, `start`, `update`, `forward` by halves. Else for the adjoint, whether that of
-            the controller points is asked for: `turn`, `backward` by halves.
+        led: None for the forward pass: `Frame`, `give_mass`, `weigh`, `start`, `update`, `forward` by halves. Else for
+            the adjoint, whether that of the controller points is asked for: `turn`, `backward` by halves, `settle`.
     """
     scalar = "float" if config.dtype == "float32" else "double"
-    flags = ("true" if config.terms else "false", term_bits(config.terms), _cpp(gripped), _cpp(bool(led)))
+    flags = (_cpp(bool(config.terms)), term_bits(config.terms), _cpp(config.shaped), _cpp(gripped), _cpp(bool(led)))
     arguments = ", ".join([scalar, *map(str, flags), material_arguments(config)])
     name = "".join(c if c.isalnum() else "_" for c in arguments.replace("physreal::", ""))
     text = f'#include "number.h"\n{layout_text(FRAME)}{law_headers(config)}'
@@ -139,10 +142,11 @@ def step_kernels(config: SimulationConfig, gripped: bool, led: bool | None) -> S
         }
 
     if led is not None:
-        return SimpleNamespace(turn=kernel("turn", "turn", 3), backward=halves("backward", 1))
+        settle = [kernel(f"settle_{what}", f"settle_{what}", 0) for what in ("nodes", "particles")]
+        return SimpleNamespace(turn=kernel("turn", "turn", 3), backward=halves("backward", 1), settle=settle)
     return SimpleNamespace(
         Frame=frame_type,
-        start=kernel("start", "start", 0),
+        **{name: kernel(name, name, 0) for name in ("give_mass", "weigh", "start")},
         update=kernel("update", "update", 2),
         forward=halves("forward", 5),
     )

@@ -5,8 +5,6 @@ import warp as wp
 
 from physreal_core.simulation.cuda.frame import INTEGERS, step_kernels
 from physreal_core.simulation.cuda.model import BodyModel, point
-from physreal_core.simulation.particle_rows import NODE_SUMS
-from physreal_core.simulation.stepper import state_shapes
 
 BLOCK = 64  # threads; smaller blocks spread a body of 20 000 particles over all multiprocessors
 
@@ -29,42 +27,41 @@ class FrameLaunches:
     Args:
         model: constants, parameters and adjoints.
         slots: states and grids there is room for.
-        nodes: nodes of each rollout there is room for.
         first: number of the frame's first slot, shape [1].
-        report: what the host learns of the frame (report.h), shape [R, 9].
+        report: what the host learns of the frame (report.h), shape [R].
+
+    Attributes:
+        states: by name, each [slots, P, ...].
+        free: of the nodes, by slot [m/s], shape [slots, R * nodes, 4].
     """
 
-    def __init__(self, model: BodyModel, slots: int, nodes: int, first: torch.Tensor, report: torch.Tensor) -> None:
-        self.model, self._count, self._rows = model, model.rollouts * model.particles, model.rollouts * nodes
+    def __init__(self, model: BodyModel, slots: int, first: torch.Tensor, report: torch.Tensor) -> None:
+        self.model, self._count, self._rows = model, model.rollouts * model.particles, len(model.velocity)
 
         def empty(*shape: int) -> torch.Tensor:
             return torch.empty(shape, dtype=model.dtype, device=model.device)
 
-        sizes = state_shapes(model.viscous, model.branches)
-        self.states = {name: empty(slots, self._count, *size) for name, size in sizes.items()}
-        self.momentum = empty(slots, self._rows, 4)
-        self.node_sums = empty(NODE_SUMS.count, self._rows).zero_()
-        self._held = {
-            "momentum": self.momentum,
-            "velocity": empty(self._rows, 4),
-            "node_bar": empty(2, self._rows, 4),
-            "node_sums": self.node_sums,
-            "first": first,
-            "report": report,
-        }
+        self.states = {name: empty(slots, self._count, *size) for name, size in model.state_shapes.items()}
+        self.free = empty(slots, self._rows, 4)
+        self._held = {"free": self.free, "first": first, "report": report}
         record = model.frame.copy()
-        record["nodes"] = nodes
         for name, values in (self.states | self._held).items():
             point(record, name, values)
         kernels = step_kernels(model.config, model.gripped, None)
         self._frame = kernels.Frame.from_buffer_copy(record.tobytes())
-        self._backward: dict[bool, tuple[Phase, dict[tuple[bool, bool], Phase]]] = {}
+        self._backward: dict[bool, tuple] = {}
         # all kernels of a module are there before the first launch, which compiles it
+        self._weigh = self._phase(kernels.give_mass, self._count), self._phase(kernels.weigh, self._rows)
         self._start, self._update = self._phase(kernels.start, self._rows), self._phase(kernels.update, self._rows)
         self._forward = {half: self._phase(kernel, self._count) for half, kernel in kernels.forward.items()}
 
     def _phase(self, kernel: wp.Kernel, threads: int) -> Phase:
         return Phase(kernel, threads, self._frame, self.model.device)
+
+    def weigh(self) -> None:
+        """Tell the nodes what is around them."""
+        for phase in self._weigh:
+            phase()
 
     def forward(self, substeps: int, keep: bool) -> None:
         """All substeps of the frame: from its first slot to slot `substeps` with `keep`, else within the first."""
@@ -85,11 +82,12 @@ class FrameLaunches:
         if led not in self._backward:
             kernels = step_kernels(self.model.config, self.model.gripped, led)
             halves = {half: self._phase(kernel, self._count) for half, kernel in kernels.backward.items()}
-            self._backward[led] = self._phase(kernels.turn, self._rows), halves
+            settle = [self._phase(k, n) for k, n in zip(kernels.settle, (self._rows, self._count), strict=True)]
+            self._backward[led] = self._phase(kernels.turn, self._rows), halves, settle
 
     def backward(self, substeps: int, led: bool) -> None:
         """Adjoint of a kept frame, once it is prepared."""
-        turn, phases = self._backward[led]
+        turn, phases, settle = self._backward[led]
         turn(substeps, 0, 1)
         phases[False, True](substeps)
         for s in reversed(range(1, substeps)):
@@ -97,3 +95,5 @@ class FrameLaunches:
             phases[True, True](s)
         turn(0, 1, 0)
         phases[True, False](0)
+        for phase in settle:
+            phase()

@@ -8,16 +8,16 @@ import torch
 
 from physreal_core.array_types import Tensor
 from physreal_core.simulation.body import Body, Clamp, Grip, PointLoad, load_forces
-from physreal_core.simulation.box import held_boxes
 from physreal_core.simulation.config import SimulationConfig
 from physreal_core.simulation.cuda.frame import FRAME
 from physreal_core.simulation.grip_inertia import GripInertia
+from physreal_core.simulation.lattice import held_boxes, lattice_of
 from physreal_core.simulation.parameters import Parameters
-from physreal_core.simulation.particle_rows import NUMBERS, PARTICLE_SUMS, ParticleRows
+from physreal_core.simulation.particle_rows import NODE_SUMS, NUMBERS, PARTICLE_SUMS, ParticleRows
 from physreal_core.simulation.stepper import state_shapes
 from physreal_core.simulation.terms import branch_count
 from physreal_core.simulation.timestep import rate_memory
-from physreal_core.simulation.touch import TOUCHING
+from physreal_core.simulation.touch import NEARLY, TOUCHING, touch_heights
 
 WEIGHT_ROWS = 64  # copies of a network's weight adjoint on a GPU, so that its threads do not queue for one address
 
@@ -34,9 +34,11 @@ class BodyModel:
     Attributes:
         frame: record of `frame.FRAME` with all that is here.
         shapes: full shape of every parameter in use by name, without the axis of rollouts.
-        viscous, gripped: whether states have a mean rate of deformation, and whether there are bonds.
-        branches: Maxwell branches B of a particle.
-        box: origin and count of each rollout's nodes, shape [R, 6].
+        state_shapes: of what a state has of every particle, by name.
+        gripped: whether there are bonds.
+        lattice: the grid of each rollout.
+        carry: adjoints of the nodes' velocities, shape [R * nodes, 4].
+        velocity, first_velocity: of the nodes [m/s], now and at the frame's start, shape [R * nodes, 4].
         controllers: controller points [m] at both ends of the frame, shape [R, 2, C, 3].
         controllers_bar: their adjoint, of one frame.
         state_bars: adjoints of the state by name, each [P, ...], in the order of the kernels.
@@ -50,16 +52,15 @@ class BodyModel:
         clamps: tuple[Clamp, ...],
         loads: tuple[PointLoad, ...],
         rollouts: int,
-        offset: np.ndarray,
     ) -> None:
         self.dtype, self.config, self.rollouts = config.torch_dtype, config, rollouts
         self.device, self.particles = config.device, len(body.x0)
-        self.viscous, self.branches = "viscosity" in config.terms, branch_count(config.terms)
+        self.state_shapes = state_shapes(config.shaped, "viscosity" in config.terms, branch_count(config.terms))
         self._body, self._held = body, {}
         self.frame = np.zeros((), FRAME.dtype(config.dtype))
         self._mass, self._volume = self._numbers(body.mass), self._numbers(body.volume)
         self._load, self._start = self._numbers(load_forces(body, loads)), self._numbers(body.x0)
-        self._scene(body, clamps, offset)
+        self._scene(body, clamps)
         self._bonds(body, grip)
         self._rows = ParticleRows(config, self.particles, self.gripped)
         self.shapes = self._rows.shapes
@@ -78,16 +79,22 @@ class BodyModel:
         point(self.frame, name, values)
         return values
 
-    def _scene(self, body: Body, clamps: tuple[Clamp, ...], offset: np.ndarray) -> None:
+    def _scene(self, body: Body, clamps: tuple[Clamp, ...]) -> None:
         frame, config = self.frame, self.config
         frame["particles"], frame["rollouts"] = self.particles, self.rollouts
         frame["stride"] = self.rollouts * self.particles
-        frame["offset"], frame["cell"], frame["touching"] = offset, body.cell, TOUCHING
+        lattice = self.lattice = lattice_of(body, clamps)
+        frame["offset"], frame["count"], frame["cell"] = lattice.offset, lattice.count, lattice.cell
+        frame["nodes"], frame["touching"] = lattice.nodes, TOUCHING
+        frame["touch_slope"] = 1.0 / (NEARLY * body.spacing)
         frame["mass_floor"] = torch.finfo(self.dtype).eps ** 2 * body.mass.min()
-        frame["clamps"], frame["has_ground"] = len(clamps), config.ground_height is not None
+        frame["clamps"] = len(clamps)
         for name, corner in zip(("clamp_lower", "clamp_upper"), held_boxes(clamps, body.cell), strict=True):
             self._give(name, self._numbers(corner))
-        self.box = self._give("box", self._zeros(self.rollouts, 6, dtype=torch.int32))
+        rows = self.rollouts * lattice.nodes
+        self.velocity = self._give("velocity", self._zeros(rows, 4))
+        self.first_velocity = self._give("first_velocity", self._zeros(rows, 4))
+        self._give("around", self._zeros(rows, 2))
         self._timing = self._give("timing", self._zeros(4))
         self._gravity = self._give("gravity", self._numbers(np.array([config.gravity] * self.rollouts)))
 
@@ -117,7 +124,8 @@ class BodyModel:
     def _parameters(self) -> None:
         r, config, frame = self.rollouts, self.config, self.frame
         rows = self._zeros(self._rows.constant_count, r, self.particles)
-        rows[self._rows.constants["volume"]] = self._volume
+        heights = self._numbers(touch_heights(self._body, config.ground_height))
+        self._rows.fill_body(rows.transpose(0, 1), self._start, heights, self._volume)
         self._given, self._sorted = rows, self._give("constants", rows.flatten(1).clone())
         for name, shape in (
             ("friction", (r,)),
@@ -140,8 +148,11 @@ class BodyModel:
 
     def _adjoints(self) -> None:
         count = self.rollouts * self.particles
-        sizes = state_shapes(self.viscous, self.branches)
-        self.state_bars = {name: self._give(f"{name}_bar", self._zeros(count, *size)) for name, size in sizes.items()}
+        sizes = self.state_shapes.items()
+        self.state_bars = {name: self._give(f"{name}_bar", self._zeros(count, *size)) for name, size in sizes}
+        self._give("node_bar", self._zeros(2, len(self.velocity), 4))
+        self.carry = self._give("carry", torch.zeros_like(self.velocity))
+        self._node_sums = self._give("node_sums", self._zeros(NODE_SUMS.count, len(self.velocity)))
         self._bars = self._give("bars", self._zeros(self._rows.bar_count, count))
         self._sums = self._give("particle_sums", self._zeros(PARTICLE_SUMS.count, count))
 
@@ -178,35 +189,27 @@ class BodyModel:
 
     # --- adjoints -----------------------------------------------------------------------------------------------
 
-    def sort_bars(self, index: Tensor) -> None:
-        """Take the adjoints of particles from these places."""
-        for bar in self.state_bars.values():
-            bar.copy_(bar[index])
-        for bar in (self._bars, self._sums):
-            bar.copy_(bar[:, index])
-
     def clear_bars(self) -> None:
         """Set the adjoints to zero."""
-        for bar in (*self.state_bars.values(), self._bars, self._sums, *self._weights_bar.values()):
+        of_nodes = self.carry, self._node_sums
+        for bar in (*self.state_bars.values(), self._bars, self._sums, *of_nodes, *self._weights_bar.values()):
             bar.zero_()
 
-    def gradients(self, order: Tensor, node_sums: Tensor) -> dict[str, Tensor]:
+    def gradients(self, order: Tensor) -> dict[str, Tensor]:
         """Adjoints of the parameters in use by name, with an axis of rollouts, as the caller counts.
 
         Args:
             order: caller's number of each particle.
-            node_sums: adjoints of what acts on nodes, shape [R, NODE_SUMS].
         """
         size = (self.rollouts, self.particles)
         bars = torch.empty_like(self._bars).index_copy_(1, order, self._bars).unflatten(1, size)
-        state = [
-            torch.empty_like(bar).index_copy_(0, order, bar).unflatten(0, size)
-            for bar in (self.state_bars[name] for name in ("x", "v", "F"))
-        ]
+        state = {
+            name: torch.empty_like(bar).index_copy_(0, order, bar).unflatten(0, size)
+            for name, bar in self.state_bars.items()
+        }
         sums = self._sums.unflatten(1, size).sum(2).T
+        node_sums = self._node_sums.unflatten(1, (self.rollouts, -1)).sum(2).T
         networks = {
             kind: bar.unflatten(0, (self.rollouts, self._weight_rows)).sum(1) for kind, bar in self._weights_bar.items()
         }
-        return self._rows.gradients(
-            bars.transpose(0, 1), tuple(state), sums, node_sums, networks, self._volume, self._inertia
-        )
+        return self._rows.gradients(bars.transpose(0, 1), state, sums, node_sums, networks, self._volume, self._inertia)

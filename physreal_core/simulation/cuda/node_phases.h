@@ -1,7 +1,8 @@
-// Node phases on the boxes of all rollouts at once: velocities from momenta, and on the way back both adjoints in one.
+// Node phases of all rollouts at once: what is around the nodes, velocities from forces, and on the way back both adjoints
+// in one.
 //
-// Every rollout has `nodes` rows of storage, of which its box takes the first. Slots count from the frame's first one,
-// `first[0]`, so that one CUDA graph serves every frame that is kept.
+// Slots count from the frame's first one, `first[0]`, so that one CUDA graph serves every frame that is kept. A slot of
+// `free` takes the forces times dt of a substep, and becomes the free velocities.
 #pragma once
 #include "nodes.h"
 #include "report.h"
@@ -14,74 +15,91 @@ template <class S, bool INPUTS, Index TERMS>
 class NodeOfRollout {
     const Frame<S>& f_;
     const int n_, rollout_, own_;  // number among all, its rollout, number within
-    const int* box_;
     NodePhase<S> phase_;
 
-    Vec4<S>* momentum(int slot) const { return slot_of(f_.momentum, slot); }
-    Vec4<S>* slot_of(S* grids, int slot) const {
-        return reinterpret_cast<Vec4<S>*>(grids) + Index(slot) * f_.rollouts * f_.nodes;
+    Vec4<S>& at(S* grid) const { return reinterpret_cast<Vec4<S>*>(grid)[n_]; }
+    Vec4<S>& in_slot(S* grids, Index slot) const {
+        return reinterpret_cast<Vec4<S>*>(grids)[slot * f_.rollouts * f_.nodes + n_];
     }
+    Vec4<S>& free(int slot) const { return in_slot(f_.free, f_.first[0] + slot); }
 
-    unsigned char kind_in(const Vec4<S>* momenta) const {
-        if (!(momenta[n_][3] > f_.mass_floor) || !(f_.has_ground || f_.clamps)) return FREE;
-        const Scene<S> scene = {{f_.offset[0], f_.offset[1], f_.offset[2]},
-                                f_.cell,
-                                f_.clamps,
-                                f_.has_ground,
-                                f_.clamp_lower,
-                                f_.clamp_upper};
-        const int k = own_ % box_[5], j = own_ / box_[5] % box_[4], i = own_ / (box_[4] * box_[5]);
-        const auto kind = scene.kind_of(i + box_[0], j + box_[1], k + box_[2], box_[2]);
-        return phase_.kind_now(kind, momenta[n_][3], [&] { return momenta[n_ - 1][3]; });
+    Around<S> around() const { return {f_.around[2 * n_], f_.around[2 * n_ + 1]}; }
+    bool held() const {
+        const Index k = own_ % f_.count[2], j = own_ / f_.count[2] % f_.count[1], i = own_ / (f_.count[1] * f_.count[2]);
+        const Scene<S> scene = {
+            {f_.offset[0], f_.offset[1], f_.offset[2]}, f_.cell, f_.clamps, f_.clamp_lower, f_.clamp_upper};
+        return scene.holds(i, j, k);
+    }
+    // Before a substep; before the first one the frame's.
+    Vec4<S> velocity_before(int slot) const {
+        return slot > 0 ? phase_.velocity(free(slot - 1), around()) : at(f_.first_velocity);
     }
 
     void add(int sum, S value) const { f_.node_sums[sum * f_.rollouts * f_.nodes + n_] += value; }
 
 public:
     NodeOfRollout(const Frame<S>& f, int n)
-        : f_(f), n_(n), rollout_(n / int(f.nodes)), own_(n - rollout_ * int(f.nodes)), box_(f.box + 6 * rollout_) {
+        : f_(f), n_(n), rollout_(n / int(f.nodes)), own_(n - rollout_ * int(f.nodes)) {
         const S* g = f.gravity + 3 * rollout_;
-        phase_ = {f.timing[0],          {g[0], g[1], g[2]},
-                  f.mass_floor,         f.touching,
-                  f.friction[rollout_], TERMS & term::friction_law ? f.friction_law + 3 * rollout_ : nullptr};
+        phase_ = {f.timing[0], {g[0], g[1], g[2]},   f.mass_floor,
+                  f.touching,  f.friction[rollout_], TERMS & term::friction_law ? f.friction_law + 3 * rollout_ : nullptr};
     }
 
-    // Whether this row of storage belongs to the rollout's box.
-    bool used() const { return own_ < box_[3] * box_[4] * box_[5]; }
+    // What is around the node: the sum stands in `carry`, which is zero before and after.
+    void weigh() const {
+        const Vec4<S> sum = at(f_.carry);
+        at(f_.carry) = {};
+        f_.around[2 * n_] = held() ? S(0) : sum[0];
+        f_.around[2 * n_ + 1] = sum[1];
+    }
+
+    // --- forward
 
     void start() const {
-        momentum(f_.first[0])[n_] = {};
-        if (n_ < f_.rollouts * REPORT_COLUMNS) f_.report[n_] = empty_report(n_);
+        free(0) = {};
+        at(f_.first_velocity) = at(f_.velocity);
+        if (n_ < f_.rollouts) f_.report[n_] = NOT_FAILED;
     }
 
     void update(int slot, int cleared_slot) const {
-        if (!used()) return;
-        const Vec4<S>* momenta = momentum(f_.first[0] + slot);
-        reinterpret_cast<Vec4<S>*>(f_.velocity)[n_] = phase_.velocity(momenta[n_], kind_in(momenta));
-        momentum(f_.first[0] + cleared_slot)[n_] = {};
+        const Vec4<S> velocity = phase_.free(at(f_.velocity), free(slot), around());
+        free(slot) = velocity;
+        at(f_.velocity) = phase_.velocity(velocity, around());
+        free(cleared_slot) = {};
     }
 
-    // slot: the substep whose momenta's adjoint is asked for (arriving); the velocities are those of the one before
-    // (leaving). The adjoint of the nodes' velocity becomes that of (momentum, mass); rows by turns.
+    // --- adjoint
+
+    // slot: the substep whose forces' adjoint is asked for (arriving); the velocities are those before it (leaving). The
+    // adjoint of the nodes' velocity becomes that of the forces times dt; rows by turns. `carry` holds what later
+    // substeps give to the velocity, and the masses' adjoint, which grows.
     void turn(int slot, int arriving, int leaving) const {
-        if (!used()) return;
         if (arriving) {
-            const Vec4<S>* momenta = momentum(f_.first[0] + slot);
-            Vec4<S>& bar = slot_of(f_.node_bar, slot % 2)[n_];
+            const Vec4<S> before = velocity_before(slot), carried = at(f_.carry);
+            Vec4<S>& node_bar = in_slot(f_.node_bar, slot % 2);
             FrictionBar<S> friction_bar = {};
-            bar = phase_.adjoint(momenta[n_], kind_in(momenta), bar, friction_bar);
+            const auto found = phase_.adjoint(before, free(slot), around(), carried + node_bar, friction_bar);
+            const Vec4<S>& bar = found.free;
+            const S share = around().mass > f_.mass_floor ? 1 / around().mass : S(0);
+            at(f_.carry) = {{bar[0], bar[1], bar[2], carried[3] + found.mass}};
+            node_bar = {{share * bar[0], share * bar[1], share * bar[2], bar[3]}};
             add(node_sum::friction_coefficient, friction_bar.dynamic);
             for (int d = 0; d < 3; ++d) {
-                // gravity acts on the velocity as momentum / mass does, dt times
-                if (INPUTS) add(node_sum::gravity + d, phase_.dt * momenta[n_][3] * bar[d]);
+                if (INPUTS) add(node_sum::gravity + d, phase_.dt * bar[d]);
                 if (TERMS & term::friction_law) add(node_sum::friction_law + d, friction_bar.law[d]);
             }
         }
         if (leaving) {
-            const Vec4<S>* momenta = momentum(f_.first[0] + slot - 1);
-            reinterpret_cast<Vec4<S>*>(f_.velocity)[n_] = phase_.velocity(momenta[n_], kind_in(momenta));
-            slot_of(f_.node_bar, (slot + 1) % 2)[n_] = {};
+            at(f_.velocity) = velocity_before(slot);
+            in_slot(f_.node_bar, (slot + 1) % 2) = {};
         }
+    }
+
+    // Moves the masses' adjoint into the first row of node_bar.
+    void settle() const {
+        Vec4<S>& bar = at(f_.carry);
+        in_slot(f_.node_bar, 0) = {{0, 0, 0, bar[3]}};
+        bar[3] = 0;
     }
 };
 

@@ -2,24 +2,25 @@
 // adjoint.
 //
 // Between two launches lies one node phase. A launch that opens a frame only scatters (LEAVING), one that closes it
-// only gathers (ARRIVING); the adjoint's launch at a state takes the adjoints of the momenta that this state scattered
-// (ARRIVING), then scatters those of the velocities it was gathered from (LEAVING). Slots count from the frame's first
+// only gathers (ARRIVING); the adjoint's launch at a state takes the adjoints of the forces that this state scattered
+// (ARRIVING), then scatters those of the velocities it was gathered from (LEAVING). Places on the grid are those of the
+// body at rest, all the time. Slots count from the frame's first
 // one, `first[0]`, so that one CUDA graph serves every frame.
 #pragma once
 #include "grip.h"
 #include "material.h"
 #include "report.h"
+#include "shape.h"
 #include "transfers.h"
 
 namespace physreal {
 
-// INPUTS: whether masses and forces have adjoints; TERMS: bits of the optional laws in use; LED: whether the controller
-// points have.
-template <class S, bool INPUTS, Index TERMS, bool GRIPPED, bool LED, class Material>
+// INPUTS: whether masses and forces have adjoints; TERMS: bits of the optional laws in use; SHAPED: whether the body's own
+// shape may differ from that on the grid (shape.h); LED: whether the controller points have adjoints.
+template <class S, bool INPUTS, Index TERMS, bool SHAPED, bool GRIPPED, bool LED, class Material>
 class ParticleOfRollout {
     const Frame<S>& f_;
     const int p_, rollout_;  // number among all, and its rollout
-    const int* box_;
     const S dt_, per_metre_;  // cells per metre
     Material material_;
     static constexpr bool VISCOUS = TERMS & term::viscosity, FLOWS = Material::flows;
@@ -30,7 +31,6 @@ public:
         : f_(f),
           p_(p),
           rollout_(p / int(f.particles)),
-          box_(f.box + 6 * rollout_),
           dt_(f.timing[0]),
           per_metre_(1 / f.cell),
           material_(material_arrays<INPUTS>(f, f.timing[0], f.timing[1],
@@ -39,76 +39,79 @@ public:
                                             f.network_elastic_bar + weight_row() * f.weights_elastic,
                                             f.network_plastic_bar + weight_row() * f.weights_plastic, (S*)nullptr)) {}
 
+    // Mass and volume to the nodes.
+    void give_mass() const {
+        const Vec3<S> q = {{constant(constant::mass), constant(constant::volume), 0}};
+        Field<S>(q, S(0), {}).scatter(grid(f_.carry, 0), place());
+    }
+
     // substep: of the state that is scattered or checked. `slot_next` may be `slot`.
     template <bool ARRIVING, bool LEAVING>
     void forward(int substep, int slot, int slot_next, int grid_slot, int keep) {
         const Index now = place_in(slot), after = place_in(slot_next);
         Vec3<S> x = get3(f_.x, now), v;
-        Mat3<S> F = get9(f_.F, now), C, rate = rate_at(now);
+        Mat3<S> F = get9(f_.F, now), B = shape_at(now), rate = rate_at(now);
         if constexpr (ARRIVING) {
-            const Place<S> at = place(x);
-            if (!at.inside) {
-                put(f_.x, after, x);
-                return;
-            }
-            const Derivatives<S> moved(grid(f_.velocity, 0), at);
+            const Derivatives<S> moved(grid(f_.velocity, 0), place());
             v = three(moved.value);
-            C = per_metre_ * moved.offset_moments(at);
             x = x + dt_ * v;
-            const Mat3<S> gradient = moved.gradient();
-            F += (dt_ * per_metre_) * (gradient * F);
-            if constexpr (FLOWS) F = material_.flow(p_, F);
+            const ShapeOnGrid<SHAPED, S> on_grid(F, B);
+            const Mat3<S> change = on_grid.change((dt_ * per_metre_) * moved.gradient());
+            if constexpr (VISCOUS || BRANCHES > 0) {
+                const Mat3<S> step = on_grid.step(change);
+                if constexpr (VISCOUS) {
+                    rate = remembered() * rate + (1 - remembered()) * symmetric((1 / dt_) * step);
+                    put(f_.rate, after, rate);
+                }
+                if constexpr (BRANCHES > 0) advance_branches(now, after, step);
+            }
+            F += change;
+            if constexpr (FLOWS) {
+                const Mat3<S> trial = F;
+                F = material_.flow(p_, trial);
+                B = shape_after_flow(B, trial, F);
+            }
             put(f_.x, after, x);
             put(f_.F, after, F);
-            if (keep || !LEAVING) {
-                put(f_.v, after, v);
-                put(f_.C, after, C);
-            }
-            if constexpr (VISCOUS) {
-                rate = remembered() * rate + (1 - remembered()) * symmetric(C);
-                put(f_.rate, after, rate);
-            }
-            if constexpr (BRANCHES > 0) advance_branches(now, after, (dt_ * per_metre_) * gradient);
+            if constexpr (SHAPED) put(f_.shape, after, B);
+            if (keep || !LEAVING) put(f_.v, after, v);
         } else {
             v = get3(f_.v, now);
-            C = get9(f_.C, now);
         }
         if constexpr (LEAVING)
-            scatter_momentum(substep, grid_slot, after, x, v, F, C, rate);
-        else
-            check(substep, x, v, F);
+            scatter_forces(substep, grid_slot, after, x, v, F, B, rate);
+        else if (!finite(dot(x, x) + dot(v, v) + dot(F, F)))
+            fail(substep);
     }
 
     template <bool ARRIVING, bool LEAVING>
     void backward(int slot) {
         const Index now = place_in(slot);
-        Vec3<S> x_bar = get3(f_.x_bar, p_), v_bar;
-        Mat3<S> F_bar = get9(f_.F_bar, p_), C_bar, rate_bar = {};
+        if (!finite(f_.x[3 * now])) return;  // of a rollout that has failed
+        Vec3<S> x_bar = get3(f_.x_bar, p_), v_bar = {};
+        Mat3<S> F_bar = get9(f_.F_bar, p_), B_bar = {}, rate_bar = {};
+        if constexpr (SHAPED) B_bar = get9(f_.shape_bar, p_);
         if constexpr (VISCOUS) rate_bar = get9(f_.rate_bar, p_);
-        if constexpr (ARRIVING) {
-            const Place<S> at = place(get3(f_.x, now));
-            if (!at.inside) return;
-            momentum_adjoint(slot, now, at, x_bar, v_bar, F_bar, C_bar, rate_bar);
-        } else {
+        if constexpr (ARRIVING)
+            force_adjoint(slot, now, x_bar, v_bar, F_bar, B_bar, rate_bar);
+        else
             v_bar = get3(f_.v_bar, p_);
-            C_bar = get9(f_.C_bar, p_);
-        }
-        if constexpr (LEAVING) {
-            const Index before = place_in(slot - 1);
-            const Place<S> at = place(get3(f_.x, before));
-            if (!at.inside) return;
-            if constexpr (VISCOUS) {
-                C_bar += (1 - remembered()) * symmetric(rate_bar);
-                rate_bar = remembered() * rate_bar;
-            }
-            velocity_adjoint(slot, before, at, x_bar, v_bar, F_bar, C_bar);
-        } else {
+        if constexpr (LEAVING)
+            velocity_adjoint(slot, place_in(slot - 1), x_bar, v_bar, F_bar, B_bar, rate_bar);
+        else
             put(f_.v_bar, p_, v_bar);
-            put(f_.C_bar, p_, C_bar);
-        }
+        if constexpr (SHAPED) put(f_.shape_bar, p_, B_bar);
         if constexpr (VISCOUS) put(f_.rate_bar, p_, rate_bar);
         put(f_.x_bar, p_, x_bar);
         put(f_.F_bar, p_, F_bar);
+    }
+
+    // The share in the masses' adjoint.
+    void settle() const {
+        if constexpr (INPUTS)
+            if (finite(f_.x[3 * place_in(0)]))
+                f_.bars[(bar::COUNT + input::mass) * f_.stride + p_] +=
+                    Derivatives<S>(grid(f_.node_bar, 0), place()).value[3];
     }
 
 private:
@@ -121,7 +124,14 @@ private:
         if constexpr (VISCOUS) return get9(f_.rate, now);
         return {};
     }
-    Place<S> place(const Vec3<S>& x) const { return Place<S>(x, f_.offset, per_metre_, box_); }
+    Mat3<S> shape_at(Index now) const {
+        if constexpr (SHAPED) return get9(f_.shape, now);
+        return {};
+    }
+    Place<S> place() const {
+        const Vec3<S> x = {{constant(constant::place), constant(constant::place + 1), constant(constant::place + 2)}};
+        return Place<S>(x, f_.offset, per_metre_, f_.count);
+    }
     // The rollout's first node in a slot of grids.
     Vec4<S>* grid(S* grids, int slot) const {
         return reinterpret_cast<Vec4<S>*>(grids) + (Index(slot) * f_.rollouts + rollout_) * f_.nodes;
@@ -227,74 +237,54 @@ private:
         void add_number(int n, S bar) { o.f_.particle_sums[(particle_sum::numbers + n) * o.f_.stride + o.p_] += bar; }
     };
 
-    // m v + dt f.
-    Vec3<S> pushed_momentum(int substep, const At& at) const {
+    Vec3<S> force(int substep, const At& at) const {
         Vec3<S> force = {{constant(constant::load), constant(constant::load + 1), constant(constant::load + 2)}};
         ForceTerms::each(TERMS, [&](auto law) { force = force + law.force(at); });
         if constexpr (GRIPPED) force = grip(substep).force(f_.bond_begin[p_], f_.bond_end[p_], at.x_, at.v_, force);
-        return at.mass() * at.v_ + dt_ * force;
+        return force;
     }
 
-    // APIC's m (v + C o) w, and - dt V tau grad w.
-    Field<S> momentum_field(const Vec3<S>& momentum, const Mat3<S>& C, const Mat3<S>& tau, const Place<S>& at) const {
-        const S mass = constant(constant::mass), volume = constant(constant::volume);
-        return Field<S>(momentum, mass, (mass / (4 * per_metre_)) * C, (-dt_ * volume * per_metre_) * tau, at);
-    }
-
-    void scatter_momentum(int substep, int grid_slot, Index now, const Vec3<S>& x, const Vec3<S>& v, const Mat3<S>& F,
-                          const Mat3<S>& C, const Mat3<S>& rate) {
-        const At at = {*this, now, x, v, rate};
-        Mat3<S> tau = material_.stress(p_, F).tau;
+    Mat3<S> stress(const At& at, const Mat3<S>& F, Mat3<S> tau) const {
         StressTerms::each(TERMS, [&](auto law) { tau += law.stress(at, F); });
-        const Vec3<S> momentum = pushed_momentum(substep, at);
-        const Place<S> to = place(x);
-        const S size = dot(momentum, momentum) + dot(C, C) + dot(tau, tau);
-        if (!to.inside || !finite(size)) {
-            fail(finite(dot(x, x) + size) ? OUTSIDE : NOT_FINITE, substep);
+        return tau;
+    }
+
+    // dt f w, and - dt V P grad w with P the stress on the grid's areas.
+    void scatter_forces(int substep, int grid_slot, Index now, const Vec3<S>& x, const Vec3<S>& v, const Mat3<S>& F,
+                        const Mat3<S>& B, const Mat3<S>& rate) {
+        const At at = {*this, now, x, v, rate};
+        const Mat3<S> P = ShapeOnGrid<SHAPED, S>(F, B).stress(stress(at, F, material_.stress(p_, F).tau));
+        const Vec3<S> push = dt_ * force(substep, at);
+        if (!finite(dot(x, x) + dot(push, push) + dot(P, P))) {
+            fail(substep);
             return;
         }
-        momentum_field(momentum, C, tau, to).scatter(grid(f_.momentum, f_.first[0] + grid_slot), to);
+        const S volume = constant(constant::volume);
+        Field<S>(push, volume * touching(x[2]), (-dt_ * volume * per_metre_) * P)
+            .scatter(grid(f_.free, f_.first[0] + grid_slot), place());
     }
 
-    // --- the frame's end
+    // How fully the particle touches the ground, from 0 to 1; z: its height.
+    S touching(S z) const { return max(min((constant(constant::touch_height) - z) * f_.touch_slope, S(1)), S(0)); }
 
-    void fail(int kind, int substep) const {
-        lower_to(f_.report + REPORT_COLUMNS * rollout_ + kind, Index(substep) * f_.particles + f_.caller[p_]);
-    }
-
-    void check(int substep, const Vec3<S>& x, const Vec3<S>& v, const Mat3<S>& F) const {
-        Index* entries = f_.report + REPORT_COLUMNS * rollout_ + REPORT_FAILURES;
-        for (int d = 0; d < 3; ++d) {
-            const S ahead = x[d] + v[d] / f_.timing[2];
-            raise_to(entries + d, rollout_, -double(min(x[d], ahead)));
-            raise_to(entries + 3 + d, rollout_, double(max(x[d], ahead)));
-        }
-        raise_to(entries + 6, rollout_, double(sqrt(dot(v, v))));
-        if (!finite(dot(x, x) + dot(v, v) + dot(F, F)))
-            fail(NOT_FINITE, substep);
-        else if (!place(x).inside)
-            fail(OUTSIDE, substep);
-    }
+    void fail(int substep) const { lower_to(f_.report + rollout_, Index(substep) * f_.particles + f_.caller[p_]); }
 
     // --- adjoints
 
-    // Of particle to grid, grip and stress: v_bar and C_bar are set, the others grow.
-    void momentum_adjoint(int slot, Index now, const Place<S>& place, Vec3<S>& x_bar, Vec3<S>& v_bar, Mat3<S>& F_bar,
-                          Mat3<S>& C_bar, Mat3<S>& rate_bar) {
-        const Mat3<S> F = get9(f_.F, now), C = get9(f_.C, now);
+    // Of forces and stress: v_bar is set, the others grow.
+    void force_adjoint(int slot, Index now, Vec3<S>& x_bar, Vec3<S>& v_bar, Mat3<S>& F_bar, Mat3<S>& B_bar,
+                       Mat3<S>& rate_bar) {
+        const Mat3<S> F = get9(f_.F, now);
         At at = {*this, now, get3(f_.x, now), get3(f_.v, now), rate_at(now)};
-        const auto stress = material_.stress(p_, F);
-        Mat3<S> tau = stress.tau;
-        StressTerms::each(TERMS, [&](auto law) { tau += law.stress(at, F); });
-        const Field<S> given = momentum_field(pushed_momentum(slot, at), C, tau, place);
-        const Derivatives<S> field(grid(f_.node_bar, slot % 2), place);
-        const Vec3<S> q_bar = three(field.value), f_bar = dt_ * q_bar;
-        const Mat3<S> apic_bar = field.offset_moments(place);
-        const S mass = at.mass();
-        x_bar = x_bar + per_metre_ * field.slope(given, place);
-        v_bar = mass * q_bar;
-        C_bar = (mass / (4 * per_metre_)) * apic_bar;
-        const Mat3<S> tau_bar = (-dt_ * constant(constant::volume) * per_metre_) * field.gradient();
+        const auto expert = material_.stress(p_, F);
+        const Derivatives<S> bar(grid(f_.node_bar, slot % 2), place());
+        const Vec3<S> f_bar = dt_ * three(bar.value);
+        const Mat3<S> P_bar = (-dt_ * constant(constant::volume) * per_metre_) * bar.gradient();
+        const Mat3<S> tau_bar =
+            ShapeOnGrid<SHAPED, S>(F, shape_at(now)).stress_adjoint(stress(at, F, expert.tau), P_bar, F_bar, B_bar);
+        v_bar = {};
+        const S touch = touching(at.x_[2]);
+        if (touch > 0 && touch < 1) x_bar[2] -= f_.touch_slope * constant(constant::volume) * bar.value[3];
         if constexpr (GRIPPED) grip_adjoint(slot, at, f_bar, x_bar, v_bar);
         ForceTerms::each(TERMS, [&](auto law) { law.adjoint(at, f_bar); });
         if constexpr ((TERMS & StressTerms::TERMS) != 0) {
@@ -306,11 +296,10 @@ private:
         rate_bar += at.rate_bar;
         if constexpr (INPUTS) {
             S* bars = f_.bars + bar::COUNT * f_.stride + p_;
-            bars[input::mass * f_.stride] +=
-                field.value[3] + dot(at.v_, q_bar) + dot(C, apic_bar) / (4 * per_metre_) + at.mass_bar;
+            bars[input::mass * f_.stride] += at.mass_bar;
             for (int d = 0; d < 3; ++d) bars[(input::load + d) * f_.stride] += f_bar[d];
         }
-        material_.stress_adjoint(p_, stress, F, tau_bar, F_bar);
+        material_.stress_adjoint(p_, expert, F, tau_bar, F_bar);
     }
 
     void grip_adjoint(int substep, const At& at, const Vec3<S>& f_bar, Vec3<S>& x_bar, Vec3<S>& v_bar) const {
@@ -326,18 +315,33 @@ private:
     }
 
     // Of plastic flow and grid to particle.
-    void velocity_adjoint(int slot, Index before, const Place<S>& place, Vec3<S>& x_bar, const Vec3<S>& v_bar,
-                          Mat3<S>& F_bar, const Mat3<S>& C_bar) {
-        const Mat3<S> F = get9(f_.F, before);
-        const Derivatives<S> moved(grid(f_.velocity, 0), place);
-        const Mat3<S> step = (dt_ * per_metre_) * moved.gradient();
-        if constexpr (FLOWS) F_bar = material_.flow_adjoint(p_, F + step * F, F_bar);
-        Mat3<S> step_bar = F_bar * transpose(F);
-        if constexpr (BRANCHES > 0) advance_branches_adjoint(before, step, step_bar);
-        const Field<S> field(v_bar + dt_ * x_bar, S(0), per_metre_ * C_bar, (dt_ * per_metre_) * step_bar, place);
-        field.scatter(grid(f_.node_bar, (slot + 1) % 2), place);
-        x_bar = x_bar + per_metre_ * moved.slope(field, place);
-        F_bar += transpose(step) * F_bar;
+    void velocity_adjoint(int slot, Index before, const Vec3<S>& x_bar, const Vec3<S>& v_bar, Mat3<S>& F_bar,
+                          Mat3<S>& B_bar, Mat3<S>& rate_bar) {
+        const Place<S> at = place();
+        const Mat3<S> F = get9(f_.F, before), B = shape_at(before);
+        const Mat3<S> dD = (dt_ * per_metre_) * Derivatives<S>(grid(f_.velocity, 0), at).gradient();
+        const ShapeOnGrid<SHAPED, S> on_grid(F, B);
+        const Mat3<S> change = on_grid.change(dD);
+        Mat3<S> change_bar = F_bar;
+        if constexpr (FLOWS) {
+            const Mat3<S> trial = F + change;
+            change_bar = {};
+            shape_after_flow_adjoint(B, trial, material_.flow(p_, trial), B_bar, change_bar, F_bar);
+            change_bar += material_.flow_adjoint(p_, trial, F_bar);
+        }
+        F_bar = change_bar;
+        if constexpr (VISCOUS || BRANCHES > 0) {
+            Mat3<S> step_bar = {};
+            if constexpr (VISCOUS) {
+                step_bar += ((1 - remembered()) / dt_) * symmetric(rate_bar);
+                rate_bar = remembered() * rate_bar;
+            }
+            if constexpr (BRANCHES > 0) advance_branches_adjoint(before, on_grid.step(change), step_bar);
+            change_bar += on_grid.step_adjoint(change, step_bar, F_bar);
+        }
+        const Mat3<S> dD_bar = on_grid.change_adjoint(dD, change_bar, B_bar);
+        Field<S>(v_bar + dt_ * x_bar, S(0), (dt_ * per_metre_) * dD_bar)
+            .scatter(grid(f_.node_bar, (slot + 1) % 2), at);
     }
 };
 

@@ -5,18 +5,23 @@
 
 namespace physreal {
 
-template <class S, bool INPUTS, Index TERMS, bool GRIPPED, bool LED, template <class> class Elastic, class Plastic,
-          class ElasticNetwork, class PlasticNetwork>
+template <class S, bool INPUTS, Index TERMS, bool SHAPED, bool GRIPPED, bool LED, template <class> class Elastic,
+          class Plastic, class ElasticNetwork, class PlasticNetwork>
 struct Step {
     using Node = NodeOfRollout<S, INPUTS, TERMS>;
-    using Particle = ParticleOfRollout<S, INPUTS, TERMS, GRIPPED, LED,
+    using Particle = ParticleOfRollout<S, INPUTS, TERMS, SHAPED, GRIPPED, LED,
                                        Material<S, Elastic, Plastic, ElasticNetwork, PlasticNetwork>>;
+
+    static void give_mass(const Frame<S>& f, int p) { Particle(f, p).give_mass(); }
+    static void weigh(const Frame<S>& f, int n) { Node(f, n).weigh(); }
 
     static void start(const Frame<S>& f, int n) { Node(f, n).start(); }
     static void update(const Frame<S>& f, int n, int slot, int cleared_slot) { Node(f, n).update(slot, cleared_slot); }
     static void turn(const Frame<S>& f, int n, int slot, int arriving, int leaving) {
         Node(f, n).turn(slot, arriving, leaving);
     }
+    static void settle_nodes(const Frame<S>& f, int n) { Node(f, n).settle(); }
+    static void settle_particles(const Frame<S>& f, int p) { Particle(f, p).settle(); }
 
     template <bool ARRIVING, bool LEAVING>
     static void forward(const Frame<S>& f, int p, int substep, int slot, int slot_next, int grid_slot, int keep) {

@@ -1,4 +1,4 @@
-// Four numbers of a node, moved 16 bytes at a time: (momentum x, y, z, mass), or a velocity.
+// Four numbers of a node, moved 16 bytes at a time: (dt force x, y, z, volume that touches the ground), or a velocity.
 #pragma once
 #include "number.h"
 

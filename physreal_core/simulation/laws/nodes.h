@@ -1,25 +1,23 @@
-// Node phase: momentum to velocity, gravity, clamps, Coulomb contact with the ground, and its adjoint.
+// Node phase: what a node's velocity becomes under forces, gravity, clamps and Coulomb contact with the ground, and its
+// adjoint.
 //
-// Contact acts, after all forces, on the nodes of the lattice layer k = 0 and below, and on those next to the plane, k
-// = 1, where the body touches it (touch.py). With v the free velocity of such a node and v_z < 0, the plane takes out
-// the normal impulse m |v_z|, the tangential velocity loses at most mu |v_z| and sticks where that is more than it has.
-// Nodes that leave the plane (v_z >= 0) are free.
+// Contact acts, after all forces, on the nodes near which the body touches the plane (touch.py). With v the free velocity
+// of such a node and v_z < 0, the plane takes out the normal impulse m L, L = a |v_z|; the tangential velocity loses at
+// most mu L and sticks where that is more than it has. How fully a node touches, a in [0, 1], is the share of touching
+// volume around it over a limit. Nodes that leave the plane (v_z >= 0) are free.
 #pragma once
 #include "friction.h"
 
 namespace physreal {
 
-enum NodeKind : unsigned char { FREE, HELD, GROUND, NEXT_TO_GROUND };
-
 // What holds nodes, by their place: node (i, j, k) of the lattice stands at offset + cell (i, j, k).
 template <class S>
 struct Scene {
     S offset[3], cell;
-    Index clamps, has_ground;
+    Index clamps;
     const S *clamp_lower, *clamp_upper;  // [clamps, 3]
 
-    // lowest: k of the box's first layer.
-    NodeKind kind_of(Index i, Index j, Index k, Index lowest) const {
+    bool holds(Index i, Index j, Index k) const {
         const Index index[3] = {i, j, k};
         for (Index c = 0; c < clamps; c++) {
             bool held = true;
@@ -27,72 +25,89 @@ struct Scene {
                 const S position = offset[d] + cell * S(index[d]);
                 held &= position >= clamp_lower[3 * c + d] && position <= clamp_upper[3 * c + d];
             }
-            if (held) return HELD;
+            if (held) return true;
         }
-        if (!has_ground || k > 1) return FREE;
-        if (k < 1) return GROUND;
-        return k > lowest ? NEXT_TO_GROUND : FREE;  // a box that begins here has nothing below
+        return false;
     }
 };
 
-// What a node's velocity follows from beside its (momentum, mass). `Node` is any type of four S: a vector of lanes, or
-// Vec4.
+// What is around a node: mass and volume of the particles, each with its weight; a clamp's nodes have no mass here.
+template <class S>
+struct Around {
+    S mass, volume;
+};
+
+// What a node's velocity follows from. `Node` is any type of four S: a vector of lanes, or Vec4.
 template <class S>
 struct NodePhase {
-    S dt, gravity[3], mass_floor, touching;
+    S dt, gravity[3], mass_floor;
+    S touching;  // share of the volume from which on a node touches fully
     S friction;
     const S* friction_law;  // null: Coulomb's
 
-    // Kind in a substep: a node next to the plane acts where the body touches it. mass_below: of the node below.
-    template <class Below>
-    unsigned char kind_now(unsigned char kind, S mass, const Below& mass_below) const {
-        if (kind != NEXT_TO_GROUND) return kind;
-        return mass_below() > touching * mass ? GROUND : FREE;
+    // The velocity after a substep but for contact, and the volume around that touches the ground. before: the velocity,
+    // its fourth number zero; push: dt times the forces, and that volume.
+    template <class Node>
+    Node free(const Node& before, const Node& push, const Around<S>& around) const {
+        if (!(around.mass > mass_floor)) return Node{};
+        return before + Node{push[0] / around.mass + dt * gravity[0], push[1] / around.mass + dt * gravity[1],
+                             push[2] / around.mass + dt * gravity[2], push[3]};
     }
 
-    // The fourth number is zero.
+    // The velocity after contact; its fourth number is zero.
     template <class Node>
-    Node velocity(const Node& p, unsigned char kind) const {
-        if (!(p[3] > mass_floor) || kind == HELD) return Node{};
-        Node v = free_velocity(p);
-        if (kind == GROUND && v[2] < 0) {
-            const S speed = length(v[0], v[1]), lost = -friction_at(speed).value * v[2];
-            const S kept = speed > lost ? 1 - lost / speed : S(0);
-            v = Node{kept * v[0], kept * v[1], 0, 0};
-        }
-        return v;
+    Node velocity(const Node& free, const Around<S>& around) const {
+        const S lost = contact(free, around) * -free[2];
+        if (!(lost > 0)) return Node{free[0], free[1], free[2], 0};
+        const S speed = length(free[0], free[1]), slower = friction_at(speed).value * lost;
+        const S kept = speed > slower ? 1 - slower / speed : S(0);
+        return Node{kept * free[0], kept * free[1], free[2] + lost, 0};
     }
 
-    // Adjoint of (momentum, mass) from that of the velocity; friction_bar grows.
+    // Of what a velocity follows from.
     template <class Node>
-    Node adjoint(const Node& p, unsigned char kind, Node b, FrictionBar<S>& friction_bar) const {
-        if (!(p[3] > mass_floor) || kind == HELD) return Node{};
-        const Node free = p / p[3], v = free_velocity(p);
-        if (kind == GROUND && v[2] < 0) {
-            const S speed = length(v[0], v[1]);
+    struct Adjoint {
+        Node free;  // that of the velocity before, too, and 1 / mass of it that of the forces times dt; fourth: touching
+        S mass;
+    };
+
+    // From the adjoint of the velocity; friction_bar grows.
+    template <class Node>
+    Adjoint<Node> adjoint(const Node& before, const Node& free, const Around<S>& around, Node b,
+                          FrictionBar<S>& friction_bar) const {
+        if (!(around.mass > mass_floor)) return {};
+        const S touch = contact(free, around), lost = touch * -free[2];
+        b[3] = 0;
+        if (lost > 0) {
+            const S speed = length(free[0], free[1]);
             const Friction<S> mu = friction_at(speed);
-            const S lost = -mu.value * v[2];
-            if (speed > lost) {
-                const S tx = v[0] / speed, ty = v[1] / speed, along = b[0] * tx + b[1] * ty, ratio = lost / speed;
-                const S faster = v[2] * along * mu.by_speed;  // the more it loses
-                friction_bar.add(mu, v[2] * along);
-                b = Node{b[0] - ratio * (b[0] - along * tx) + faster * tx,
-                         b[1] - ratio * (b[1] - along * ty) + faster * ty, mu.value * along, 0};
+            const S slower = mu.value * lost;
+            S lost_bar = b[2];
+            if (speed > slower) {
+                const S tx = free[0] / speed, ty = free[1] / speed, along = b[0] * tx + b[1] * ty;
+                const S ratio = slower / speed, faster = -lost * along * mu.by_speed;  // the more it loses
+                friction_bar.add(mu, -lost * along);
+                lost_bar -= mu.value * along;
+                b[0] += faster * tx - ratio * (b[0] - along * tx);
+                b[1] += faster * ty - ratio * (b[1] - along * ty);
             } else {
-                b = Node{};
+                b[0] = b[1] = 0;
             }
+            b[2] -= touch * lost_bar;
+            if (touch < 1) b[3] = -free[2] * lost_bar / (touching * around.volume);
         }
-        b[3] = -(b[0] * free[0] + b[1] * free[1] + b[2] * free[2]);
-        return b / p[3];
+        S mass_bar = 0;
+        for (int d = 0; d < 3; d++) mass_bar -= b[d] * (free[d] - before[d] - dt * gravity[d]) / around.mass;
+        return {b, mass_bar};
     }
 
 private:
+    // How fully a node touches the ground, if it comes down.
     template <class Node>
-    Node free_velocity(const Node& p) const {
-        Node v = p / p[3];
-        for (int d = 0; d < 3; d++) v[d] += dt * gravity[d];
-        v[3] = 0;
-        return v;
+    S contact(const Node& free, const Around<S>& around) const {
+        if (!(free[3] > 0 && free[2] < 0)) return 0;
+        const S limit = touching * around.volume;
+        return free[3] < limit ? free[3] / limit : S(1);
     }
     Friction<S> friction_at(S speed) const {
         return friction_law ? Friction<S>(friction, friction_law, speed) : Friction<S>(friction);

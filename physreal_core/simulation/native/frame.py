@@ -19,17 +19,18 @@ WORKSPACE = Structure(
     int* order  [N] the caller's particle at each place, by cells
     int* place  [N] place of the caller's particle
     int* cell_starts  [nodes + 1] to sort by cells
-    S* state  [slots, rows, stride] x, v, F, C and, if in use, the mean rate of deformation and Maxwell branches
+    S* state  [slots, rows, stride] x, v, F and, if in use, the shape, the mean rate of deformation and Maxwell branches
     S* constants  [constant_rows, stride]
     S* bars  [bar_rows, stride]
     S* force  [3, stride]
-    S* force_bar  [3, stride], with optional terms
+    S* force_bar  [3, stride]
     S* adjoint  [rows, stride] of the state
     S* scratch  [threads, nodes + 4, 4] a grid to scatter to for every thread
+    S* around  [nodes, 2] mass and volume of the particles
     S* velocity  [nodes + 4, 4]
     S* node_bar  [nodes + 4, 4]
-    S* momentum  [substeps, nodes, 4] if kept
-    unsigned char* kind  [nodes]
+    S* carry  [nodes + 4, 4] adjoints of velocity and mass
+    S* free  [substeps, nodes, 4] velocities before contact, if kept
     S* networks  [threads, network_numbers] for the networks' adjoints
     int* shared  [128] barriers and stop
     """,
@@ -46,11 +47,9 @@ FRAME = Structure(
     Index keep_states  whether those of all substeps stay, and the adjoint follows
     Index keep_grids
     Index replay  whether the grids are there already
-    Index origin:3  of the box of nodes
-    Index count:3
+    Index count:3  of the nodes
     Index gripped
     Index clamps
-    Index has_ground
     Index controller_points
     Index latent_elastic_size
     Index latent_plastic_size
@@ -71,6 +70,7 @@ FRAME = Structure(
     S gravity:3
     S mass_floor
     S touching
+    S touch_slope  1 / the way in which a particle comes to touch the ground [1/m]
     S friction
     S friction_law:3
     S grip_stiffness
@@ -86,21 +86,24 @@ FRAME = Structure(
     const S* x  [N, 3]
     const S* v  [N, 3]
     const S* F  [N, 3, 3]
-    const S* C  [N, 3, 3] affine velocity
+    const S* shape  [N, 3, 3] of the body as it lies on the grid (laws/shape.h), where it has one
     const S* rate  [N, 3, 3] mean rate of deformation, with viscosity
     const S* branches  [N, B, 3, 3] of Maxwell branches
     S* x_end  at the frame's end
     S* v_end
     S* F_end
-    S* C_end
+    S* shape_end
     S* rate_end
     S* branches_end
     S* x_bar
     S* v_bar
     S* F_bar
-    S* C_bar
+    S* shape_bar
     S* rate_bar
     S* branches_bar
+    const S* nodes  [nodes, 4] their velocities at the frame's start
+    S* nodes_end
+    S* nodes_bar
     const S* given  [constant_rows, N]
     S* given_bars  [bar_rows, N]; grow
     const S* network_elastic
@@ -121,9 +124,8 @@ FRAME = Structure(
     const S* clamp_lower  [clamps, 3]
     const S* clamp_upper
 
-    S* kept_grids  momentum where it stays; 0 where it does not
-    S* bounds  [threads, 7] of the motion at the frame's end: lower and upper corner, speed
-    Index* status  [threads, 2] first failure as substep * particles + particle: outside the grid, not finite
+    S* kept_grids  free where it stays; 0 where it does not
+    Index* status  [threads] first failure as substep * particles + particle: not finite
     """,
     base=WORKSPACE,
 )
@@ -148,8 +150,8 @@ class FrameKernels:
 
 def frame_kernels(config: SimulationConfig) -> FrameKernels:
     """The kernels for the laws, residuals and scalar type of `config`: one form without optional terms, one for any."""
-    terms = "true" if config.terms else "false"
-    return _kernels(config.dtype, f"{terms}, {material_arguments(config)}", law_headers(config))
+    switches = ", ".join("true" if on else "false" for on in (bool(config.terms), config.shaped))
+    return _kernels(config.dtype, f"{switches}, {material_arguments(config)}", law_headers(config))
 
 
 @functools.cache

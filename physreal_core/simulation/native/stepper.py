@@ -9,29 +9,29 @@ import numpy as np
 import torch
 import warp as wp
 
-from physreal_core.array_types import Array, Bool, Float, Tensor
+from physreal_core.array_types import Array, Int, Tensor
 from physreal_core.cores import available_cores
 from physreal_core.native import launch_on_threads
 from physreal_core.simulation.body import Body, Clamp, Grip, PointLoad, load_forces
-from physreal_core.simulation.box import held_boxes, largest_box, lattice_offset, small_enough
 from physreal_core.simulation.config import SimulationConfig
 from physreal_core.simulation.grip_inertia import GripInertia
+from physreal_core.simulation.lattice import held_boxes, lattice_of
 from physreal_core.simulation.native.frame import FRAME, WORKSPACE, frame_kernels
 from physreal_core.simulation.parameters import Parameters, row_of
 from physreal_core.simulation.particle_rows import NODE_SUMS, PARTICLE_SUMS, ParticleRows
 from physreal_core.simulation.step_layout import term_bits
-from physreal_core.simulation.stepper import NOT_FAILED, Report, Span, State, state_shapes
+from physreal_core.simulation.stepper import NOT_FAILED, Span, State, state_shapes
 from physreal_core.simulation.terms import branch_count
 from physreal_core.simulation.timestep import rate_memory
-from physreal_core.simulation.touch import TOUCHING
+from physreal_core.simulation.touch import NEARLY, TOUCHING, touch_heights
 
+NODE_ARRAYS = ("velocity", "node_bar", "carry")
 BLOCK = 16  # particles; the widest block that a machine works on, to which rows of particles are filled up
 PARTICLES_PER_THREAD = 256  # fewer are not worth the threads' meeting twice a substep
-NODE_RESERVE = 1.2  # boxes grow as a body deforms
 KEPT_BYTES = 2**28
 """Memory for grids of frames that stay for the backward pass: with them a frame's states need less than half of the time
-that the frame took, since no stress is evaluated and nothing scattered again. A grid is a tenth of the particles' states:
-with 20 000 particles, 25 frames of 50 substeps fit."""
+that the frame took, since no stress is evaluated and nothing scattered again. A grid is a twelfth of the particles' states:
+with 20 000 particles, 55 frames of 50 substeps fit."""
 
 
 def _yield_address() -> int:
@@ -66,9 +66,9 @@ class NativeStepper:
         kept_bytes: int | None = None,
     ) -> None:
         self.dtype, self.config, self.rollouts = config.torch_dtype, config, rollouts
-        self.cell, self.particles = body.cell, len(body.x0)
-        self.viscous, self.branches = "viscosity" in config.terms, branch_count(config.terms)
-        self.offset = lattice_offset(body, config.ground_height, clamps)
+        self.particles, self.lattice = len(body.x0), lattice_of(body, clamps)
+        self.viscous = "viscosity" in config.terms
+        self.state_shapes = state_shapes(config.shaped, self.viscous, branch_count(config.terms))
         if rollouts == 1:
             self.threads = min(threads or torch.get_num_threads(), max(1, self.particles // PARTICLES_PER_THREAD))
         else:
@@ -76,7 +76,7 @@ class NativeStepper:
         self._sharing = self.threads if rollouts == 1 else 1  # threads of one rollout
         self._body, self._start = body, self._numbers(body.x0)
         self._kept_bytes = KEPT_BYTES if kept_bytes is None else kept_bytes
-        self.slots = self._nodes = self._grid_numbers = 0
+        self.slots = self._grid_numbers = 0
         self.substeps: list[int] = []
         self.holder: object | None = None
         self._kept: list[Tensor] = []
@@ -127,17 +127,20 @@ class NativeStepper:
         frames, config = self._frames, self.config
         frames["particles"], frames["threads"] = self.particles, self._sharing
         frames["stride"] = -(-self.particles // BLOCK) * BLOCK
-        frames["clamps"], frames["has_ground"] = len(clamps), config.ground_height is not None
-        frames["offset"], frames["gravity"], frames["cell"] = self.offset, config.gravity, self.cell
+        frames["clamps"], frames["gravity"] = len(clamps), config.gravity
+        lattice = self.lattice
+        frames["offset"], frames["count"], frames["cell"] = lattice.offset, lattice.count, lattice.cell
         frames["mass_floor"] = torch.finfo(self.dtype).eps ** 2 * body.mass.min()
-        frames["touching"], frames["yield_address"] = TOUCHING, _yield_address()
+        frames["touching"], frames["touch_slope"] = TOUCHING, 1.0 / (NEARLY * body.spacing)
+        frames["yield_address"] = _yield_address()
         frames["terms"], frames["frame_rate"] = term_bits(config.terms), config.fps
-        for name, array in zip(("clamp_lower", "clamp_upper"), held_boxes(clamps, self.cell), strict=True):
+        for name, array in zip(("clamp_lower", "clamp_upper"), held_boxes(clamps, lattice.cell), strict=True):
             self._give(frames, name, self._numbers(array), shared=True)
         self._mass, self._load = self._numbers(body.mass), self._numbers(load_forces(body, loads))
         self._volume = self._numbers(body.volume)
         rows = self._zeros(self.rollouts, self._rows.constant_count, self.particles)
-        rows[:, self._rows.constants["volume"]] = self._volume
+        heights = self._numbers(touch_heights(body, config.ground_height))
+        self._rows.fill_body(rows, self._start, heights, self._volume)
         self._give(frames, "given", rows)
         frames["constant_rows"], frames["bar_rows"] = self._rows.constant_count, self._rows.bar_count
         for kind, residual in (("elastic", config.elastic_residual), ("plastic", config.plastic_residual)):
@@ -150,8 +153,9 @@ class NativeStepper:
 
     def _set_adjoints(self) -> None:
         r, n, frames = self.rollouts, self.particles, self._frames
-        for name, shape in state_shapes(self.viscous, self.branches).items():
+        for name, shape in self.state_shapes.items():
             self._give(frames, f"{name}_bar", self._zeros(r, n, *shape))
+        self._give(frames, "nodes_bar", self._zeros(r, self.lattice.nodes, 4))
         self._give(frames, "given_bars", self._zeros(r, self._rows.bar_count, n))
         self._give(frames, "particle_sums", self._zeros(r, self._sharing, PARTICLE_SUMS.count))
         self._give(frames, "node_sums", self._zeros(r, self._sharing, NODE_SUMS.count))
@@ -160,15 +164,14 @@ class NativeStepper:
                 weights = self.shapes[f"network_{kind}"]
                 self._give(frames, f"network_{kind}_bar", self._zeros(r, self._sharing, *weights))
         self._bars = [bar for name, bar in self._held.items() if name.endswith(("_bar", "_bars", "_sums"))]
-        self._bounds = self._give(frames, "bounds", self._zeros(r, self._sharing, 7))
-        self._status = self._give(frames, "status", self._zeros(r, self._sharing, 2, dtype=torch.int64))
+        self._status = self._give(frames, "status", self._zeros(r, self._sharing, dtype=torch.int64))
 
     def _set_workspaces(self) -> None:
         work, n, stride = self._workspaces, self.particles, int(self._frames["stride"][0])
         size = torch.zeros(1, dtype=torch.int64)
         wp.launch(self._kernels.measure, dim=1, inputs=[wp.from_torch(size)], device="cpu")
         self._frames["network_numbers"] = int(size)
-        self._state_rows = sum(math.prod(shape) for shape in state_shapes(self.viscous, self.branches).values())
+        self._state_rows = sum(map(math.prod, self.state_shapes.values()))
         count = len(work)
         for name, shape in (
             ("constants", (self._rows.constant_count, stride)),
@@ -179,39 +182,35 @@ class NativeStepper:
             ("networks", (self._sharing, int(size))),
         ):
             self._give(work, name, self._zeros(count, *shape))
-        for name, length in (("order", n), ("place", n), ("shared", 128)):
+        for name, grids in (("scratch", self._sharing), *((name, 1) for name in NODE_ARRAYS)):
+            self._give(work, name, self._zeros(count, grids, self.lattice.nodes + 4, 4))
+        self._give(work, "around", self._zeros(count, self.lattice.nodes, 2))
+        for name, length in (("order", n), ("place", n), ("cell_starts", self.lattice.nodes + 1), ("shared", 128)):
             self._give(work, name, self._zeros(count, length, dtype=torch.int32))
         self._next = self._zeros(1, dtype=torch.int32)
 
-    def _reserve(self, nodes: int, slots: int, grid_numbers: int) -> None:
-        """Make room for boxes of so many nodes, for states of so many substeps, and for kept grids."""
+    def _reserve(self, slots: int, grid_numbers: int) -> None:
+        """Make room for states of so many substeps, and for kept grids."""
         work, count = self._workspaces, len(self._workspaces)
-        if nodes > self._nodes:
-            self._nodes = int(NODE_RESERVE * nodes)
-            for name, grids in (("scratch", self._sharing), ("velocity", 1), ("node_bar", 1)):
-                self._give(work, name, self._zeros(count, grids, self._nodes + 4, 4))
-            self._give(work, "kind", self._zeros(count, self._nodes, dtype=torch.uint8))
-            self._give(work, "cell_starts", self._zeros(count, self._nodes + 1, dtype=torch.int32))
         if slots > self.slots:
             self.slots, stride = slots, int(self._frames["stride"][0])
             states = torch.empty(count, slots, self._state_rows, stride, dtype=self.dtype)
             self._give(work, "state", states)
         if grid_numbers > self._grid_numbers:
-            self._grid_numbers = int(NODE_RESERVE * grid_numbers)
-            self._give(work, "momentum", torch.empty(count, self._grid_numbers, dtype=self.dtype))
+            self._grid_numbers = grid_numbers
+            self._give(work, "free", torch.empty(count, self._grid_numbers, dtype=self.dtype))
 
-    def fitting(self, count: Float[Array, "rollouts 3"]) -> tuple[Bool[Array, " rollouts"], Float[Array, "rollouts 3"]]:
-        """Whose boxes of so many nodes per axis have room, and the counts that they get."""
-        return small_enough(count, largest_box(self.particles)), count
-
-    def keep_frames(self, holder: object, frames: int, nodes: int) -> int:
-        """How many of the rollouts' frames, each with boxes of about `nodes` nodes, may keep their grids; whose were kept is
-        forgotten."""
-        frame_bytes = 4 * sum(self.substeps) * int(NODE_RESERVE * nodes) * self.dtype.itemsize
-        kept = min(frames, self._kept_bytes // frame_bytes)
+    def keep_frames(self, holder: object, frames: int) -> int:
+        """How many of the rollouts' frames may keep their grids; whose were kept is forgotten."""
+        numbers = int(self._grids()[-1])
+        kept = min(frames, self._kept_bytes // (numbers * self.dtype.itemsize))
         self.holder = holder if kept else None
-        self._kept = self._kept[:kept] + [self._zeros(0) for _ in range(kept - len(self._kept))]
+        self._kept = [torch.empty(numbers, dtype=self.dtype) for _ in range(kept)]
         return kept
+
+    def _grids(self) -> np.ndarray:
+        """Where each rollout's grids of a frame begin among those of all, in numbers, and their end, shape [R + 1]."""
+        return np.concatenate([[0], np.cumsum(4 * np.asarray(self.substeps) * self.lattice.nodes)])
 
     # --- rollouts -----------------------------------------------------------------------------------------------
 
@@ -251,37 +250,28 @@ class NativeStepper:
             mass, load = self._inertia.add(mass, load, gravity, parameters, dt)
         self._rows.fill(self._held["given"], parameters, mass, load, self._start)
 
-    def forward(self, span: Span, start: State, end: State, carries_on: bool) -> tuple[Report, Span]:
+    def forward(self, span: Span, start: State, end: State, carries_on: bool) -> Int[Array, " rollouts"]:
         """All substeps of a frame, from `start` to `end`; see `stepper.Stepper`."""
-        grids = self._place(span)
-        self._reserve(span.nodes, 1, 0)
+        self._enter(span)
+        self._reserve(1, 0)
         self._frames["keep_states"], self._frames["replay"] = 0, 0
         self._frames["keep_grids"] = span.kept is not None
         self._point("", start)
         self._point("_end", end)
-        if span.kept is not None:
-            if grids[-1] > self._kept[span.kept].numel():
-                self._kept[span.kept] = torch.empty(int(NODE_RESERVE * grids[-1]), dtype=self.dtype)
-            self._keep_in(span.kept, grids)
-        self._status.fill_(NOT_FAILED)
         self._run(self._kernels.forward, span)
-        bounds = self._bounds.double().numpy()
-        lower, upper, speed = bounds[..., :3].min(1), bounds[..., 3:6].max(1), bounds[..., 6].max(1)
-        return Report(self._status.amin(1).numpy(), lower, upper, speed), span
+        return self._status.amin(1).numpy()
 
-    def _place(self, span: Span) -> np.ndarray:
-        """Set the boxes; where each rollout's grids begin among those of all, in numbers, and their end, shape [R + 1]."""
-        self._frames["origin"], self._frames["count"] = span.boxes[:, :3], span.boxes[:, 3:]
-        self._frames["kept_grids"] = 0
-        if self._frames["controller_points"][0]:
-            points = span.points[:, :, : self._frames["controller_points"][0]].detach()
-            self._give(self._frames, "controllers", points.transpose(0, 1))
-        grids = 4 * np.asarray(self.substeps) * span.boxes[:, 3:].astype(np.int64).prod(1)
-        return np.concatenate([[0], np.cumsum(grids)])
-
-    def _keep_in(self, kept: int, grids: np.ndarray) -> None:
-        grid = self._kept[kept]
-        self._frames["kept_grids"] = grid.data_ptr() + grids[:-1] * grid.element_size()
+    def _enter(self, span: Span) -> None:
+        """Set what differs between frames."""
+        frames = self._frames
+        frames["kept_grids"] = 0
+        if frames["controller_points"][0]:
+            points = span.points[:, :, : frames["controller_points"][0]].detach()
+            self._give(frames, "controllers", points.transpose(0, 1))
+        if span.kept is not None:
+            grid = self._kept[span.kept]
+            frames["kept_grids"] = grid.data_ptr() + self._grids()[:-1] * grid.element_size()
+        self._status.fill_(NOT_FAILED)
 
     def _point(self, suffix: str, state: State) -> None:
         """Let the frames read or write a state's arrays."""
@@ -301,7 +291,7 @@ class NativeStepper:
 
     # --- adjoints -----------------------------------------------------------------------------------------------
 
-    def begin_backward(self, spans: Sequence[Span], held: bool) -> None:
+    def begin_backward(self, frames: int, held: bool) -> None:
         """Set all adjoints to zero; room is made frame by frame."""
         for bar in self._bars:
             bar.zero_()
@@ -314,24 +304,24 @@ class NativeStepper:
 
     def backward(self, span: Span, start: State, led: bool) -> Tensor | None:
         """Adjoint of a frame; see `stepper.Stepper`."""
-        grids = self._place(span)
-        largest = 0 if span.kept is not None else int(np.diff(grids).max())
-        self._reserve(span.nodes, max(self.substeps) + 1, largest)
+        self._enter(span)
+        self._reserve(max(self.substeps) + 1, 0 if span.kept is not None else int(np.diff(self._grids()).max()))
         self._frames["keep_states"] = self._frames["keep_grids"] = 1
         self._frames["replay"] = span.kept is not None
         self._point("", start)
-        if span.kept is not None:
-            self._keep_in(span.kept, grids)
         self._held["controllers_bar"].zero_()
-        self._status.fill_(NOT_FAILED)
         self._run(self._kernels.backward, span)
         return self._held["controllers_bar"].sum(1).transpose(0, 1) if led else None
+
+    def nodes_adjoint(self) -> Tensor:
+        """Derivative of the loss by the nodes' velocities where the adjoint stands now, [R, nodes, 4]."""
+        return self._held["nodes_bar"]
 
     def gradients(self) -> dict[str, Tensor]:
         """Adjoints of the parameters in use by name, with an axis of rollouts."""
         held = self._held
         networks = {k: held[f"network_{k}_bar"].sum(1) for k in ("elastic", "plastic") if f"network_{k}" in self.shapes}
-        state_bars = (held["x_bar"], held["v_bar"], held["F_bar"])
+        state_bars = {name: held[f"{name}_bar"] for name in self.state_shapes}
         sums = held["particle_sums"].sum(1), held["node_sums"].sum(1)
         return self._rows.gradients(held["given_bars"], state_bars, *sums, networks, self._volume, self._inertia)
 

@@ -58,19 +58,19 @@ public:
     // --- the mean rate of deformation, that of the last substeps with weights that fade
     // -------------------------------
 
-    void average_rate(Index p, const S* rate, const Mat3<V>& C, S* next) const {
+    void average_rate(Index p, const S* rate, const Mat3<V>& L, S* next) const {
         if (!has(term::viscosity)) return;
         const S kept = frame_.remembered;
-        put(next, 0, p, kept * matrix(rate, 0, p) + (1 - kept) * symmetric(C));
+        put(next, 0, p, kept * matrix(rate, 0, p) + (1 - kept) * symmetric(L));
     }
 
-    // C_bar with what goes to it of the rate's adjoint, of which the rest stays.
-    Mat3<V> average_rate_adjoint(Index p, const Mat3<V>& C_bar, S* rate_bar) const {
-        if (!has(term::viscosity)) return C_bar;
+    // The adjoint of L by the rate's, of which the rest stays.
+    Mat3<V> average_rate_adjoint(Index p, S* rate_bar) const {
+        if (!has(term::viscosity)) return {};
         const S kept = frame_.remembered;
         const Mat3<V> bar = matrix(rate_bar, 0, p);
         put(rate_bar, 0, p, kept * bar);
-        return C_bar + (1 - kept) * symmetric(bar);
+        return (1 - kept) * symmetric(bar);
     }
 
     // --- the strains of Maxwell branches, of which the state has rows from `branches` on

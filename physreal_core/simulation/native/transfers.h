@@ -1,11 +1,9 @@
-// Transfers between particles and grid nodes with quadratic B-splines (APIC), one particle after the other, its 27
-// nodes as nine rows of three nodes: 4 scalars (momentum x, y, z and mass, or velocity) a node, a fourth node of weight
-// zero fills the vector.
+// Transfers between particles and grid nodes with quadratic B-splines, one particle after the other, its 27 nodes as
+// nine rows of three nodes: 4 scalars a node, a fourth node of weight zero fills the vector.
 //
-// Distances are in cells; d_a w is a weight's derivative by the particle's position along axis a.
-// A particle's contribution to a node is w q + sum_a (d_a w) g_a + sum_a (d_a d_a w) c_a, its `Field`; what it takes
-// from the nodes are sums of their values with the weights and their derivatives, its `Moments`. One is the other's
-// adjoint.
+// Distances are in cells; d_a w is a weight's derivative by the particle's place along axis a.
+// A particle's contribution to a node is w q + sum_a (d_a w) g_a, its `Field`; what it takes from the nodes are sums of
+// their values with the weights and their derivatives, its `Moments`. One is the other's adjoint.
 #pragma once
 #include "lanes.h"
 #include "matrix.h"
@@ -112,11 +110,11 @@ inline Node<S> third_node(Row<S> r) {
     return __builtin_shufflevector(r, r, 8, 9, 10, 11);
 }
 
-// The stored nodes: node (i, j, k) stands at offset + cell (origin + (i, j, k)); z runs fastest.
+// The nodes: (i, j, k) stands at offset + cell (i, j, k); z runs fastest.
 template <class S>
 struct Box {
     S offset[3], cells_per_metre;
-    int origin[3], count[3];
+    int count[3];
 
     int nodes() const { return count[0] * count[1] * count[2]; }
     int row(int i, int j) const {
@@ -131,29 +129,21 @@ struct AxisWeights {
     Node<S> z;  // the fourth is zero
 };
 
-// Second derivatives of the weights, the same everywhere in a cell.
-constexpr int CURVATURE[3] = {1, -2, 1};
-
 // Where a block of LANES particles lies in the box.
 template <class S>
 struct Stencil {
     using V = Lanes<S>;
 
-    V fraction[3];               // distance from the base node [cells], in [1/2, 3/2)
-    decltype(V{} < V{}) inside;  // all 27 nodes are stored; false for a position that is not a number
-    int base[LANES];             // storage index of the base node
+    int base[LANES];  // storage index of the base node
 
     Stencil(const V (&x)[3], const Box<S>& box) {
-        using Whole = decltype(inside);
+        using Whole = decltype(V{} < V{});
         using Ints = Lanes<int>;
         Whole base_cell[3];
-        inside = x[0] == x[0];
         for (int d = 0; d < 3; d++) {
-            V r = (x[d] - box.offset[d]) * box.cells_per_metre - S(box.origin[d]);
-            inside &= (r >= S(0.5)) & (r < S(box.count[d]) - S(1.5));
+            V r = (x[d] - box.offset[d]) * box.cells_per_metre;
             base_cell[d] = __builtin_convertvector(r - S(0.5), Whole);
             V f = r - __builtin_convertvector(base_cell[d], V);
-            fraction[d] = f;
             V w[3] = {S(0.5) * (S(1.5) - f) * (S(1.5) - f), S(0.75) - (f - S(1)) * (f - S(1)),
                       S(0.5) * (f - S(0.5)) * (f - S(0.5))};
             V dw[3] = {f - S(1.5), S(-2) * (f - S(1)), f - S(0.5)};
@@ -174,24 +164,6 @@ struct Stencil {
     // Bits of the lanes whose particle has this base node.
     unsigned lanes_at(int node) const { return bits(load(base) == node); }
 
-    // 4 w n_a, with n_a a node's offset from the particle, is d_a w + skew_a d_a d_a w.
-    V skew(int axis) const {
-        V s = fraction[axis] - S(1);
-        return s * (S(0.5) - S(2) * s * s);
-    }
-    // Column a times the skew along axis a.
-    Mat3<V> skewed(const Mat3<V>& A) const {
-        Mat3<V> out;
-        for (int a = 0; a < 3; a++)
-            for (int c = 0; c < 3; c++) out(c, a) = skew(a) * A(c, a);
-        return out;
-    }
-    // The skew's derivative by the position.
-    V skew_slope(int axis) const {
-        V s = fraction[axis] - S(1);
-        return S(0.5) - S(6) * s * s;
-    }
-
     AxisWeights<S> weights(int lane) const { return weight_.of(lane); }
     AxisWeights<S> slopes(int lane) const { return slope_.of(lane); }
 
@@ -207,10 +179,10 @@ private:
     WeightBlock weight_, slope_;
 };
 
-// What one particle adds to its nodes: q, and along each axis the shares of the first and second derivatives.
+// What one particle adds to its nodes: q, and along each axis the share of the first derivatives.
 template <class S>
 struct Field {
-    Node<S> q, gradient[3], curvature[3];
+    Node<S> q, gradient[3];
 };
 
 // Fields of a block of particles.
@@ -218,30 +190,14 @@ template <class S>
 struct FieldBlock {
     using V = Lanes<S>;
 
-    // q: (momentum, mass) or their likes; apic: its columns are scattered with four times weight and offset along the
-    // axes; gradient: with the weight's derivatives.
-    FieldBlock(const Vec3<V>& q, V mass, const Mat3<V>& apic, const Mat3<V>& gradient, const Stencil<S>& stencil)
-        : q(q),
-          mass(mass),
-          apic(apic),
-          A(apic + gradient),
-          B(stencil.skewed(apic)),
-          q_(q[0], q[1], q[2], mass),
-          gradient_{column(A, 0), column(A, 1), column(A, 2)},
-          curvature_{column(B, 0), column(B, 1), column(B, 2)} {}
+    // q and its fourth number are scattered with the weights, the columns of A with their derivatives.
+    FieldBlock(const Vec3<V>& q, V fourth, const Mat3<V>& A)
+        : q_(q[0], q[1], q[2], fourth), gradient_{column(A, 0), column(A, 1), column(A, 2)} {}
 
-    Field<S> of(int l) const {
-        return {q_[l],
-                {gradient_[0][l], gradient_[1][l], gradient_[2][l]},
-                {curvature_[0][l], curvature_[1][l], curvature_[2][l]}};
-    }
-
-    const Vec3<V> q;
-    const V mass;
-    const Mat3<V> apic, A, B;  // columns of A and B: shares of the first and second derivatives
+    Field<S> of(int l) const { return {q_[l], {gradient_[0][l], gradient_[1][l], gradient_[2][l]}}; }
 
 private:
-    NodeBlock<S> q_, gradient_[3], curvature_[3];
+    NodeBlock<S> q_, gradient_[3];
 
     static NodeBlock<S> column(const Mat3<V>& A, int a) { return {A(0, a), A(1, a), A(2, a), V{}}; }
 };
@@ -288,133 +244,71 @@ private:
     Row<S> sum_[9] = {};
 
     void add(const Field<S>& field, const AxisWeights<S>& w, const AxisWeights<S>& dw) {
-        const Row<S> ddz = {1, 1, 1, 1, -2, -2, -2, -2, 1, 1, 1, 1, 0, 0, 0, 0};
-        Row<S> wz = spread<S>(w.z), p = wz * repeat<S>(field.q) + spread<S>(dw.z) * repeat<S>(field.gradient[2]);
-        p += ddz * repeat<S>(field.curvature[2]);
-        Row<S> px = wz * repeat<S>(field.gradient[0]), py = wz * repeat<S>(field.gradient[1]), across[3];
-        Row<S> pxx = wz * repeat<S>(field.curvature[0]), pyy = wz * repeat<S>(field.curvature[1]);
-        for (int j = 0; j < 3; j++) across[j] = dw.y[j] * py + S(CURVATURE[j]) * pyy;
+        const Row<S> wz = spread<S>(w.z);
+        const Row<S> p = wz * repeat<S>(field.q) + spread<S>(dw.z) * repeat<S>(field.gradient[2]);
+        const Row<S> px = wz * repeat<S>(field.gradient[0]), py = wz * repeat<S>(field.gradient[1]);
         for (int i = 0; i < 3; i++) {
-            Row<S> along = w.x[i] * p + (dw.x[i] * px + S(CURVATURE[i]) * pxx);
-            for (int j = 0; j < 3; j++) sum_[3 * i + j] += w.y[j] * along + w.x[i] * across[j];
+            const Row<S> along = w.x[i] * p + dw.x[i] * px, across = w.x[i] * py;
+            for (int j = 0; j < 3; j++) sum_[3 * i + j] += w.y[j] * along + dw.y[j] * across;
         }
     }
 };
 
-// Sums over the stencil of a node's values times the weights and their derivatives by the axes in the name.
+// Sums over the stencil of a node's values times the weights, and times their derivatives by the axes in the name.
 template <class T>
 struct Derivatives {
-    T value, x, y, z, xx, yy, zz;
-    T xy, xz, yz, xxy, xxz, yyx, yyz, zzx, zzy;  // for the adjoint alone
+    T value, x, y, z;
 };
 
-template <bool ADJOINT, class S>
+template <class S>
 inline Derivatives<Node<S>> gather(const S* first, const Box<S>& box, const AxisWeights<S>& w,
                                    const AxisWeights<S>& dw) {
-    Row<S> s = {}, sx = {}, sxx = {}, sy = {}, syy = {}, sxy = {}, sxxy = {}, syyx = {};
+    Row<S> s = {}, sx = {}, sy = {};
     for (int i = 0; i < 3; i++) {
-        Row<S> r0 = read<Row<S>>(first + box.row(i, 0)), r1 = read<Row<S>>(first + box.row(i, 1));
-        Row<S> r2 = read<Row<S>>(first + box.row(i, 2));
-        Row<S> t = w.y[0] * r0 + (w.y[1] * r1 + w.y[2] * r2), ty = dw.y[0] * r0 + (dw.y[1] * r1 + dw.y[2] * r2);
-        Row<S> tyy = (r0 - r1) + (r2 - r1);
+        const Row<S> r0 = read<Row<S>>(first + box.row(i, 0)), r1 = read<Row<S>>(first + box.row(i, 1));
+        const Row<S> r2 = read<Row<S>>(first + box.row(i, 2));
+        const Row<S> t = w.y[0] * r0 + (w.y[1] * r1 + w.y[2] * r2);
         s += w.x[i] * t;
         sx += dw.x[i] * t;
-        sxx += S(CURVATURE[i]) * t;
-        sy += w.x[i] * ty;
-        syy += w.x[i] * tyy;
-        if constexpr (ADJOINT) {
-            sxy += dw.x[i] * ty;
-            sxxy += S(CURVATURE[i]) * ty;
-            syyx += dw.x[i] * tyy;
-        }
+        sy += w.x[i] * (dw.y[0] * r0 + (dw.y[1] * r1 + dw.y[2] * r2));
     }
-    auto sum = [](Row<S> r, Node<S> z) {
+    auto sum = [](const Row<S>& r, const Node<S>& z) {
         return z[0] * first_node<S>(r) + (z[1] * second_node<S>(r) + z[2] * third_node<S>(r));
     };
-    const Node<S> ddz = {1, -2, 1, 0};
-    Derivatives<Node<S>> d;
-    d.value = sum(s, w.z);
-    d.x = sum(sx, w.z);
-    d.y = sum(sy, w.z);
-    d.z = sum(s, dw.z);
-    d.xx = sum(sxx, w.z);
-    d.yy = sum(syy, w.z);
-    d.zz = sum(s, ddz);
-    if constexpr (ADJOINT) {
-        d.xy = sum(sxy, w.z);
-        d.xz = sum(sx, dw.z);
-        d.yz = sum(sy, dw.z);
-        d.xxy = sum(sxxy, w.z);
-        d.xxz = sum(sxx, dw.z);
-        d.yyx = sum(syyx, w.z);
-        d.yyz = sum(syy, dw.z);
-        d.zzx = sum(sx, ddz);
-        d.zzy = sum(sy, ddz);
-    }
-    return d;
+    return {sum(s, w.z), sum(sx, w.z), sum(sy, w.z), sum(s, dw.z)};
 }
 
 // What `gather` gave for a block of particles.
-template <bool ADJOINT, class S>
+template <class S>
 class MomentBlock {
     using V = Lanes<S>;
 
 public:
     void set(int l, const Derivatives<Node<S>>& d) {
-        each(d, [&](int row, const Node<S>& value) { rows_[row].set(l, value); });
+        rows_[0].set(l, d.value);
+        rows_[1].set(l, d.x);
+        rows_[2].set(l, d.y);
+        rows_[3].set(l, d.z);
     }
 
     Vec3<V> value() const { return vector(0); }
     V fourth_value() const { return rows_[0].template lanes<3>(); }
 
     // Columns: first derivatives along x, y, z.
-    Mat3<V> gradient() const { return columns(vector(1), vector(2), vector(3)); }
-    // Columns: second derivatives along x, y, z alone.
-    Mat3<V> curvature() const { return columns(vector(4), vector(5), vector(6)); }
-
-    // Sums with four times weight and offset from the particle: of velocities APIC's C, per cell.
-    Mat3<V> offset_moments(const Stencil<S>& stencil) const { return gradient() + stencil.skewed(curvature()); }
-
-    // Derivative by the position of the products of a scattered field with the nodes' values.
-    Vec3<V> slope(const FieldBlock<S>& field, const Stencil<S>& stencil) const {
-        static_assert(ADJOINT);
-        const int second[3][3] = {{4, 7, 8}, {7, 5, 9}, {8, 9, 6}};
-        const int third[3][3] = {{-1, 12, 14}, {10, -1, 15}, {11, 13, -1}};  // [by a][twice by b]
-        Vec3<V> out;
-#pragma unroll
-        for (int a = 0; a < 3; a++) {
-            V sum = dot(field.q, vector(1 + a)) + field.mass * rows_[1 + a].template lanes<3>();
-            for (int b = 0; b < 3; b++) {
-                sum += dot(column(field.A, b), vector(second[a][b]));
-                if (a != b) sum += dot(column(field.B, b), vector(third[a][b]));
-            }
-            out.v[a] = sum + stencil.skew_slope(a) * dot(column(field.apic, a), vector(4 + a));
+    Mat3<V> gradient() const {
+        Mat3<V> A;
+        for (int c = 0; c < 3; c++) {
+            const Vec3<V> column = vector(1 + c);
+            for (int r = 0; r < 3; r++) A(r, c) = column[r];
         }
-        return out;
+        return A;
     }
 
 private:
-    NodeBlock<S> rows_[ADJOINT ? 16 : 7];
+    NodeBlock<S> rows_[4];
 
-    template <class Use>
-    static void each(const Derivatives<Node<S>>& d, Use use) {
-        use(0, d.value), use(1, d.x), use(2, d.y), use(3, d.z), use(4, d.xx), use(5, d.yy), use(6, d.zz);
-        if constexpr (ADJOINT)
-            use(7, d.xy), use(8, d.xz), use(9, d.yz), use(10, d.xxy), use(11, d.xxz), use(12, d.yyx), use(13, d.yyz),
-                use(14, d.zzx), use(15, d.zzy);
-    }
     Vec3<V> vector(int row) const {
         return {{rows_[row].template lanes<0>(), rows_[row].template lanes<1>(), rows_[row].template lanes<2>()}};
-    }
-    static Vec3<V> column(const Mat3<V>& A, int a) { return {{A(0, a), A(1, a), A(2, a)}}; }
-    static Mat3<V> columns(const Vec3<V>& x, const Vec3<V>& y, const Vec3<V>& z) {
-        Mat3<V> A;
-        for (int c = 0; c < 3; c++) {
-            A(c, 0) = x[c];
-            A(c, 1) = y[c];
-            A(c, 2) = z[c];
-        }
-        return A;
     }
 };
 

@@ -1,24 +1,26 @@
 // One thread's share of a frame: a range of the particles in the order of the cells, and a range of the nodes.
 //
 // Every thread scatters to a grid of its own; the nodes' phase adds them up, in the order of the threads, so that the
-// result depends on their number but not on chance.
+// result depends on their number but not on chance. Places on the grid are those of the body at rest, all the time.
 #pragma once
 #include "barrier.h"
 #include "grip.h"
 #include "material.h"
 #include "nodes.h"
 #include "rows.h"
+#include "shape.h"
 #include "term_laws.h"
 #include "transfers.h"
 
 namespace physreal {
 
-// With TERMS, inputs beside the material have adjoints, and optional laws act as frame.terms says.
-template <class S, bool TERMS, class Material>
+// With TERMS, inputs beside the material have adjoints, and optional laws act as frame.terms says. With SHAPED, the body's
+// own shape may differ from that in which it lies on the grid: by how it starts, or because it flows.
+template <class S, bool TERMS, bool SHAPED, class Material>
 class Worker : ParticleRows<S> {
     using V = Lanes<S>;
     using Rows = ParticleRows<S>;
-    static constexpr int X = 0, VELOCITY = 3, DEFORMATION = 6, AFFINE = 15, RATE = 24;
+    static constexpr int X = 0, VELOCITY = 3, DEFORMATION = 6, SHAPE = 15, RATE = SHAPED ? 24 : 15;
 
 public:
     // pass: 0 for a frame, 1 for its adjoint after it; each has a barrier of its own.
@@ -28,7 +30,6 @@ public:
           thread_(thread),
           box_{{frame.offset[0], frame.offset[1], frame.offset[2]},
                1 / frame.cell,
-               {int(frame.origin[0]), int(frame.origin[1]), int(frame.origin[2])},
                {int(frame.count[0]), int(frame.count[1]), int(frame.count[2])}},
           first_node_(share_of(box_.nodes(), thread, frame.threads)),
           last_node_(share_of(box_.nodes(), thread + 1, frame.threads)),
@@ -45,10 +46,10 @@ public:
         barrier_.wait();
         load_model();
         load_state();
-        barrier_.wait();
+        weigh_nodes();
         if (frame_.replay) return replay();
         for (Index s = 0; s < frame_.substeps; s++) {
-            scatter_momentum(s);
+            scatter_forces(s);
             barrier_.wait();
             if (stopped()) return;
             update_nodes(s);
@@ -64,16 +65,14 @@ public:
     void backward() {
         load_adjoint();
         barrier_.wait();
-        velocities_of_kept(frame_.substeps - 1);
-        barrier_.wait();
         for (Index s = frame_.substeps - 1; s >= 0; s--) {
             scatter_velocity_bar(s);
             barrier_.wait();
             update_nodes_adjoint(s);
-            if (s > 0) velocities_of_kept(s - 1);
             barrier_.wait();
-            gather_momentum_bar(s);
+            gather_force_bar(s);
         }
+        weigh_nodes_adjoint();
         material_.finish();
         store_adjoint();
     }
@@ -92,8 +91,8 @@ private:
     Barrier barrier_;
 
     bool viscous() const { return TERMS && laws_.has(term::viscosity); }
-    // Rows of the state: with viscosity the mean rate of deformation, 9 of them, stands behind x, v, F and C; 9 of each
-    // Maxwell branch follow.
+    // Rows of the state behind x, v and F: the shape where it has one, with viscosity the mean rate of deformation, and
+    // every Maxwell branch; 9 of each.
     int first_branch() const { return viscous() ? RATE + 9 : RATE; }
     int branch_rows() const { return TERMS ? 9 * branches_of(frame_.terms) : 0; }
     int state_rows() const { return first_branch() + branch_rows(); }
@@ -127,9 +126,9 @@ private:
 
     NodePhase<S> node_phase() const {
         const Frame<S>& f = frame_;
-        return {f.dt,         {f.gravity[0], f.gravity[1], f.gravity[2]},
+        return {f.dt,       {f.gravity[0], f.gravity[1], f.gravity[2]},
                 f.mass_floor, f.touching,
-                f.friction,   laws_.has(term::friction_law) ? f.friction_law : nullptr};
+                f.friction, laws_.has(term::friction_law) ? f.friction_law : nullptr};
     }
 
     Grip<S> grip(Index substep) const {
@@ -141,25 +140,22 @@ private:
     // --- in and out
     // -----------------------------------------------------------------------------------------------------
 
-    // Particles in the order of their cells, those of a cell as the caller counts; one outside the box, which will be
-    // found to be, counts to the first cell.
+    // Particles in the order of their cells, those of a cell as the caller counts.
     void sort_particles() {
         const Frame<S>& f = frame_;
         const int nodes = box_.nodes();
         int *starts = f.cell_starts, *cells = f.place;
         for (int n = 0; n <= nodes; n++) starts[n] = 0;
-        for (Index p = 0; p < f.particles; p++) starts[(cells[p] = cell_of(f.x + 3 * p)) + 1]++;
+        for (Index p = 0; p < f.particles; p++) starts[(cells[p] = cell_of(p)) + 1]++;
         for (int n = 0; n < nodes; n++) starts[n + 1] += starts[n];
         for (Index p = 0; p < f.particles; p++) f.order[starts[cells[p]]++] = int(p);
     }
 
-    int cell_of(const S* x) const {
+    int cell_of(Index p) const {
+        const S* place = frame_.given + constant::place * frame_.particles + p;
         int at[3];
-        for (int d = 0; d < 3; d++) {
-            const S r = (x[d] - box_.offset[d]) * box_.cells_per_metre - S(box_.origin[d]) - S(0.5);
-            if (!(r >= 0 && r < S(box_.count[d]))) return 0;
-            at[d] = int(r);
-        }
+        for (int d = 0; d < 3; d++)
+            at[d] = int((place[d * frame_.particles] - box_.offset[d]) * box_.cells_per_metre - S(0.5));
         return (at[0] * box_.count[1] + at[1]) * box_.count[2] + at[2];
     }
 
@@ -170,14 +166,13 @@ private:
         gather_columns(s + X * f.stride, f.x, 3);
         gather_columns(s + VELOCITY * f.stride, f.v, 3);
         gather_columns(s + DEFORMATION * f.stride, f.F, 9);
-        gather_columns(s + AFFINE * f.stride, f.C, 9);
+        if (SHAPED) gather_columns(s + SHAPE * f.stride, f.shape, 9);
         if (viscous()) gather_columns(rate(s), f.rate, 9);
         if (branch_rows()) gather_columns(branches(s), f.branches, branch_rows());
     }
 
     void load_model() {
         const Frame<S>& f = frame_;
-        mark_nodes();
         for (Index p = first_; p < last_; p++) f.place[f.order[p]] = int(p);
         gather_rows(f.constants, f.given, f.constant_rows);
         gather_rows(f.force, f.given + constant::load * f.particles, 3);
@@ -189,9 +184,10 @@ private:
         scatter_columns(f.x_end, s + X * f.stride, 3);
         scatter_columns(f.v_end, s + VELOCITY * f.stride, 3);
         scatter_columns(f.F_end, s + DEFORMATION * f.stride, 9);
-        scatter_columns(f.C_end, s + AFFINE * f.stride, 9);
+        if (SHAPED) scatter_columns(f.shape_end, s + SHAPE * f.stride, 9);
         if (viscous()) scatter_columns(f.rate_end, rate(s), 9);
         if (branch_rows()) scatter_columns(f.branches_end, branches(s), branch_rows());
+        for (Index n = first_node_; n < last_node_; n++) write(f.nodes_end + 4 * n, read<Node<S>>(f.velocity + 4 * n));
     }
 
     void load_adjoint() {
@@ -200,12 +196,16 @@ private:
         gather_columns(a + X * f.stride, f.x_bar, 3);
         gather_columns(a + VELOCITY * f.stride, f.v_bar, 3);
         gather_columns(a + DEFORMATION * f.stride, f.F_bar, 9);
-        gather_columns(a + AFFINE * f.stride, f.C_bar, 9);
+        if (SHAPED) gather_columns(a + SHAPE * f.stride, f.shape_bar, 9);
         if (viscous()) gather_columns(rate(a), f.rate_bar, 9);
         if (branch_rows()) gather_columns(branches(a), f.branches_bar, branch_rows());
         for (int r = 0; r < state_rows(); r++)
             for (Index p = last_; p < padded_end(); p++) a[r * f.stride + p] = 0;
         clear(f.bars, f.bar_rows);
+        for (Index n = first_node_; n < last_node_; n++) {
+            const Node<S> bar = read<Node<S>>(f.nodes_bar + 4 * n);
+            write(f.carry + 4 * n, Node<S>{bar[0], bar[1], bar[2], 0});
+        }
     }
 
     void store_adjoint() const {
@@ -214,19 +214,47 @@ private:
         scatter_columns(f.x_bar, a + X * f.stride, 3);
         scatter_columns(f.v_bar, a + VELOCITY * f.stride, 3);
         scatter_columns(f.F_bar, a + DEFORMATION * f.stride, 9);
-        scatter_columns(f.C_bar, a + AFFINE * f.stride, 9);
+        if (SHAPED) scatter_columns(f.shape_bar, a + SHAPE * f.stride, 9);
         if (viscous()) scatter_columns(f.rate_bar, rate(a), 9);
         if (branch_rows()) scatter_columns(f.branches_bar, branches(a), branch_rows());
         add_rows(f.given_bars, f.bars, f.bar_rows);
     }
 
-    void mark_nodes() {
+    // --- nodes between frames
+    // -----------------------------------------------------------------------------------------------------
+
+    // What is around every node, and its velocity at the frame's start.
+    void weigh_nodes() {
+        clear_scratch();
+        scatter_blocks([&](Index p) {
+            const V volume = row_of(constants(constant::volume), 0, p);
+            return FieldBlock<S>({{row_of(constants(constant::mass), 0, p), volume, V{}}}, V{}, {});
+        });
+        barrier_.wait();
         const Frame<S>& f = frame_;
         const Scene<S> scene = {
-            {f.offset[0], f.offset[1], f.offset[2]}, f.cell, f.clamps, f.has_ground, f.clamp_lower, f.clamp_upper};
+            {f.offset[0], f.offset[1], f.offset[2]}, f.cell, f.clamps, f.clamp_lower, f.clamp_upper};
         for (Index n = first_node_; n < last_node_; n++) {
             const Index k = n % f.count[2], j = n / f.count[2] % f.count[1], i = n / (f.count[1] * f.count[2]);
-            f.kind[n] = scene.kind_of(i + f.origin[0], j + f.origin[1], k + f.origin[2], f.origin[2]);
+            const Node<S> sum = summed(n);
+            const bool held = scene.holds(i, j, k);
+            f.around[2 * n] = held ? S(0) : sum[0];
+            f.around[2 * n + 1] = sum[1];
+            write(f.velocity + 4 * n, read<Node<S>>(f.nodes + 4 * n));
+        }
+        barrier_.wait();
+    }
+
+    // frame.carry: adjoints of the velocities at the frame's start, and of the masses.
+    void weigh_nodes_adjoint() {
+        barrier_.wait();
+        const Frame<S>& f = frame_;
+        for (Index n = first_node_; n < last_node_; n++) write(f.nodes_bar + 4 * n, read<Node<S>>(f.carry + 4 * n));
+        if constexpr (TERMS) {
+            barrier_.wait();
+            S* bar = input_bars(input::mass);
+            for (Index p = first_; p < last_; p += LANES)
+                put(bar, 0, p, row_of(bar, 0, p) + gathered(f.carry, stencil_of(p), p).fourth_value());
         }
     }
 
@@ -235,17 +263,37 @@ private:
 
     void clear_scratch() { __builtin_memset(scratch_, 0, 4 * (box_.nodes() + 4) * sizeof(S)); }
 
-    // APIC's m (v + C n) w, and - dt V tau grad w.
-    FieldBlock<S> momentum_field(Index p, const Vec3<V>& momentum, const Mat3<V>& C, const Mat3<V>& tau,
-                                 const Stencil<S>& stencil) const {
-        V m = row_of(constants(constant::mass), 0, p), volume = row_of(constants(constant::volume), 0, p);
-        return {momentum, m, (m * (frame_.cell / 4)) * C, (volume * (-frame_.dt / frame_.cell)) * tau, stencil};
+    Stencil<S> stencil_of(Index p) const { return {vector(constants(constant::place), 0, p).v, box_}; }
+
+    // Scatters field_of(first of a block) for the thread's particles.
+    template <class FieldOf>
+    void scatter_blocks(const FieldOf& field_of) {
+        Scatter<S> scatter(scratch_, box_);
+        for (Index p = first_; p < last_; p += LANES) scatter.add(field_of(p), stencil_of(p), lanes_from(p));
+        scatter.flush();
     }
-    Vec3<V> pushed_momentum(Index p, const S* s) const {
-        V m = row_of(constants(constant::mass), 0, p);
+
+    // dt f w, and - dt V P grad w with P the stress per area of the body as it lies on the grid.
+    FieldBlock<S> force_field(Index p, const S* now, const Mat3<V>& P) const {
+        const V volume = row_of(constants(constant::volume), 0, p);
         Vec3<V> q;
-        for (int d = 0; d < 3; d++) q.v[d] = m * row_of(s, VELOCITY + d, p) + frame_.dt * row_of(frame_.force, d, p);
-        return q;
+        for (int d = 0; d < 3; d++) q.v[d] = frame_.dt * row_of(frame_.force, d, p);
+        return {q, volume * touching(p, now), (volume * (-frame_.dt / frame_.cell)) * P};
+    }
+
+    // How fully a particle touches the ground, from 0 to 1.
+    V touching(Index p, const S* now) const {
+        const V deep = (row_of(constants(constant::touch_height), 0, p) - row_of(now, X + 2, p)) * frame_.touch_slope;
+        return max(min(deep, splat<V>(1)), V{});
+    }
+    // Its derivative by z.
+    V touching_slope(Index p, const S* now) const {
+        const V a = touching(p, now);
+        return select((a > V{}) & (a < splat<V>(1)), splat<V>(-frame_.touch_slope), V{});
+    }
+
+    ShapeOnGrid<SHAPED, V> shape_on_grid(Index p, const S* now, const Mat3<V>& F) const {
+        return {F, SHAPED ? matrix(now, SHAPE, p) : F};
     }
 
     // Forces on the thread's particles in a substep, into frame.force.
@@ -288,33 +336,32 @@ private:
             return stress.tau;
     }
 
-    void scatter_momentum(Index s) {
+    void scatter_forces(Index s) {
         const S* now = state(frame_.keep_states ? s : 0);
         apply_forces(s, now);
         clear_scratch();
-        Scatter<S> scatter(scratch_, box_);
-        for (Index p = first_; p < last_; p += LANES) {
-            Vec3<V> x = vector(now, X, p), momentum = pushed_momentum(p, now);
-            Mat3<V> F = matrix(now, DEFORMATION, p);
-            auto stress = material_.stress(p, F);
-            Stencil<S> stencil(x.v, box_);
-            const auto field =
-                momentum_field(p, momentum, matrix(now, AFFINE, p), all_stress(p, stress, F, now), stencil);
-            if (fails(s, p, stencil, x, momentum, field.A)) return;
-            scatter.add(field, stencil, lanes_from(p));
-        }
-        scatter.flush();
+        scatter_blocks([&](Index p) {
+            const Mat3<V> F = matrix(now, DEFORMATION, p);
+            const auto stress = material_.stress(p, F);
+            const Mat3<V> P = shape_on_grid(p, now, F).stress(all_stress(p, stress, F, now));
+            check(s, p, vector(now, X, p), vector(frame_.force, 0, p), P);
+            return force_field(p, now, P);
+        });
     }
 
     void update_nodes(Index s) {
         const NodePhase<S> phase = node_phase();
-        const auto sum_at = [&](Index n) { return summed(n); };
         for (Index n = first_node_; n < last_node_; n++) {
-            Node<S> p = summed(n);
-            if (frame_.keep_grids) write(frame_.momentum + 4 * (s * box_.nodes() + n), p);
-            write(frame_.velocity + 4 * n, phase.velocity(p, kind_now(phase, n, p, sum_at)));
+            const Around<S> near = around(n);
+            const Node<S> free = phase.free(read<Node<S>>(frame_.velocity + 4 * n), summed(n), near);
+            if (frame_.keep_grids) write(kept(s) + 4 * n, free);
+            write(frame_.velocity + 4 * n, phase.velocity(free, near));
         }
     }
+
+    Around<S> around(Index n) const { return {frame_.around[2 * n], frame_.around[2 * n + 1]}; }
+    // Free velocities of a substep.
+    S* kept(Index s) const { return frame_.free + 4 * s * box_.nodes(); }
 
     // Sum of the threads' grids at a node.
     Node<S> summed(Index n) const {
@@ -324,18 +371,10 @@ private:
         return p;
     }
 
-    // at(n): (momentum, mass) of node n.
-    template <class At>
-    unsigned char kind_now(const NodePhase<S>& phase, Index n, const Node<S>& p, const At& at) const {
-        return phase.kind_now(frame_.kind[n], p[3], [&] { return at(n - 1)[3]; });
-    }
-
-    template <bool ADJOINT>
-    MomentBlock<ADJOINT, S> gathered(const S* grid, const Stencil<S>& stencil, Index p) const {
-        MomentBlock<ADJOINT, S> moments;
+    MomentBlock<S> gathered(const S* grid, const Stencil<S>& stencil, Index p) const {
+        MomentBlock<S> moments;
         for (int l = 0; l < lanes_from(p); l++)
-            moments.set(
-                l, gather<ADJOINT>(grid + 4 * Index(stencil.base[l]), box_, stencil.weights(l), stencil.slopes(l)));
+            moments.set(l, gather(grid + 4 * Index(stencil.base[l]), box_, stencil.weights(l), stencil.slopes(l)));
         return moments;
     }
 
@@ -343,29 +382,34 @@ private:
         const S* now = state(frame_.keep_states ? s : 0);
         S* next = state(frame_.keep_states ? s + 1 : 0);
         for (Index p = first_; p < last_; p += LANES) {
-            Vec3<V> x = vector(now, X, p);
-            Stencil<S> stencil(x.v, box_);
-            const auto moments = gathered<false>(frame_.velocity, stencil, p);
-            Vec3<V> v = moments.value();
-            Mat3<V> C = (1 / frame_.cell) * moments.offset_moments(stencil), F = matrix(now, DEFORMATION, p);
-            const Mat3<V> gradient = moments.gradient();
-            F = F + (frame_.dt / frame_.cell) * (gradient * F);
-            if constexpr (Material::flows) F = material_.flow(p, F);
-            for (int d = 0; d < 3; d++) put(next, X + d, p, x.v[d] + frame_.dt * v.v[d]);
-            put(next, VELOCITY, p, v);
-            put(next, DEFORMATION, p, F);
-            put(next, AFFINE, p, C);
-            if constexpr (TERMS) {
-                laws_.average_rate(p, rate(now), C, rate(next));
-                laws_.advance_branches(p, branches(now), (frame_.dt / frame_.cell) * gradient, branches(next));
+            const auto moments = gathered(frame_.velocity, stencil_of(p), p);
+            const Vec3<V> v = moments.value();
+            const Mat3<V> F = matrix(now, DEFORMATION, p);
+            const auto on_grid = shape_on_grid(p, now, F);
+            const Mat3<V> change = on_grid.change((frame_.dt / frame_.cell) * moments.gradient());
+            Mat3<V> after = F + change;
+            if constexpr (Material::flows) after = material_.flow(p, after);
+            if constexpr (SHAPED) {
+                Mat3<V> B = matrix(now, SHAPE, p);
+                if constexpr (Material::flows) B = shape_after_flow(B, F + change, after);
+                put(next, SHAPE, p, B);
             }
+            for (int d = 0; d < 3; d++) put(next, X + d, p, row_of(now, X + d, p) + frame_.dt * v[d]);
+            put(next, VELOCITY, p, v);
+            if constexpr (TERMS)
+                if (viscous() || branch_rows()) {
+                    const Mat3<V> step = on_grid.step(change);
+                    laws_.average_rate(p, rate(now), (1 / frame_.dt) * step, rate(next));
+                    laws_.advance_branches(p, branches(now), step, branches(next));
+                }
+            put(next, DEFORMATION, p, after);
         }
     }
 
     // The states of a frame of which the grids are there: stresses and scatters are not needed again.
     void replay() {
         for (Index s = 0; s < frame_.substeps; s++) {
-            velocities_of_kept(s);
+            velocities_after(s);
             barrier_.wait();
             gather_velocity(s);
             barrier_.wait();
@@ -377,121 +421,101 @@ private:
 
     bool stopped() const { return __atomic_load_n(frame_.shared + 32, __ATOMIC_RELAXED) != 0; }
 
-    void report(int kind, Index substep, Index p) {
-        Index& first = frame_.status[2 * thread_ + kind];
+    void report(Index substep, Index p) {
+        Index& first = frame_.status[thread_];
         Index key = substep * frame_.particles + frame_.order[p];
         if (key < first) first = key;
         __atomic_store_n(frame_.shared + 32, 1, __ATOMIC_RELAXED);
     }
 
-    // Whether a particle of the block must not be scattered; the frame then stops at this substep.
-    bool fails(Index s, Index p, const Stencil<S>& at, const Vec3<V>& x, const Vec3<V>& momentum, const Mat3<V>& A) {
-        V magnitude = dot(A, A);
-        for (int d = 0; d < 3; d++) magnitude += momentum.v[d] * momentum.v[d] + x.v[d] * x.v[d];
-        auto finite = (magnitude - magnitude) == V{};
-        if (!any(~(finite & at.inside))) return false;
-        bool failed = false;
+    // A particle of the block that is not finite stops the frame at this substep.
+    void check(Index s, Index p, const Vec3<V>& x, const Vec3<V>& v, const Mat3<V>& A) {
+        const V magnitude = dot(A, A) + dot(v, v) + dot(x, x);
+        const auto finite = (magnitude - magnitude) == V{};
+        if (!any(~finite)) return;
         for (int l = 0; l < lanes_from(p); l++)
-            if (!(finite[l] && at.inside[l])) {
-                report(finite[l] ? 0 : 1, s, p + l);
-                failed = true;
-            }
-        return failed;
+            if (!finite[l]) report(s, p + l);
     }
 
-    // Failures at the frame's end, and the motion's bounds there.
+    // Failures at the frame's end.
     void check_state() {
         const S* end = state(0);
-        const S frame_time = 1 / frame_.frame_rate;
-        V lower[3], upper[3], square = {};
-        for (int d = 0; d < 3; d++) lower[d] = upper[d] = row_of(end, X + d, first_);
-        for (Index p = first_; p < last_; p += LANES) {
-            const Vec3<V> x = vector(end, X, p), v = vector(end, VELOCITY, p);
-            fails(frame_.substeps, p, Stencil<S>(x.v, box_), x, v, matrix(end, DEFORMATION, p));
-            for (int d = 0; d < 3; d++) {
-                const V ahead = x[d] + frame_time * v[d];
-                lower[d] = min(lower[d], min(x[d], ahead));
-                upper[d] = max(upper[d], max(x[d], ahead));
-            }
-            square = max(square, dot(v, v));
-        }
-        S* bounds = frame_.bounds + 7 * thread_;
-        for (int d = 0; d < 3; d++) {
-            bounds[d] = -largest(-lower[d]);
-            bounds[3 + d] = largest(upper[d]);
-        }
-        bounds[6] = sqrt(largest(square));
-    }
-    static S largest(V values) {
-        S found = values[0];
-        for (int l = 1; l < LANES; l++) found = max(found, values[l]);
-        return found;
+        for (Index p = first_; p < last_; p += LANES)
+            check(frame_.substeps, p, vector(end, X, p), vector(end, VELOCITY, p), matrix(end, DEFORMATION, p));
     }
 
     // --- adjoint
     // ------------------------------------------------------------------------------------------------------
 
-    auto kept_of(Index s) const {
-        return [grid = frame_.momentum + 4 * s * box_.nodes()](Index n) { return read<Node<S>>(grid + 4 * n); };
+    // Velocities at the start of the substep after s; at the frame's start for -1.
+    Node<S> velocity_after(const NodePhase<S>& phase, Index s, Index n) const {
+        if (s >= 0) return phase.velocity(read<Node<S>>(kept(s) + 4 * n), around(n));
+        return read<Node<S>>(frame_.nodes + 4 * n);
     }
 
-    void velocities_of_kept(Index s) {
+    void velocities_after(Index s) {
         const NodePhase<S> phase = node_phase();
-        const auto kept_at = kept_of(s);
-        for (Index n = first_node_; n < last_node_; n++) {
-            Node<S> p = kept_at(n);
-            write(frame_.velocity + 4 * n, phase.velocity(p, kind_now(phase, n, p, kept_at)));
-        }
+        for (Index n = first_node_; n < last_node_; n++)
+            write(frame_.velocity + 4 * n, velocity_after(phase, s, n));
     }
 
+    // In: frame.velocity after the substep, and adjoints of the state there.
     void scatter_velocity_bar(Index s) {
         const S* now = state(s);
         S* bar = frame_.adjoint;
         clear_scratch();
-        Scatter<S> scatter(scratch_, box_);
-        for (Index p = first_; p < last_; p += LANES) {
+        scatter_blocks([&](Index p) {
             fetch(now, X, 3, p);
             fetch(now, DEFORMATION, 9, p);
             fetch(bar, X, RATE, p);
-            Vec3<V> x = vector(now, X, p);
-            Mat3<V> F = matrix(now, DEFORMATION, p), F_bar = matrix(bar, DEFORMATION, p),
-                    C_bar = matrix(bar, AFFINE, p);
-            if constexpr (TERMS) C_bar = laws_.average_rate_adjoint(p, C_bar, rate(bar));
-            Stencil<S> stencil(x.v, box_);
-            const auto moments = gathered<true>(frame_.velocity, stencil, p);
-            Mat3<V> step = (frame_.dt / frame_.cell) * moments.gradient();
-            if constexpr (Material::flows) F_bar = material_.flow_adjoint(p, F + step * F, F_bar);
-            Vec3<V> q;
-            for (int d = 0; d < 3; d++) q.v[d] = row_of(bar, VELOCITY + d, p) + frame_.dt * row_of(bar, X + d, p);
-            Mat3<V> step_bar = F_bar * transpose(F);
+            const auto moments = gathered(frame_.velocity, stencil_of(p), p);
+            const Mat3<V> F = matrix(now, DEFORMATION, p), dD = (frame_.dt / frame_.cell) * moments.gradient();
+            const auto on_grid = shape_on_grid(p, now, F);
+            const Mat3<V> change = on_grid.change(dD);
+            Mat3<V> after_bar = matrix(bar, DEFORMATION, p), F_bar = {}, shape_bar = {};
+            if constexpr (SHAPED) shape_bar = matrix(bar, SHAPE, p);
+            Mat3<V> change_bar = after_bar;
+            if constexpr (Material::flows) {
+                const Mat3<V> trial = F + change;
+                change_bar = {};
+                shape_after_flow_adjoint(matrix(now, SHAPE, p), trial, material_.flow(p, trial), shape_bar, change_bar,
+                                         after_bar);
+                change_bar += material_.flow_adjoint(p, trial, after_bar);
+            }
+            F_bar = change_bar;
             if constexpr (TERMS)
-                laws_.advance_branches_adjoint(p, branches(now), step, branches(bar),
-                                               particle_sums() + particle_sum::numbers, step_bar);
-            const FieldBlock<S> field(q, V{}, (1 / frame_.cell) * C_bar, (frame_.dt / frame_.cell) * step_bar, stencil);
-            scatter.add(field, stencil, lanes_from(p));
-            add_position_bar(p, moments.slope(field, stencil));
-            put(bar, DEFORMATION, p, F_bar + transpose(step) * F_bar);
-        }
-        scatter.flush();
+                if (viscous() || branch_rows()) {
+                    Mat3<V> step_bar = laws_.average_rate_adjoint(p, rate(bar));
+                    step_bar = (1 / frame_.dt) * step_bar;
+                    laws_.advance_branches_adjoint(p, branches(now), on_grid.step(change), branches(bar),
+                                                   particle_sums() + particle_sum::numbers, step_bar);
+                    change_bar += on_grid.step_adjoint(change, step_bar, F_bar);
+                }
+            const Mat3<V> dD_bar = on_grid.change_adjoint(dD, change_bar, shape_bar);
+            put(bar, DEFORMATION, p, F_bar);
+            if constexpr (SHAPED) put(bar, SHAPE, p, shape_bar);
+            const Vec3<V> q = vector(bar, VELOCITY, p) + splat<V>(frame_.dt) * vector(bar, X, p);
+            return FieldBlock<S>(q, V{}, (frame_.dt / frame_.cell) * dD_bar);
+        });
     }
 
-    // slope: per cell.
-    void add_position_bar(Index p, const Vec3<V>& slope) {
-        for (int d = 0; d < 3; d++)
-            put(frame_.adjoint, X + d, p, row_of(frame_.adjoint, X + d, p) + slope[d] * (1 / frame_.cell));
-    }
-
+    // In: frame.carry, adjoints of the velocities after the substep by those that follow it, which go to before it, and
+    // of the masses, which grow. Leaves the adjoints of the forces times dt in frame.node_bar, and the velocities before
+    // the substep in frame.velocity.
     void update_nodes_adjoint(Index s) {
         const NodePhase<S> phase = node_phase();
-        const auto kept_at = kept_of(s);
         FrictionBar<S> friction_bar = {};
         Node<S> gravity_bar = {};
         for (Index n = first_node_; n < last_node_; n++) {
-            Node<S> p = kept_at(n);
-            Node<S> p_bar = phase.adjoint(p, kind_now(phase, n, p, kept_at), summed(n), friction_bar);
-            write(frame_.node_bar + 4 * n, p_bar);
-            // gravity acts on the velocity as momentum / mass does, dt times
-            if constexpr (TERMS) gravity_bar += (frame_.dt * p[3]) * p_bar;
+            const Around<S> near = around(n);
+            const Node<S> carried = read<Node<S>>(frame_.carry + 4 * n), before = velocity_after(phase, s - 1, n);
+            const auto [bar, mass_bar] = phase.adjoint(before, read<Node<S>>(kept(s) + 4 * n), near,
+                                                       carried + summed(n), friction_bar);
+            const S share = near.mass > frame_.mass_floor ? 1 / near.mass : S(0);
+            write(frame_.carry + 4 * n, Node<S>{bar[0], bar[1], bar[2], carried[3] + mass_bar});
+            write(frame_.node_bar + 4 * n, Node<S>{share * bar[0], share * bar[1], share * bar[2], bar[3]});
+            write(frame_.velocity + 4 * n, before);
+            if constexpr (TERMS) gravity_bar += frame_.dt * bar;
         }
         S* sums = node_sums();
         sums[node_sum::friction_coefficient] += friction_bar.dynamic;
@@ -501,39 +525,39 @@ private:
         }
     }
 
-    void gather_momentum_bar(Index s) {
+    void gather_force_bar(Index s) {
         const S* now = state(s);
         S* bar = frame_.adjoint;
         apply_forces(s, now);
         for (Index p = first_; p < last_; p += LANES) {
             fetch(now, X, RATE, p);
-            Vec3<V> x = vector(now, X, p), momentum = pushed_momentum(p, now);
-            Mat3<V> F = matrix(now, DEFORMATION, p);
-            auto stress = material_.stress(p, F);
-            Mat3<V> C = matrix(now, AFFINE, p);
-            Stencil<S> stencil(x.v, box_);
-            V m = row_of(constants(constant::mass), 0, p), volume = row_of(constants(constant::volume), 0, p);
-            const auto moments = gathered<true>(frame_.node_bar, stencil, p);
-            Vec3<V> q_bar = moments.value();
-            Mat3<V> apic_bar = moments.offset_moments(stencil);
-            const auto field = momentum_field(p, momentum, C, all_stress(p, stress, F, now), stencil);
-            add_position_bar(p, moments.slope(field, stencil));
-            for (int d = 0; d < 3; d++) put(bar, VELOCITY + d, p, m * q_bar.v[d]);
-            put(bar, AFFINE, p, (m * (frame_.cell / 4)) * apic_bar);
-            Mat3<V> F_bar = matrix(bar, DEFORMATION, p);
-            Mat3<V> tau_bar = (volume * (-frame_.dt / frame_.cell)) * moments.gradient();
+            const Mat3<V> F = matrix(now, DEFORMATION, p);
+            const auto stress = material_.stress(p, F);
+            const V volume = row_of(constants(constant::volume), 0, p);
+            const auto moments = gathered(frame_.node_bar, stencil_of(p), p);
+            const Vec3<V> force_bar = splat<V>(frame_.dt) * moments.value();
+            const Mat3<V> P_bar = (volume * (-frame_.dt / frame_.cell)) * moments.gradient();
+            Mat3<V> F_bar = matrix(bar, DEFORMATION, p), shape_bar = {};
+            if constexpr (SHAPED) shape_bar = matrix(bar, SHAPE, p);
+            const Mat3<V> tau = all_stress(p, stress, F, now);
+            const Mat3<V> tau_bar = shape_on_grid(p, now, F).stress_adjoint(tau, P_bar, F_bar, shape_bar);
             material_.stress_adjoint(p, stress, F, tau_bar, F_bar);
             if constexpr (TERMS) laws_.stress_adjoint(law_arrays(now), p, F, tau_bar, F_bar);
             put(bar, DEFORMATION, p, F_bar);
-            if constexpr (TERMS)
-                inputs_adjoint(p, vector(now, VELOCITY, p), C, q_bar, moments.fourth_value(), apic_bar);
+            if constexpr (SHAPED) put(bar, SHAPE, p, shape_bar);
+            put(bar, VELOCITY, p, Vec3<V>{});
+            put(bar, X + 2, p,
+                row_of(bar, X + 2, p) + volume * touching_slope(p, now) * moments.fourth_value());
+            put(frame_.force_bar, 0, p, force_bar);
+            if constexpr (TERMS) {
+                S* load_bar = input_bars(input::load);
+                put(load_bar, 0, p, vector(load_bar, 0, p) + force_bar);
+            }
         }
         grip_adjoint(s, now);
         if (TERMS && laws_.has(ForceTerms::TERMS)) laws_.forces_adjoint(law_arrays(now));
     }
 
-    // Without optional terms v_bar = m q_bar on entry, of which the force's adjoint is dt q_bar; with them that stands
-    // in frame.force_bar.
     void grip_adjoint(Index s, const S* now) {
         const Grip<S> bonds = grip(s);
         S* bar = frame_.adjoint;
@@ -542,34 +566,19 @@ private:
             points_bar[3 * (end * frame_.controller_points + controller) + axis] += value;
         };
         for_gripped([&](Index place, Index first, Index last) {
-            const Vec3<S> v_bar = at(bar, VELOCITY, place);
-            const Vec3<S> f_bar =
-                TERMS ? at(frame_.force_bar, 0, place) : (frame_.dt / constants(constant::mass)[place]) * v_bar;
-            const auto back = bonds.adjoint(first, last, at(now, X, place), at(now, VELOCITY, place), f_bar, add_point);
+            const auto back = bonds.adjoint(first, last, at(now, X, place), at(now, VELOCITY, place),
+                                            at(frame_.force_bar, 0, place), add_point);
             put_at(bar + X * frame_.stride, place, at(bar, X, place) + back.x);
-            put_at(bar + VELOCITY * frame_.stride, place, v_bar + back.v);
+            put_at(bar + VELOCITY * frame_.stride, place, at(bar, VELOCITY, place) + back.v);
             particle_sums()[particle_sum::grip_stiffness] += back.stiffness;
             particle_sums()[particle_sum::grip_damping] += back.damping;
         });
     }
-
-    // Adjoints of mass and force in m v + dt f, m and the affine momentum, from those of the three.
-    void inputs_adjoint(Index p, const Vec3<V>& v, const Mat3<V>& C, const Vec3<V>& q_bar, V carried_bar,
-                        const Mat3<V>& apic_bar) {
-        S *mass_bar = input_bars(input::mass), *load_bar = input_bars(input::load);
-        put(mass_bar, 0, p,
-            row_of(mass_bar, 0, p) + carried_bar + dot(v, q_bar) + (frame_.cell / 4) * dot(C, apic_bar));
-        for (int d = 0; d < 3; d++) {
-            V force_bar = frame_.dt * q_bar[d];
-            put(frame_.force_bar, d, p, force_bar);
-            put(load_bar, d, p, row_of(load_bar, d, p) + force_bar);
-        }
-    }
 };
 
-template <class S, bool TERMS, template <class> class Elastic, class Plastic, class ElasticNetwork,
+template <class S, bool TERMS, bool SHAPED, template <class> class Elastic, class Plastic, class ElasticNetwork,
           class PlasticNetwork>
-using WorkerOf = Worker<S, TERMS, Material<Lanes<S>, Elastic, Plastic, ElasticNetwork, PlasticNetwork>>;
+using WorkerOf = Worker<S, TERMS, SHAPED, Material<Lanes<S>, Elastic, Plastic, ElasticNetwork, PlasticNetwork>>;
 
 // Calls run(frame, thread within it) for the frames: one is shared by all threads, of many each thread takes one after
 // the other.
@@ -581,7 +590,7 @@ inline void for_frames(unsigned long long frames, unsigned long long workspaces,
     const auto frame_on = [&](int i, int workspace) {
         Frame<S> frame = all[i];
         static_cast<Workspace<S>&>(frame) = work[workspace];
-        if (frame.kept_grids) frame.momentum = frame.kept_grids;
+        if (frame.kept_grids) frame.free = frame.kept_grids;
         return frame;
     };
     if (count == 1) return run(frame_on(0, 0), thread);
@@ -594,20 +603,20 @@ inline void for_frames(unsigned long long frames, unsigned long long workspaces,
     }
 }
 
-template <class S, bool TERMS, template <class> class Elastic, class Plastic, class ElasticNetwork,
+template <class S, bool TERMS, bool SHAPED, template <class> class Elastic, class Plastic, class ElasticNetwork,
           class PlasticNetwork>
 inline void forward_frames(unsigned long long frames, unsigned long long workspaces, int count, unsigned long long next,
                            int thread) {
     for_frames<S>(frames, workspaces, count, next, thread, [](const Frame<S>& frame, int own) {
-        WorkerOf<S, TERMS, Elastic, Plastic, ElasticNetwork, PlasticNetwork>(frame, own, 0).forward();
+        WorkerOf<S, TERMS, SHAPED, Elastic, Plastic, ElasticNetwork, PlasticNetwork>(frame, own, 0).forward();
     });
 }
 
-template <class S, bool TERMS, template <class> class Elastic, class Plastic, class ElasticNetwork,
+template <class S, bool TERMS, bool SHAPED, template <class> class Elastic, class Plastic, class ElasticNetwork,
           class PlasticNetwork>
 inline void backward_frames(unsigned long long frames, unsigned long long workspaces, int count,
                             unsigned long long next, int thread) {
-    using Work = WorkerOf<S, TERMS, Elastic, Plastic, ElasticNetwork, PlasticNetwork>;
+    using Work = WorkerOf<S, TERMS, SHAPED, Elastic, Plastic, ElasticNetwork, PlasticNetwork>;
     for_frames<S>(frames, workspaces, count, next, thread, [](const Frame<S>& frame, int own) {
         Work(frame, own, 0).forward();
         Work(frame, own, 1).backward();
@@ -615,7 +624,7 @@ inline void backward_frames(unsigned long long frames, unsigned long long worksp
 }
 
 // Numbers that a thread needs for the networks' adjoints.
-template <class S, bool TERMS, template <class> class Elastic, class Plastic, class ElasticNetwork,
+template <class S, bool TERMS, bool SHAPED, template <class> class Elastic, class Plastic, class ElasticNetwork,
           class PlasticNetwork>
 inline void network_numbers(Index* size) {
     size[0] = Material<Lanes<S>, Elastic, Plastic, ElasticNetwork, PlasticNetwork>::workspace_size;

@@ -101,12 +101,12 @@ def test_play_goes_where_a_rollout_goes(device):
 
 
 def test_kept_frames_give_what_recomputed_ones_do(device):
-    """With room for no frame and for all; mean rate of deformation and Maxwell branches are part of what is kept."""
+    """With room for no frame and for all; the body's own shape, mean rate of deformation and Maxwell branches are kept, too."""
     simulator, leaves, controllers = scene(ALL, device, "float64")
     stepper, found = simulator._stepper, []
     for frames in (0, 9):
         stepper.substeps = simulator.substeps(Parameters(**leaves))
-        stepper.kept_bytes = frames * stepper.frame_bytes(stepper.nodes or 2000)
+        stepper.kept_bytes = frames * stepper.frame_bytes()
         found.append(rollout(simulator, leaves, controllers)[1])
     assert stepper.slots // (stepper.substeps + 1) == 3
     assert worst(found[1], found[0]) < 1e-11

@@ -84,9 +84,9 @@ class Frames:
             keep: whether a backward pass may follow.
         """
         frames = len(points)
-        states = self._empty(frames)
-        x, v, F = (states.pop(name) for name in ("x", "v", "F"))
-        further = states if keep else self._empty(2, without=("x", "v", "F"))
+        sizes = self._sizes()
+        x, v, F = (self._zeros(frames, sizes.pop(name)) for name in ("x", "v", "F"))
+        further = {name: self._zeros(frames if keep else 2, size) for name, size in sizes.items()}
         substeps, failures = self._substeps(parameters)
         record = Record(substeps, further, failures=failures)
 
@@ -111,7 +111,7 @@ class Frames:
 
     def play(self, parameters: Parameters, points: Tensor) -> Generator[State, Tensor, None]:
         """Yields the state of the one rollout and takes the controller points [C, 3] of the next frame time."""
-        arrays = self._empty(2)
+        arrays = {name: self._zeros(2, size) for name, size in self._sizes().items()}
         states = [State(**{name: values[turn] for name, values in arrays.items()}) for turn in range(2)]
         substeps, _ = self._substeps(parameters)
         self._start(parameters, substeps, states[0])
@@ -126,12 +126,14 @@ class Frames:
                 raise _with_hand(record.failures[0], both[:, 0], self.stepper.lattice.cell, frame)
             points, frame = following, frame + 1
 
-    def _empty(self, frames: int, without: tuple[str, ...] = ()) -> dict[str, Tensor]:
-        """Arrays for so many states by name, each [frames, R, ...]."""
-        stepper, rollouts = self.stepper, (frames, self.stepper.rollouts)
+    def _sizes(self) -> dict[str, tuple[int, ...]]:
+        """Shape of what a rollout's state has, by name."""
+        stepper = self.stepper
         sizes = {name: (stepper.particles, *size) for name, size in stepper.state_shapes.items()}
-        sizes["nodes"] = (stepper.lattice.nodes, 4)
-        return {name: self._x0.new_zeros(*rollouts, *size) for name, size in sizes.items() if name not in without}
+        return sizes | {"nodes": (stepper.lattice.nodes, 4)}
+
+    def _zeros(self, frames: int, size: tuple[int, ...]) -> Tensor:
+        return self._x0.new_zeros(frames, self.stepper.rollouts, *size)
 
     def _substeps(self, parameters: Parameters) -> tuple[list[int], list[SimulationError | None]]:
         """Substeps per frame of each rollout; of many, those that would need too many have failed before the first frame."""

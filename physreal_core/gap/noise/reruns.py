@@ -32,8 +32,8 @@ def rerun_differences(
 ) -> Float[Array, "modes frames tracks 3"]:
     """Estimates of the numerical error of a trial's tracks [m], one per rerun.
 
-    A rerun that fails is left out, and so is the model's own law. Known effects with a direction of their own do not turn with the body, and clamps stay in place; with
-    either, the turned grid is left out.
+    A rerun that fails is left out, and so is the model's own law. Known effects with a direction of their own do not turn
+    with the body, and clamps stay in place; with either, the turned grid is left out.
 
     Args:
         experiment: the interaction.

@@ -205,7 +205,8 @@ class NativeStepper:
         numbers = int(self._grids()[-1])
         kept = min(frames, self._kept_bytes // (numbers * self.dtype.itemsize))
         self.holder = holder if kept else None
-        self._kept = [torch.empty(numbers, dtype=self.dtype) for _ in range(kept)]
+        held = [grid for grid in self._kept[:kept] if grid.numel() >= numbers]  # a fit comes here in every step
+        self._kept = held + [torch.empty(numbers, dtype=self.dtype) for _ in range(kept - len(held))]
         return kept
 
     def _grids(self) -> np.ndarray:

@@ -4,7 +4,7 @@ from dataclasses import dataclass
 
 import numpy as np
 
-from physreal_core.array_types import Array, Float
+from physreal_core.array_types import Array, Float, Int
 from physreal_core.simulation.body import Body, Clamp
 
 CLAMP_DEPTH = 0.25
@@ -29,6 +29,10 @@ class Lattice:
     offset: Float[Array, "3"]
     count: tuple[int, int, int]
     cell: float
+
+    def order(self, x0: Float[Array, "particles 3"]) -> Int[Array, " particles"]:
+        """Particles at x0 [m] in the order of their cells: those whose 27 nodes are the same follow one another."""
+        return np.lexsort(base_nodes(x0, self).T[::-1])
 
     @property
     def nodes(self) -> int:
@@ -63,6 +67,11 @@ def lattice_of(body: Body, clamps: tuple[Clamp, ...]) -> Lattice:
     first = np.floor((body.x0.min(0) - anchor) / body.cell - 0.5) - 1
     last = np.floor((body.x0.max(0) - anchor) / body.cell - 0.5) + 3
     return Lattice(anchor + body.cell * first, tuple(int(n) for n in last - first + 1), body.cell)
+
+
+def base_nodes(x0: Float[Array, "particles 3"], lattice: Lattice) -> Int[Array, "particles 3"]:
+    """The lowest of the 27 nodes in which a particle at x0 [m] has a share."""
+    return np.floor((x0 - lattice.offset) / lattice.cell - 0.5).astype(np.int64)
 
 
 def held_boxes(clamps: tuple[Clamp, ...], cell: float) -> tuple[Float[Array, "clamps 3"], Float[Array, "clamps 3"]]:

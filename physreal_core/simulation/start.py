@@ -5,7 +5,7 @@ import torch
 
 from physreal_core.array_types import Array, Float, Int, Tensor
 from physreal_core.simulation.body import Body
-from physreal_core.simulation.lattice import Lattice
+from physreal_core.simulation.lattice import Lattice, base_nodes
 
 RIDGE = 0.1
 """How much the lumped average counts beside the fit: enough that a node of which particles tell little stays near it."""
@@ -95,7 +95,7 @@ class NodeStart:
 def stencils(x0: Float[Array, "particles 3"], lattice: Lattice) -> tuple[Int[Array, "particles 27"], Array]:
     """The nodes of which particles have a share, and their weights, both [N, 27]: quadratic B-splines."""
     cells = (x0 - lattice.offset) / lattice.cell
-    base = np.floor(cells - 0.5).astype(np.int64)
+    base = base_nodes(x0, lattice)
     f = cells - base
     along = np.stack([0.5 * (1.5 - f) ** 2, 0.75 - (f - 1.0) ** 2, 0.5 * (f - 0.5) ** 2], -1)  # [N, axis, node]
     steps = np.stack(np.meshgrid(*[np.arange(3)] * 3, indexing="ij"), -1).reshape(-1, 3)

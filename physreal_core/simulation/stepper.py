@@ -7,25 +7,22 @@ from typing import Protocol, runtime_checkable
 import torch
 
 from physreal_core.array_types import Array, Bool, Int, Tensor
+from physreal_core.simulation.config import SimulationConfig
 from physreal_core.simulation.lattice import Lattice
 from physreal_core.simulation.parameters import Parameters
+from physreal_core.simulation.terms import branch_count
 
 NOT_FAILED = torch.iinfo(torch.int64).max
 
 
-def state_shapes(shaped: bool, viscous: bool, branches: int) -> dict[str, tuple[int, ...]]:
-    """Shape of each of a particle's numbers that a state has, by name, in order.
-
-    Args:
-        shaped: whether the shape without stress may differ from that on the grid.
-        viscous: whether there is a mean rate of deformation.
-        branches: how many Maxwell branches there are.
-    """
+def state_shapes(config: SimulationConfig) -> dict[str, tuple[int, ...]]:
+    """Shape of each of a particle's numbers that a state has under a configuration, by name, in order."""
     shapes: dict[str, tuple[int, ...]] = {"x": (3,), "v": (3,), "F": (3, 3)}
-    if shaped:
+    if config.shaped:
         shapes["shape"] = (3, 3)
-    if viscous:
+    if "viscosity" in config.terms:
         shapes["rate"] = (3, 3)
+    branches = branch_count(config.terms)
     return shapes | {"branches": (branches, 3, 3)} if branches else shapes
 
 

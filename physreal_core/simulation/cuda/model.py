@@ -15,7 +15,6 @@ from physreal_core.simulation.lattice import held_boxes, lattice_of
 from physreal_core.simulation.parameters import Parameters
 from physreal_core.simulation.particle_rows import NODE_SUMS, NUMBERS, PARTICLE_SUMS, ParticleRows
 from physreal_core.simulation.stepper import state_shapes
-from physreal_core.simulation.terms import branch_count
 from physreal_core.simulation.timestep import rate_memory
 from physreal_core.simulation.touch import NEARLY, TOUCHING, touch_heights
 
@@ -55,7 +54,7 @@ class BodyModel:
     ) -> None:
         self.dtype, self.config, self.rollouts = config.torch_dtype, config, rollouts
         self.device, self.particles = config.device, len(body.x0)
-        self.state_shapes = state_shapes(config.shaped, "viscosity" in config.terms, branch_count(config.terms))
+        self.state_shapes = state_shapes(config)
         self._body, self._held = body, {}
         self.frame = np.zeros((), FRAME.dtype(config.dtype))
         self._mass, self._volume = self._numbers(body.mass), self._numbers(body.volume)

@@ -95,12 +95,8 @@ class CudaStepper:
 
     def _cell_order(self, x0: np.ndarray) -> Tensor:
         """Order of the particles by columns of cells, rollout by rollout, shape [P]."""
-        lattice = self.lattice
-        cells = np.floor((x0 - lattice.offset) / lattice.cell - 0.5).astype(np.int64)
-        places = np.lexsort(cells.T[::-1])
-        return torch.as_tensor(
-            (places + self.particles * np.arange(self.rollouts)[:, None]).ravel(), device=self.device
-        )
+        firsts = self.particles * np.arange(self.rollouts)[:, None]
+        return torch.as_tensor((self.lattice.order(x0) + firsts).ravel(), device=self.device)
 
     # --- memory -------------------------------------------------------------------------------------------------
 

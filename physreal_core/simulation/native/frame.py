@@ -16,9 +16,6 @@ WORKSPACE = Structure(
     "Workspace",
     """
     # What a frame works on; nothing in it outlives the frame
-    int* order  [N] the caller's particle at each place, by cells
-    int* place  [N] place of the caller's particle
-    int* cell_starts  [nodes + 1] to sort by cells
     S* state  [slots, rows, stride] x, v, F and, if in use, the shape, the mean rate of deformation and Maxwell branches
     S* constants  [constant_rows, stride]
     S* bars  [bar_rows, stride]
@@ -81,6 +78,9 @@ FRAME = Structure(
     S strain_scale
     S numbers:{NUMBERS.count}
     S remembered  share of the mean rate of deformation that a substep keeps
+
+    const int* order  [N] the caller's particle at each place, by cells
+    const int* place  [N] place of the caller's particle
 
     # Particles in the caller's order; the state's adjoints go in and out
     const S* x  [N, 3]

@@ -21,7 +21,6 @@ from physreal_core.simulation.parameters import Parameters, row_of
 from physreal_core.simulation.particle_rows import NODE_SUMS, PARTICLE_SUMS, ParticleRows
 from physreal_core.simulation.step_layout import term_bits
 from physreal_core.simulation.stepper import NOT_FAILED, Span, State, state_shapes
-from physreal_core.simulation.terms import branch_count
 from physreal_core.simulation.timestep import rate_memory
 from physreal_core.simulation.touch import NEARLY, TOUCHING, touch_heights
 
@@ -41,7 +40,7 @@ def _yield_address() -> int:
 
 
 class NativeStepper:
-    """`Stepper` on the CPU. Particles are put in the order of their cells at every frame; results are in the caller's.
+    """`Stepper` on the CPU. Particles are in the order of their cells; results are in the caller's.
 
     Args:
         body, config, grip, clamps, loads: as for `Simulator`.
@@ -68,7 +67,7 @@ class NativeStepper:
         self.dtype, self.config, self.rollouts = config.torch_dtype, config, rollouts
         self.particles, self.lattice = len(body.x0), lattice_of(body, clamps)
         self.viscous = "viscosity" in config.terms
-        self.state_shapes = state_shapes(config.shaped, self.viscous, branch_count(config.terms))
+        self.state_shapes = state_shapes(config)
         if rollouts == 1:
             self.threads = min(threads or torch.get_num_threads(), max(1, self.particles // PARTICLES_PER_THREAD))
         else:
@@ -128,7 +127,9 @@ class NativeStepper:
         frames["particles"], frames["threads"] = self.particles, self._sharing
         frames["stride"] = -(-self.particles // BLOCK) * BLOCK
         frames["clamps"], frames["gravity"] = len(clamps), config.gravity
-        lattice = self.lattice
+        lattice, order = self.lattice, self.lattice.order(body.x0)
+        for name, array in (("order", order), ("place", np.argsort(order))):
+            self._give(frames, name, torch.from_numpy(array.astype(np.int32)), shared=True)
         frames["offset"], frames["count"], frames["cell"] = lattice.offset, lattice.count, lattice.cell
         frames["mass_floor"] = torch.finfo(self.dtype).eps ** 2 * body.mass.min()
         frames["touching"], frames["touch_slope"] = TOUCHING, 1.0 / (NEARLY * body.spacing)
@@ -167,7 +168,7 @@ class NativeStepper:
         self._status = self._give(frames, "status", self._zeros(r, self._sharing, dtype=torch.int64))
 
     def _set_workspaces(self) -> None:
-        work, n, stride = self._workspaces, self.particles, int(self._frames["stride"][0])
+        work, stride = self._workspaces, int(self._frames["stride"][0])
         size = torch.zeros(1, dtype=torch.int64)
         wp.launch(self._kernels.measure, dim=1, inputs=[wp.from_torch(size)], device="cpu")
         self._frames["network_numbers"] = int(size)
@@ -185,8 +186,7 @@ class NativeStepper:
         for name, grids in (("scratch", self._sharing), *((name, 1) for name in NODE_ARRAYS)):
             self._give(work, name, self._zeros(count, grids, self.lattice.nodes + 4, 4))
         self._give(work, "around", self._zeros(count, self.lattice.nodes, 2))
-        for name, length in (("order", n), ("place", n), ("cell_starts", self.lattice.nodes + 1), ("shared", 128)):
-            self._give(work, name, self._zeros(count, length, dtype=torch.int32))
+        self._give(work, "shared", self._zeros(count, 128, dtype=torch.int32))
         self._next = self._zeros(1, dtype=torch.int32)
 
     def _reserve(self, slots: int, grid_numbers: int) -> None:

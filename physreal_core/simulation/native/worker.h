@@ -42,8 +42,6 @@ public:
           barrier_(frame.shared + 64 * pass, frame.threads, frame.yield_address) {}
 
     void forward() {
-        if (thread_ == 0) sort_particles();
-        barrier_.wait();
         load_model();
         load_state();
         weigh_nodes();
@@ -140,25 +138,6 @@ private:
     // --- in and out
     // -----------------------------------------------------------------------------------------------------
 
-    // Particles in the order of their cells, those of a cell as the caller counts.
-    void sort_particles() {
-        const Frame<S>& f = frame_;
-        const int nodes = box_.nodes();
-        int *starts = f.cell_starts, *cells = f.place;
-        for (int n = 0; n <= nodes; n++) starts[n] = 0;
-        for (Index p = 0; p < f.particles; p++) starts[(cells[p] = cell_of(p)) + 1]++;
-        for (int n = 0; n < nodes; n++) starts[n + 1] += starts[n];
-        for (Index p = 0; p < f.particles; p++) f.order[starts[cells[p]]++] = int(p);
-    }
-
-    int cell_of(Index p) const {
-        const S* place = frame_.given + constant::place * frame_.particles + p;
-        int at[3];
-        for (int d = 0; d < 3; d++)
-            at[d] = int((place[d * frame_.particles] - box_.offset[d]) * box_.cells_per_metre - S(0.5));
-        return (at[0] * box_.count[1] + at[1]) * box_.count[2] + at[2];
-    }
-
     // The last particle fills the block that is not full; nothing of those lanes is scattered or stored.
     void load_state() {
         const Frame<S>& f = frame_;
@@ -173,7 +152,6 @@ private:
 
     void load_model() {
         const Frame<S>& f = frame_;
-        for (Index p = first_; p < last_; p++) f.place[f.order[p]] = int(p);
         gather_rows(f.constants, f.given, f.constant_rows);
         gather_rows(f.force, f.given + constant::load * f.particles, 3);
     }

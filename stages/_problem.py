@@ -8,6 +8,7 @@ import numpy as np
 import torch
 
 from physreal_core.errors import InputError
+from physreal_core.fitting.hand_record import estimate_hand
 from physreal_core.fitting.problem import MaskObservations, Problem, TrackObservations, reduce_masks
 from physreal_core.rendering import Binding, Camera
 from physreal_core.simulation import Body, Clamp, Grip, PointLoad
@@ -51,10 +52,11 @@ def load_problem(
     body, loads = carry_payloads(_body(particles), capture)
     camera = load_camera(video) if capture.kind == "video" else None
     observed = capture.observed(frame_count).train[1]
+    hand = estimate_hand(controllers, capture.fps)
     return Problem(
         body=body,
         fps=capture.fps,
-        controllers=torch.from_numpy(controllers),
+        controllers=torch.from_numpy(hand.controllers),
         observed=observed,
         patch_neighbours=torch.from_numpy(particles.patch_neighbours).long(),
         patch_weights=torch.from_numpy(particles.patch_weights).double(),
@@ -64,6 +66,7 @@ def load_problem(
         tracks=_tracks(tracks, particles, camera),
         masks=_masks(context, particles, camera, observed, masks) if masks is not None and camera is not None else None,
         camera=camera,
+        hand_open=hand.open,
     )
 
 

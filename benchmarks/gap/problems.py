@@ -15,6 +15,7 @@ import torch
 from physreal_core.array_types import Array, Bool, Float, Int
 from physreal_core.errors import InputError
 from physreal_core.fitting import Model, Problem, TrackObservations, uniform_model
+from physreal_core.fitting.hand_record import estimate_hand
 from physreal_core.geometry import (
     Mesh,
     bind_within,
@@ -133,10 +134,11 @@ def _problem(capture: Path, mesh: Mesh, x0: Array, volume: Array, spacing: float
         )
     neighbours, weights = patch_weights(x0, patches)
     pairs = bind_within(x0, controllers[0], spacing=spacing)
+    hand = estimate_hand(controllers, facts["fps"])
     return Problem(
         body=Body(x0, volume, np.full(len(x0), facts["density"]), spacing),
         fps=facts["fps"],
-        controllers=torch.from_numpy(controllers),
+        controllers=torch.from_numpy(hand.controllers),
         observed=facts["split"]["train"][1],
         patch_neighbours=torch.from_numpy(neighbours),
         patch_weights=torch.from_numpy(weights),
@@ -144,6 +146,7 @@ def _problem(capture: Path, mesh: Mesh, x0: Array, volume: Array, spacing: float
         tracks=_observations(measured.points3d, measured.valid3d, measured.sigma3d, mesh, x0),
         camera=Camera(*map(np.asarray, (facts["K"], facts["T_world_camera"])), facts["width"], facts["height"]),
         hand_seen=False,
+        hand_open=hand.open,
     )
 
 

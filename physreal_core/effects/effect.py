@@ -71,11 +71,16 @@ class Inputs:
 
     Args:
         parameters: of the rollout, per particle.
-        controllers: controller points [m] at frame times, shape [T, C, 3].
+        controllers: controller points [m] at frame times, and at the next one, shape [T + 1, C, 3].
     """
 
     parameters: Parameters
-    controllers: Float[Tensor, "frames controllers 3"]
+    controllers: Float[Tensor, "places controllers 3"]
+
+    @property
+    def frames(self) -> int:
+        """T, how many frames they are for."""
+        return len(self.controllers) - 1
 
 
 class Effect:

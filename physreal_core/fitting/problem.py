@@ -8,7 +8,7 @@ from dataclasses import dataclass
 import torch
 from torch import Tensor
 
-from physreal_core.array_types import Bool, Float, Int
+from physreal_core.array_types import Array, Bool, Float, Int
 from physreal_core.errors import InputError
 from physreal_core.rendering import Binding, Camera, Gaussians
 from physreal_core.simulation import Body, Clamp, Grip, PointLoad
@@ -71,11 +71,13 @@ class Problem:
     Args:
         body, grip, clamps, loads: the simulator's own inputs.
         fps: frames per second.
-        controllers: [T,C,3] m, controller points over the whole interval (C may be 0).
+        controllers: [T,C,3] m, where the controller points most likely were over the whole interval (C may be 0).
         observed: number of leading frames the fit may see.
         patch_neighbours, patch_weights: [N,k], the patches each particle takes its material from.
         tracks, masks, camera: the measurements; each may be missing, not all of them. `camera` is at full resolution.
         hand_seen: whether the controller points were seen by the camera too.
+        hand_open: [modes,T] m, what is not known of the controllers' common displacement (`hand_record`); None where nothing says
+            how good their record is.
     """
 
     body: Body
@@ -91,6 +93,7 @@ class Problem:
     masks: MaskObservations | None = None
     camera: Camera | None = None
     hand_seen: bool = True
+    hand_open: Float[Array, "modes frames"] | None = None
 
     def __post_init__(self) -> None:
         if self.tracks is None and self.masks is None:

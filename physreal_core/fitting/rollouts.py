@@ -80,15 +80,15 @@ class Rollouts:
             fields: as of `Model.fields`; they may stay on the CPU.
             values: coefficients beside the model's, or in their place.
             frames: number of frames to roll out; by default what the measurement of all frames needs. Beyond the
-                recording the controller points go straight on.
+                recording the controller points go straight on; there is one place more of them, which bends the way to the last.
         """
         frames = frames or self.frames_needed(self.problem.frame_count, values)
         near, weights = self.problem.patch_neighbours, self.problem.patch_weights
         parameters = particle_parameters(fields, near, weights, dtype=self.dtype, device=self.device)
-        inputs = Inputs(parameters, prolonged(self.setting.controllers, frames))
+        inputs = Inputs(parameters, prolonged(self.setting.controllers, frames + 1))
         for name, own in self._acting(values).items():
             inputs = EFFECTS[name].act(inputs, own, self.setting)
-        return dataclasses.replace(inputs, controllers=inputs.controllers[:frames])
+        return dataclasses.replace(inputs, controllers=inputs.controllers[: frames + 1])
 
     def substeps(self, fields: Fields) -> int:
         """Substeps a frame that a rollout with these fields takes; InputError where these are too many."""
@@ -100,7 +100,7 @@ class Rollouts:
         Raises:
             SimulationError: where the rollout cannot go on.
         """
-        return self._simulator.rollout(inputs.parameters, inputs.controllers[:frames])
+        return self._simulator.rollout(inputs.parameters, inputs.controllers, frames=frames or inputs.frames)
 
     def simulate(self, inputs: Inputs, frames: int | None = None) -> States:
         """The same with F as the motion since frame 0 (see `motion_since_start`), which is what carries points."""
@@ -198,5 +198,6 @@ def roll_out_together(simulator: Simulator, inputs: list[Inputs], frames: int | 
         return torch.stack([absent if row is None else row for row in rows])
 
     parameters = Parameters(**{name: together(name) for name in PARAMETER_NAMES})
-    controllers = torch.stack([one.controllers for one in inputs])[:, :frames]
-    return motion_since_start(simulator.rollout_batch(parameters, controllers), parameters)
+    controllers = torch.stack([one.controllers for one in inputs])
+    states = simulator.rollout_batch(parameters, controllers, frames or inputs[0].frames)
+    return motion_since_start(states, parameters)

@@ -17,6 +17,7 @@ from physreal_core.array_types import Array, Bool, Int, Tensor
 from physreal_core.errors import InputError, SimulationError
 from physreal_core.simulation.body import Body
 from physreal_core.simulation.config import SimulationConfig
+from physreal_core.simulation.hand_path import steered
 from physreal_core.simulation.parameters import Parameters, row_of
 from physreal_core.simulation.start import NodeStart
 from physreal_core.simulation.stepper import NOT_FAILED, Span, State, Stepper
@@ -79,11 +80,11 @@ class Frames:
 
         Args:
             parameters: complete, with an axis of rollouts.
-            points: controller points [m], shape [T, R, C, 3].
+            points: controller points [m], shape [T, R, C, 3], with their neighbours (`hand_path`).
             progress: called after each frame.
             keep: whether a backward pass may follow.
         """
-        frames = len(points)
+        frames = len(points) - 2
         sizes = self._sizes()
         x, v, F = (self._zeros(frames, sizes.pop(name)) for name in ("x", "v", "F"))
         further = {name: self._zeros(frames if keep else 2, size) for name, size in sizes.items()}
@@ -97,14 +98,14 @@ class Frames:
         if keep and frames > 1:
             record.kept = self.stepper.keep_frames(record, frames - 1)
         for frame in range(frames - 1):
-            self._advance(frame, state(frame), state(frame + 1), points[frame : frame + 2], record)
+            self._advance(frame, state(frame), state(frame + 1), points[frame : frame + 4], record)
             if progress is not None:
                 progress(frame + 1, frames - 1)
             if all(record.failures):
                 break
         for rollout, failure in enumerate(record.failures):
             if failure is not None:
-                record.failures[rollout] = _with_hand(failure, points[:, rollout], self.stepper.lattice.cell)
+                record.failures[rollout] = _with_hand(failure, points[1:-1, rollout], self.stepper.lattice.cell)
                 for values in (x, v, F):
                     values[failure.frame + 1 :, rollout] = torch.nan
         return x, v, F, record
@@ -115,16 +116,16 @@ class Frames:
         states = [State(**{name: values[turn] for name, values in arrays.items()}) for turn in range(2)]
         substeps, _ = self._substeps(parameters)
         self._start(parameters, substeps, states[0])
-        frame = 0
+        frame, before = 0, None
         while True:
             start, end = states[frame % 2], states[(frame + 1) % 2]
             following = yield start
-            both = torch.stack([points, following])[:, None]
+            around = steered(points, following, before)[:, None]
             record = Record(substeps, {}, failures=[None])
-            self._advance(frame, start, end, both.to(self._x0), record)
+            self._advance(frame, start, end, around.to(self._x0), record)
             if record.failures[0] is not None:
-                raise _with_hand(record.failures[0], both[:, 0], self.stepper.lattice.cell, frame)
-            points, frame = following, frame + 1
+                raise _with_hand(record.failures[0], around[1:3, 0], self.stepper.lattice.cell, frame)
+            before, points, frame = points, following, frame + 1
 
     def _sizes(self) -> dict[str, tuple[int, ...]]:
         """Shape of what a rollout's state has, by name."""
@@ -168,7 +169,7 @@ class Frames:
         Args:
             frame: its number.
             start, end: states there.
-            points: controller points [m] at both ends, shape [2, R, C, 3].
+            points: controller points [m] around it, shape [4, R, C, 3].
             record: gets failures.
         """
         alive = record.alive(frame)
@@ -202,7 +203,7 @@ class Frames:
 
         Frames after a rollout's failure have none.
         """
-        stepper, frames = self.stepper, len(points)
+        stepper, frames = self.stepper, len(points) - 2
         held = stepper.holder is record
         bars = _before_failures(bars, record)
         last = min(last_frame(bars), record.ran)
@@ -212,12 +213,12 @@ class Frames:
         led, points_bar = points.requires_grad, torch.zeros_like(points)
         for frame in reversed(range(last)):
             kept = frame if held and frame < record.kept else None
-            span = Span(frame, points[frame : frame + 2], record.alive(frame), kept)
+            span = Span(frame, points[frame : frame + 4], record.alive(frame), kept)
             start = State(*(state[frame] for state in states), **record.carried(frame))
             bar = stepper.backward(span, start, led)
             if led:
                 count = min(points.shape[2], bar.shape[2])
-                points_bar[frame : frame + 2, :, :count] += bar[:, :, :count]
+                points_bar[frame : frame + 4, :, :count] += bar[:, :, :count]
             self._inject(bars, frame)
             if progress is not None:
                 progress(frames - 1 - frame, frames - 1)
@@ -242,7 +243,7 @@ def _with_hand(failure: SimulationError, points: Tensor, cell: float, first: int
         cell: of the grid [m].
         first: frame of the first of them.
     """
-    until = points[: failure.frame - first + 2]
+    until = points[: failure.frame - first + 3]  # a jump behind a frame bends the way within it
     if until.shape[1] == 0 or len(until) < 2:
         return failure
     moved = (until[1:] - until[:-1]).norm(dim=-1)

@@ -39,7 +39,7 @@ class Player:
             self.state = _alone(next(frames))
 
     def step(self, controllers: Float[Tensor, "points 3"]) -> FrameState:
-        """Go on by one frame, in which the controller points move to `controllers` [m], shape [C, 3].
+        """Go on by one frame, in which the controller points move to `controllers` [m], shape [C, 3], smoothly (`hand_path`).
 
         Raises:
             InputError: for controllers that do not fit.

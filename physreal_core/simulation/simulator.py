@@ -16,6 +16,7 @@ from physreal_core.simulation.body import Body, Clamp, Grip, PointLoad
 from physreal_core.simulation.config import SimulationConfig
 from physreal_core.simulation.cuda import CudaStepper
 from physreal_core.simulation.frames import Frames, Progress
+from physreal_core.simulation.hand_path import with_neighbours
 from physreal_core.simulation.native import NativeStepper
 from physreal_core.simulation.parameters import PARAMETER_NAMES, BatchStates, Parameters, States, complete
 from physreal_core.simulation.play import Player
@@ -59,27 +60,36 @@ class Simulator:
         return substeps_per_frame(self.body, self.config, self._complete(parameters))
 
     def rollout(
-        self, parameters: Parameters, controllers: Float[Tensor, "frames points 3"], progress: Progress | None = None
+        self,
+        parameters: Parameters,
+        controllers: Float[Tensor, "frames points 3"],
+        progress: Progress | None = None,
+        frames: int | None = None,
     ) -> States:
-        """Simulate T frames; frame 0 is the initial state.
+        """Simulate frames; frame 0 is the initial state.
 
         Args:
             parameters: differentiable parameters; under `torch.no_grad()` nothing is kept for a backward pass.
-            controllers: controller points [m] at frame times, shape [T, C, 3], C = 0 without a grip; differentiable.
+            controllers: controller points [m] at frame times, shape [T, C, 3], C = 0 without a grip; differentiable. Between
+                frames they move along cubics (`hand_path`).
             progress: called as `progress(frames done, frames)` after each frame, forward and backward.
+            frames: how many, all T by default. The place after the last of them bends the way to it.
 
         Raises:
             InputError: for parameters or controllers that do not fit.
             SimulationError: where a state turns non-finite.
         """
         points = self._check_controllers(controllers).to(self.config.device)
-        states, failures = self._run(self._loop, self._complete(parameters, 1), points[:, None], progress)
+        states, failures = self._run(self._loop, self._complete(parameters, 1), points[:, None], progress, frames)
         if failures[0] is not None:
             raise failures[0]
         return States(*(s.squeeze(1) for s in states))
 
     def rollout_batch(
-        self, parameters: Parameters, controllers: Float[Tensor, "*rollouts frames points 3"]
+        self,
+        parameters: Parameters,
+        controllers: Float[Tensor, "*rollouts frames points 3"],
+        frames: int | None = None,
     ) -> BatchStates:
         """Simulate R rollouts of the body at once: on a GPU in the same launches, on the CPU one per thread.
 
@@ -87,6 +97,7 @@ class Simulator:
             parameters: as for `rollout`; those that differ between rollouts have an axis of rollouts before their full
                 shape, where axes of length one will do: Young's moduli of whole bodies are [R, 1], friction is [R].
             controllers: controller points [m] at frame times, shape [T, C, 3] for all or [R, T, C, 3].
+            frames: as for `rollout`.
 
         Returns:
             States with a leading axis of rollouts, equal to those of single rollouts; on a GPU all of them take the
@@ -98,7 +109,7 @@ class Simulator:
         rollouts = self._rollouts(parameters, controllers)
         own = controllers if controllers.ndim == 4 else controllers.expand(rollouts, *controllers.shape)
         points = torch.stack([self._check_controllers(c) for c in own], 1).to(self.config.device)
-        states, failures = self._run(self._many(rollouts), self._complete(parameters, rollouts), points, None)
+        states, failures = self._run(self._many(rollouts), self._complete(parameters, rollouts), points, None, frames)
         return BatchStates(*(s.transpose(0, 1) for s in states), tuple(failures))
 
     def play(self, parameters: Parameters, controllers: Float[Tensor, "points 3"]) -> Player:
@@ -135,13 +146,14 @@ class Simulator:
         return one_torch_thread() if device.type == "cpu" else on_side_stream(device)
 
     def _run(
-        self, loop: Frames, parameters: Parameters, points: Tensor, progress: Progress | None
+        self, loop: Frames, parameters: Parameters, points: Tensor, progress: Progress | None, frames: int | None
     ) -> tuple[list[Tensor], list]:
         """States x, v, F of a loop as differentiable functions of parameters and points, and its failures."""
         tensors = [getattr(parameters, name) for name in PARAMETER_NAMES]
         keep = torch.is_grad_enabled() and any(t is not None and t.requires_grad for t in (points, *tensors))
         failures: list = []
-        states = _Rollout.apply(self._stream, loop, points, progress, keep, failures, *tensors)
+        path = with_neighbours(points)[: (frames or len(points)) + 2]
+        states = _Rollout.apply(self._stream, loop, path, progress, keep, failures, *tensors)
         return list(states), failures
 
     # --- checks -------------------------------------------------------------------------------------------------

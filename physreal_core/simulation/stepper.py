@@ -62,7 +62,7 @@ class Span:
 
     Attributes:
         frame: its number.
-        points: controller points [m] at both ends, shape [2, R, C, 3].
+        points: controller points [m] a frame before, at both ends, and a frame after (laws/grip.h), shape [4, R, C, 3].
         alive: rollouts that run, shape [R]; those that failed before do not.
         kept: number of the frame among those of which the stepper keeps something; None if it is not kept.
     """

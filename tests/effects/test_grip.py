@@ -64,7 +64,8 @@ def test_slip_and_offset_begin_with_the_first_motion():
     still = rollout(scene)
     for name in ("grip_slip", "grip_offset"):
         moved = (rollout(scene, **{name: {"x": 0.05}}) - still).abs().amax((1, 2))
-        assert moved[:5].max() == 0
+        assert moved[:4].max() == 0
+        assert moved[4] < 0.1 * moved[5], "the way to frame 4 bends towards the place in frame 5"
         assert moved[6:].min() > 0
 
 

@@ -64,8 +64,8 @@ def test_the_scan_counts_a_failed_rollout_as_infinite():
     objective = Objective(scene.problem(truth), truth, LossConfig())
     simulate = objective.rollouts._simulator.rollout_batch
 
-    def breaks_when_soft(parameters, controllers):
-        batch = simulate(parameters, controllers)
+    def breaks_when_soft(parameters, controllers, frames):
+        batch = simulate(parameters, controllers, frames)
         batch.x[0, 5:] = math.nan
         return replace(batch, failures=(SimulationError("a particle left", frame=5, substep=2, particle=3), None, None))
 

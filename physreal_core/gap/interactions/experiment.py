@@ -15,8 +15,10 @@ from physreal_core.array_types import Array, Bool, Float, Tensor
 from physreal_core.checkpoints import remembered
 from physreal_core.cores import available_cores
 from physreal_core.effects import EFFECTS, Inputs
+from physreal_core.effects.paths import prolonged
 from physreal_core.evidence import require_tracks
 from physreal_core.fitting.coarsening import coarsened, held_share
+from physreal_core.fitting.hand_record import unknown_hand
 from physreal_core.fitting.model import Model
 from physreal_core.fitting.problem import Problem
 from physreal_core.fitting.rollouts import Rollouts, roll_out_together
@@ -76,7 +78,7 @@ class Experiment:
             to a place or a direction in the body are moved along.
 
     Attributes:
-        measured, valid, sigma, config, setting: as of `Interaction`. Frame 0 is never valid, for the model starts
+        measured, valid, sigma, config, setting, hand_open: as of `Interaction`. Frame 0 is never valid, for the model starts
             there.
 
     Raises:
@@ -94,6 +96,8 @@ class Experiment:
         self.sigma = np.where(self.valid, tracks.sigma3d.numpy().astype(np.float64), 1.0)
         self._rollouts = Rollouts(problem, model)  # on the CPU, for inputs are many and small
         self.config, self.setting = self._config_with(()), self._rollouts.setting
+        known = problem.hand_open
+        self.hand_open = unknown_hand(problem.frame_count, problem.fps) if known is None else known
         self._simulators: dict[tuple[SimulationConfig, Discretisation], Simulator] = {}
 
     @property
@@ -273,12 +277,12 @@ class Experiment:
 
 
 def _displaced(inputs: Inputs, by: Float[Array, "frames 3"] | None) -> Inputs:
-    """The inputs with all controller points displaced [m]; beyond its last frame the displacement stays."""
+    """The inputs with all controller points displaced [m], as those of a record that says so."""
     if by is None:
         return inputs
     points = inputs.controllers
-    rows = np.minimum(np.arange(len(points)), len(by) - 1)
-    return dataclasses.replace(inputs, controllers=points + torch.from_numpy(by[rows, None]).to(points))
+    shift = prolonged(torch.from_numpy(by)[:, None], len(points))[: len(points)]
+    return dataclasses.replace(inputs, controllers=points + shift.to(points))
 
 
 def in_parts(rows: Sequence[int], largest: int) -> list[list[int]]:

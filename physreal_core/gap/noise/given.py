@@ -1,7 +1,7 @@
 """Errors that the records given to a search usually have, and what they change of the tracks.
 
 They are no missing effect. Whoever films knows the moment of a frame to some milliseconds only, and a hand's place to some tenths of a
-millimetre; a body that swings answers to either by more than that.
+millimetre (`fitting.hand_record`); a body that swings answers to either by more than that.
 """
 
 from __future__ import annotations
@@ -17,15 +17,6 @@ from physreal_core.gap.interactions.interaction import Interaction, Trial
 USUAL: Mapping[str, Mapping[str, float]] = MappingProxyType({"grip_lag": MappingProxyType({"lag": 0.003})})
 """Effects of the library that every recording has to a small degree, with one standard deviation of it. A hand that the camera itself has
 seen has the camera's clock."""
-
-HAND_ERROR = 0.0005
-"""Standard deviation of a hand's recorded place along each axis [m]."""
-
-HAND_LASTS = 0.25
-"""Time over which that error keeps its correlation [s]."""
-
-KEPT = 0.9
-"""Share of its variance that its leading modes must cover."""
 
 
 def changed_by_records(
@@ -54,18 +45,8 @@ def _by_effects(experiment: Interaction, trial: Trial, predicted: Array) -> Floa
 
 
 def _by_the_hand(experiment: Interaction, trial: Trial, predicted: Array) -> Float[Array, "modes frames tracks 3"]:
-    """Of the leading modes of the hand's error along each axis. Not in quick rollouts: a body that swings for seconds comes out of phase
-    with a coarser one."""
-    modes = hand_modes(len(predicted), experiment.setting.fps)
+    """By what is not known of the hand's place. Not in quick rollouts: a body that swings for seconds comes out of phase with a
+    coarser one."""
+    modes = experiment.hand_open
     displaced = [Trial(trial.fields, trial.effects, mode[:, None] * axis) for mode in modes for axis in np.eye(3)]
-    return experiment.predict(displaced, len(predicted)) - predicted
-
-
-def hand_modes(frames: int, fps: float) -> Float[Array, "modes frames"]:
-    """Leading modes of the error of a hand's record along one axis [m], less its value in frame 0, from which all is counted."""
-    time = np.arange(frames) / fps
-    values, vectors = np.linalg.eigh(np.exp(-np.abs(time[:, None] - time) / HAND_LASTS))
-    values, vectors = values[::-1], vectors[:, ::-1]
-    count = int(np.searchsorted(np.cumsum(values) / values.sum(), KEPT)) + 1
-    modes = HAND_ERROR * (vectors[:, :count] * np.sqrt(values[:count])).T
-    return modes - modes[:, :1]
+    return experiment.predict(displaced, len(predicted)) - predicted if displaced else np.zeros((0, *predicted.shape))

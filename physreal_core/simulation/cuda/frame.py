@@ -57,7 +57,7 @@ FRAME = Structure(
     const int* grip_controller  [B]
     const S* grip_weight  [B]
     const S* grip_rest_length  [B]
-    const S* controllers  [R, 2, points, 3] at both ends of the frame
+    const S* controllers  [R, 4, points, 3], see laws/grip.h
 
     # States by slot, and nodes: forces times dt, then free velocities, by slot; the velocities now and at the frame's start
     S* x  [slots, P, 3]
@@ -86,7 +86,7 @@ FRAME = Structure(
     S* network_plastic_bar
     S* particle_sums  [PARTICLE_SUMS, P]
     S* node_sums  [NODE_SUMS, R * nodes]
-    S* controllers_bar  [R, 2, points, 3]
+    S* controllers_bar  [R, 4, points, 3]
     """,
 )
 INTEGERS = wp.types.vector(5, wp.int32)

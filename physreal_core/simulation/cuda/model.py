@@ -38,7 +38,7 @@ class BodyModel:
         lattice: the grid of each rollout.
         carry: adjoints of the nodes' velocities, shape [R * nodes, 4].
         velocity, first_velocity: of the nodes [m/s], now and at the frame's start, shape [R * nodes, 4].
-        controllers: controller points [m] at both ends of the frame, shape [R, 2, C, 3].
+        controllers: controller points [m] around the frame, shape [R, 4, C, 3].
         controllers_bar: their adjoint, of one frame.
         state_bars: adjoints of the state by name, each [P, ...], in the order of the kernels.
     """
@@ -117,7 +117,7 @@ class BodyModel:
         for name, row in zip(("caller", "bond_begin", "bond_end"), self._sorted_whole, strict=True):
             self._give(name, row)
         self.frame["controller_points"] = count
-        self.controllers = self._give("controllers", self._zeros(self.rollouts, 2, count, 3))
+        self.controllers = self._give("controllers", self._zeros(self.rollouts, 4, count, 3))
         self.controllers_bar = self._give("controllers_bar", torch.zeros_like(self.controllers))
 
     def _parameters(self) -> None:

@@ -197,7 +197,7 @@ private:
 
     Grip<S> grip(int substep) const {
         return {f_.grip_controller,        f_.grip_weight,
-                f_.grip_rest_length,       f_.controllers + 6 * rollout_ * f_.controller_points,
+                f_.grip_rest_length,       f_.controllers + 12 * rollout_ * f_.controller_points,
                 f_.controller_points,      f_.grip_stiffness[rollout_],
                 f_.grip_damping[rollout_], f_.grip_softening,
                 S(substep) * f_.timing[1], f_.timing[2]};
@@ -303,9 +303,9 @@ private:
     }
 
     void grip_adjoint(int substep, const At& at, const Vec3<S>& f_bar, Vec3<S>& x_bar, Vec3<S>& v_bar) const {
-        S* points = f_.controllers_bar + 6 * rollout_ * f_.controller_points;
-        const auto add = [&](int end, int controller, int axis, S value) {
-            if constexpr (LED) add_atomically(points + 3 * (end * f_.controller_points + controller) + axis, value);
+        S* points = f_.controllers_bar + 12 * rollout_ * f_.controller_points;
+        const auto add = [&](int place, int controller, int axis, S value) {
+            if constexpr (LED) add_atomically(points + 3 * (place * f_.controller_points + controller) + axis, value);
         };
         const auto back = grip(substep).adjoint(f_.bond_begin[p_], f_.bond_end[p_], at.x_, at.v_, f_bar, add);
         x_bar = x_bar + back.x;

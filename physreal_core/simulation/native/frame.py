@@ -119,8 +119,8 @@ FRAME = Structure(
     const int* grip_controller  [B]
     const S* grip_weight  [B]
     const S* grip_rest_length  [B]
-    const S* controllers  [2, points, 3] at both ends of the frame
-    S* controllers_bar  [threads, 2, points, 3]; grow
+    const S* controllers  [4, points, 3], see laws/grip.h
+    S* controllers_bar  [threads, 4, points, 3]; grow
     const S* clamp_lower  [clamps, 3]
     const S* clamp_upper
 

@@ -110,7 +110,7 @@ class NativeStepper:
         self._inertia = GripInertia(body, grip) if gripped else None
         points = int(grip.controllers.max()) + 1 if gripped else 0
         self._frames["controller_points"] = points
-        self._give(self._frames, "controllers_bar", self._zeros(self.rollouts, self._sharing, 2, points, 3))
+        self._give(self._frames, "controllers_bar", self._zeros(self.rollouts, self._sharing, 4, points, 3))
         if not gripped:
             return False
         particles, first, order = grip.by_particle()

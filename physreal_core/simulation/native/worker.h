@@ -539,9 +539,9 @@ private:
     void grip_adjoint(Index s, const S* now) {
         const Grip<S> bonds = grip(s);
         S* bar = frame_.adjoint;
-        S* points_bar = frame_.controllers_bar + 6 * thread_ * frame_.controller_points;
-        const auto add_point = [&](int end, int controller, int axis, S value) {
-            points_bar[3 * (end * frame_.controller_points + controller) + axis] += value;
+        S* points_bar = frame_.controllers_bar + 12 * thread_ * frame_.controller_points;
+        const auto add_point = [&](int place, int controller, int axis, S value) {
+            points_bar[3 * (place * frame_.controller_points + controller) + axis] += value;
         };
         for_gripped([&](Index place, Index first, Index last) {
             const auto back = bonds.adjoint(first, last, at(now, X, place), at(now, VELOCITY, place),

@@ -51,26 +51,30 @@ def rerun_differences(
     stays = bool(experiment.model.effects or trial.effects or experiment.setting.clamps)
     usable = [rerun for rerun in reruns if not stays or rerun.turn == 0.0]
     usable = [rerun for rerun in usable if rerun.elastic_law != experiment.model.elastic_law]
-    found = [rerun.error * (_nearest(experiment, trial, predicted, rerun) - predicted) for rerun in usable]
+    beside = experiment.predict([_stiffer(trial, STEP)])[0]
+    slope = np.nan_to_num((beside - predicted)[experiment.valid]) / STEP
+    found = [rerun.error * (_nearest(experiment, trial, predicted, slope, rerun) - predicted) for rerun in usable]
     finite = [difference for difference in found if np.isfinite(difference).all()]
     return np.stack(finite) if finite else np.zeros((0, *predicted.shape))
 
 
 def _nearest(
-    experiment: Interaction, trial: Trial, predicted: Array, rerun: Discretisation
+    experiment: Interaction, trial: Trial, predicted: Array, slope: Array, rerun: Discretisation
 ) -> Float[Array, "frames tracks 3"]:
-    """Tracks of a rerun [m] with the modulus that brings them nearest to the predicted ones (Gauss and Newton's iteration)."""
-    modulus, nearest, least = 0.0, None, np.inf
-    for round in range(ROUNDS + 1):
-        here, beside = experiment.predict(
-            [_stiffer(trial, modulus), _stiffer(trial, modulus + STEP)], discretisation=rerun
-        )
-        off = (here - predicted)[experiment.valid]
-        if nearest is not None and not (off**2).sum() < least:
+    """Tracks of a rerun [m] with the modulus that brings them nearest to the predicted ones.
+
+    Args:
+        experiment, trial, predicted, rerun: as for `rerun_differences`.
+        slope: derivative of the predicted tracks by the logarithm of the modulus [m], at the valid entries.
+    """
+    modulus, nearest, least = 0.0, predicted * np.nan, np.inf
+    for _ in range(ROUNDS + 1):
+        tracks = experiment.predict([_stiffer(trial, modulus)], discretisation=rerun)[0]
+        off = (tracks - predicted)[experiment.valid]
+        if not (off**2).sum() < least:
             break
-        nearest, least = here, (off**2).sum()
-        slope = (beside - here)[experiment.valid] / STEP
-        if round == ROUNDS or not np.isfinite(slope).all() or not slope.any():
+        nearest, least = tracks, (off**2).sum()
+        if not slope.any():
             break
         modulus = float(np.clip(modulus - (slope * off).sum() / (slope**2).sum(), -FARTHEST, FARTHEST))
     return nearest

@@ -79,7 +79,7 @@ def _principal_paths(moved: Float[Array, "frames numbers"]) -> Float[Array, "fra
     return along[:, :3] * sizes[:3] / np.sqrt(moved.shape[1] / 3)
 
 
-def _learnt_sizes(time: Float[Array, " frames"], paths: Float[Array, "frames paths"]) -> Float[Array, "3"]:
+def _learnt_sizes(time: Float[Array, " frames"], paths: Float[Array, "frames paths"]) -> Float[Array, " sizes"]:
     """Logarithms of the motion's size [m] and time [s] and of the error's size [m], of largest posterior density."""
     from scipy.optimize import minimize
 
@@ -98,7 +98,7 @@ def _most_lively(paths: Float[Array, "frames paths"]) -> slice:
     return slice(first, first + LONGEST)
 
 
-def _surprise(sizes: Float[Array, "3"], time: Array, paths: Array) -> float:
+def _surprise(sizes: Float[Array, " sizes"], time: Array, paths: Array) -> float:
     """Negative logarithm of the paths' density and of the prior of the error's size."""
     try:
         factor = cho_factor(sum(_covariances(time, sizes)))
@@ -109,7 +109,7 @@ def _surprise(sizes: Float[Array, "3"], time: Array, paths: Array) -> float:
     return float(fit + volume + 0.5 * ((sizes[2] - np.log(HAND_ERROR)) / UNSURE) ** 2)
 
 
-def _covariances(time: Float[Array, " frames"], sizes: Float[Array, "3"]) -> tuple[Array, Array]:
+def _covariances(time: Float[Array, " frames"], sizes: Float[Array, " sizes"]) -> tuple[Array, Array]:
     """Of motion and of error, each [frames, frames] m2."""
     size, lasts, error = np.exp(sizes)
     r = np.sqrt(5.0) * np.abs(time[:, None] - time) / lasts

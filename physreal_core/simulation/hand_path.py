@@ -9,7 +9,7 @@ import torch
 from physreal_core.array_types import Float, Tensor
 
 
-def with_neighbours(points: Float[Tensor, "frames *shape"]) -> Float[Tensor, "more *shape"]:
+def with_neighbours(points: Float[Tensor, "frames ..."]) -> Float[Tensor, "neighbours ..."]:
     """The points with one place more at either end, so that four neighbours give each frame's cubic (laws/grip.h).
 
     The new places lie on the parabola through the last three; on the line through two; where there is one, the hand rests.
@@ -25,8 +25,8 @@ def with_neighbours(points: Float[Tensor, "frames *shape"]) -> Float[Tensor, "mo
 
 
 def steered(
-    start: Float[Tensor, "*shape"], end: Float[Tensor, "*shape"], before: Float[Tensor, "*shape"] | None
-) -> Float[Tensor, "4 *shape"]:
+    start: Float[Tensor, "..."], end: Float[Tensor, "..."], before: Float[Tensor, "..."] | None
+) -> Float[Tensor, "4 ..."]:
     """The four places of a frame whose following one is not known: the velocity is continuous, and at the end the frame's mean.
 
     Args:

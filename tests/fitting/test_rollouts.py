@@ -149,7 +149,9 @@ def test_silhouettes_are_compared_where_they_are_seen():
 
 def test_effects_act_in_play(given):
     """Where the hand's velocity is constant, it needs no next place."""
-    steady = given.controllers[:1] + torch.arange(FRAMES)[:, None, None] * torch.tensor([0.001, 0.0, 0.002], dtype=torch.float64)
+    steady = given.controllers[:1] + torch.arange(FRAMES)[:, None, None] * torch.tensor(
+        [0.001, 0.0, 0.002], dtype=torch.float64
+    )
     given = dataclasses.replace(given, controllers=steady.to(given.controllers))
     rollouts = Rollouts(given, _with(effect_record("softer", {"a": 0.5})))
     fields = scene.model(dtype="float64").fields

@@ -7,6 +7,7 @@ import torch
 
 from physreal_core.fitting import Problem, TrackObservations, uniform_model
 from physreal_core.gap import Experiment, Trial
+from physreal_core.gap.interactions.discretisation import Discretisation
 from physreal_core.gap.noise.reruns import RERUNS, rerun_differences
 from physreal_core.geometry import patch_weights
 from physreal_core.rendering import bind
@@ -53,6 +54,32 @@ def test_a_clamped_body_is_not_turned_out_of_its_clamps():
     assert len(differences) == len(left) == 3
     assert fall > 0.005 and np.linalg.norm(differences, axis=-1).max() < 0.3 * fall
     # whereas turned, it would leave them
-    loose = dataclasses.replace(experiment.setting, clamps=())
-    experiment.setting = loose
-    assert np.linalg.norm(rerun_differences(experiment, trial, predicted), axis=-1).max() > 0.3 * fall
+    (turned,) = (v for v in RERUNS if v.turn != 0.0)
+    assert np.abs(experiment.predict([trial], discretisation=turned)[0] - predicted).max() > 0.3 * fall
+
+
+def test_what_a_modulus_takes_up_is_no_numerical_error():
+    """A rerun that is stiffer by 3 % and moved besides leaves the move alone."""
+    experiment = _cantilever()
+    trial = Trial(experiment.model.fields)
+    (predicted,) = experiment.predict([trial])
+    moved = np.zeros_like(predicted)
+    moved[..., 1] = 0.0002 * np.linspace(0.0, 1.0, FRAMES)[:, None]  # across the fall
+    rerun = Discretisation("as before", error=3.0)
+    predict = experiment.predict
+
+    def in_another_grid(trials, frames=None, discretisation=None):
+        if discretisation is not rerun:
+            return predict(trials, frames)
+        stiffer = [dataclasses.replace(one, fields=_times(one.fields, 1.03)) for one in trials]
+        return predict(stiffer, frames) + moved
+
+    experiment.predict = in_another_grid
+    (found,) = rerun_differences(experiment, trial, predicted, (rerun,))
+    plain = in_another_grid([trial], discretisation=rerun)[0] - predicted
+    assert np.abs(plain).max() > 0.0004
+    np.testing.assert_allclose(found, 3.0 * moved, atol=2e-5)
+
+
+def _times(fields: dict, factor: float) -> dict:
+    return {**fields, "youngs_modulus": fields["youngs_modulus"] * factor}

@@ -1,5 +1,7 @@
 """The hand's way between frame times: through the recorded places, exact for parabolas, and what the body feels of it."""
 
+from itertools import pairwise
+
 import numpy as np
 import pytest
 import torch
@@ -21,7 +23,9 @@ def catmull_rom(places: torch.Tensor, share: float) -> tuple[torch.Tensor, torch
 @pytest.mark.parametrize("frames", [1, 2, 3, 7])
 def test_parabolas_are_followed_exactly(frames):
     def path(time):
-        return torch.tensor([[0.3, -0.2, 0.1]], dtype=torch.float64) + time * 0.02 + (time**2 * 0.01 if frames > 2 else 0)
+        return (
+            torch.tensor([[0.3, -0.2, 0.1]], dtype=torch.float64) + time * 0.02 + (time**2 * 0.01 if frames > 2 else 0)
+        )
 
     padded = with_neighbours(torch.stack([path(t) for t in range(frames)]))
     assert len(padded) == frames + 2
@@ -34,7 +38,7 @@ def test_a_steered_hand_has_no_jump_in_its_velocity():
     points = torch.tensor([[0.0], [1.0], [3.0], [2.0]], dtype=torch.float64)
     frames = [steered(points[0], points[1], None)]
     frames += [steered(points[t], points[t + 1], points[t - 1]) for t in (1, 2)]
-    for frame, following in zip(frames, frames[1:], strict=False):
+    for frame, following in pairwise(frames):
         torch.testing.assert_close(catmull_rom(frame, 1.0)[1], catmull_rom(following, 0.0)[1])
     torch.testing.assert_close(catmull_rom(frames[0], 0.5)[1], points[1] - points[0])
 
@@ -82,5 +86,7 @@ def held(fps: float = 30.0) -> tuple[Simulator, Parameters, torch.Tensor]:
     simulator = Simulator(body, SimulationConfig(fps=fps, dtype="float64", gravity=(0.0, 0.0, 0.0)), grip)
     numbers = {"youngs_modulus": 2e4, "poissons_ratio": 0.3, "grip_stiffness": 2.0, "grip_damping": 0.05}
     time = torch.arange(6, dtype=torch.float64)[:, None, None]
-    points = torch.from_numpy(hand) + 0.002 * time**2 * torch.tensor([1.0, 0.5, 1.0], dtype=torch.float64) * (1 - time / 8)
+    points = torch.from_numpy(hand) + 0.002 * time**2 * torch.tensor([1.0, 0.5, 1.0], dtype=torch.float64) * (
+        1 - time / 8
+    )
     return simulator, Parameters(**{name: torch.tensor(value) for name, value in numbers.items()}), points

@@ -101,10 +101,8 @@ def main() -> None:
             lines.append(f"| {fps} | {1e3 * error:.1f} | {1e3 * np.exp(np.log(learnt).mean()):.2f} | {row} |")
             print(lines[-1], flush=True)
     if args.out:
-        text = (
-            f"# The hand's record\n\n{4 * args.seeds} records a row; all numbers in mm.\n\n" + "\n".join(lines) + "\n"
-        )
-        args.out.write_text(text)
+        head = f"# The hand's record\n\n`python -m benchmarks.hand_record`: {4 * args.seeds} records a row; all numbers in mm."
+        args.out.write_text("\n".join([head, "", *lines, ""]))
 
 
 if __name__ == "__main__":

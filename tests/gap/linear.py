@@ -26,6 +26,7 @@ class MadeUp(Effect):
 
     name: str
     coefficients: tuple[Coefficient, ...]
+    distinguished_by = "a longer recording"
 
 
 def register(monkeypatch) -> None:

@@ -18,8 +18,6 @@ from pathlib import Path
 import numpy as np
 import torch
 
-from data.rig.motions import MOTIONS
-from data.rig.recording import HAND_SECONDS, lasting
 from physreal_core.array_types import Array, Float
 from physreal_core.fitting.hand_record import estimate_hand
 from physreal_core.simulation import Body, Grip, Parameters, SimulationConfig, Simulator
@@ -57,6 +55,9 @@ def led(path: Float[Array, "frames 3"], fps: float) -> Float[Array, "frames part
 
 def compared(motion: str, seed: int, fps: int, error: float) -> tuple[dict[str, float], float]:
     """Mean square distance from the truth by way [m2], and the learnt error of the record [m]."""
+    from data.rig.motions import MOTIONS  # not at the top: a machine without the rig's packages imports this, too
+    from data.rig.recording import HAND_SECONDS, lasting
+
     random = np.random.default_rng([seed, fps])
     fine = MOTIONS[motion](random).displacement(np.arange(round(SECONDS * FINE) + 1) / FINE)
     step = FINE // fps
@@ -87,6 +88,8 @@ def main() -> None:
     parser.add_argument("--seeds", type=int, default=3)
     parser.add_argument("--out", type=Path, default=None)
     args = parser.parse_args()
+    from data.rig.motions import MOTIONS
+
     lines = [f"| frames/s | error | learnt | {' | '.join(WAYS)} |", "|--:|--:|--:|" + "--:|" * len(WAYS)]
     for fps in FRAME_RATES:
         for error in ERRORS:

@@ -13,7 +13,9 @@ from __future__ import annotations
 
 import argparse
 from collections import defaultdict
+from collections.abc import Callable
 from pathlib import Path
+from typing import TYPE_CHECKING
 
 import numpy as np
 import torch
@@ -21,6 +23,9 @@ import torch
 from physreal_core.array_types import Array, Float
 from physreal_core.fitting.hand_record import estimate_hand
 from physreal_core.simulation import Body, Grip, Parameters, SimulationConfig, Simulator
+
+if TYPE_CHECKING:
+    from data.rig.rig_scene import Motion
 
 COUNTS, SPACING, DENSITY = (20, 5, 5), 0.01, 200.0
 MATERIAL = {"youngs_modulus": 4e4, "poissons_ratio": 0.3, "friction_coefficient": 0.4}
@@ -53,13 +58,14 @@ def led(path: Float[Array, "frames 3"], fps: float) -> Float[Array, "frames part
         return simulator.rollout(given, torch.from_numpy(points + path[:, None])).x.double().numpy()
 
 
-def compared(motion: str, seed: int, fps: int, error: float) -> tuple[dict[str, float], float]:
+def compared(
+    motion: Callable[[np.random.Generator], Motion], seed: int, fps: int, error: float
+) -> tuple[dict[str, float], float]:
     """Mean square distance from the truth by way [m2], and the learnt error of the record [m]."""
-    from data.rig.motions import MOTIONS  # not at the top: a machine without the rig's packages imports this, too
     from data.rig.recording import HAND_SECONDS, lasting
 
     random = np.random.default_rng([seed, fps])
-    fine = MOTIONS[motion](random).displacement(np.arange(round(SECONDS * FINE) + 1) / FINE)
+    fine = motion(random).displacement(np.arange(round(SECONDS * FINE) + 1) / FINE)
     step = FINE // fps
     truth, true_path = led(fine, FINE)[::step], fine[::step]
     off = error * lasting(true_path.shape, np.exp(-1 / (HAND_SECONDS * fps)), random)
@@ -84,17 +90,17 @@ def _along(modes: Float[Array, "modes frames"], error: Float[Array, "frames 3"])
 
 
 def main() -> None:
+    from data.rig.motions import MOTIONS  # not at the top: a machine without the rig's packages imports this, too
+
     parser = argparse.ArgumentParser(description=__doc__, formatter_class=argparse.RawDescriptionHelpFormatter)
     parser.add_argument("--seeds", type=int, default=3)
     parser.add_argument("--out", type=Path, default=None)
     args = parser.parse_args()
-    from data.rig.motions import MOTIONS
-
     lines = [f"| frames/s | error | learnt | {' | '.join(WAYS)} |", "|--:|--:|--:|" + "--:|" * len(WAYS)]
     for fps in FRAME_RATES:
         for error in ERRORS:
             squares, learnt = defaultdict(list), []
-            for motion in MOTIONS:
+            for motion in MOTIONS.values():
                 for seed in range(args.seeds):
                     found, size = compared(motion, seed, fps, error)
                     learnt.append(size)
@@ -104,7 +110,7 @@ def main() -> None:
             lines.append(f"| {fps} | {1e3 * error:.1f} | {1e3 * np.exp(np.log(learnt).mean()):.2f} | {row} |")
             print(lines[-1], flush=True)
     if args.out:
-        head = f"# The hand's record\n\n`python -m benchmarks.hand_record`: {4 * args.seeds} records a row; all numbers in mm."
+        head = f"# The hand's record\n\n`python -m benchmarks.hand_record`: {len(MOTIONS) * args.seeds} records a row; all numbers in mm."
         args.out.write_text("\n".join([head, "", *lines, ""]))
 
 

@@ -3,6 +3,7 @@
 import numpy as np
 import pytest
 
+from data.rig.recording import lasting
 from physreal_core.fitting.hand_record import HAND_ERROR, HAND_LASTS, LONGEST, estimate_hand, unknown_hand
 
 FPS = 60.0
@@ -21,9 +22,7 @@ def recorded(size: float, frames: int = 120, fps: float = FPS, seed: int = 0) ->
     random = np.random.default_rng(seed)
     corners = np.array([[0.0, 0, 0], [0.02, 0, 0], [0, 0.02, 0], [0, 0, 0.02]]) + 0.3
     kept = np.exp(-1 / (fps * HAND_LASTS))
-    error = random.standard_normal((frames, 3))
-    for frame in range(1, frames):
-        error[frame] = kept * error[frame - 1] + np.sqrt(1 - kept**2) * error[frame]
+    error = lasting((frames, 3), kept, random)
     true = corners + strokes(frames, fps)[:, None]
     return true, true + size * (error - error[0])[:, None]
 

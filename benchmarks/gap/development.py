@@ -1,7 +1,8 @@
 """How right the answers of a set for development would be at other temperatures of the search.
 
-`python -m benchmarks.gap.development benchmarks/results/gap_development_seed102.jsonl`. A row has a case, the answers that were fitted
-with their gains [nat], and what was off. The search's numbers were chosen on these rows, so they say nothing about other cases. An
+`python -m benchmarks.gap.development benchmarks/results/gap_development_seed102.jsonl`. A row is one of
+`benchmarks.gap.rows`: a case, and the answers that were fitted with their gains [nat]. That of a case made by hand also has what was learnt of the
+sensor. The search's numbers were chosen on these rows, so they say nothing about other cases. An
 answer is right by its names and its probability; that a verdict may also be `unknown` is left out.
 """
 
@@ -27,7 +28,7 @@ def searched_in(rows: Path) -> list[Searched]:
         case = GapCase.named(row["case"])
         answers = tuple(
             Gained(tuple(sorted(a["names"])), a["gain"], -np.inf if a["held_out"] is None else a["held_out"])
-            for a in row["answers"]
+            for a in row["candidates"]
         )
         found.append(Searched(answers, case.truth))
     return found
@@ -69,7 +70,7 @@ def gains_told(searched: Sequence[Searched]) -> str:
 def correlations_told(rows: Path) -> str:
     """How far the learnt correlation of the sensor's noise is from the true one, in each recording, sorted."""
     known = [json.loads(line) for line in rows.read_text().splitlines()]
-    off = sorted(abs(c - row["unknowns"]["correlation"]) for row in known for c in row["correlation"])
+    off = sorted(abs(c - row["unknowns"]["correlation"]) for row in known for c in row.get("correlation", ()))
     return f"learnt correlation off by: {', '.join(f'{own:.2f}' for own in off)}"
 
 

@@ -16,7 +16,6 @@ from benchmarks.gap.commit import searched_by
 from benchmarks.gap.files import read_json
 
 FOLDER = Path("benchmarks/results/gap")
-BEST = 5  # candidates that a row lists
 
 Row = dict[str, Any]
 
@@ -79,10 +78,12 @@ def answered(case: GapCase, answer: Row, oracle: Row) -> Row:
         "names": verdict["names"],
         "members": verdict["members"],
         "probability": verdict["probability"],
-        "candidates": [_candidate(c) for c in candidates if c["gain"] is not None][:BEST],
+        "candidates": [_candidate(c) for c in candidates if c["gain"] is not None],
         "rank": _rank(candidates, case.truth, "probability"),
         "screened": _rank(candidates, case.truth, "screened"),
         "coefficients": {e["name"]: _numbers(e) for e in _fitted(candidates, verdict["names"])},
+        "test": report["test"],
+        "numerical_floor": report["numerical_floor"],
         "lead": [entry["term"]["formula"] for entry in lead.get("terms", [])],
         "adopted": bool(added.get("adopted")),
         "closed": oracle.get("closed"),
@@ -126,7 +127,7 @@ def _key(row: Row) -> tuple[str, str]:
 
 
 def _candidate(candidate: Row) -> Row:
-    own = {key: candidate[key] for key in ("gain", "held_out", "probability")}
+    own = {key: candidate[key] for key in ("gain", "held_out", "probability", "left")}
     return {"names": [effect["name"] for effect in candidate["effects"]], **own}
 
 

@@ -9,6 +9,9 @@ def effect(name, values, width=0.1):
     return {"name": name, "values": values, "intervals": intervals, "units": {}}
 
 
+NOTHING = {"effects": [], "screened": None, "gain": 0.0, "held_out": 0.0, "probability": 0.01, "left": 4e-4}
+
+
 def answer(kind, members, probability, fitted=(), closed=0.5, seconds=100.0, lead=()):
     """Members by names; the first is the best. Candidates: the members, then "none"."""
     by_name = {entry["name"]: entry for entry in fitted}
@@ -19,12 +22,13 @@ def answer(kind, members, probability, fitted=(), closed=0.5, seconds=100.0, lea
             "gain": 4.0,
             "held_out": 1.0,
             "probability": 0.9 / (i + 1),
+            "left": 3e-4,
         }
         for i, names in enumerate(members)
     ]
-    candidates.append({"effects": [], "screened": None, "gain": 0.0, "held_out": 0.0, "probability": 0.01})
+    candidates.append(NOTHING)
     verdict = {"kind": kind, "names": members[0] if members else [], "members": members, "probability": probability}
-    report = {"verdict": verdict, "candidates": candidates}
+    report = {"verdict": verdict, "candidates": candidates, "test": {"left": 4e-4}, "numerical_floor": [2e-4]}
     if lead:
         report["lead"] = {"terms": [{"term": {"formula": formula}} for formula in lead]}
     return {"report": report, "added": {"adopted": bool(members), "closed": closed}, "seconds": seconds}

@@ -1,9 +1,9 @@
 """How right the answers of a set for development would be at other temperatures of the search.
 
-`python -m benchmarks.gap.development benchmarks/results/gap_development_seed102.jsonl`. A row is one of
-`benchmarks.gap.rows`: a case, and the answers that were fitted with their gains [nat]. That of a case made by hand also has what was learnt of the
-sensor. The search's numbers were chosen on these rows, so they say nothing about other cases. An
-answer is right by its names and its probability; that a verdict may also be `unknown` is left out.
+`python -m benchmarks.gap.development benchmarks/results/gap_development_seed103.jsonl`. A row is one of `benchmarks.gap.rows`: a case,
+and the answers that were fitted with their gains [nat]. Some rows also have what was learnt of the sensor. The search's numbers were
+chosen on these rows, so they say nothing about other cases. An answer is right by its names and its probability; that a verdict may also
+be `unknown` is left out.
 """
 
 import json
@@ -68,16 +68,16 @@ def gains_told(searched: Sequence[Searched]) -> str:
 
 
 def correlations_told(rows: Path) -> str:
-    """How far the learnt correlation of the sensor's noise is from the true one, in each recording, sorted."""
+    """How far the learnt correlation of the sensor's noise is from the true one, in each recording, sorted; "" where no row says."""
     known = [json.loads(line) for line in rows.read_text().splitlines()]
     off = sorted(abs(c - row["unknowns"]["correlation"]) for row in known for c in row.get("correlation", ()))
-    return f"learnt correlation off by: {', '.join(f'{own:.2f}' for own in off)}"
+    return f"learnt correlation off by: {', '.join(f'{own:.2f}' for own in off)}\n" if off else ""
 
 
 def main(rows: Path) -> None:
     """Print the table, the gains and what was learnt of the sensor."""
     searched = searched_in(rows)
-    print(f"{gains_told(searched)}\n{correlations_told(rows)}\n")
+    print(gains_told(searched), correlations_told(rows), sep="\n")
     print("| temperature | first | in class | alarms | surprise [nat] |\n|--:|--:|--:|--:|--:|")
     for temperature in TEMPERATURES:
         print(told(searched, replace(GapSettings(), temperature=temperature)))

@@ -34,7 +34,7 @@ FINE, SECONDS = 240, 2.0
 FRAME_RATES = (24, 30, 60)
 ERRORS = (0.0, 0.0003, 0.0006)
 """Of the record along each axis, standard deviation [m]."""
-WAYS = ("straight lines", "cubics", "estimated", "less what is open")
+WAYS = ("straight lines", "cubics", "estimated", "less what is not known")
 
 
 def held_bar() -> tuple[Body, Grip, Float[Array, "points 3"]]:
@@ -77,7 +77,7 @@ def compared(
     paths = {
         "cubics": record,
         "estimated": estimated,
-        "less what is open": estimated - _along(found.open, estimated - true_path),
+        "less what is not known": estimated - _along(found.modes, estimated - true_path),
     }
     moved = {"straight lines": led(lines, FINE)[::step]} | {way: led(path, fps) for way, path in paths.items()}
     return {way: float(((x - truth) ** 2).sum(-1).mean()) for way, x in moved.items()}, found.error

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import math
 from dataclasses import dataclass
 from pathlib import Path
 from typing import TYPE_CHECKING
@@ -49,9 +50,15 @@ class GapSummary:
     def _adopted(self) -> str:
         if self.after.adopted:
             names = " and ".join(effect.name for effect in self.after.effects)
+            if not math.isfinite(self.after.closed):
+                return (
+                    f"In the model from now on: {names}; without it, the model cannot be simulated on held-out frames."
+                )
             on_other = self.closed_on_other_motion
             further = "" if on_other is None else f", of the gap on the motion that the fit never saw {on_other:.0%}"
             return f"In the model from now on: {names}; of the held-out gap it closes {self.after.closed:.0%}{further}."
+        if not all(math.isfinite(entry.rms) for entry in self.after.after):
+            return "Not adopted: with it, the model cannot be simulated on frames that the fit never saw."
         if self.after.after:
             return "Not adopted: on frames that the fit never saw, the gap does not shrink."
         return "The model stays as it was."
@@ -59,11 +66,18 @@ class GapSummary:
     @property
     def closed_on_other_motion(self) -> float | None:
         """Share of the gap that the effect closes in the interaction that the compared models were not fitted to, beyond the
-        noise floor; None where there is none or nothing was adopted."""
-        if not self.after.adopted:
+        noise floor; None where there is none, nothing was adopted or a model cannot be simulated there."""
+        if not self.after.adopted or not math.isfinite(self.after.closed):
             return None
         before, after = (self._gap_elsewhere(found) for found in (self.after.before, self.after.after))
         return 1.0 - after / before if before else None
+
+    @property
+    def closed(self) -> str:
+        """Share of the held-out gap that the effect closes, for a cell of a table."""
+        if not self.after.adopted:
+            return "not adopted" if self.after.after else ""
+        return f"{self.after.closed:.0%}" if math.isfinite(self.after.closed) else "only with it can it be simulated"
 
     def _gap_elsewhere(self, entries: tuple[Disagreement, ...]) -> float:
         """Mean square distance beyond the noise floor [m2], over the interactions that were not fitted."""
@@ -113,7 +127,9 @@ def _by_interval(disagreements: tuple[Disagreement, ...]) -> dict[tuple[int, str
 
 
 def _cell(entry: Disagreement | None) -> str:
-    return "" if entry is None else f"{1e3 * entry.rms:.2f} ({entry.noise_units:.1f})"
+    if entry is None:
+        return ""
+    return f"{1e3 * entry.rms:.2f} ({entry.noise_units:.1f})" if math.isfinite(entry.rms) else "cannot be simulated"
 
 
 def _get(values: tuple[float, ...], index: int) -> float | None:

@@ -110,7 +110,7 @@ def _gaps(results: Results) -> Table:
             gap.verdict.kind,
             " or ".join(" + ".join(names) for names in gap.verdict.members if names),
             f"{gap.verdict.probability:.2f}",
-            f"{gap.after.closed:.0%}" if gap.after.adopted else "not adopted" if gap.after.after else "",
+            gap.closed,
             "" if (on_other := gap.closed_on_other_motion) is None else f"{on_other:.0%}",
             *(_stress_share(results.residual(sequence).get(kind)) for kind in ("with", "without")),
         ]

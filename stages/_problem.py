@@ -66,7 +66,7 @@ def load_problem(
         tracks=_tracks(tracks, particles, camera),
         masks=_masks(context, particles, camera, observed, masks) if masks is not None and camera is not None else None,
         camera=camera,
-        hand_open=hand.open,
+        hand_modes=hand.modes,
     )
 
 

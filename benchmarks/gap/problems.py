@@ -146,7 +146,7 @@ def _problem(capture: Path, mesh: Mesh, x0: Array, volume: Array, spacing: float
         tracks=_observations(measured.points3d, measured.valid3d, measured.sigma3d, mesh, x0),
         camera=Camera(*map(np.asarray, (facts["K"], facts["T_world_camera"])), facts["width"], facts["height"]),
         hand_seen=False,
-        hand_open=hand.open,
+        hand_modes=hand.modes,
     )
 
 

@@ -38,12 +38,12 @@ class HandEstimate:
 
     Attributes:
         controllers: controller points [m]; those of frame 0 are as recorded, for the hold is against them.
-        open: leading modes of the covariance of the points' common displacement along each axis since frame 0 [m].
+        modes: leading modes of the covariance of the points' common displacement along each axis since frame 0 [m].
         error: standard deviation of the record's error along an axis, as learnt [m].
     """
 
     controllers: Float[Array, "frames points 3"]
-    open: Float[Array, "modes frames"]
+    modes: Float[Array, "modes frames"]
     error: float
 
 
@@ -62,7 +62,7 @@ def estimate_hand(controllers: Float[Array, "frames points 3"], fps: float) -> H
     motion, error = _covariances(time, sizes)
     gain = cho_solve(cho_factor(motion + error), motion).T
     path = _since_start(gain @ moved).reshape(controllers.shape)
-    covariance = _since_start(_since_start(motion - gain @ motion).T)
+    covariance = _covariance_since_start(motion - gain @ motion)
     estimated = (controllers[:1] + path).astype(controllers.dtype)
     return HandEstimate(estimated, _leading_modes(covariance), float(np.exp(sizes[2])))
 
@@ -70,7 +70,7 @@ def estimate_hand(controllers: Float[Array, "frames points 3"], fps: float) -> H
 def unknown_hand(frames: int, fps: float) -> Float[Array, "modes frames"]:
     """Leading modes of the error along one axis since frame 0 [m] of a record that says nothing about it."""
     time = np.arange(frames) / fps
-    return _leading_modes(_since_start(_since_start(_error_covariance(time, HAND_ERROR)).T))
+    return _leading_modes(_covariance_since_start(_error_covariance(time, HAND_ERROR)))
 
 
 def _principal_paths(moved: Float[Array, "frames numbers"]) -> Float[Array, "frames paths"]:
@@ -122,6 +122,11 @@ def _error_covariance(time: Float[Array, " frames"], size: float) -> Float[Array
 
 def _since_start(values: Float[Array, "frames ..."]) -> Float[Array, "frames ..."]:
     return values - values[:1]
+
+
+def _covariance_since_start(covariance: Float[Array, "frames frames"]) -> Float[Array, "frames frames"]:
+    """The covariance of what has changed since frame 0."""
+    return _since_start(_since_start(covariance).T)
 
 
 def _leading_modes(covariance: Float[Array, "frames frames"]) -> Float[Array, "modes frames"]:

@@ -76,7 +76,7 @@ class Problem:
         patch_neighbours, patch_weights: [N,k], the patches each particle takes its material from.
         tracks, masks, camera: the measurements; each may be missing, not all of them. `camera` is at full resolution.
         hand_seen: whether the controller points were seen by the camera too.
-        hand_open: [modes,T] m, what is not known of the controllers' common displacement (`hand_record`); None where nothing says
+        hand_modes: [modes,T] m, what is not known of the controllers' common displacement (`hand_record`); None where nothing says
             how good their record is.
     """
 
@@ -93,7 +93,7 @@ class Problem:
     masks: MaskObservations | None = None
     camera: Camera | None = None
     hand_seen: bool = True
-    hand_open: Float[Array, "modes frames"] | None = None
+    hand_modes: Float[Array, "modes frames"] | None = None
 
     def __post_init__(self) -> None:
         if self.tracks is None and self.masks is None:

@@ -58,7 +58,6 @@ def add_effect(
         trials = _fitted_to(experiments[number], [answer.names for answer in answers], settings, progress)
     before, after, *others = (_shown(experiments, trial, number) for trial in trials)
     gap = held_out_gap(before), held_out_gap(after)
-    closed = 1.0 - gap[1] / gap[0] if gap[0] > 0 else 0.0
     adopted = bool(gap[1] < gap[0])
     return Added(
         adopted=adopted,
@@ -70,7 +69,7 @@ def add_effect(
         runner_up_names=rival.names if rival else (),
         fitted_on=number,
         numerical_floor=report.numerical_floor,
-        closed=float(closed),
+        closed=_closed(*gap),
     )
 
 
@@ -144,6 +143,13 @@ def _fitted_to(
     alone = EffectFits.begin([experiment], settings, progress)
     fits = [alone.baseline, *map(alone.with_effects, answers)]
     return [found.unknowns.trial(found.vector) for found in fits]
+
+
+def _closed(before: float, after: float) -> float:
+    """Share of a gap that is closed; not a number where one of the two is infinite."""
+    if not (np.isfinite(before) and np.isfinite(after)):
+        return float("nan")
+    return 1.0 - after / before if before > 0 else 0.0
 
 
 def _shown(experiments: Sequence[Interaction], trial: Trial, number: int) -> tuple[Disagreement, ...]:

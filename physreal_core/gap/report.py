@@ -200,7 +200,8 @@ class Added:
         runner_up: disagreement of the next best answer, whose effects are `runner_up_names`.
         fitted_on: number of the interaction.
         numerical_floor: as of `GapReport`.
-        closed: 1 - after / before of the held-out mean square distance beyond the noise floor; negative where it grew.
+        closed: 1 - after / before of the held-out mean square distance beyond the noise floor; negative where it grew, not
+            a number where one of the two models cannot be simulated through all frames.
     """
 
     adopted: bool

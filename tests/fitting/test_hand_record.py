@@ -59,13 +59,15 @@ def test_what_is_open_covers_the_error_that_is_left():
         true, record = recorded(0.0005, seed=seed)
         found = estimate_hand(record, FPS)
         error = (found.controllers - true)[:, 0]
-        sizes = np.linalg.norm(found.open, axis=1)
-        ratios.append(((found.open / sizes[:, None] ** 2) @ error) ** 2)
+        sizes = np.linalg.norm(found.modes, axis=1)
+        ratios.append(((found.modes / sizes[:, None] ** 2) @ error) ** 2)
     assert 0.5 < np.mean([ratio.mean() for ratio in ratios]) < 2.0
 
 
 def test_a_better_record_leaves_less_open():
-    sizes = [np.sqrt((estimate_hand(recorded(size)[1], FPS).open ** 2).sum(0).mean()) for size in (0.0, 0.0002, 0.0008)]
+    sizes = [
+        np.sqrt((estimate_hand(recorded(size)[1], FPS).modes ** 2).sum(0).mean()) for size in (0.0, 0.0002, 0.0008)
+    ]
     assert sizes[0] < 0.5 * sizes[1] < 0.25 * sizes[2]
 
 
@@ -74,7 +76,7 @@ def test_a_hand_that_rests_or_is_not_there_is_as_recorded():
     for record in (still, still[:, :0], recorded(0.0005)[1][:2]):
         found = estimate_hand(record, FPS)
         np.testing.assert_array_equal(found.controllers, record)
-        np.testing.assert_array_equal(found.open, unknown_hand(len(record), FPS))
+        np.testing.assert_array_equal(found.modes, unknown_hand(len(record), FPS))
         assert found.error == HAND_ERROR
 
 

@@ -77,7 +77,7 @@ class LinearExperiment:
         still = torch.zeros(FRAMES, 0, 3)
         self.setting = Setting(body, None, (), 30.0, (0.0, 0.0, -9.81), None, still)
         self.placement, self.config = None, SimulationConfig(fps=30)
-        self.hand_open = np.zeros((0, FRAMES))
+        self.hand_modes = np.zeros((0, FRAMES))
         self.device = "cpu"
         fields = {**FIELDS, "youngs_modulus": FIELDS["youngs_modulus"] * torch.tensor([1.2, 0.9], dtype=torch.float64)}
         exact = self.predict([SimpleNamespace(fields=fields, effects=truth)])[0]

@@ -13,6 +13,7 @@ from tests.fitting import scene
 from tests.gap.trials import plain_values
 
 FRAMES, OBSERVED = 16, 11
+TABLE = len(USUAL) - 1
 
 
 def path(times: torch.Tensor) -> torch.Tensor:
@@ -81,18 +82,30 @@ def test_a_displaced_hand_is_one_whose_record_says_so():
     assert np.abs(displaced - own.predict([trial])[0]).max() > 1e-3
 
 
+def test_a_table_may_be_a_little_higher_and_a_little_oblique():
+    own, trial = experiment(), Trial(scene.model().fields)
+    here = own.predict([trial], OBSERVED)[0]
+    found = changed_by_records(own, trial, here)[1 : 1 + TABLE]
+    for change, (name, coefficient, size) in zip(found, USUAL[1:], strict=True):
+        other = {c.name: c.dormant for c in EFFECTS[name].coefficients} | {coefficient: size}
+        np.testing.assert_array_equal(change, own.predict([Trial(own.model.fields, {name: other})], OBSERVED)[0] - here)
+    known = Trial(own.model.fields, {"ground_plane": EFFECTS["ground_plane"].dormant | {"height": 0.002}})
+    assert len(changed_by_records(own, known, here)) == len(changed_by_records(own, trial, here)) - TABLE
+
+
 def test_a_hand_with_a_record_of_its_own_may_be_a_little_late_and_a_little_off():
     own, trial = experiment(), Trial(scene.model().fields)
     here = own.predict([trial], OBSERVED)[0]
-    clock, *place = changed_by_records(own, trial, here)
-    late = own.predict([Trial(own.model.fields, {"grip_lag": {"lag": USUAL["grip_lag"]["lag"]}})], OBSERVED)[0]
+    clock, *rest = changed_by_records(own, trial, here)
+    place = rest[TABLE:]
+    late = own.predict([Trial(own.model.fields, {"grip_lag": {"lag": USUAL[0][2]}})], OBSERVED)[0]
     np.testing.assert_array_equal(clock, late - here)
     assert np.abs(clock).max() > 1e-4
-    modes = own.hand_open
+    modes = own.hand_modes
     assert len(place) == 3 * len(modes) > 0
     first = own.predict([dataclasses.replace(trial, hand=modes[0][:, None] * np.eye(3)[0])], OBSERVED)[0] - here
     np.testing.assert_allclose(place[0], first, atol=1e-6)
     seen = experiment(hand_seen=True)
-    assert len(changed_by_records(seen, trial, here)) == len(place)  # it has the camera's clock
+    assert len(changed_by_records(seen, trial, here)) == len(rest)  # it has the camera's clock
     known = Trial(own.model.fields, {"grip_lag": {"lag": 0.01}})
-    assert len(changed_by_records(own, known, here)) == len(place)  # the lag is fitted already
+    assert len(changed_by_records(own, known, here)) == len(rest)  # the lag is fitted already

@@ -49,6 +49,9 @@ def _disagreement(number: int, interval: str, distance: Array, sigma: Array) -> 
 
 
 def held_out_gap(disagreement: Sequence[Disagreement]) -> float:
-    """Mean square of the held-out distances beyond the sensor's noise floor [m2], over interactions."""
+    """Mean square of the held-out distances beyond the sensor's noise floor [m2], over interactions.
+
+    It is infinite where a rollout failed, and zero where nothing was held out.
+    """
     held_out = [max(d.rms**2 - d.floor**2, 0.0) for d in disagreement if d.interval == "held_out"]
-    return float(np.mean(held_out)) if held_out else 0.0
+    return float(np.nan_to_num(np.mean(held_out), nan=np.inf)) if held_out else 0.0

@@ -78,7 +78,7 @@ class Experiment:
             to a place or a direction in the body are moved along.
 
     Attributes:
-        measured, valid, sigma, config, setting, hand_open: as of `Interaction`. Frame 0 is never valid, for the model starts
+        measured, valid, sigma, config, setting, hand_modes: as of `Interaction`. Frame 0 is never valid, for the model starts
             there.
 
     Raises:
@@ -96,8 +96,8 @@ class Experiment:
         self.sigma = np.where(self.valid, tracks.sigma3d.numpy().astype(np.float64), 1.0)
         self._rollouts = Rollouts(problem, model)  # on the CPU, for inputs are many and small
         self.config, self.setting = self._config_with(()), self._rollouts.setting
-        known = problem.hand_open
-        self.hand_open = unknown_hand(problem.frame_count, problem.fps) if known is None else known
+        known = problem.hand_modes
+        self.hand_modes = unknown_hand(problem.frame_count, problem.fps) if known is None else known
         self._simulators: dict[tuple[SimulationConfig, Discretisation], Simulator] = {}
 
     @property

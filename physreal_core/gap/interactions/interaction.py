@@ -58,7 +58,7 @@ class Interaction(Protocol):
         setting: what effects may look at.
         device: where it rolls out, and where large matrix products run.
         placement: where the object lies; None where it lies as in the first interaction.
-        hand_open: leading modes of what is not known of the hand's displacement along an axis [m], shape [modes, T].
+        hand_modes: leading modes of what is not known of the hand's displacement along an axis [m], shape [modes, T].
     """
 
     measured: Float[Array, "frames tracks 3"]
@@ -69,7 +69,7 @@ class Interaction(Protocol):
     setting: Setting
     device: str
     placement: Placement | None
-    hand_open: Float[Array, "modes frames"]
+    hand_modes: Float[Array, "modes frames"]
 
     @property
     def points0(self) -> Float[Array, "tracks 3"]: ...

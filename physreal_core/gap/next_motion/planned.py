@@ -32,7 +32,7 @@ def planned_experiment(experiment: Experiment, path: Float[Array, "frames 3"]) -
     moved = problem.controllers[:1] + torch.from_numpy(path).to(problem.controllers)[:, None]
     tracks = _tracks(experiment, len(path))
     changed = dataclasses.replace(
-        problem, controllers=moved, hand_open=None, observed=len(path), tracks=tracks, masks=None
+        problem, controllers=moved, hand_modes=None, observed=len(path), tracks=tracks, masks=None
     )
     return Experiment(changed, experiment.model, experiment.device, experiment.placement)
 

@@ -4,6 +4,7 @@ Independent of physreal_core: other method (FEM), other mesh, other integrator.
 """
 
 from collections.abc import Callable
+from functools import partial
 
 import numpy as np
 
@@ -17,6 +18,9 @@ from physreal_core.checkpoints import Checkpoints, checkpoints
 
 CHECKPOINT = "simulation"
 
+ROUNDS = 3
+"""How often a body that lies for long comes to rest and forgets its stress. It still sinks by some tenths of a millimetre then."""
+
 
 def simulate(
     scene: RigScene,
@@ -27,6 +31,7 @@ def simulate(
     integrator: str = "discrete",
     hidden: Hidden = NOTHING,
     punctual: bool = False,
+    lain: bool = False,
 ) -> Trajectory:
     """Runs `scene` and records it at its frame rate.
 
@@ -39,6 +44,8 @@ def simulate(
         hidden: what the scene does not tell.
         punctual: what is held keeps up with the hand, and positions are of the frame times; False: a millisecond late and one
             step early, as the published captures have them.
+        lain: the object has lain for so long that it has forgotten its stress, as foam creeps, and is free of it in frame 0;
+            False: it has the stress of its own weight there.
 
     Raises:
         RuntimeError: the simulation turned non-finite.
@@ -46,7 +53,10 @@ def simulate(
     import mujoco
 
     scene = hidden.changed(scene)
-    world = World(scene, timestep, integrator, hidden.things(scene), hidden.elasticity(scene), hidden.placed)
+    place = hidden.placed
+    if lain:
+        place, settle = _as_it_lies(scene, timestep, integrator, hidden, settle, calm), 0.0
+    world = World(scene, timestep, integrator, hidden.things(scene), hidden.elasticity(scene), place)
     act = hidden.prepare(world)
     mujoco.mj_setConst(world.model, world.data)
 
@@ -110,6 +120,26 @@ def _resumed(world: World, kept: Checkpoints, held: Float[Array, "S 3"]) -> list
 
 def _recorded(world: World, punctual: bool) -> Float[Array, "V 3"]:
     return world.positions if punctual else world.data.flexvert_xpos.copy()
+
+
+def _as_it_lies(
+    scene: RigScene, timestep: float, integrator: str, hidden: Hidden, settle: float, calm: float
+) -> Callable[[Array], Array]:
+    """Puts the nodes where they lie after a long time."""
+    import mujoco
+
+    place = hidden.placed
+    for _ in range(ROUNDS):
+        world = World(scene, timestep, integrator, place=place)
+        mujoco.mj_setConst(world.model, world.data)
+        _settle(world, lambda time, world=world: mujoco.mj_step(world.model, world.data), settle, calm)
+        place = partial(_there, world.positions)
+    return place
+
+
+def _there(places: Array, points: Array) -> Array:
+    """The places, whatever the points."""
+    return places.copy()
 
 
 def _settle(world: World, step: Callable[[float], None], duration: float, calm: float) -> None:

@@ -8,6 +8,9 @@ from physreal_core.effects.fields import changed, field, like, vector
 from physreal_core.effects.shape import bump, carried_place, local_starts
 from physreal_core.simulation import States
 
+PLAIN = 1.0
+"""A ratio that a modulus cannot hide: the body weighs twice as much."""
+
 
 class Payload(Effect):
     """Extra mass, with weight and inertia, spread around a place inside the body."""
@@ -40,6 +43,10 @@ class Payload(Effect):
         self, values: Mapping[str, float], rotation: Float[Array, "3 3"], translation: Float[Array, "3"]
     ) -> dict[str, float]:
         return carried_place(values, rotation, translation)
+
+    def large_starts(self, setting: Setting) -> tuple[dict[str, float], ...]:
+        """As heavy as the body: where it sags twice as far, the baseline is half as stiff."""
+        return ({"ratio": PLAIN},)
 
     def starts(self, setting: Setting, motion: States | None = None) -> tuple[dict[str, float], ...]:
         """At each of the places of the body, a twelfth of the body's extent wide."""

@@ -12,6 +12,7 @@ from physreal_core.gap.answers.disagreement import disagreements, held_out_gap
 from physreal_core.gap.fits.baseline import Progress, fit_baseline
 from physreal_core.gap.fits.candidate_fits import CandidateFits
 from physreal_core.gap.fits.evidence import Evidences
+from physreal_core.gap.fits.finishing import finished
 from physreal_core.gap.fits.least_squares import Fit
 from physreal_core.gap.fits.plans import share_a_term
 from physreal_core.gap.fits.screening import Score
@@ -107,7 +108,7 @@ class EffectFits:
             begun = fits.fitted([scores]) if found.unknowns.effects else self._first(fits, scores, ranked)
             found = max(fits.converged(begun), key=lambda fit: fit.log_evidence)
             ranked = fits.ranked_beside(found) if rest else []
-        return found
+        return finished(found, self.measurements, Evidences(self.measurements, self.settings), self.settings.settling)
 
     @staticmethod
     def _first(fits: CandidateFits, scores: list[Score], ranked: Sequence[list[Score]]) -> list[Fit]:

@@ -22,11 +22,15 @@ FIELDS = {
 
 @dataclass
 class MadeUp(Effect):
-    """An effect of one or two coefficients, the first of fixed sign."""
+    """An effect of one or two coefficients, the first of fixed sign; each is of a family of its own."""
 
     name: str
     coefficients: tuple[Coefficient, ...]
     distinguished_by = "a longer recording"
+
+    @property
+    def family(self) -> str:
+        return self.name
 
 
 def register(monkeypatch) -> None:

@@ -9,6 +9,7 @@ import numpy as np
 from physreal_core.array_types import Array, Float
 from physreal_core.checkpoints import remembered
 from physreal_core.errors import InputError
+from physreal_core.gap.fits.evidence import Evidences
 from physreal_core.gap.fits.least_squares import Data, Fit, fit, together
 from physreal_core.gap.fits.unknowns import Unknowns
 from physreal_core.gap.interactions.interaction import Interaction, Trial
@@ -25,6 +26,10 @@ A swing whose frequency is a little wrong has other minima once it is half a per
 
 FRICTIONS = (0.4, 1.0, 2.5)
 """Factors on a guessed coefficient of friction, among which the fit of a guessed model looks for its start."""
+
+LIKE, ROUNDS = 0.2, 3
+"""Difference of the logarithms of two sizes of the model's error that does not matter, and how often the size is learnt anew from what the
+baseline leaves."""
 
 MINIMA = 2
 """Local minima on the grid of modulus and friction, from which a guessed model is fitted."""
@@ -53,8 +58,15 @@ def fit_baseline(
     progress("baseline with the numerical error of reruns")
     measurements = Measurements.around(experiments, unknowns.trial(start), settings)
     measurements = measurements.with_learnt_correlations()
-    request = fit(unknowns, measurements.train, start[None], settings.settling)
-    (converged,) = together([request], measurements.train)
+    converged = _settled(unknowns, start, measurements, 0)
+    for _ in range(ROUNDS):
+        known, measurements = (
+            measurements.size,
+            measurements.beside_error(Evidences(measurements, settings).of(converged).size),
+        )
+        converged = _settled(unknowns, converged.vector, measurements, settings.settling)
+        if abs(np.log(measurements.size / known)) < LIKE:
+            break
     if not np.isfinite(converged.energy):
         raise InputError(
             "the baseline's rollout fails",
@@ -62,6 +74,11 @@ def fit_baseline(
             expected="one that can be simulated to the last frame",
         )
     return converged, measurements
+
+
+def _settled(unknowns: Unknowns, start: Array, measurements: Measurements, iterations: int) -> Fit:
+    (found,) = together([fit(unknowns, measurements.train, start[None], iterations)], measurements.train)
+    return found
 
 
 def unknown_scalars(experiment: Interaction, settings: GapSettings) -> tuple[str, ...]:
@@ -76,9 +93,13 @@ def unknown_scalars(experiment: Interaction, settings: GapSettings) -> tuple[str
 def _without_reruns(
     experiments: Sequence[Interaction], unknowns: Unknowns, settings: GapSettings, progress: Progress
 ) -> Float[Array, " unknowns"]:
-    """Where the fit of the baseline starts once the simulator's numerical error is known."""
-    begun = _from_a_guess if len(settings.scan) > 1 else _from_a_fit
-    found, data = begun(experiments, unknowns, settings, progress)
+    """Where the fit of the baseline starts once the simulator's numerical error is known.
+
+    A guessed model starts with one modulus for all patches: how far they may part is only known with the size of the error.
+    """
+    if len(settings.scan) > 1:
+        return min(_from_a_guess(experiments, unknowns, settings, progress), key=lambda fit: fit.energy).vector
+    found, data = _from_a_fit(experiments, unknowns, settings, progress)
     uniform = min((fit for fit in found if fit.unknowns is not unknowns), key=lambda fit: fit.energy)
     progress("baseline with contrast between its patches")
     found += together([fit(unknowns, data, uniform.vector[None], settings.settling, [uniform.jacobian])], data)
@@ -102,7 +123,7 @@ def _from_a_fit(
 
 def _from_a_guess(
     experiments: Sequence[Interaction], unknowns: Unknowns, settings: GapSettings, progress: Progress
-) -> tuple[list[Fit], Data]:
+) -> list[Fit]:
     """Fits with one modulus for all patches, from the lowest minima on a grid of modulus and friction.
 
     All training frames count from the start. Frames in which a grip presses say little about friction, and those in
@@ -130,7 +151,7 @@ def _from_a_guess(
     data = Measurements.around(experiments, unknowns.trial(vectors[minima[0]]), settings, reruns=False).train
     without_contrast = unknowns.without_contrast()
     starts = [vectors[place][None] for place in minima]
-    return together([fit(without_contrast, data, start, settings.settling) for start in starts], data), data
+    return together([fit(without_contrast, data, start, settings.settling) for start in starts], data)
 
 
 def local_minima(energies: Float[Array, "moduli frictions"]) -> list[tuple[int, int]]:

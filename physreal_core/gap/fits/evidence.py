@@ -15,7 +15,7 @@ import numpy as np
 from scipy.special import logsumexp
 
 from physreal_core.array_types import Array, Float
-from physreal_core.gap.fits.least_squares import Fit, laplace
+from physreal_core.gap.fits.least_squares import Fit, laplace, newton_step
 from physreal_core.gap.noise.discrepancy import Discrepancy
 from physreal_core.gap.noise.measurements import Measurements
 from physreal_core.gap.noise.model import Noise
@@ -108,10 +108,16 @@ class Evidences:
 def _laplace(fit: Fit, products: Float[Array, "columns columns"], spread: float) -> tuple[float, Array]:
     """Log evidence [nat] and covariance by Laplace's approximation where a fit is, for one size of the model's error.
 
+    The fit was made beside one size. For another, the material follows as the tangents say.
+
     Args:
         fit: whose residual is the first of the columns, and whose tangents are the others.
         products: of the columns under the inverse covariance.
         spread: half the logarithm of that covariance's determinant.
     """
-    energy = 0.5 * float(products[0, 0]) + fit.unknowns.prior_energy(fit.vector) + spread
-    return laplace(fit.unknowns, fit.vector, energy, products[1:, 1:] + fit.unknowns.block.precision)
+    unknowns, vector = fit.unknowns, fit.vector
+    energy = 0.5 * float(products[0, 0]) + unknowns.prior_energy(vector) + spread
+    gradient = products[1:, 0] + unknowns.block.precision @ (vector - unknowns.block.mean)
+    hessian = products[1:, 1:] + unknowns.block.precision
+    _, decrease = newton_step(unknowns, vector, gradient, hessian, unknowns.baseline)
+    return laplace(unknowns, vector, energy - max(decrease, 0.0), hessian)

@@ -195,7 +195,7 @@ def _steps(
     if len(starts) > 1:
         predictions = yield [unknowns.trial(vector) for vector in starts]
         residuals = data.residuals(predictions).T
-        best = int(np.argmin([_energy(unknowns, *pair) for pair in zip(starts, residuals, strict=True)]))
+        best = int(np.argmin([energy_of(unknowns, *pair) for pair in zip(starts, residuals, strict=True)]))
     found = yield from _begun(unknowns, data, starts[best], jacobians[best] if len(jacobians) else None)
     if not np.isfinite(found.energy):  # the rollout failed: there is no way from here
         return found
@@ -238,7 +238,7 @@ def _begun(
     residual = data.residuals([p[:1] for p in predictions])[:, 0]
     columns = data.changes([p[1:] for p in predictions], now) / steps
     J = _finite(columns if known is None else np.concatenate([known, columns], axis=1))
-    energy = _energy(unknowns, start, residual)
+    energy = energy_of(unknowns, start, residual)
     if not np.isfinite(energy):
         residual, J = np.zeros_like(residual), np.zeros_like(J)
     return Fit(unknowns, start, residual, J, now, energy)
@@ -253,7 +253,7 @@ def _moved(found: Fit, step: Array, data: Data) -> Generator[list[Trial], Predic
     if np.isfinite(change).all():
         J = J + np.outer(change - J @ step, step) / float(step @ step)
     return Fit(
-        found.unknowns, vector, residual, J, [p[0] for p in predictions], _energy(found.unknowns, vector, residual)
+        found.unknowns, vector, residual, J, [p[0] for p in predictions], energy_of(found.unknowns, vector, residual)
     )
 
 
@@ -266,19 +266,34 @@ def _renewed(found: Fit, columns: Sequence[int], share: float, data: Data) -> Ge
     return replace(found, jacobian=J)
 
 
-def _energy(unknowns: Unknowns, vector: Array, residual: Array) -> float:
+def energy_of(unknowns: Unknowns, vector: Float[Array, " unknowns"], residual: Float[Array, " entries"]) -> float:
+    """Minus the log posterior density [nat], up to a constant, for a whitened residual; infinite where a rollout failed."""
     value = 0.5 * float(residual @ residual) + unknowns.prior_energy(vector)
     return value if np.isfinite(value) else np.inf
 
 
 def _step(found: Fit, damping: float) -> tuple[Array, float]:
     """A damped Gauss-Newton step within the bounds, and the decrease of the energy [nat] to expect."""
-    unknowns, vector, block, H = found.unknowns, found.vector, found.unknowns.block, found.hessian
-    gradient = found.jacobian.T @ found.residual + block.precision @ (vector - block.mean)
-    free = np.ones(len(vector), dtype=bool)
+    block, off = found.unknowns.block, found.vector - found.unknowns.block.mean
+    gradient = found.jacobian.T @ found.residual + block.precision @ off
+    return newton_step(found.unknowns, found.vector, gradient, found.hessian, len(off), damping)
+
+
+def newton_step(
+    unknowns: Unknowns, vector: Array, gradient: Array, hessian: Array, moving: int, damping: float = 0.0
+) -> tuple[Float[Array, " unknowns"], float]:
+    """A damped Newton step within the bounds, and the decrease of the energy [nat] to expect.
+
+    Args:
+        unknowns, vector: where the step begins.
+        gradient, hessian: of the energy there.
+        moving: number of the first unknowns that move.
+        damping: as of Levenberg and Marquardt.
+    """
+    block, free = unknowns.block, np.arange(len(vector)) < moving
     step = np.zeros(len(vector))
-    for _ in range(len(vector)):
-        damped = H + damping * np.diag(np.diag(H))
+    for _ in range(moving):
+        damped = hessian + damping * np.diag(np.diag(hessian))
         step[:] = 0.0
         step[free] = -np.linalg.solve(damped[np.ix_(free, free)], gradient[free])
         at_lower = free & (vector <= block.lower) & (step < 0)
@@ -287,7 +302,7 @@ def _step(found: Fit, damping: float) -> tuple[Array, float]:
             break
         free &= ~(at_lower | at_upper)
     step = _clipped(unknowns, vector, step)
-    return step, -float(gradient @ step + 0.5 * step @ H @ step)
+    return step, -float(gradient @ step + 0.5 * step @ hessian @ step)
 
 
 def _clipped(unknowns: Unknowns, vector: Array, step: Array) -> Array:
@@ -307,7 +322,10 @@ def together(requests: Sequence[Request], data: Data) -> list[Fit]:
     first = [next(request.steps) for request in requests]
     arrays = remembered(
         "fits",
-        lambda: [value for trials in first for trial in trials for value in trial.told()],
+        lambda: [
+            *(n.variances for n in data.noises),
+            *(v for trials in first for trial in trials for v in trial.told()),
+        ],
         {key: shape for n, r in enumerate(requests) for key, shape in _shapes(n, r.unknowns, data).items()},
         lambda: {
             key: array

@@ -10,6 +10,7 @@ from physreal_core.gap.answers.probabilities import worth_of_a_second
 from physreal_core.gap.fits.baseline import Progress
 from physreal_core.gap.fits.candidate_fits import CandidateFits
 from physreal_core.gap.fits.evidence import Evidences
+from physreal_core.gap.fits.finishing import finished
 from physreal_core.gap.fits.least_squares import Fit
 from physreal_core.gap.fits.screening import Score
 from physreal_core.gap.noise.measurements import Measurements
@@ -67,6 +68,7 @@ class Strategy:
             self._fit_new(self.ranked, self.settings.finalists)
         if self.settings.seconds and (self._leaves_too_much() or self._second_is_promising()):
             self._fit_pairs()
+        self._finish()
 
     @cached_property
     def ranked(self) -> list[list[Score]]:
@@ -103,7 +105,7 @@ class Strategy:
         if best is None:
             return False
         self._progress(f"screening beside {best.unknowns.effects[0]}")
-        promised = max((scores[0].gain for scores in self._beside(best)), default=0.0)
+        promised = max((scores[0].gain for scores in self._beside(best)), default=0.0) * self._sharper(best)
         return promised > worth_of_a_second(self.settings, len(self.candidate_fits.names))
 
     # --- fits ---------------------------------------------------------------------------------------------------
@@ -130,10 +132,16 @@ class Strategy:
         self.keep(fits)
 
     def _fit_look_alikes(self) -> None:
-        """Fit the effects for which the best one may have been mistaken, and let those that gain something converge."""
+        """Fit the effects for which the best one may have been mistaken, and let those that gain something converge.
+
+        These are the others of its family, and from where it acts those of the same term.
+        """
         best = self._best(self.threshold)
         if best is None:
             return
+        family = EFFECTS[best.unknowns.effects[0]].family
+        self._fit_new([s for s in self.ranked if EFFECTS[s[0].start.effect].family == family], self.settings.finalists)
+        best = self._best(self.threshold) or best
         self._progress(f"fitting look-alikes of {best.unknowns.effects[0]}")
         found = self.candidate_fits.look_alikes(best)
         if gaining := [fit for fit in found if self.gain(fit) > 0.0]:
@@ -145,6 +153,13 @@ class Strategy:
         self._progress("converging " + ", ".join(("the baseline", *("+".join(fit.unknowns.effects) for fit in fits))))
         self.baseline, *converged = self.candidate_fits.converged([self.baseline, *fits])
         self.keep(converged)
+
+    def _finish(self) -> None:
+        """Let the best answers converge beside an error of the size that they leave, not that which the baseline leaves."""
+        best = sorted(self.found.values(), key=self.gain, reverse=True)[: self.settings.finalists]
+        self._progress("finishing " + ", ".join("+".join(fit.unknowns.effects) for fit in best))
+        steps = self.settings.settling
+        self.found |= {f.unknowns.effects: finished(f, self.measurements, self.evidences, steps) for f in best}
 
     # --- two at once --------------------------------------------------------------------------------------------
 
@@ -169,9 +184,14 @@ class Strategy:
     def _beside(self, first: Fit) -> list[list[Score]]:
         """Effects whose predicted gain beside a fit is above chance; screened once for each fit."""
         if id(first) not in self._beside_fits:
-            ranked = self.candidate_fits.ranked_beside(first)
-            self._beside_fits[id(first)] = first, [scores for scores in ranked if scores[0].gain > self.threshold]
+            ranked, threshold = self.candidate_fits.ranked_beside(first), self.threshold / self._sharper(first)
+            self._beside_fits[id(first)] = first, [scores for scores in ranked if scores[0].gain > threshold]
         return self._beside_fits[id(first)][1]
+
+    def _sharper(self, first: Fit) -> float:
+        """How many times more a second effect gains beside the error that a first one leaves than beside that of the baseline, in which
+        it is scored."""
+        return max(1.0, (self.measurements.size / self.evidences.of(first).size) ** 2)
 
     def _seconds(self, beside: list[list[Score]]) -> list[list[Score]]:
         """The second effects of the largest predicted gain, and those that gained most alone.

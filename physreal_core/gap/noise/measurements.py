@@ -20,6 +20,10 @@ from physreal_core.gap.settings import GapSettings
 WIDE = 4.0
 """Factor on the model's error beside which the sensor's correlation is learnt."""
 
+FITTED_BESIDE = (0.5, 16.0)
+"""Sizes of the model's error beside which fits are made, as factors on that of the settings. Beside a smaller one than there is, patches
+bend as far as the moduli go."""
+
 STRONGEST = 0.95
 """Correlation of the sensor's noise from frame to frame; beyond it, noise could not be told from an error of the start."""
 
@@ -51,6 +55,7 @@ class Measurements:
         predicted: of each interaction, over the frames that are known.
         train_frames: number of training frames of each interaction that count.
         correlations: of the sensor's noise from one frame to the next, per interaction.
+        size: of the model's error beside which fits are made, as a factor on that of the settings.
     """
 
     experiments: Sequence[Interaction]
@@ -58,6 +63,7 @@ class Measurements:
     predicted: Sequence[Predicted]
     train_frames: Sequence[int]
     correlations: Sequence[float]
+    size: float = 1.0
 
     @classmethod
     def around(
@@ -90,6 +96,10 @@ class Measurements:
         wide = replace(self, settings=replace(self.settings, model_error=self.settings.model_error.times(WIDE)))
         return replace(self, correlations=[wide._likeliest(number) for number in range(len(self.experiments))])
 
+    def beside_error(self, size: float) -> Measurements:
+        """The same for fits beside a model's error of another size."""
+        return replace(self, size=float(np.clip(size, *FITTED_BESIDE)))
+
     def _likeliest(self, number: int) -> float:
         """The most likely correlation of the sensor's noise in one interaction."""
         end = self.train_frames[number]
@@ -104,7 +114,8 @@ class Measurements:
     @cached_property
     def train(self) -> Data:
         """All interactions over their training frames."""
-        return Data(self.experiments, [self._noise(number, 0, end) for number, end in enumerate(self.train_frames)])
+        parts = [self._noise(number, 0, end, self.size) for number, end in enumerate(self.train_frames)]
+        return Data(self.experiments, parts)
 
     @cached_property
     def numerical_errors(self) -> tuple[float, ...]:
@@ -126,7 +137,7 @@ class Measurements:
     def _held_out(self) -> list[Noise | None]:
         return [self._noise(number, e.train, e.frames) for number, e in enumerate(self.experiments)]
 
-    def _noise(self, number: int, first: int, end: int) -> Noise | None:
+    def _noise(self, number: int, first: int, end: int, size: float = 1.0) -> Noise | None:
         """Of the frames [first, end) of one interaction; None where nothing was measured in them."""
         experiment, own = self.experiments[number], self.predicted[number]
         valid = experiment.valid[:end].copy()
@@ -134,7 +145,7 @@ class Measurements:
         if not valid.any():
             return None
         fields = (own.motion[:end], own.reruns[:, :end], own.start_sensitivity[:, :end])
-        sigma, error = experiment.sigma[:end], self.settings.model_error
+        sigma, error = experiment.sigma[:end], self.settings.model_error.times(size)
         known = (self.correlations[number], own.given[:, :end])
         return Noise(
             sigma, valid, experiment.points0, *fields, experiment.setting.fps, error, experiment.device, *known

@@ -71,6 +71,7 @@ class Noise:
 
     Attributes:
         sensor: the sensor's part.
+        variances: along each axis, in units of the sensor's noise, shape [K].
     """
 
     def __init__(
@@ -98,7 +99,8 @@ class Noise:
             {"basis": (3 * int(valid.sum()), None), "values": (None,)},
             self._modes,
         )
-        self._basis, self._values = torch.from_numpy(found["basis"]).to(device), found["values"]
+        self._basis = torch.from_numpy(found["basis"]).to(device)
+        self.variances: Float[Array, " axes"] = found["values"]
 
     def _modes(self) -> dict[str, Array]:
         """Principal axes of the weighted columns of U, shape [n, K], and the variances along them, shape [K]."""
@@ -123,11 +125,15 @@ class Noise:
 
     def whiten(self, fields: Float[Array, "columns frames tracks 3"]) -> Float[Array, "entries columns"]:
         """Fields [m] as columns, in units in which residuals of a correct model are independent with variance one."""
-        return self._scaled(self.sensor.weighted(self.rows(fields)), 1.0 / np.sqrt(1.0 + self._values))
+        return self.from_weighted(self.sensor.weighted(self.rows(fields)))
+
+    def from_weighted(self, weighted: Float[Array, "entries columns"]) -> Float[Array, "entries columns"]:
+        """The inverse of `weighted`."""
+        return self._scaled(weighted, 1.0 / np.sqrt(1.0 + self.variances))
 
     def weighted(self, whitened: Float[Array, "entries columns"]) -> Float[Array, "entries columns"]:
         """Whitened columns in units of the sensor's noise alone."""
-        return self._scaled(whitened, np.sqrt(1.0 + self._values))
+        return self._scaled(whitened, np.sqrt(1.0 + self.variances))
 
     def _scaled(self, columns: Float[Array, "entries columns"], factors: Array) -> Float[Array, "entries columns"]:
         """Columns with what lies along each principal axis multiplied by a factor."""
@@ -139,12 +145,12 @@ class Noise:
     def log_density(self, residual: Float[Array, "frames tracks 3"]) -> float:
         """Log density of a residual [m] [nat], up to a constant of the number of entries."""
         left = self.whiten(residual[None])[:, 0]
-        return -0.5 * float(left @ left) - 0.5 * float(np.log1p(self._values).sum()) - self.sensor.log_size
+        return -0.5 * float(left @ left) - 0.5 * float(np.log1p(self.variances).sum()) - self.sensor.log_size
 
     def modes(self) -> Float[Array, "modes entries 3"]:
         """The columns of U in their principal axes [m], one standard deviation long each, at the valid entries."""
-        columns = self.sensor.metres(self._basis.cpu().numpy() * np.sqrt(self._values))
-        return columns.T.reshape(len(self._values), -1, 3)
+        columns = self.sensor.metres(self._basis.cpu().numpy() * np.sqrt(self.variances))
+        return columns.T.reshape(len(self.variances), -1, 3)
 
 
 def _smooth_field(valid, points0, motion, reruns, fps: float, error: ModelError) -> Float[Array, "entries columns"]:

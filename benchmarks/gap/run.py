@@ -26,6 +26,7 @@ class Run:
         arguments: further ones for it.
         cards: NVIDIA cards that the cases share, each case on one; 0: on the CPU.
         minutes: wall time after which what runs is stopped, to go on the next time; None for no limit.
+        files: and folders that a case has when nothing is left to do for it.
     """
 
     folder: Path
@@ -34,17 +35,18 @@ class Run:
     arguments: tuple[str, ...] = ()
     cards: int = 0
     minutes: float | None = None
+    files: tuple[str, ...] = ("answer.json", "oracle.json")
 
 
 def run_cases(cases: Sequence[GapCase], run: Run, ended_with: Callable[[GapCase], object] = lambda case: None) -> None:
-    """Run those of the cases that have neither an answer with its score nor failed; a line of text for each.
+    """Run those of the cases that are neither done nor failed; a line of text for each.
 
     Args:
         cases: which.
         run: how.
         ended_with: called with every case that is done now.
     """
-    todo = [case for case in cases if not is_done(run.folder / case.name)]
+    todo = [case for case in cases if not is_done(run.folder / case.name, run.files)]
     print(f"{len(cases) - len(todo)} of {len(cases)} cases are done; {len(todo)} to go, {run.jobs} at once", flush=True)
     deadline = None if run.minutes is None else time.monotonic() + 60 * run.minutes
     places: SimpleQueue[int] = SimpleQueue()
@@ -58,7 +60,7 @@ def run_cases(cases: Sequence[GapCase], run: Run, ended_with: Callable[[GapCase]
             ended = _run(case, run, place, deadline)
         finally:
             places.put(place)
-        if is_done(run.folder / case.name):
+        if is_done(run.folder / case.name, run.files):
             ended_with(case)
         print(f"[{number}/{len(todo)}] {case.name}: {ended}", flush=True)
 
@@ -66,9 +68,9 @@ def run_cases(cases: Sequence[GapCase], run: Run, ended_with: Callable[[GapCase]
         list(pool.map(one, enumerate(todo, start=1)))
 
 
-def is_done(own: Path) -> bool:
-    """Whether nothing is left to do for a case."""
-    return (own / "failed.txt").is_file() or all((own / f"{name}.json").is_file() for name in ("answer", "oracle"))
+def is_done(own: Path, files: Sequence[str] = Run.files) -> bool:
+    """Whether nothing is left to do for a case, which has these files then."""
+    return (own / "failed.txt").is_file() or all((own / name).exists() for name in files)
 
 
 def core_share(number: int, jobs: int) -> list[int]:
@@ -107,13 +109,15 @@ def _run(case: GapCase, run: Run, place: int, deadline: float | None) -> str:
             process.terminate()
             process.wait()
             return "stopped, time is up; it goes on from its last step"
-    return f"{_outcome(own)} in {time.monotonic() - begun:.0f} s"
+    return f"{_outcome(own, run.files)} in {time.monotonic() - begun:.0f} s"
 
 
-def _outcome(own: Path) -> str:
-    found = read_json(own / "answer.json")
-    if found is None or (own / "failed.txt").is_file():
+def _outcome(own: Path, files: Sequence[str]) -> str:
+    if (own / "failed.txt").is_file() or not is_done(own, files):
         return f"failed, see {own / 'log.txt'}"
+    found = read_json(own / "answer.json")
+    if found is None:
+        return "filmed"
     verdict = found["report"]["verdict"]
     named = "+".join(verdict["names"])
     return f"{verdict['kind']} {named} ({verdict['probability']:.2f})"

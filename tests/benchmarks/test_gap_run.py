@@ -8,7 +8,7 @@ import sys
 import pytest
 
 from benchmarks.gap import case as one_case
-from benchmarks.gap import rgbd
+from benchmarks.gap import filming, rgbd
 from benchmarks.gap.cases import GapCase
 from benchmarks.gap.command import main
 from benchmarks.gap.results import collect, write_results
@@ -127,6 +127,22 @@ def test_a_step_that_raises_is_recorded(tmp_path, monkeypatch):
     with pytest.raises(RuntimeError):
         one_case.run_case(DRAG, tmp_path, load_settings(None))
     assert "no rig here" in (tmp_path / DRAG.name / "failed.txt").read_text()
+
+
+def test_cases_are_filmed_without_a_search(tmp_path, monkeypatch, capsys):
+    """The command asks for captures alone, of cases that have none; the process of one case makes them or says why not."""
+    asked = []
+    monkeypatch.setattr("benchmarks.gap.command.run_cases", lambda cases, run: asked.append(([*cases], run)))
+    main(["--seed", "10", "--film", "--out", str(tmp_path), "--cases", "linear_drag-high-*"])
+    ((case,), run), *_ = asked
+    assert (run.folder, run.module, run.arguments) == (tmp_path / "tracks_only", "benchmarks.gap.filming", ())
+    monkeypatch.setattr(filming, "capture", lambda case, own, video: (own / "captures").mkdir())
+    filming.film_case(case, run.folder, video=False)
+    run_cases([case], run)
+    assert "1 of 1 cases are done" in capsys.readouterr().out
+    with pytest.raises(FileExistsError):
+        filming.film_case(case, run.folder, video=False)
+    assert "FileExistsError" in (run.folder / case.name / "failed.txt").read_text()
 
 
 def test_settings_from_a_file_are_laid_over_the_librarys(tmp_path):

@@ -1,0 +1,29 @@
+"""The captures of one case, in a process of its own: `python -m benchmarks.gap.filming FOLDER NAME`.
+
+The rig runs on cores alone, so captures can be made before a card is there.
+"""
+
+import sys
+import traceback
+from pathlib import Path
+
+from benchmarks.gap.case import capture
+from benchmarks.gap.cases import GapCase
+
+FILMED = ("captures",)
+"""What a case has then."""
+
+
+def film_case(case: GapCase, folder: Path, *, video: bool) -> None:
+    """Makes the captures of a case in `folder`/<name>; what the rig raises stands in `failed.txt`, too."""
+    own = folder / case.name
+    own.mkdir(parents=True, exist_ok=True)
+    try:
+        capture(case, own, video=video)
+    except Exception:
+        (own / "failed.txt").write_text(traceback.format_exc())
+        raise
+
+
+if __name__ == "__main__":
+    film_case(GapCase.named(sys.argv[2]), Path(sys.argv[1]), video="--video" in sys.argv[3:])

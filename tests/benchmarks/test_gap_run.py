@@ -134,7 +134,7 @@ def test_cases_are_filmed_without_a_search(tmp_path, monkeypatch, capsys):
     asked = []
     monkeypatch.setattr("benchmarks.gap.command.run_cases", lambda cases, run: asked.append(([*cases], run)))
     main(["--seed", "10", "--film", "--out", str(tmp_path), "--cases", "linear_drag-high-*"])
-    ((case,), run), *_ = asked
+    (((case, *_), run),) = asked
     assert (run.folder, run.module, run.arguments) == (tmp_path / "tracks_only", "benchmarks.gap.filming", ())
     monkeypatch.setattr(filming, "capture", lambda case, own, video: (own / "captures").mkdir())
     filming.film_case(case, run.folder, video=False)

@@ -60,10 +60,8 @@ def fit_baseline(
     measurements = measurements.with_learnt_correlations()
     converged = _settled(unknowns, start, measurements, 0)
     for _ in range(ROUNDS):
-        known, measurements = (
-            measurements.size,
-            measurements.beside_error(Evidences(measurements, settings).of(converged).size),
-        )
+        known, left = measurements.size, Evidences(measurements, settings).of(converged).size
+        measurements = measurements.beside_error(left)
         converged = _settled(unknowns, converged.vector, measurements, settings.settling)
         if abs(np.log(measurements.size / known)) < LIKE:
             break

@@ -93,12 +93,23 @@ class CandidateFits:
             for _, found in sorted(best_first.items(), key=lambda entry: entry[1])
         ]
 
-    def ranked_beside(self, best: Fit) -> list[list[Score]]:
-        """The scores of effects that are compatible with those of a fit, from tangents taken at that fit."""
+    def ranked_beside(self, best: Fit, own: Data | None = None) -> list[list[Score]]:
+        """The scores of effects that are compatible with those of a fit, from tangents taken at that fit.
+
+        Args:
+            best: the fit.
+            own: what it was fitted to with other noise models, beside which the gains are; as they were by default.
+        """
         patches = slice(best.unknowns.patches)
         apart = [np.linalg.norm(screen.baseline.vector[patches] - best.vector[patches]) for screen in self.screens]
         nearest = self.screens[int(np.argmin(apart))]
-        return [[score] for score in nearest.anew(best, 1).scores(best.residual)]
+        screen = nearest.anew(best, 1)
+        found = screen.scores(best.residual)
+        if own is not None:
+            sharper = screen.beside(own)
+            gains = {score.start.effect: score.gain for score in sharper.scores(sharper.baseline.residual)}
+            found = [replace(score, gain=gains[score.start.effect]) for score in found]
+        return [[score] for score in sorted(found, key=lambda score: -score.gain)]
 
     def needs_large_starts(self, effect: str) -> bool:
         """Whether tangents at the baseline do not lead to an effect, so that its fits start at large amplitudes too."""

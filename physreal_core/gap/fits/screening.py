@@ -19,6 +19,7 @@ from physreal_core.effects import EFFECTS
 from physreal_core.gap.fits.least_squares import Data, Fit, one_sided_evidence
 from physreal_core.gap.fits.plans import Plan, compatible, plans_of
 from physreal_core.gap.fits.unknowns import Priors
+from physreal_core.gap.fits.whitening import rewhitened, rewhitened_columns
 from physreal_core.gap.interactions.interaction import Trial
 
 DRAWS = 200
@@ -131,6 +132,15 @@ class Screen:
             if counts[effect] <= keep:
                 kept.append(number)
         return Screen.at(fit, self.data, self.priors, [self.starts[number].plan for number in sorted(kept)])
+
+    def beside(self, data: Data) -> Screen:
+        """The same screen beside other noise models."""
+        starts = []
+        baseline = rewhitened(self.baseline, self.data, data)
+        for start in self.starts:
+            tangents = rewhitened_columns(start.tangents, self.data, data)
+            starts.append(Start(start.plan, tangents, project_out(baseline, tangents)))
+        return Screen(baseline, data, self.priors, tuple(starts))
 
     def scores(self, residual: Float[Array, " entries"]) -> list[Score]:
         """The best start of every effect for a whitened residual of the baseline, the best effect first."""

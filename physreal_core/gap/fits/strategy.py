@@ -105,7 +105,7 @@ class Strategy:
         if best is None:
             return False
         self._progress(f"screening beside {best.unknowns.effects[0]}")
-        promised = max((scores[0].gain for scores in self._beside(best)), default=0.0) * self._sharper(best)
+        promised = max((scores[0].gain for scores in self._beside(best)), default=0.0)
         return promised > worth_of_a_second(self.settings, len(self.candidate_fits.names))
 
     # --- fits ---------------------------------------------------------------------------------------------------
@@ -182,16 +182,12 @@ class Strategy:
             self._fit_new(exchanged, self.settings.seconds)
 
     def _beside(self, first: Fit) -> list[list[Score]]:
-        """Effects whose predicted gain beside a fit is above chance; screened once for each fit."""
+        """Effects whose predicted gain beside a fit is above chance, beside an error as large as it leaves; screened once for each."""
         if id(first) not in self._beside_fits:
-            ranked, threshold = self.candidate_fits.ranked_beside(first), self.threshold / self._sharper(first)
-            self._beside_fits[id(first)] = first, [scores for scores in ranked if scores[0].gain > threshold]
+            own = self.measurements.beside_error(self.evidences.of(first).size).train
+            ranked = self.candidate_fits.ranked_beside(first, own)
+            self._beside_fits[id(first)] = first, [scores for scores in ranked if scores[0].gain > self.threshold]
         return self._beside_fits[id(first)][1]
-
-    def _sharper(self, first: Fit) -> float:
-        """How many times more a second effect gains beside the error that a first one leaves than beside that of the baseline, in which
-        it is scored."""
-        return max(1.0, (self.measurements.size / self.evidences.of(first).size) ** 2)
 
     def _seconds(self, beside: list[list[Score]]) -> list[list[Score]]:
         """The second effects of the largest predicted gain, and those that gained most alone.

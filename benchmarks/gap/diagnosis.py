@@ -20,6 +20,7 @@ from physreal_core.effects import EFFECTS, Effect
 from physreal_core.errors import InputError
 from physreal_core.gap.adding import EffectFits
 from physreal_core.gap.fits.evidence import Evidences
+from physreal_core.gap.fits.finishing import finished
 from physreal_core.gap.fits.least_squares import Fit, fit, together
 from physreal_core.gap.fits.unknowns import Unknowns
 from physreal_core.gap.interactions.interaction import EffectValues
@@ -49,7 +50,8 @@ def from_truth(fits: EffectFits, truth: EffectValues) -> Fit:
     starts = np.clip(starts, unknowns.block.lower, unknowns.block.upper)
     data = fits.measurements.train
     (found,) = together([fit(unknowns, data, starts, 2 * fits.settings.settling)], data)
-    return found
+    evidences = Evidences(fits.measurements, fits.settings)
+    return finished(found, fits.measurements, evidences, fits.settings.settling)
 
 
 def _known(effect: Effect, values: dict[str, float]) -> dict[str, float]:

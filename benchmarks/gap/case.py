@@ -7,7 +7,6 @@ out. Both are laid aside before the search is called, and read again only for th
 import shutil
 import sys
 import time
-import traceback
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
@@ -16,7 +15,7 @@ import torch
 from benchmarks.gap.answer import answer, experiments_of
 from benchmarks.gap.cases import GapCase
 from benchmarks.gap.commit import searched_by
-from benchmarks.gap.files import read_json, write_json
+from benchmarks.gap.files import failure_told, read_json, write_json
 from benchmarks.gap.held_out import closed, gap, names_right, trial_of
 from benchmarks.gap.oracle import oracle_gap
 from benchmarks.gap.settings import load_settings
@@ -32,17 +31,13 @@ def run_case(case: GapCase, folder: Path, settings: GapSettings) -> None:
     A step that raises leaves `failed.txt` with what it raised.
     """
     own = folder / case.name
-    own.mkdir(parents=True, exist_ok=True)
-    try:
+    with failure_told(own):
         capture(case, own)
         if not (own / "answer.json").is_file():
             write_json(own / "answer.json", {**answer(own / "captures", settings, _tell), "commit": searched_by()})
         if not (own / "oracle.json").is_file():
             experiments = experiments_of(own / "captures", kept_out(own))
             write_json(own / "oracle.json", scored(case, own, experiments, settings))
-    except Exception:
-        (own / "failed.txt").write_text(traceback.format_exc())
-        raise
 
 
 def capture(case: GapCase, own: Path, *, video: bool = False) -> None:

@@ -19,7 +19,6 @@ from benchmarks.gap.settings import load_settings
 from physreal_core.effects import EFFECTS, Effect
 from physreal_core.errors import InputError
 from physreal_core.gap.adding import EffectFits
-from physreal_core.gap.fits.evidence import Evidences
 from physreal_core.gap.fits.finishing import finished
 from physreal_core.gap.fits.least_squares import Fit, fit, together
 from physreal_core.gap.fits.unknowns import Unknowns
@@ -50,8 +49,7 @@ def from_truth(fits: EffectFits, truth: EffectValues) -> Fit:
     starts = np.clip(starts, unknowns.block.lower, unknowns.block.upper)
     data = fits.measurements.train
     (found,) = together([fit(unknowns, data, starts, 2 * fits.settings.settling)], data)
-    evidences = Evidences(fits.measurements, fits.settings)
-    return finished(found, fits.measurements, evidences, fits.settings.settling)
+    return finished(found, fits.measurements, fits.evidences, fits.settings.settling)
 
 
 def _known(effect: Effect, values: dict[str, float]) -> dict[str, float]:
@@ -63,9 +61,9 @@ def _known(effect: Effect, values: dict[str, float]) -> dict[str, float]:
 def told(fits: EffectFits, truth: EffectValues, candidates: Sequence[dict[str, Any]]) -> str:
     """Lines of text, of the truth and of the search's answers: gain in log evidence [nat], size of the error that is left, and gain on
     held-out frames [nat]."""
-    found, evidences = from_truth(fits, truth), Evidences(fits.measurements, fits.settings)
+    found, evidences = from_truth(fits, truth), fits.evidences
     gain, left = evidences.gain(found, fits.baseline), evidences.of(found).size * fits.settings.model_error.rms
-    held = _held_out(fits, evidences, found) - _held_out(fits, evidences, fits.baseline)
+    held = _held_out(fits, found) - _held_out(fits, fits.baseline)
     lines = [f"{'from the true numbers':34} gain {gain:8.1f}  left {1000 * left:6.2f} mm  held {held:8.1f}"]
     for name, values in found.unknowns.values(found.vector).items():
         lines += [f"    {name} {c}: {x:.4g} (true {truth[name].get(c, float('nan')):.4g})" for c, x in values.items()]
@@ -78,9 +76,11 @@ def told(fits: EffectFits, truth: EffectValues, candidates: Sequence[dict[str, A
     return "\n".join(lines)
 
 
-def _held_out(fits: EffectFits, evidences: Evidences, found: Fit) -> float:
+def _held_out(fits: EffectFits, found: Fit) -> float:
     trial = found.unknowns.trial(found.vector)
-    return evidences.held_out(found, [experiment.predict([trial])[0] for experiment in fits.measurements.experiments])
+    return fits.evidences.held_out(
+        found, [experiment.predict([trial])[0] for experiment in fits.measurements.experiments]
+    )
 
 
 def main(folder: Path, name: str) -> None:

@@ -2,6 +2,9 @@
 
 import json
 import os
+import traceback
+from collections.abc import Iterator
+from contextlib import contextmanager
 from pathlib import Path
 from typing import Any
 
@@ -17,3 +20,14 @@ def write_json(path: Path, record: Any) -> None:
     draft = path.with_name(f"{path.name}.{os.getpid()}")
     draft.write_text(json.dumps(record, indent=1, default=lambda value: value.tolist()) + "\n")
     draft.replace(path)
+
+
+@contextmanager
+def failure_told(own: Path) -> Iterator[None]:
+    """Makes a case's folder; what is raised in it is raised on, and stands in its `failed.txt`."""
+    own.mkdir(parents=True, exist_ok=True)
+    try:
+        yield
+    except Exception:
+        (own / "failed.txt").write_text(traceback.format_exc())
+        raise

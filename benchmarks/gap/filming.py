@@ -4,11 +4,11 @@ The rig runs on cores alone, so captures can be made before a card is there.
 """
 
 import sys
-import traceback
 from pathlib import Path
 
 from benchmarks.gap.case import capture
 from benchmarks.gap.cases import GapCase
+from benchmarks.gap.files import failure_told
 
 FILMED = ("captures",)
 """What a case has then."""
@@ -17,12 +17,8 @@ FILMED = ("captures",)
 def film_case(case: GapCase, folder: Path, *, video: bool) -> None:
     """Makes the captures of a case in `folder`/<name>; what the rig raises stands in `failed.txt`, too."""
     own = folder / case.name
-    own.mkdir(parents=True, exist_ok=True)
-    try:
+    with failure_told(own):
         capture(case, own, video=video)
-    except Exception:
-        (own / "failed.txt").write_text(traceback.format_exc())
-        raise
 
 
 if __name__ == "__main__":

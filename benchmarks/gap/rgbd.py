@@ -8,14 +8,13 @@ import os
 import subprocess
 import sys
 import time
-import traceback
 from pathlib import Path
 from typing import Any
 
 from benchmarks.gap.case import capture, kept_out, scored
 from benchmarks.gap.cases import GapCase
 from benchmarks.gap.commit import searched_by
-from benchmarks.gap.files import write_json
+from benchmarks.gap.files import failure_told, write_json
 from benchmarks.gap.held_out import models_of
 from benchmarks.gap.problems import GUESS
 from physreal_core.gap import Experiment, GapSettings
@@ -34,8 +33,7 @@ ON_A_CARD = ("fit_global", "fit_patches", *SEARCH)
 def run_case(case: GapCase, folder: Path) -> None:
     """All steps of a case that have not been done, in `folder`/<name>; a step that raises leaves `failed.txt`."""
     own = folder / case.name
-    own.mkdir(parents=True, exist_ok=True)
-    try:
+    with failure_told(own):
         capture(case, own, video=True)
         project = project_of(own)
         if not (own / "answer.json").is_file():
@@ -43,9 +41,6 @@ def run_case(case: GapCase, folder: Path) -> None:
         if not (own / "oracle.json").is_file():
             experiments, settings = _experiments(own, project)
             write_json(own / "oracle.json", scored(case, own, experiments, settings))
-    except Exception:
-        (own / "failed.txt").write_text(traceback.format_exc())
-        raise
 
 
 def project_of(own: Path) -> Project:

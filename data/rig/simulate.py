@@ -19,7 +19,7 @@ from physreal_core.checkpoints import Checkpoints, checkpoints
 CHECKPOINT = "simulation"
 
 ROUNDS = 2
-"""How often a body that lies for long comes to rest and forgets its stress. It still sinks by some tenths of a millimetre then."""
+"""How often a body that lies for long comes to rest and forgets its stress. It still sinks by up to a millimetre then."""
 
 
 def simulate(

@@ -4,6 +4,7 @@ from __future__ import annotations
 
 from collections.abc import Sequence
 from dataclasses import dataclass
+from functools import cached_property
 
 import numpy as np
 
@@ -90,6 +91,11 @@ class EffectFits:
     baseline: Fit
     measurements: Measurements
 
+    @cached_property
+    def evidences(self) -> Evidences:
+        """Of fits to the measurements."""
+        return Evidences(self.measurements, self.settings)
+
     @classmethod
     def begin(cls, experiments: Sequence[Interaction], settings: GapSettings, progress: Progress) -> EffectFits:
         """Fit the baseline."""
@@ -108,7 +114,7 @@ class EffectFits:
             begun = fits.fitted([scores]) if found.unknowns.effects else self._first(fits, scores, ranked)
             found = max(fits.converged(begun), key=lambda fit: fit.log_evidence)
             ranked = fits.ranked_beside(found) if rest else []
-        return finished(found, self.measurements, Evidences(self.measurements, self.settings), self.settings.settling)
+        return finished(found, self.measurements, self.evidences, self.settings.settling)
 
     @staticmethod
     def _first(fits: CandidateFits, scores: list[Score], ranked: Sequence[list[Score]]) -> list[Fit]:
@@ -126,9 +132,7 @@ class EffectFits:
     def candidate(self, names: Sequence[str]) -> Candidate:
         """The record of the best fit with these effects."""
         found = self.with_effects(names)
-        effects = fitted_effects(
-            found, Evidences(self.measurements, self.settings).of(found), self.settings.temperature
-        )
+        effects = fitted_effects(found, self.evidences.of(found), self.settings.temperature)
         return Candidate(effects, None, fields=found.unknowns.baseline_fields(found.vector))
 
 

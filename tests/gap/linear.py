@@ -22,22 +22,19 @@ FIELDS = {
 
 @dataclass
 class MadeUp(Effect):
-    """An effect of one or two coefficients, the first of fixed sign; each is of a family of its own."""
+    """An effect of one or two coefficients, the first of fixed sign."""
 
     name: str
     coefficients: tuple[Coefficient, ...]
+    family: str
     distinguished_by = "a longer recording"
-
-    @property
-    def family(self) -> str:
-        return self.name
 
 
 def register(monkeypatch) -> None:
-    """Puts `sink`, of one coefficient of fixed sign, and `drift`, of two, into the registry for a test."""
+    """Puts `sink`, of one coefficient of fixed sign, and `drift`, of two, each a family of its own, into the registry for a test."""
     one = Coefficient("amount", "m", "sinking", 0.0, 0.0, 10.0, 1.0)
     two = tuple(Coefficient(name, "m", "drift", 0.0, -10.0, 10.0, 1.0) for name in ("east", "north"))
-    for effect in (MadeUp("sink", (one,)), MadeUp("drift", two)):
+    for effect in (MadeUp("sink", (one,), "sink"), MadeUp("drift", two, "drift")):
         monkeypatch.setitem(EFFECTS, effect.name, effect)
 
 

@@ -97,7 +97,7 @@ class Late(LinearExperiment):
 def late(monkeypatch) -> Late:
     """`sink` is missing, far from where its tangents are taken, and `slump`, of the same term, is not."""
     for name in ("sink", "slump"):
-        effect = MadeUp(name, EFFECTS["sink"].coefficients)
+        effect = MadeUp(name, EFFECTS["sink"].coefficients, name)
         effect.terms = ("weight",)
         monkeypatch.setitem(EFFECTS, name, effect)
     return Late({**ANSWERS, "slump": ANSWERS["sink"]}, {"sink": {"amount": FAR}})

@@ -65,22 +65,10 @@ def test_the_best_effects_family_is_fitted_whatever_its_score(monkeypatch):
     """`shortlist` hands on one alone, and the best leaves nothing."""
 
     def names(family: str) -> set[tuple[str, ...]]:
-        monkeypatch.setitem(EFFECTS, "drift", Related("drift", EFFECTS["drift"].coefficients, family))
+        monkeypatch.setitem(EFFECTS, "drift", MadeUp("drift", EFFECTS["drift"].coefficients, family))
         settings = replace(SETTINGS, candidates=("drift", "sink"), shortlist=1)
         found = Search([LinearExperiment(ANSWERS, {"sink": {"amount": 0.6}})], settings).run()
         return {answer.names for answer in found.answers}
 
     assert names("drift") == {(), ("sink",)}
     assert names("sink") == {(), ("sink",), ("drift",)}
-
-
-class Related(MadeUp):
-    """An effect of a family that is given."""
-
-    def __init__(self, name: str, coefficients: tuple, family: str) -> None:
-        super().__init__(name, coefficients)
-        self._family = family
-
-    @property
-    def family(self) -> str:
-        return self._family

@@ -47,13 +47,10 @@ def _by_effects(experiment: Interaction, trial: Trial, predicted: Array) -> Floa
         "ground_plane": setting.ground_height is not None,
     }
     acting = [usual for usual in USUAL if acts[usual[0]] and usual[0] not in known]
-    trials = [Trial(trial.fields, {**trial.effects, name: _small(name, key, size)}) for name, key, size in acting]
+    trials = [
+        Trial(trial.fields, {**trial.effects, name: EFFECTS[name].dormant | {key: size}}) for name, key, size in acting
+    ]
     return experiment.predict(trials, len(predicted)) - predicted if trials else np.zeros((0, *predicted.shape))
-
-
-def _small(name: str, coefficient: str, size: float) -> dict[str, float]:
-    """Coefficients of an effect, all dormant but one."""
-    return {c.name: size if c.name == coefficient else c.dormant for c in EFFECTS[name].coefficients}
 
 
 def _by_the_hand(experiment: Interaction, trial: Trial, predicted: Array) -> Float[Array, "modes frames tracks 3"]:

@@ -93,8 +93,7 @@ class Measurements:
 
         It is the most likely one beside a model error so wide that a missing effect does not pass for the sensor.
         """
-        wide = replace(self, settings=replace(self.settings, model_error=self.settings.model_error.times(WIDE)))
-        return replace(self, correlations=[wide._likeliest(number) for number in range(len(self.experiments))])
+        return replace(self, correlations=[self._likeliest(number) for number in range(len(self.experiments))])
 
     def beside_error(self, size: float) -> Measurements:
         """The same for fits beside a model's error of another size."""
@@ -107,7 +106,7 @@ class Measurements:
 
         def surprise(correlation: float) -> float:
             known = replace(self, correlations=[correlation] * len(self.experiments))
-            return -known._noise(number, 0, end).log_density(residual)
+            return -known._noise(number, 0, end, WIDE).log_density(residual)
 
         return float(minimize_scalar(surprise, bounds=(0.0, STRONGEST), method="bounded", options={"xatol": 0.03}).x)
 

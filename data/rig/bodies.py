@@ -1,7 +1,7 @@
 """Bodies of the hidden-effect captures: a bar, an L, a slab, a thick plush and a fork, each with a size from the seed.
 
 All lie on the table at z = 0 with their centre of volume above the origin. The hand holds the end at +x and the rest is free, so
-that an effect's place can be drawn for any of them. Boxes are three elements or more through their thickness.
+that an effect's place can be drawn for any of them. Boxes are six elements through their thickness.
 """
 
 from collections.abc import Callable

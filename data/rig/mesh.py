@@ -57,15 +57,16 @@ def surface_shares(vertices: Float[Array, "V 3"], faces: Int[Array, "F 3"]) -> F
     return np.bincount(faces.ravel(), np.repeat(area, 3), minlength=len(vertices)) / (3 * area.sum())
 
 
-def mesh_shape(shape: Solid, spacing: float, relaxations: int = 40) -> TetMesh:
+def mesh_shape(shape: Solid, spacing: float, held: Block | None = None, relaxations: int = 40) -> TetMesh:
     """Meshes the inside of `shape` with cubes of edge `spacing` [m], then fits the boundary nodes to its surface.
 
-    The bricks of a block, or of several, are as near to cubes as their sides allow, and nothing is left to fit.
+    The bricks of a block, or of several, are as near to cubes as their sides allow, and nothing is left to fit. If a part of
+    them is `held`, faces of bricks lie in its sides, so that the hold ends where it is said to end.
     """
     if isinstance(shape, Block):
-        return _mesh_block(shape, spacing)
+        shape = Blocks((shape,))
     if isinstance(shape, Blocks):
-        return _mesh_blocks(shape, spacing)
+        return _mesh_blocks(shape, spacing, held)
     vertices, tets = _fill_with_cubes(shape, spacing)
     faces = surface_triangles(tets)
     vertices = _fit_boundary(shape, vertices, tets, np.unique(faces), relaxations)
@@ -81,17 +82,12 @@ def _fill_with_cubes(shape: RoundedShape, spacing: float) -> tuple[Array, Array]
     return _positive(lower + nodes * spacing, tets)
 
 
-def _mesh_block(block: Block, spacing: float) -> TetMesh:
-    size = np.subtract(block.upper, block.lower)
-    counts = np.maximum(np.round(size / spacing), 1).astype(int)
-    nodes, tets = _cut_cells(_cells(counts))
-    vertices, tets = _positive(np.asarray(block.lower) + nodes * (size / counts), tets)
-    return TetMesh(vertices, tets, surface_triangles(tets))
-
-
-def _mesh_blocks(blocks: Blocks, spacing: float) -> TetMesh:
-    """One lattice through all boxes, its planes at their sides and evenly between these."""
-    sides = np.concatenate([part.bounds() for part in blocks.parts])
+def _mesh_blocks(blocks: Blocks, spacing: float, held: Block | None) -> TetMesh:
+    """One lattice through all boxes, its planes at their sides, at those of what is held, and evenly between these."""
+    sides = [part.bounds() for part in blocks.parts]
+    if held is not None:
+        sides.append(np.clip(held.bounds(), *blocks.bounds()))
+    sides = np.concatenate(sides)
     planes = [_planes(np.unique(sides[:, axis].round(9)), spacing) for axis in range(3)]
     cells = _cells(np.array([len(own) - 1 for own in planes]))
     centres = np.stack([(own[c] + own[c + 1]) / 2 for own, c in zip(planes, cells.T, strict=True)], axis=-1)

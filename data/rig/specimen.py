@@ -1,9 +1,9 @@
 """The specimens of the hidden-effect captures: bodies so soft and slender that they sag by a centimetre or more when one end is
 held.
 
-At this stiffness independent simulators agree to a millimetre (`data/rig/README.md`), so that an effect of a few shows. What coarse
-elements add to the stiffness of bending is nearly the same upwards and sideways, and a modulus takes it up. The hand holds the +x
-end: all of it to lift, so that the body is a cantilever; the upper half to press, so that the lower half gives.
+At this stiffness independent simulators agree to a millimetre (`data/rig/README.md`), so that an effect of a few shows. A modulus
+takes up what the elements add to the stiffness; that they twist and stretch a body in other proportions than they bend it, nothing
+does, so they are fine. The hand holds the +x end: all of it to lift, so that the body is a cantilever; the upper half to press, so that the lower half gives.
 """
 
 from dataclasses import dataclass, replace
@@ -20,8 +20,8 @@ from data.rig.simulate import simulate
 from data.rig.trajectory import Trajectory
 from physreal_core.errors import InputError
 
-SPACING = 0.011  # of the finite elements [m]
-ROUNDED = 1.25  # times that of a rounded body, whose elements are smaller at its surface
+SPACING = 0.007  # of the finite elements [m]
+ROUNDED = 1.95  # times that of a rounded body, whose elements are smaller at its surface
 GUESS = 0.3  # Poisson's ratio
 _SETTLE = 0.1  # [s]; a body of boxes lies flat, so there is little to settle
 _SETTLE_ROUNDED = 0.3

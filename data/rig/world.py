@@ -14,6 +14,7 @@ from data.rig.thin import Cloth, Sheet, mesh_cloth
 from physreal_core.array_types import Array, Float, Int
 
 NODE_RADIUS = 0.0005  # [m] collision radius of a flex node
+TOUCHING = 1e-6  # [m]; nodes in the surface of what the hand holds are held
 
 
 class World:
@@ -158,7 +159,9 @@ def firm(timestep: float) -> str:
 
 
 def _mesh(scene: RigScene) -> TetMesh | Sheet:
-    return mesh_cloth(scene.body) if isinstance(scene.body, Cloth) else mesh_shape(scene.body, scene.mesh_spacing)
+    if isinstance(scene.body, Cloth):
+        return mesh_cloth(scene.body)
+    return mesh_shape(scene.body, scene.mesh_spacing, scene.grasp)
 
 
 def _radius(scene: RigScene) -> float:
@@ -168,7 +171,7 @@ def _radius(scene: RigScene) -> float:
 
 def _held(scene: RigScene, vertices: Float[Array, "V 3"]) -> Int[Array, " B"]:
     if scene.grasp is not None:
-        return np.flatnonzero(scene.grasp.distance(vertices) <= 0)
+        return np.flatnonzero(scene.grasp.distance(vertices) < TOUCHING)
     return np.flatnonzero(scene.hand.distance(vertices) < scene.grip_reach)
 
 

@@ -6,7 +6,7 @@ import numpy as np
 import pytest
 
 from physreal_core.gap import GapSettings, Search
-from physreal_core.gap.fits.strategy import Strategy
+from physreal_core.gap.fits.strategy import PAIRS, Strategy
 from physreal_core.gap.noise.model import ModelError
 from physreal_core.gap.search import SearchResult
 from tests.gap.linear import ANSWERS, LinearExperiment, register
@@ -56,7 +56,7 @@ def test_two_are_fitted_where_they_may_be_in_the_class_though_the_best_leaves_no
     found = search(BOTH, wide)
     (best, *_) = found.strategy.ordered()
     assert best.unknowns.effects == ("sink",)
-    assert found.strategy.evidences.of(best).size < wide.error_prior.usual
+    assert found.strategy.evidences.of(best).size < wide.error_prior.exceeded_by(PAIRS)
     assert (("sink", "drift") in names(found)) is two
 
 

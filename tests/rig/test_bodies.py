@@ -9,6 +9,7 @@ from data.rig.mesh import mesh_shape
 from data.rig.motions import MOTIONS
 from data.rig.shapes import Block, Blocks
 from data.rig.specimen import SPACING, explicit_step, specimen
+from data.rig.world import TOUCHING
 from physreal_core.errors import InputError
 
 PARTICLES = 1000  # that the benchmark cuts a body into
@@ -29,6 +30,20 @@ def test_a_body_lies_on_the_table_about_the_origin_and_is_thick_enough(name, see
     assert body.thickness / (body.volume / PARTICLES) ** (1 / 3) > 4.5  # particles through its thinnest part
     held = body.grasp(-1.0).distance(mesh.vertices) <= 0
     assert 20 < held.sum() < 0.5 * len(held)
+
+
+@pytest.mark.parametrize("name", [name for name in BODIES if name != "plush"])
+@pytest.mark.parametrize("spacing", [0.006, 0.011])
+@pytest.mark.parametrize("above", [-1.0, 0.02])
+def test_elements_end_where_the_hold_ends(name, spacing, above):
+    """The free length and height would else depend on the spacing by up to an element."""
+    body = specimen(name, 3).body
+    hold = body.grasp(above)
+    mesh = mesh_shape(body.shape, spacing, hold)
+    assert mesh.volumes().min() > 0 and mesh.volumes().sum() == pytest.approx(body.volume)
+    held = mesh.vertices[hold.distance(mesh.vertices) < TOUCHING]
+    assert held[:, 0].min() == pytest.approx(hold.lower[0], abs=TOUCHING)
+    assert held[:, 2].min() == pytest.approx(max(above, 0.0), abs=TOUCHING)
 
 
 def test_the_bar_has_one_size_and_other_bodies_have_that_of_their_seed():

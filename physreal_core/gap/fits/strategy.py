@@ -16,6 +16,12 @@ from physreal_core.gap.fits.screening import Score
 from physreal_core.gap.noise.measurements import Measurements
 from physreal_core.gap.settings import GapSettings
 
+OTHERS = 0.35
+"""Share of controls that leave as much as the best single effect does, below which all other effects are fitted."""
+
+PAIRS = 0.1
+"""The same for pairs, which cost more and explain more of what is no effect."""
+
 STRONG_ALONE = 2
 """Second effects that are chosen for what they gain alone; at most half of all second effects."""
 
@@ -64,9 +70,9 @@ class Strategy:
         large = [s for s in self.ranked if self.candidate_fits.needs_large_starts(s[0].start.effect)]
         self._fit_new([*promising[: self.settings.shortlist], *large], self.settings.finalists)
         self._fit_look_alikes()
-        if self._leaves_too_much():
+        if self._leaves_too_much(OTHERS):
             self._fit_new(self.ranked, self.settings.finalists)
-        if self.settings.seconds and (self._leaves_too_much() or self._second_is_promising()):
+        if self.settings.seconds and (self._leaves_too_much(PAIRS) or self._second_is_promising()):
             self._fit_pairs()
         self._finish()
 
@@ -94,10 +100,10 @@ class Strategy:
         """Gain of the best fit of these effects so far [nat]; zero where there is none."""
         return self.gain(self.found[names]) if names in self.found else 0.0
 
-    def _leaves_too_much(self) -> bool:
-        """Whether the best single effect gains something and leaves more than the simulator's own error usually is."""
+    def _leaves_too_much(self, share: float) -> bool:
+        """Whether the best single effect gains something and leaves as much as less than this share of controls does."""
         best = self._best(0.0)
-        return best is not None and self.evidences.of(best).size > self.settings.error_prior.usual
+        return best is not None and self.evidences.of(best).size > self.settings.error_prior.exceeded_by(share)
 
     def _second_is_promising(self) -> bool:
         """Whether two effects may belong to the class of the best single one, by the score test."""
@@ -177,7 +183,7 @@ class Strategy:
             return
         alone = self.candidate_fits.alone(pairs[0])
         self._converge([fit for fit in alone if self.gain(fit) > self._gain_of(fit.unknowns.effects)])
-        if self._leaves_too_much():
+        if self._leaves_too_much(PAIRS):
             exchanged = [s for one in alone for s in self._beside(one)[: self.settings.exchanges]]
             self._fit_new(exchanged, self.settings.seconds)
 

@@ -33,10 +33,9 @@ class ErrorPrior:
         logs = -0.5 * (np.log(np.array(self.sizes) / self.median) / self.spread) ** 2
         return logs - logsumexp(logs)
 
-    @property
-    def usual(self) -> float:
-        """The size that one of ten controls exceeds."""
-        return float(self.median * np.exp(norm.isf(0.1) * self.spread))
+    def exceeded_by(self, share: float) -> float:
+        """The size that this share of the controls exceeds."""
+        return float(self.median * np.exp(norm.isf(share) * self.spread))
 
     def p_value(self, size: float) -> float:
         """Share of controls whose error is larger than a size."""

@@ -48,8 +48,9 @@ def from_truth(fits: EffectFits, truth: EffectValues) -> Fit:
     starts[:, : own.baseline] = [*materials, *guessed]
     starts = np.clip(starts, unknowns.block.lower, unknowns.block.upper)
     data = fits.measurements.train
-    (found,) = together([fit(unknowns, data, starts, 2 * fits.settings.settling)], data)
-    return finished(found, fits.measurements, fits.evidences, fits.settings.settling)
+    (found,) = together([fit(unknowns, data, starts, 2 * fits.settings.settling)])
+    (end,) = finished([found], fits.measurements, fits.evidences, fits.settings.settling)
+    return end
 
 
 def _known(effect: Effect, values: dict[str, float]) -> dict[str, float]:

@@ -114,7 +114,8 @@ class EffectFits:
             begun = fits.fitted([scores]) if found.unknowns.effects else self._first(fits, scores, ranked)
             found = max(fits.converged(begun), key=lambda fit: fit.log_evidence)
             ranked = fits.ranked_beside(found) if rest else []
-        return finished(found, self.measurements, self.evidences, self.settings.settling)
+        (end,) = finished([found], self.measurements, self.evidences, self.settings.settling)
+        return end
 
     @staticmethod
     def _first(fits: CandidateFits, scores: list[Score], ranked: Sequence[list[Score]]) -> list[Fit]:

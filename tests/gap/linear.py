@@ -52,7 +52,7 @@ ANSWERS = {
 def baseline(experiment: "LinearExperiment", data: Data, iterations: int = 8) -> Fit:
     """The fit without effects."""
     unknowns = Unknowns(experiment.model.fields, (), Priors(), scalars=())
-    (found,) = together([fit(unknowns, data, unknowns.start()[None], iterations)], data)
+    (found,) = together([fit(unknowns, data, unknowns.start()[None], iterations)])
     return found
 
 

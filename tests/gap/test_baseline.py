@@ -22,6 +22,6 @@ def test_a_fit_that_cannot_begin_is_never_the_best():
     experiment.predict = lambda trials, frames=None, discretisation=None: np.full(
         (len(trials), frames or experiment.frames, len(experiment.points0), 3), np.nan
     )
-    (failed,) = together([fit(whole.unknowns, data, whole.vector[None], 3)], data)
+    (failed,) = together([fit(whole.unknowns, data, whole.vector[None], 3)])
     assert failed.energy == np.inf and np.isfinite(failed.vector).all()
     assert min([whole, failed], key=lambda found: found.energy) is whole

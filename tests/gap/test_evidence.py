@@ -32,7 +32,7 @@ def made(truth: dict, settings: GapSettings, error: float = 0.0) -> tuple[Measur
     ]
     measurements = Measurements.around([experiment], unknowns[0].trial(unknowns[0].start()), settings)
     data = measurements.train
-    return measurements, together([fit(own, data, own.start()[None], 12) for own in unknowns], data)
+    return measurements, together([fit(own, data, own.start()[None], 12) for own in unknowns])
 
 
 def test_of_one_size_alone_it_is_that_of_the_fits():

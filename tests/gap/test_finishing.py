@@ -52,9 +52,9 @@ def test_what_a_fit_beside_a_wide_error_left_is_found_beside_its_own():
     baseline, measurements = fit_baseline([experiment], SETTINGS)
     own, wide = baseline.unknowns, measurements.beside_error(FITTED_BESIDE[1])
     unknowns = Unknowns(own.fields, ("sink",), own.priors, scalars=own.scalars)
-    (begun,) = together([fit(unknowns, wide.train, unknowns.start()[None], 12)], wide.train)
+    (begun,) = together([fit(unknowns, wide.train, unknowns.start()[None], 12)])
     evidences = Evidences(wide, SETTINGS)
-    after = finished(begun, wide, evidences, 12)
+    (after,) = finished([begun], wide, evidences, 12)
     assert evidences.gain(after, begun) >= 0.0
     at = unknowns.places["sink"].start
     assert abs(after.vector[at] - 0.6) <= abs(begun.vector[at] - 0.6)

@@ -31,7 +31,7 @@ def with_effect(name, base, data):
     screen = Screen.of(base, data, [name], PRIORS)
     (score,) = screen.scores(base.residual)
     unknowns, starts, known = linear_starts([score], PRIORS)
-    (found,) = together([fit(unknowns, data, starts, 8, known)], data)
+    (found,) = together([fit(unknowns, data, starts, 8, known)])
     return score, found
 
 
@@ -88,7 +88,7 @@ def test_where_plain_secants_lead_astray_a_fit_goes_on_with_fine_ones(monkeypatc
     base = baseline(experiment, data)
     unknowns = Unknowns(experiment.model.fields, ("sink",), PRIORS, {"sink": {"amount": 0.65}}, scalars=())
     start = np.concatenate([np.log([1.2e5, 0.9e5]), base.vector[2:3], [0.65]])
-    (found,) = together([fit(unknowns, data, start[None], 8)], data)
+    (found,) = together([fit(unknowns, data, start[None], 8)])
     assert (abs(found.vector[-1] - 0.75) < 0.03) == reached
 
 
@@ -106,7 +106,7 @@ def test_a_fit_may_start_where_the_linear_model_says_material_and_all():
     base = baseline(experiment, data)
     (score,) = Screen.of(base, data, ["drift"], PRIORS).scores(base.residual)
     unknowns, starts, known = linear_starts([score], PRIORS)
-    (found,) = together([fit(unknowns, data, starts, 8, known)], data)
+    (found,) = together([fit(unknowns, data, starts, 8, known)])
     predictions = data.predict([unknowns.trial(start) for start in starts])
     residuals = data.residuals(predictions).T
     energies = [0.5 * r @ r + unknowns.prior_energy(s) for r, s in zip(residuals, starts, strict=True)]

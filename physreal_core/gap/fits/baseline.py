@@ -12,6 +12,7 @@ from physreal_core.errors import InputError
 from physreal_core.gap.fits.evidence import Evidences
 from physreal_core.gap.fits.least_squares import Data, Fit, fit, together
 from physreal_core.gap.fits.unknowns import Unknowns
+from physreal_core.gap.fits.whitening import rewhitened
 from physreal_core.gap.interactions.interaction import Interaction, Trial
 from physreal_core.gap.noise.measurements import Measurements
 from physreal_core.gap.settings import GapSettings
@@ -58,12 +59,12 @@ def fit_baseline(
     progress("baseline with the numerical error of reruns")
     measurements = Measurements.around(experiments, unknowns.trial(start), settings)
     measurements = measurements.with_learnt_correlations()
-    converged = _settled(unknowns, start, measurements, 0)
+    (converged,) = together([fit(unknowns, measurements.train, start[None], 0)])
     for _ in range(ROUNDS):
-        known, left = measurements.size, Evidences(measurements, settings).of(converged).size
-        measurements = measurements.beside_error(left)
-        converged = _settled(unknowns, converged.vector, measurements, settings.settling)
-        if abs(np.log(measurements.size / known)) < LIKE:
+        known = measurements
+        measurements = known.beside_error(Evidences(known, settings).of(converged).size)
+        converged = _settled(converged, known, measurements, settings.settling)
+        if abs(np.log(measurements.size / known.size)) < LIKE:
             break
     if not np.isfinite(converged.energy):
         raise InputError(
@@ -74,9 +75,12 @@ def fit_baseline(
     return converged, measurements
 
 
-def _settled(unknowns: Unknowns, start: Array, measurements: Measurements, iterations: int) -> Fit:
-    (found,) = together([fit(unknowns, measurements.train, start[None], iterations)], measurements.train)
-    return found
+def _settled(found: Fit, known: Measurements, measurements: Measurements, iterations: int) -> Fit:
+    """A fit to some measurements that goes on beside another error."""
+    begun = rewhitened(found, known.train, measurements.train)
+    request = fit(found.unknowns, measurements.train, found.vector[None], iterations, [begun.jacobian])
+    (converged,) = together([request])
+    return converged
 
 
 def unknown_scalars(experiment: Interaction, settings: GapSettings) -> tuple[str, ...]:
@@ -100,7 +104,7 @@ def _without_reruns(
     found, data = _from_a_fit(experiments, unknowns, settings, progress)
     uniform = min((fit for fit in found if fit.unknowns is not unknowns), key=lambda fit: fit.energy)
     progress("baseline with contrast between its patches")
-    found += together([fit(unknowns, data, uniform.vector[None], settings.settling, [uniform.jacobian])], data)
+    found += together([fit(unknowns, data, uniform.vector[None], settings.settling, [uniform.jacobian])])
     return min((fit for fit in found if fit.unknowns is unknowns), key=lambda fit: fit.energy).vector
 
 
@@ -114,7 +118,7 @@ def _from_a_fit(
         progress(f"baseline over {100 * share:.0f} % of the training frames")
         data = Measurements.around(experiments, unknowns.trial(free), settings, share, reruns=False).train
         pair = (unknowns, free), (without_contrast, uniform)
-        found = together([fit(u, data, v[None], settings.baseline_iterations) for u, v in pair], data)
+        found = together([fit(u, data, v[None], settings.baseline_iterations) for u, v in pair])
         free, uniform = (fit.vector for fit in found)
     return found, data
 
@@ -149,7 +153,7 @@ def _from_a_guess(
     data = Measurements.around(experiments, unknowns.trial(vectors[minima[0]]), settings, reruns=False).train
     without_contrast = unknowns.without_contrast()
     starts = [vectors[place][None] for place in minima]
-    return together([fit(without_contrast, data, start, settings.settling) for start in starts], data)
+    return together([fit(without_contrast, data, start, settings.settling) for start in starts])
 
 
 def local_minima(energies: Float[Array, "moduli frictions"]) -> list[tuple[int, int]]:

@@ -134,7 +134,7 @@ class CandidateFits:
             ]
             for name, scores in zip(alone, chosen, strict=True)
         ]
-        found = iter(together([request for own in requests for request in own], self.quick))
+        found = iter(together([request for own in requests for request in own]))
         return self._in_full([max((next(found) for _ in own), key=lambda fit: fit.log_evidence) for own in requests])
 
     def alone(self, two: Fit) -> list[Fit]:
@@ -146,7 +146,7 @@ class CandidateFits:
             kept = np.r_[: own.baseline, own.places[name]]
             start = two.vector[kept][None]
             requests.append(fit(unknowns, self.quick, start, self.settings.iterations, [two.jacobian[:, kept]]))
-        return self._in_full(together(requests, self.quick))
+        return self._in_full(together(requests))
 
     def look_alikes(self, best: Fit, names: Sequence[str] | None = None) -> list[Fit]:
         """Fits of effects that act through the same term as a single one, at scale and beside its material.
@@ -162,23 +162,23 @@ class CandidateFits:
         if not related:
             return []
         starts = [*self._at_scale(related), *self._in_place_of(best, related)]
-        return self._in_full(together([*self._from_the_closest(starts, best).values()], self.quick))
+        return self._in_full(together([*self._from_the_closest(starts, best).values()]))
 
     def converged(self, fits: Sequence[Fit]) -> list[Fit]:
         """The fits continued until they converge, each also from the material of every other one if that is better."""
         materials = [*fits, *(screen.baseline for screen in self.screens)]
         if self.quick is self.data:
             steps = self.settings.settling
-            return together([self._from_materials(found, materials, self.data, steps) for found in fits], self.data)
-        chosen = together([self._from_materials(found, materials, self.quick, 0) for found in fits], self.quick)
-        settled = together([self._continued(own, self.settings.settling) for own in chosen], self.data)
+            return together([self._from_materials(found, materials, self.data, steps) for found in fits])
+        chosen = together([self._from_materials(found, materials, self.quick, 0) for found in fits])
+        settled = together([self._continued(own, self.settings.settling) for own in chosen])
         return [max(pair, key=lambda fit: fit.log_evidence) for pair in zip(fits, settled, strict=True)]
 
     def _in_full(self, fits: Sequence[Fit]) -> list[Fit]:
         """Fits that quick rollouts have brought near an optimum, with a few steps in full ones."""
         if self.quick is self.data:
             return list(fits)
-        return together([self._continued(own, IN_FULL) for own in fits], self.data)
+        return together([self._continued(own, IN_FULL) for own in fits])
 
     def _continued(self, own: Fit, steps: int) -> Request:
         """A fit that goes on in full rollouts, with the tangents that it has."""
@@ -298,7 +298,7 @@ def _uniform_fit(baseline: Fit, data: Data, iterations: int) -> Fit:
     """The best baseline with one modulus for all patches, as a point of the fitted one's unknowns."""
     own = baseline.unknowns
     start = own.with_uniform_modulus(baseline.vector)[None]
-    (found,) = together([fit(own.without_contrast(), data, start, iterations, [baseline.jacobian])], data)
+    (found,) = together([fit(own.without_contrast(), data, start, iterations, [baseline.jacobian])])
     energy = 0.5 * float(found.residual @ found.residual) + own.prior_energy(found.vector)
     return replace(found, unknowns=own, energy=energy if np.isfinite(found.energy) else np.inf)
 

@@ -37,10 +37,12 @@ class Request:
 
     Args:
         unknowns: what is fitted.
+        data: what it is fitted to.
         steps: yields trials, is sent their predictions, and returns the fit.
     """
 
     unknowns: Unknowns
+    data: Data
     steps: Steps
 
 
@@ -185,7 +187,7 @@ def fit(
         jacobians: whitened tangents of the first unknowns near each start, where they are known.
 
     """
-    return Request(unknowns, _steps(unknowns, data, starts, iterations, jacobians))
+    return Request(unknowns, data, _steps(unknowns, data, starts, iterations, jacobians))
 
 
 def _steps(
@@ -317,13 +319,15 @@ def _finite(columns: Array) -> Array:
     return np.where(np.isfinite(columns).all(0), columns, 0.0)
 
 
-def together(requests: Sequence[Request], data: Data) -> list[Fit]:
-    """Run fits to the same data in lockstep: in each round, the trials of all fits are one batch per interaction."""
-    first = [next(request.steps) for request in requests]
+def together(requests: Sequence[Request]) -> list[Fit]:
+    """Run fits to the same frames of the same interactions in lockstep: in each round, the trials of all fits are one batch
+    per interaction. Their noise models may differ."""
+    first, data = [next(request.steps) for request in requests], requests[0].data
+    noises = {id(noise): noise for request in requests for noise in request.data.noises}
     arrays = remembered(
         "fits",
         lambda: [
-            *(n.variances for n in data.noises),
+            *(noise.variances for noise in noises.values()),
             *(v for trials in first for trial in trials for v in trial.told()),
         ],
         {key: shape for n, r in enumerate(requests) for key, shape in _shapes(n, r.unknowns, data).items()},

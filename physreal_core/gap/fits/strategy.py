@@ -165,7 +165,7 @@ class Strategy:
         best = sorted(self.found.values(), key=self.gain, reverse=True)[: self.settings.finalists]
         self._progress("finishing " + ", ".join("+".join(fit.unknowns.effects) for fit in best))
         steps = self.settings.settling
-        self.found |= {f.unknowns.effects: finished(f, self.measurements, self.evidences, steps) for f in best}
+        self.found |= {f.unknowns.effects: f for f in finished(best, self.measurements, self.evidences, steps)}
 
     # --- two at once --------------------------------------------------------------------------------------------
 

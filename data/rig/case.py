@@ -3,6 +3,7 @@
 import dataclasses
 import json
 import shutil
+from collections.abc import Mapping
 from dataclasses import dataclass, replace
 from functools import cached_property
 from pathlib import Path
@@ -27,6 +28,10 @@ from data.rig.visibility import visibility
 from physreal_core.array_types import Array
 
 TRUTH = "case.json"  # what the rig knows of a case, beside its captures
+STROKES = (1.0, 0.7, 0.5, 0.35, 0.25)
+"""How long in space a motion's strokes are, over what is written: as long as nothing is crushed."""
+
+CRUSHED = 0.002  # of the body's volume at most; an element at the edge of the hold says nothing of the body
 _SPREAD = 0.15  # amplitudes of one strength differ between seeds by up to this share
 
 
@@ -120,16 +125,20 @@ def make_case(case: Case, destination: Path, *, video: bool) -> None:
     destination = Path(destination)
     draft = destination.with_name(destination.name + ".partial")
     shutil.rmtree(draft, ignore_errors=True)
-    for motion in case.session.motions:
-        record_motion(case, motion, draft / motion, video=video)
-    (draft / TRUTH).write_text(json.dumps(told(case), indent=1) + "\n")
+    strokes = {motion: record_motion(case, motion, draft / motion, video=video) for motion in case.session.motions}
+    (draft / TRUTH).write_text(json.dumps(told(case, strokes), indent=1) + "\n")
     shutil.rmtree(destination, ignore_errors=True)
     draft.rename(destination)
 
 
-def told(case: Case) -> dict[str, Any]:
-    """What `case.json` holds, as plain values: `values` are the true coefficients by effect; `visible` in metres, by motion."""
-    session = case.session
+def told(case: Case, strokes: Mapping[str, float]) -> dict[str, Any]:
+    """What `case.json` holds, as plain values: `values` are the true coefficients by effect; `visible` in metres, by motion.
+
+    Args:
+        case: what was recorded.
+        strokes: how long in space the strokes of its motions were, over what is written.
+    """
+    session = replace(case.session, strokes=strokes)
     return {
         "effect": case.effect,
         "strength": case.strength,
@@ -140,29 +149,51 @@ def told(case: Case) -> dict[str, Any]:
         "held_out": session.held_out,
         "fps": session.fps,
         "seconds": {motion: session.frames(motion)[0] / session.fps for motion in session.motions},
+        "strokes": dict(strokes),
         "unknowns": dataclasses.asdict(session.unknowns),
         "values": {name: effect.values() for name, effect in case.effects.items()},
         "visible": visibility(case.specimen, session, case.hidden),
     }
 
 
-def record_motion(case: Case, motion: str, folder: Path, *, video: bool) -> None:
+def record_motion(case: Case, motion: str, folder: Path, *, video: bool) -> float:
     """Writes the capture of one motion of a case into `folder`, which is made where it is not there.
+
+    Returns how long in space the strokes of the motion are, over what is written.
 
     Args:
         case: what to hide.
         motion: one of `motions.MOTIONS`.
         folder: of the capture.
         video: RGB-D; otherwise tracks alone.
+
+    Raises:
+        RuntimeError: the body is crushed however small the strokes are.
     """
-    scene, seed = case.scene(motion), [case.seed, 20 + list(MOTIONS).index(motion)]
-    trajectory = run(scene, case.hidden)
+    strokes, scene, trajectory = _uncrushed(case, motion)
+    seed = [case.seed, 20 + list(MOTIONS).index(motion)]
     folder.mkdir(parents=True, exist_ok=True)
     if video:
         truth, stated = _hidden_truth(case) | {"density": scene.material.density}, as_stated(scene, case.session)
         film(stated, trajectory, folder, seed=seed, hidden=case.hidden, further_truth=truth, hint="box")
     else:
         _write_tracks(folder, scene, trajectory, case, np.random.default_rng(seed))
+    return strokes
+
+
+def _uncrushed(case: Case, motion: str) -> tuple[float, RigScene, Trajectory]:
+    """The longest of `STROKES` under which the body is not crushed, the scene with them, and what happens in it.
+
+    Shaken near its own frequency, which nothing damps, a body swings until its elements turn inside out. No person does that.
+    """
+    for strokes in STROKES:
+        scene = case.specimen.scene(motion, replace(case.session, strokes={motion: strokes}))
+        trajectory = run(scene, case.hidden)
+        if trajectory.crushed() <= CRUSHED:
+            return strokes, scene, trajectory
+    raise RuntimeError(
+        f"{case.body}, {case.effect}, {motion}, seed {case.seed}: crushed even at {strokes} times the strokes"
+    )
 
 
 def _write_tracks(

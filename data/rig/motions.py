@@ -75,6 +75,11 @@ UPPER_HALF = ("press_drag",)
 """Motions in which the hand holds the upper half of its end alone, so that the lower half gives."""
 
 
+def shrunk(motion: Motion, share: float) -> Motion:
+    """The same path, its strokes `share` times as long in space."""
+    return Motion(tuple((start, end, tuple(share * w for w in way)) for start, end, way in motion.strokes))
+
+
 def paced(motion: Motion, share: float) -> Motion:
     """The same path, its strokes `share` times as long in time."""
     return Motion(tuple((share * start, share * end, way) for start, end, way in motion.strokes))

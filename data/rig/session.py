@@ -57,6 +57,7 @@ class Session:
         fps: frames per second.
         seconds: length of each recording, by motion; two seconds where nothing is said.
         unknowns: what is off.
+        strokes: how long in space a motion's strokes are, over what is written; one where nothing is said.
     """
 
     seen: tuple[str, ...] = ("lift_swing", "press_drag")
@@ -64,6 +65,7 @@ class Session:
     fps: float = 30.0
     seconds: Mapping[str, float] = field(default_factory=lambda: MappingProxyType({}))
     unknowns: Unknowns = Unknowns()
+    strokes: Mapping[str, float] = field(default_factory=lambda: MappingProxyType({}))
 
     @property
     def motions(self) -> tuple[str, ...]:

@@ -12,7 +12,7 @@ import numpy as np
 
 from data.rig.bodies import BODIES, Body
 from data.rig.hidden.effect import NOTHING, Hidden
-from data.rig.motions import MOTIONS, UPPER_HALF, paced
+from data.rig.motions import MOTIONS, UPPER_HALF, paced, shrunk
 from data.rig.rig_scene import Material, RigScene, View, mitten
 from data.rig.session import PLAIN, Session
 from data.rig.shapes import RoundedShape
@@ -46,6 +46,7 @@ class Specimen:
         """It in one of the `MOTIONS`, filmed as the session says; size and direction of the motion follow from the seed."""
         path = np.random.default_rng([self.seed, 1 + list(MOTIONS).index(motion)])
         frames, observed = session.frames(motion)
+        written = shrunk(MOTIONS[motion](path), session.strokes.get(motion, 1.0))
         body, end = self.body, self.body.upper[0]
         return RigScene(
             name=motion,
@@ -53,7 +54,7 @@ class Specimen:
             body=body.shape,
             hand=mitten((float(end) - body.held / 2, 0.0, 0.7 * float(body.upper[2])), (0.75, 0.3, 0.6)),
             grasp=body.grasp(float(body.upper[2]) / 2 if motion in UPPER_HALF else -1.0),
-            motion=paced(MOTIONS[motion](path), session.pace(motion)),
+            motion=paced(written, session.pace(motion)),
             material=self.material,
             view=View(eye=(-0.05, -0.75, 0.45), target=(0.0, 0.0, 0.09), focal=420.0),
             mesh_spacing=SPACING * (ROUNDED if isinstance(body.shape, RoundedShape) else 1.0),

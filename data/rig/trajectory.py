@@ -4,8 +4,10 @@ from dataclasses import dataclass, field
 
 import numpy as np
 
-from data.rig.mesh import TetMesh
+from data.rig.mesh import TetMesh, tet_volumes
 from physreal_core.array_types import Array, Float, Int
+
+CRUSHED = 0.3  # of its volume; St. Venant-Kirchhoff resists compression no more, and lets an element turn inside out
 
 
 @dataclass(frozen=True)
@@ -25,6 +27,12 @@ class Trajectory:
     hand: Float[Array, "T 3"]
     gripped: Int[Array, " B"]
     others: Float[Array, "T A 3"] = field(default_factory=lambda: np.zeros((0, 0, 3)))
+
+    def crushed(self) -> float:
+        """Largest share of the body's volume that is crushed in one frame."""
+        rest = self.mesh.volumes()
+        left = (tet_volumes(vertices, self.mesh.tets) < CRUSHED * rest for vertices in self.vertices)
+        return max(float(rest[own].sum()) for own in left) / float(rest.sum())
 
     def others_at(self, frame: int) -> Float[Array, "A 3"]:
         """Displacement of the further hands at a frame [m]; none where there are none."""

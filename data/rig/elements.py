@@ -3,7 +3,7 @@
 A body is held as it is to be lifted and loaded by its weight along each axis, at small strain. A modulus of one's own takes up
 the mean stiffness, so what counts is what remains after the best scale: the share of the displacement that is of another shape.
 
-    python -m benchmarks.rig_elements
+    python -m data.rig.elements
 """
 
 from dataclasses import dataclass

@@ -96,9 +96,9 @@ class Case:
         """All of them at once."""
         return Together(tuple(self.effects.values()))
 
-    def scene(self, motion: str) -> RigScene:
-        """As it truly is but for the effect."""
-        return self.specimen.scene(motion, self.session)
+    def scene(self, motion: str, strokes: float = 1.0) -> RigScene:
+        """As it truly is but for the effect, with strokes of the hand that are so many times as long in space as written."""
+        return self.specimen.scene(motion, replace(self.session, strokes={motion: strokes}))
 
     def _effect(self, name: str, number: int) -> Hidden:
         make, random = maker(name), np.random.default_rng([self.seed, 10 + number])
@@ -187,7 +187,7 @@ def _uncrushed(case: Case, motion: str) -> tuple[float, RigScene, Trajectory]:
     Shaken near its own frequency, which nothing damps, a body swings until its elements turn inside out. No person does that.
     """
     for strokes in STROKES:
-        scene = case.specimen.scene(motion, replace(case.session, strokes={motion: strokes}))
+        scene = case.scene(motion, strokes)
         trajectory = run(scene, case.hidden)
         if trajectory.crushed() <= CRUSHED:
             return strokes, scene, trajectory

@@ -105,8 +105,8 @@ def test_video_shows_what_tracks_would(monkeypatch, tmp_path):
     pytest.importorskip("cv2")
     whole = Case.scene
 
-    def brief(own, motion):
-        scene = whole(own, motion)
+    def brief(own, motion, strokes=1.0):
+        scene = whole(own, motion, strokes)
         return replace(scene, frames=2, observed=1, view=replace(scene.view, width=80, height=60, focal=105.0))
 
     monkeypatch.setattr(Case, "scene", brief)

@@ -114,7 +114,7 @@ class World:
         hands = "".join(f'<body name="{hand}" mocap="true"/>' for hand, _ in holds)
         return f"""<mujoco>
       <option timestep="{self.timestep}" gravity="{_numbers(scene.gravity)}" solver="Newton" tolerance="1e-8"
-              integrator="{integrator}" cone="elliptic"/>
+              iterations="1000" integrator="{integrator}" cone="elliptic"/>
       <size memory="1G"/>
       <worldbody>
         <geom name="table" type="plane" size="2 2 .1" {friction}/>

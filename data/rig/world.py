@@ -14,6 +14,7 @@ from data.rig.thin import Cloth, Sheet, mesh_cloth
 from physreal_core.array_types import Array, Float, Int
 
 NODE_RADIUS = 0.0005  # [m] collision radius of a flex node
+FRICTION_IMPEDANCE = 100  # over that of contact; with 1, what friction holds creeps by a millimetre a second
 TOUCHING = 1e-6  # [m]; nodes in the surface of what the hand holds are held
 
 
@@ -114,7 +115,7 @@ class World:
         hands = "".join(f'<body name="{hand}" mocap="true"/>' for hand, _ in holds)
         return f"""<mujoco>
       <option timestep="{self.timestep}" gravity="{_numbers(scene.gravity)}" solver="Newton" tolerance="1e-8"
-              iterations="1000" integrator="{integrator}" cone="elliptic"/>
+              iterations="1000" integrator="{integrator}" cone="elliptic" impratio="{FRICTION_IMPEDANCE}"/>
       <size memory="1G"/>
       <worldbody>
         <geom name="table" type="plane" size="2 2 .1" {friction}/>

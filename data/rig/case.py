@@ -31,7 +31,7 @@ TRUTH = "case.json"  # what the rig knows of a case, beside its captures
 STROKES = (1.0, 0.7, 0.5, 0.35, 0.25)
 """How long in space a motion's strokes are, over what is written: as long as nothing is crushed."""
 
-CRUSHED = 0.002  # of the body's volume at most; an element at the edge of the hold says nothing of the body
+MOST_CRUSHED = 0.002  # of the body's volume at most; an element at the edge of the hold says nothing of the body
 _SPREAD = 0.15  # amplitudes of one strength differ between seeds by up to this share
 
 
@@ -189,7 +189,7 @@ def _uncrushed(case: Case, motion: str) -> tuple[float, RigScene, Trajectory]:
     for strokes in STROKES:
         scene = case.scene(motion, strokes)
         trajectory = run(scene, case.hidden)
-        if trajectory.crushed() <= CRUSHED:
+        if trajectory.crushed() <= MOST_CRUSHED:
             return strokes, scene, trajectory
     raise RuntimeError(
         f"{case.body}, {case.effect}, {motion}, seed {case.seed}: crushed even at {strokes} times the strokes"

@@ -10,9 +10,9 @@ from physreal_core.array_types import Array, Float
 from physreal_core.checkpoints import remembered
 from physreal_core.errors import InputError
 from physreal_core.gap.fits.evidence import Evidences
+from physreal_core.gap.fits.finishing import continued
 from physreal_core.gap.fits.least_squares import Data, Fit, fit, together
 from physreal_core.gap.fits.unknowns import Unknowns
-from physreal_core.gap.fits.whitening import rewhitened
 from physreal_core.gap.interactions.interaction import Interaction, Trial
 from physreal_core.gap.noise.measurements import Measurements
 from physreal_core.gap.settings import GapSettings
@@ -63,7 +63,7 @@ def fit_baseline(
     for _ in range(ROUNDS):
         known = measurements
         measurements = known.beside_error(Evidences(known, settings).of(converged).size)
-        converged = _settled(converged, known, measurements, settings.settling)
+        (converged,) = together([continued(converged, known.train, measurements.train, settings.settling)])
         if abs(np.log(measurements.size / known.size)) < LIKE:
             break
     if not np.isfinite(converged.energy):
@@ -73,14 +73,6 @@ def fit_baseline(
             expected="one that can be simulated to the last frame",
         )
     return converged, measurements
-
-
-def _settled(found: Fit, known: Measurements, measurements: Measurements, iterations: int) -> Fit:
-    """A fit to some measurements that goes on beside another error."""
-    begun = rewhitened(found, known.train, measurements.train)
-    request = fit(found.unknowns, measurements.train, found.vector[None], iterations, [begun.jacobian])
-    (converged,) = together([request])
-    return converged
 
 
 def unknown_scalars(experiment: Interaction, settings: GapSettings) -> tuple[str, ...]:

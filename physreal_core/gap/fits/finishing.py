@@ -5,9 +5,22 @@ from __future__ import annotations
 from collections.abc import Sequence
 
 from physreal_core.gap.fits.evidence import Evidences
-from physreal_core.gap.fits.least_squares import Fit, fit, together
+from physreal_core.gap.fits.least_squares import Data, Fit, Request, fit, together
 from physreal_core.gap.fits.whitening import rewhitened
 from physreal_core.gap.noise.measurements import Measurements
+
+
+def continued(found: Fit, known: Data, data: Data, steps: int) -> Request:
+    """A fit that goes on from where it is, with its tangents, beside another noise model.
+
+    Args:
+        found: the fit.
+        known: the measurements, with the noise models beside which it was made.
+        data: the same with others.
+        steps: largest number of further ones.
+    """
+    begun = rewhitened(found, known, data)
+    return fit(begun.unknowns, data, begun.vector[None], steps, [begun.jacobian])
 
 
 def finished(fits: Sequence[Fit], measurements: Measurements, evidences: Evidences, steps: int) -> list[Fit]:
@@ -21,12 +34,7 @@ def finished(fits: Sequence[Fit], measurements: Measurements, evidences: Evidenc
     """
     data = measurements.train
     own = [measurements.beside_error(evidences.of(found).size).train for found in fits]
-    begun = [rewhitened(found, data, theirs) for found, theirs in zip(fits, own, strict=True)]
-    requests = [
-        fit(found.unknowns, theirs, found.vector[None], steps, [found.jacobian])
-        for found, theirs in zip(begun, own, strict=True)
-    ]
-    converged = together(requests) if requests else []
+    converged = together([continued(found, data, theirs, steps) for found, theirs in zip(fits, own, strict=True)])
     following = [rewhitened(found, theirs, data) for found, theirs in zip(converged, own, strict=True)]
     return [
         later if evidences.gain(later, found) > 0.0 else found for later, found in zip(following, fits, strict=True)

@@ -322,6 +322,8 @@ def _finite(columns: Array) -> Array:
 def together(requests: Sequence[Request]) -> list[Fit]:
     """Run fits to the same frames of the same interactions in lockstep: in each round, the trials of all fits are one batch
     per interaction. Their noise models may differ."""
+    if not requests:
+        return []
     first, data = [next(request.steps) for request in requests], requests[0].data
     noises = {id(noise): noise for request in requests for noise in request.data.noises}
     arrays = remembered(

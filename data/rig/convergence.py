@@ -3,7 +3,7 @@
 A body is held as it is to be lifted and loaded by its weight along each axis, at small strain. A modulus of one's own takes up
 the mean stiffness, so what counts is what remains after the best scale: the share of the displacement that is of another shape.
 
-    python -m data.rig.elements
+    python -m data.rig.convergence
 """
 
 from dataclasses import dataclass
@@ -16,7 +16,7 @@ from scipy.spatial import cKDTree
 from data.rig.mesh import TetMesh, mesh_shape
 from data.rig.specimen import GUESS, SPACING, specimen
 from data.rig.world import TOUCHING
-from physreal_core.array_types import Array, Float
+from physreal_core.array_types import Array, Bool, Float
 
 BODIES = ("bar", "angle", "slab", "fork")
 SPACINGS = (0.011, SPACING, 0.0055)
@@ -39,7 +39,7 @@ class Row:
 def rows(body: str) -> list[Row]:
     """One body in all `SPACINGS`."""
     random = np.random.default_rng(0)
-    coarse = _mesh(body, SPACINGS[0])
+    coarse, _ = _mesh(body, SPACINGS[0])
     points = random.permutation(coarse.vertices[np.unique(coarse.faces)])[:POINTS]
     fine, found = _displacements(body, FINEST, points)[0], []
     for spacing in SPACINGS:
@@ -50,18 +50,19 @@ def rows(body: str) -> list[Row]:
     return found
 
 
-def _mesh(body: str, spacing: float) -> TetMesh:
+def _mesh(body: str, spacing: float) -> tuple[TetMesh, Bool[Array, " V"]]:
+    """A body, and which of its nodes the hand does not hold."""
     scene = specimen(body, SEED).scene("lift_swing")
-    return mesh_shape(scene.body, spacing, scene.grasp)
+    mesh = mesh_shape(scene.body, spacing, scene.grasp)
+    return mesh, scene.grasp.distance(mesh.vertices) >= TOUCHING
 
 
 def _displacements(body: str, spacing: float, points: Float[Array, "P 3"]) -> tuple[Float[Array, "3 P 3"], int]:
     """Of points under the weight along each axis, for a unit of modulus and of specific weight, and the number of nodes."""
-    mesh = _mesh(body, spacing)
-    free = specimen(body, SEED).scene("lift_swing").grasp.distance(mesh.vertices) >= TOUCHING
+    mesh, free = _mesh(body, spacing)
     unknown = np.flatnonzero(np.repeat(free, 3))
     stiffness = _stiffness(mesh)[unknown][:, unknown].tocsc()
-    loads = np.einsum("v,ak->vak", mesh.lumped_mass(1.0), np.eye(3)).transpose(0, 2, 1).reshape(-1, 3)
+    loads = np.kron(mesh.lumped_mass(1.0)[:, None], np.eye(3))
     moved = np.zeros((3 * len(free), 3))
     moved[unknown] = spsolve(stiffness, loads[unknown])
     moved = moved.reshape(-1, 3, 3).transpose(2, 0, 1)

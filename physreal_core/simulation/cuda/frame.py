@@ -8,6 +8,7 @@ import warp as wp
 
 from physreal_core.native import native_module
 from physreal_core.simulation.config import SimulationConfig
+from physreal_core.simulation.cuda.parts import LARGEST_GROUP, NODE_THREADS, WARP
 from physreal_core.simulation.layout import Structure
 from physreal_core.simulation.step_layout import LAWS_FOLDER, law_headers, layout_text, material_arguments, term_bits
 
@@ -18,6 +19,8 @@ FRAME = Structure(
     Index particles  of one rollout
     Index rollouts
     Index stride  P
+    Index threads  for the particles of a rollout (parts.py)
+    Index groups  of particles of a rollout
     Index nodes  of a rollout
     Index count:3  of them along x, y, z
     Index clamps
@@ -40,6 +43,11 @@ FRAME = Structure(
     # What a frame does not change
     const S* timing  dt, 1 / substeps, frame rate, share of the mean rate of deformation that a substep keeps
     const int* first  [1] number of the frame's first slot
+    const int* group  [particles] of each particle of a rollout
+    const int* following  [particles] others that come after it in the group
+    const int* lowest_node  [particles, 3] of its nodes, along x, y, z
+    const int* parts_begin  [nodes + 1] of each node
+    const int* parts_of  [] nodes, as places in `parts` of the first rollout
     const int* caller  [P] the caller's number of the particle within its rollout
     const S* constants  [constant_rows, P]
     const S* network_elastic  [R, weights]
@@ -59,7 +67,7 @@ FRAME = Structure(
     const S* grip_rest_length  [B]
     const S* controllers  [R, 4, points, 3], see laws/grip.h
 
-    # States by slot, and nodes: forces times dt, then free velocities, by slot; the velocities now and at the frame's start
+    # States by slot, and nodes: free velocities by slot; the velocities now and at the frame's start
     S* x  [slots, P, 3]
     S* v  [slots, P, 3]
     S* F  [slots, P, 3, 3]
@@ -70,17 +78,18 @@ FRAME = Structure(
     S* velocity  [R * nodes, 4]
     S* first_velocity  [R * nodes, 4]
     S* around  [R * nodes, 2] mass and volume of the particles
-    S* carry  [R * nodes, 4] adjoints of velocity and mass, and what else nodes sum up between frames
+    S* parts  [27, R * groups, 4] that groups of particles leave at their nodes
+    S* carry  [R * nodes, 4] adjoints of velocity and mass
     Index* report  [R] see report.h
 
-    # Adjoints: of the state where the backward pass stands, of the nodes by turns, and those that grow
+    # Adjoints: of the state where the backward pass stands, of the nodes, and those that grow
     S* x_bar  [P, 3]
     S* v_bar
     S* F_bar  [P, 3, 3]
     S* shape_bar
     S* rate_bar
     S* branches_bar  [P, B, 3, 3]
-    S* node_bar  [2, R * nodes, 4]
+    S* node_bar  [R * nodes, 4]
     S* bars  [bar_rows, P]
     S* network_elastic_bar  [R * weight_rows, weights]
     S* network_plastic_bar
@@ -89,14 +98,14 @@ FRAME = Structure(
     S* controllers_bar  [R, 4, points, 3]
     """,
 )
-INTEGERS = wp.types.vector(5, wp.int32)
+INTEGERS = wp.types.vector(4, wp.int32)
 HALVES = ((True, True), (True, False), (False, True))
 """Arriving, leaving."""
 
 
 @functools.cache
 def step_kernels(config: SimulationConfig, gripped: bool, led: bool | None) -> SimpleNamespace:
-    """Kernels of a configuration; each takes up to five integers and the frame, as so many bytes.
+    """Kernels of a configuration; each takes up to four integers and the frame, as so many bytes.
 
     Args:
         config: laws, residuals, terms and scalar type.
@@ -108,7 +117,8 @@ def step_kernels(config: SimulationConfig, gripped: bool, led: bool | None) -> S
     flags = (_cpp(bool(config.terms)), term_bits(config.terms), _cpp(config.shaped), _cpp(gripped), _cpp(bool(led)))
     arguments = ", ".join([scalar, *map(str, flags), material_arguments(config)])
     name = "".join(c if c.isalnum() else "_" for c in arguments.replace("physreal::", ""))
-    text = f'#include "number.h"\n{layout_text(FRAME)}{law_headers(config)}'
+    sizes = f"constexpr int WARP = {WARP}, LARGEST_GROUP = {LARGEST_GROUP}, NODE_THREADS = {NODE_THREADS};\n"
+    text = f'#include "number.h"\n{layout_text(FRAME)}namespace physreal {{\n{sizes}}}\n{law_headers(config)}'
     module = native_module(
         f"physreal_rollouts_{'forward' if led is None else 'backward'}_{name}",
         Path(__file__).parent / "step.h",
@@ -147,8 +157,8 @@ def step_kernels(config: SimulationConfig, gripped: bool, led: bool | None) -> S
     return SimpleNamespace(
         Frame=frame_type,
         **{name: kernel(name, name, 0) for name in ("give_mass", "weigh", "start")},
-        update=kernel("update", "update", 2),
-        forward=halves("forward", 5),
+        update=kernel("update", "update", 1),
+        forward=halves("forward", 4),
     )
 
 

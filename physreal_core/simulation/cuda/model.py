@@ -10,8 +10,9 @@ from physreal_core.array_types import Tensor
 from physreal_core.simulation.body import Body, Clamp, Grip, PointLoad, load_forces
 from physreal_core.simulation.config import SimulationConfig
 from physreal_core.simulation.cuda.frame import FRAME
+from physreal_core.simulation.cuda.parts import Parts, threads_of
 from physreal_core.simulation.grip_inertia import GripInertia
-from physreal_core.simulation.lattice import held_boxes, lattice_of
+from physreal_core.simulation.lattice import Lattice, base_nodes, held_boxes, lattice_of
 from physreal_core.simulation.parameters import Parameters
 from physreal_core.simulation.particle_rows import NODE_SUMS, NUMBERS, PARTICLE_SUMS, ParticleRows
 from physreal_core.simulation.stepper import state_shapes
@@ -94,8 +95,20 @@ class BodyModel:
         self.velocity = self._give("velocity", self._zeros(rows, 4))
         self.first_velocity = self._give("first_velocity", self._zeros(rows, 4))
         self._give("around", self._zeros(rows, 2))
+        self._parts(body, lattice)
         self._timing = self._give("timing", self._zeros(4))
         self._gravity = self._give("gravity", self._numbers(np.array([config.gravity] * self.rollouts)))
+
+    def _parts(self, body: Body, lattice: Lattice) -> None:
+        """What particles leave at their nodes."""
+        lowest = base_nodes(body.x0, lattice)[lattice.order(body.x0)]
+        parts = Parts.of(lowest, lattice)
+        self.frame["threads"], self.frame["groups"] = threads_of(self.particles), parts.groups
+        of_nodes = parts.which * self.rollouts * parts.groups + parts.of_nodes
+        given = {"group": parts.group, "following": parts.following, "lowest_node": lowest.ravel()}
+        for name, values in (given | {"parts_begin": parts.begin, "parts_of": of_nodes}).items():
+            self._give(name, torch.as_tensor(values.astype(np.int32), device=self.device))
+        self._give("parts", self._zeros(27, self.rollouts * parts.groups, 4))
 
     def _bonds(self, body: Body, grip: Grip | None) -> None:
         self.gripped = grip is not None and len(grip.particles) > 0
@@ -149,7 +162,7 @@ class BodyModel:
         count = self.rollouts * self.particles
         sizes = self.state_shapes.items()
         self.state_bars = {name: self._give(f"{name}_bar", self._zeros(count, *size)) for name, size in sizes}
-        self._give("node_bar", self._zeros(2, len(self.velocity), 4))
+        self._give("node_bar", torch.zeros_like(self.velocity))
         self.carry = self._give("carry", torch.zeros_like(self.velocity))
         self._node_sums = self._give("node_sums", self._zeros(NODE_SUMS.count, len(self.velocity)))
         self._bars = self._give("bars", self._zeros(self._rows.bar_count, count))

@@ -2,9 +2,10 @@
 // in one.
 //
 // Slots count from the frame's first one, `first[0]`, so that one CUDA graph serves every frame that is kept. A slot of
-// `free` takes the forces times dt of a substep, and becomes the free velocities.
+// `free` takes the free velocities of a substep.
 #pragma once
 #include "nodes.h"
+#include "parts.h"
 #include "report.h"
 #include "vec4.h"
 
@@ -18,10 +19,9 @@ class NodeOfRollout {
     NodePhase<S> phase_;
 
     Vec4<S>& at(S* grid) const { return reinterpret_cast<Vec4<S>*>(grid)[n_]; }
-    Vec4<S>& in_slot(S* grids, Index slot) const {
-        return reinterpret_cast<Vec4<S>*>(grids)[slot * f_.rollouts * f_.nodes + n_];
+    Vec4<S>& free(int slot) const {
+        return reinterpret_cast<Vec4<S>*>(f_.free)[Index(f_.first[0] + slot) * f_.rollouts * f_.nodes + n_];
     }
-    Vec4<S>& free(int slot) const { return in_slot(f_.free, f_.first[0] + slot); }
 
     Around<S> around() const { return {f_.around[2 * n_], f_.around[2 * n_ + 1]}; }
     bool held() const {
@@ -45,10 +45,8 @@ public:
                   f.touching,  f.friction[rollout_], TERMS & term::friction_law ? f.friction_law + 3 * rollout_ : nullptr};
     }
 
-    // What is around the node: the sum stands in `carry`, which is zero before and after.
-    void weigh() const {
-        const Vec4<S> sum = at(f_.carry);
-        at(f_.carry) = {};
+    // What is around the node. sum: that the particles have left (parts.h), here and below.
+    void weigh(const Vec4<S>& sum) const {
         f_.around[2 * n_] = held() ? S(0) : sum[0];
         f_.around[2 * n_ + 1] = sum[1];
     }
@@ -56,49 +54,43 @@ public:
     // --- forward
 
     void start() const {
-        free(0) = {};
         at(f_.first_velocity) = at(f_.velocity);
         if (n_ < f_.rollouts) f_.report[n_] = NOT_FAILED;
     }
 
-    void update(int slot, int cleared_slot) const {
-        const Vec4<S> velocity = phase_.free(at(f_.velocity), free(slot), around());
+    void update(const Vec4<S>& sum, int slot) const {
+        const Vec4<S> velocity = phase_.free(at(f_.velocity), sum, around());
         free(slot) = velocity;
         at(f_.velocity) = phase_.velocity(velocity, around());
-        free(cleared_slot) = {};
     }
 
     // --- adjoint
 
     // slot: the substep whose forces' adjoint is asked for (arriving); the velocities are those before it (leaving). The
-    // adjoint of the nodes' velocity becomes that of the forces times dt; rows by turns. `carry` holds what later
-    // substeps give to the velocity, and the masses' adjoint, which grows.
-    void turn(int slot, int arriving, int leaving) const {
+    // adjoint of the nodes' velocity, which the particles have left, becomes that of the forces times dt. `carry` holds what
+    // later substeps give to the velocity, and the masses' adjoint, which grows.
+    void turn(const Vec4<S>& sum, int slot, int arriving, int leaving) const {
         if (arriving) {
             const Vec4<S> before = velocity_before(slot), carried = at(f_.carry);
-            Vec4<S>& node_bar = in_slot(f_.node_bar, slot % 2);
             FrictionBar<S> friction_bar = {};
-            const auto found = phase_.adjoint(before, free(slot), around(), carried + node_bar, friction_bar);
+            const auto found = phase_.adjoint(before, free(slot), around(), carried + sum, friction_bar);
             const Vec4<S>& bar = found.free;
             const S share = around().mass > f_.mass_floor ? 1 / around().mass : S(0);
             at(f_.carry) = {{bar[0], bar[1], bar[2], carried[3] + found.mass}};
-            node_bar = {{share * bar[0], share * bar[1], share * bar[2], bar[3]}};
+            at(f_.node_bar) = {{share * bar[0], share * bar[1], share * bar[2], bar[3]}};
             add(node_sum::friction_coefficient, friction_bar.dynamic);
             for (int d = 0; d < 3; ++d) {
                 if (INPUTS) add(node_sum::gravity + d, phase_.dt * bar[d]);
                 if (TERMS & term::friction_law) add(node_sum::friction_law + d, friction_bar.law[d]);
             }
         }
-        if (leaving) {
-            at(f_.velocity) = velocity_before(slot);
-            in_slot(f_.node_bar, (slot + 1) % 2) = {};
-        }
+        if (leaving) at(f_.velocity) = velocity_before(slot);
     }
 
-    // Moves the masses' adjoint into the first row of node_bar.
+    // Moves the masses' adjoint into node_bar.
     void settle() const {
         Vec4<S>& bar = at(f_.carry);
-        in_slot(f_.node_bar, 0) = {{0, 0, 0, bar[3]}};
+        at(f_.node_bar) = {{0, 0, 0, bar[3]}};
         bar[3] = 0;
     }
 };

@@ -15,22 +15,33 @@
 
 namespace physreal {
 
+// to += value, from many threads.
+template <class S>
+inline void add_atomically(S* to, S value) {
+#if defined(__CUDA_ARCH__)
+    atomicAdd(to, value);
+#else
+    *to += value;
+#endif
+}
+
 // INPUTS: whether masses and forces have adjoints; TERMS: bits of the optional laws in use; SHAPED: whether the body's own
 // shape may differ from that on the grid (shape.h); LED: whether the controller points have adjoints.
 template <class S, bool INPUTS, Index TERMS, bool SHAPED, bool GRIPPED, bool LED, class Material>
 class ParticleOfRollout {
     const Frame<S>& f_;
-    const int p_, rollout_;  // number among all, and its rollout
+    const int own_, p_, rollout_;  // number in its rollout, number among all, and the rollout
     const S dt_, per_metre_;  // cells per metre
     Material material_;
     static constexpr bool VISCOUS = TERMS & term::viscosity, FLOWS = Material::flows;
     static constexpr int BRANCHES = branches_of(TERMS);
 
 public:
-    ParticleOfRollout(const Frame<S>& f, int p)
+    ParticleOfRollout(const Frame<S>& f, int rollout, int own)
         : f_(f),
-          p_(p),
-          rollout_(p / int(f.particles)),
+          own_(own),
+          p_(rollout * int(f.particles) + own),
+          rollout_(rollout),
           dt_(f.timing[0]),
           per_metre_(1 / f.cell),
           material_(material_arrays<INPUTS>(f, f.timing[0], f.timing[1],
@@ -42,17 +53,17 @@ public:
     // Mass and volume to the nodes.
     void give_mass() const {
         const Vec3<S> q = {{constant(constant::mass), constant(constant::volume), 0}};
-        Field<S>(q, S(0), {}).scatter(grid(f_.carry, 0), place());
+        leave(Field<S>(q, S(0), {}));
     }
 
     // substep: of the state that is scattered or checked. `slot_next` may be `slot`.
     template <bool ARRIVING, bool LEAVING>
-    void forward(int substep, int slot, int slot_next, int grid_slot, int keep) {
+    void forward(int substep, int slot, int slot_next, int keep) {
         const Index now = place_in(slot), after = place_in(slot_next);
         Vec3<S> x = get3(f_.x, now), v;
         Mat3<S> F = get9(f_.F, now), B = shape_at(now), rate = rate_at(now);
         if constexpr (ARRIVING) {
-            const Derivatives<S> moved(grid(f_.velocity, 0), place());
+            const Derivatives<S> moved(grid(f_.velocity), place());
             v = three(moved.value);
             x = x + dt_ * v;
             const ShapeOnGrid<SHAPED, S> on_grid(F, B);
@@ -79,7 +90,7 @@ public:
             v = get3(f_.v, now);
         }
         if constexpr (LEAVING)
-            scatter_forces(substep, grid_slot, after, x, v, F, B, rate);
+            scatter_forces(substep, after, x, v, F, B, rate);
         else if (!finite(dot(x, x) + dot(v, v) + dot(F, F)))
             fail(substep);
     }
@@ -87,7 +98,10 @@ public:
     template <bool ARRIVING, bool LEAVING>
     void backward(int slot) {
         const Index now = place_in(slot);
-        if (!finite(f_.x[3 * now])) return;  // of a rollout that has failed
+        if (!finite(f_.x[3 * now])) {  // of a rollout that has failed
+            if constexpr (LEAVING) leave(Field<S>({}, S(0), {}));
+            return;
+        }
         Vec3<S> x_bar = get3(f_.x_bar, p_), v_bar = {};
         Mat3<S> F_bar = get9(f_.F_bar, p_), B_bar = {}, rate_bar = {};
         if constexpr (SHAPED) B_bar = get9(f_.shape_bar, p_);
@@ -97,7 +111,7 @@ public:
         else
             v_bar = get3(f_.v_bar, p_);
         if constexpr (LEAVING)
-            velocity_adjoint(slot, place_in(slot - 1), x_bar, v_bar, F_bar, B_bar, rate_bar);
+            velocity_adjoint(place_in(slot - 1), x_bar, v_bar, F_bar, B_bar, rate_bar);
         else
             put(f_.v_bar, p_, v_bar);
         if constexpr (SHAPED) put(f_.shape_bar, p_, B_bar);
@@ -111,7 +125,7 @@ public:
         if constexpr (INPUTS)
             if (finite(f_.x[3 * place_in(0)]))
                 f_.bars[(bar::COUNT + input::mass) * f_.stride + p_] +=
-                    Derivatives<S>(grid(f_.node_bar, 0), place()).value[3];
+                    Derivatives<S>(grid(f_.node_bar), place()).value[3];
     }
 
 private:
@@ -130,12 +144,13 @@ private:
     }
     Place<S> place() const {
         const Vec3<S> x = {{constant(constant::place), constant(constant::place + 1), constant(constant::place + 2)}};
-        return Place<S>(x, f_.offset, per_metre_, f_.count);
+        return Place<S>(x, f_.lowest_node + 3 * own_, f_.offset, per_metre_, f_.count);
     }
-    // The rollout's first node in a slot of grids.
-    Vec4<S>* grid(S* grids, int slot) const {
-        return reinterpret_cast<Vec4<S>*>(grids) + (Index(slot) * f_.rollouts + rollout_) * f_.nodes;
+    // The rollout's first node.
+    const Vec4<S>* grid(const S* grids) const {
+        return reinterpret_cast<const Vec4<S>*>(grids) + Index(rollout_) * f_.nodes;
     }
+    void leave(const Field<S>& field) const { field.scatter(Parts<S>(f_, rollout_, own_), place()); }
 
     static Vec3<S> get3(const S* from, Index i) {
         from += 3 * i;
@@ -250,18 +265,15 @@ private:
     }
 
     // dt f w, and - dt V P grad w with P the stress on the grid's areas.
-    void scatter_forces(int substep, int grid_slot, Index now, const Vec3<S>& x, const Vec3<S>& v, const Mat3<S>& F,
+    void scatter_forces(int substep, Index now, const Vec3<S>& x, const Vec3<S>& v, const Mat3<S>& F,
                         const Mat3<S>& B, const Mat3<S>& rate) {
         const At at = {*this, now, x, v, rate};
         const Mat3<S> P = ShapeOnGrid<SHAPED, S>(F, B).stress(stress(at, F, material_.stress(p_, F).tau));
         const Vec3<S> push = dt_ * force(substep, at);
-        if (!finite(dot(x, x) + dot(push, push) + dot(P, P))) {
-            fail(substep);
-            return;
-        }
-        const S volume = constant(constant::volume);
-        Field<S>(push, volume * touching(x[2]), (-dt_ * volume * per_metre_) * P)
-            .scatter(grid(f_.free, f_.first[0] + grid_slot), place());
+        const bool sound = finite(dot(x, x) + dot(push, push) + dot(P, P));
+        if (!sound) fail(substep);
+        const S volume = sound ? constant(constant::volume) : S(0);
+        leave(sound ? Field<S>(push, volume * touching(x[2]), (-dt_ * volume * per_metre_) * P) : Field<S>({}, S(0), {}));
     }
 
     // How fully the particle touches the ground, from 0 to 1; z: its height.
@@ -277,7 +289,7 @@ private:
         const Mat3<S> F = get9(f_.F, now);
         At at = {*this, now, get3(f_.x, now), get3(f_.v, now), rate_at(now)};
         const auto expert = material_.stress(p_, F);
-        const Derivatives<S> bar(grid(f_.node_bar, slot % 2), place());
+        const Derivatives<S> bar(grid(f_.node_bar), place());
         const Vec3<S> f_bar = dt_ * three(bar.value);
         const Mat3<S> P_bar = (-dt_ * constant(constant::volume) * per_metre_) * bar.gradient();
         const Mat3<S> tau_bar =
@@ -304,6 +316,7 @@ private:
 
     void grip_adjoint(int substep, const At& at, const Vec3<S>& f_bar, Vec3<S>& x_bar, Vec3<S>& v_bar) const {
         S* points = f_.controllers_bar + 12 * rollout_ * f_.controller_points;
+        // In no fixed order: only the adjoint of the controller points takes part.
         const auto add = [&](int place, int controller, int axis, S value) {
             if constexpr (LED) add_atomically(points + 3 * (place * f_.controller_points + controller) + axis, value);
         };
@@ -315,11 +328,10 @@ private:
     }
 
     // Of plastic flow and grid to particle.
-    void velocity_adjoint(int slot, Index before, const Vec3<S>& x_bar, const Vec3<S>& v_bar, Mat3<S>& F_bar,
+    void velocity_adjoint(Index before, const Vec3<S>& x_bar, const Vec3<S>& v_bar, Mat3<S>& F_bar,
                           Mat3<S>& B_bar, Mat3<S>& rate_bar) {
-        const Place<S> at = place();
         const Mat3<S> F = get9(f_.F, before), B = shape_at(before);
-        const Mat3<S> dD = (dt_ * per_metre_) * Derivatives<S>(grid(f_.velocity, 0), at).gradient();
+        const Mat3<S> dD = (dt_ * per_metre_) * Derivatives<S>(grid(f_.velocity), place()).gradient();
         const ShapeOnGrid<SHAPED, S> on_grid(F, B);
         const Mat3<S> change = on_grid.change(dD);
         Mat3<S> change_bar = F_bar;
@@ -340,8 +352,7 @@ private:
             change_bar += on_grid.step_adjoint(change, step_bar, F_bar);
         }
         const Mat3<S> dD_bar = on_grid.change_adjoint(dD, change_bar, B_bar);
-        Field<S>(v_bar + dt_ * x_bar, S(0), (dt_ * per_metre_) * dD_bar)
-            .scatter(grid(f_.node_bar, (slot + 1) % 2), at);
+        leave(Field<S>(v_bar + dt_ * x_bar, S(0), (dt_ * per_metre_) * dD_bar));
     }
 };
 

@@ -12,24 +12,48 @@ struct Step {
     using Particle = ParticleOfRollout<S, INPUTS, TERMS, SHAPED, GRIPPED, LED,
                                        Material<S, Elastic, Plastic, ElasticNetwork, PlasticNetwork>>;
 
-    static void give_mass(const Frame<S>& f, int p) { Particle(f, p).give_mass(); }
-    static void weigh(const Frame<S>& f, int n) { Node(f, n).weigh(); }
+    static void give_mass(const Frame<S>& f, int thread) {
+        particle(f, thread, [](Particle p) { p.give_mass(); });
+    }
+    static void weigh(const Frame<S>& f, int thread) {
+        node(f, thread, [](Node n, const Vec4<S>& sum) { n.weigh(sum); });
+    }
 
     static void start(const Frame<S>& f, int n) { Node(f, n).start(); }
-    static void update(const Frame<S>& f, int n, int slot, int cleared_slot) { Node(f, n).update(slot, cleared_slot); }
-    static void turn(const Frame<S>& f, int n, int slot, int arriving, int leaving) {
-        Node(f, n).turn(slot, arriving, leaving);
+    static void update(const Frame<S>& f, int thread, int slot) {
+        node(f, thread, [=](Node n, const Vec4<S>& sum) { n.update(sum, slot); });
+    }
+    static void turn(const Frame<S>& f, int thread, int slot, int arriving, int leaving) {
+        node(f, thread, [=](Node n, const Vec4<S>& sum) { n.turn(sum, slot, arriving, leaving); });
     }
     static void settle_nodes(const Frame<S>& f, int n) { Node(f, n).settle(); }
-    static void settle_particles(const Frame<S>& f, int p) { Particle(f, p).settle(); }
+    static void settle_particles(const Frame<S>& f, int thread) {
+        particle(f, thread, [](Particle p) { p.settle(); });
+    }
 
     template <bool ARRIVING, bool LEAVING>
-    static void forward(const Frame<S>& f, int p, int substep, int slot, int slot_next, int grid_slot, int keep) {
-        Particle(f, p).template forward<ARRIVING, LEAVING>(substep, slot, slot_next, grid_slot, keep);
+    static void forward(const Frame<S>& f, int thread, int substep, int slot, int slot_next, int keep) {
+        particle(f, thread, [=](Particle p) {
+            p.template forward<ARRIVING, LEAVING>(substep, slot, slot_next, keep);
+        });
     }
     template <bool ARRIVING, bool LEAVING>
-    static void backward(const Frame<S>& f, int p, int slot) {
-        Particle(f, p).template backward<ARRIVING, LEAVING>(slot);
+    static void backward(const Frame<S>& f, int thread, int slot) {
+        particle(f, thread, [=](Particle p) { p.template backward<ARRIVING, LEAVING>(slot); });
+    }
+
+private:
+    // Calls use with the thread's node and the sum of what particles left there; of a node's threads the first one does.
+    template <class Use>
+    static void node(const Frame<S>& f, int thread, Use use) {
+        const Vec4<S> sum = gathered(f, thread / LANES, thread % LANES);
+        if (thread % LANES == 0) use(Node(f, thread / LANES), sum);
+    }
+    // Calls use with the thread's particle; the last of a rollout's threads have none (parts.py).
+    template <class Use>
+    static void particle(const Frame<S>& f, int thread, Use use) {
+        const int own = thread % int(f.threads);
+        if (own < f.particles) use(Particle(f, thread / int(f.threads), own));
     }
 };
 

@@ -18,6 +18,7 @@ from physreal_core.simulation.body import Body, Clamp, Grip, PointLoad
 from physreal_core.simulation.config import SimulationConfig
 from physreal_core.simulation.cuda.launches import FrameLaunches
 from physreal_core.simulation.cuda.model import BodyModel
+from physreal_core.simulation.cuda.parts import NODE_THREADS
 from physreal_core.simulation.parameters import Parameters
 from physreal_core.simulation.stepper import Span, State
 
@@ -26,7 +27,7 @@ KEPT_SHARE = 0.25
 particles take 1.3 GB; images and networks of a fit want the rest. On the CPU nothing is kept."""
 CARD_SHARE = "PHYSREAL_CARD_SHARE"
 """Environment variable: share of a GPU that this process may use, 1 by default. Half of it goes to kept frames at most."""
-MOST_NODES = 2**31 - 1  # of all rollouts: threads count them as 32-bit integers
+MOST_NUMBERS = 2**31 - 1  # threads for the nodes of all rollouts, and parts that particles leave, are 32-bit integers
 GRAPHS = 12  # kept at once; each number of substeps needs up to four
 
 
@@ -57,7 +58,7 @@ class CudaStepper:
         kept_bytes: memory that kept frames may take.
 
     Raises:
-        InputError: the nodes of so many rollouts cannot be counted.
+        InputError: nodes and parts of so many rollouts cannot be counted.
     """
 
     in_step = True
@@ -75,9 +76,9 @@ class CudaStepper:
         self.particles, self.rollouts = len(body.x0), rollouts
         self.model = BodyModel(body, config, grip, clamps, loads, rollouts)
         self.shapes, self.state_shapes, self.lattice = self.model.shapes, self.model.state_shapes, self.model.lattice
-        if rollouts * self.lattice.nodes > MOST_NODES:
+        if rollouts * max(NODE_THREADS * self.lattice.nodes, 27 * self.particles) > MOST_NUMBERS:
             raise InputError(
-                f"{rollouts} rollouts of {self.lattice.nodes} nodes",
+                f"{rollouts} rollouts of {self.particles} particles and {self.lattice.nodes} nodes",
                 where="Simulator.rollout_batch",
                 expected="fewer at once",
             )
@@ -173,7 +174,6 @@ class CudaStepper:
             self._first.fill_(slot)
             self._slot = slot
         if not self._weighed:
-            self.model.carry.zero_()  # where a backward pass left the nodes' adjoints
             self._run("weigh", self._launches.weigh)
             self._weighed = True
         if self.model.gripped:

@@ -3,23 +3,20 @@
 // A particle's contribution to a node is w q + sum_a (d_a w) A_a, its `Field`; what it takes from the nodes are sums of
 // their values with the weights and their derivatives. One is the other's adjoint.
 #pragma once
-#include "adder.h"
 #include "matrix.h"
+#include "parts.h"
 
 namespace physreal {
 
-// Where a particle lies on the grid, `count` nodes along x, y, z; z runs fastest.
+// Where a particle lies on the grid, `count` nodes along x, y, z; z runs fastest. cell: the lowest of its nodes along each.
 template <class S>
 struct Place {
     int base, row, layer;  // index of the base node, and steps from there along y and x
     S w[3][3], dw[3][3];   // weights and their derivatives [axis][node]
 
-    Place(const Vec3<S>& x, const S* offset, S cells_per_metre, const Index* count) {
-        int cell[3];
+    Place(const Vec3<S>& x, const int* cell, const S* offset, S cells_per_metre, const Index* count) {
         UNROLLED for (int d = 0; d < 3; ++d) {
-            const S r = (x[d] - offset[d]) * cells_per_metre;
-            cell[d] = int(r - S(0.5));
-            const S f = r - S(cell[d]);  // in [1/2, 3/2)
+            const S f = (x[d] - offset[d]) * cells_per_metre - S(cell[d]);  // in [1/2, 3/2)
             w[d][0] = S(0.5) * (S(1.5) - f) * (S(1.5) - f);
             w[d][1] = S(0.75) - (f - 1) * (f - 1);
             w[d][2] = S(0.5) * (f - S(0.5)) * (f - S(0.5));
@@ -50,17 +47,13 @@ struct Field {
 
     Field(const Vec3<S>& q, S fourth, const Mat3<S>& A) : q{{q[0], q[1], q[2], fourth}}, A(A) {}
 
-    // grid: the rollout's first node.
-    void scatter(Vec4<S>* grid, const Place<S>& at) const {
+    void scatter(const Parts<S>& parts, const Place<S>& at) const {
         const Vec4<S> ax = column(A, 0), ay = column(A, 1), az = column(A, 2);
-        const Adder<S> adder(at.base);
-        Vec4<S>* first = grid + at.base;
         UNROLLED for (int i = 0; i < 3; ++i) {
             const Vec4<S> qi = at.w[0][i] * q + at.dw[0][i] * ax, yi = at.w[0][i] * ay, zi = at.w[0][i] * az;
             UNROLLED for (int j = 0; j < 3; ++j) {
-                Vec4<S>* nodes = first + i * at.layer + j * at.row;
                 const Vec4<S> qj = at.w[1][j] * qi + at.dw[1][j] * yi, zj = at.w[1][j] * zi;
-                UNROLLED for (int k = 0; k < 3; ++k) adder.add(nodes + k, at.w[2][k] * qj + at.dw[2][k] * zj);
+                UNROLLED for (int k = 0; k < 3; ++k) parts.leave((3 * i + j) * 3 + k, at.w[2][k] * qj + at.dw[2][k] * zj);
             }
         }
     }

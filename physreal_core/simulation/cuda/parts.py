@@ -1,0 +1,58 @@
+"""Which particles leave their shares together, and which of these parts are a node's (parts.h)."""
+
+from dataclasses import dataclass
+
+import numpy as np
+
+from physreal_core.array_types import Array, Int
+from physreal_core.simulation.lattice import Lattice
+
+WARP = 32  # threads; those of one rollout begin with a warp of their own
+LARGEST_GROUP = 8  # particles, as many as a cell holds at the usual spacing
+NODE_THREADS = 8  # of a GPU for each node, which has some forty parts
+
+
+@dataclass(frozen=True)
+class Parts:
+    """The groups of a body's particles, in the order of their cells, and the nodes' parts.
+
+    A group is a run of at most `LARGEST_GROUP` particles in one warp with the same 27 nodes.
+
+    Args:
+        group: of each particle.
+        following: particles that come after it in its group.
+        begin: number of each node's first part, and of the end of the last.
+        of_nodes: for each part of a node, the group that leaves it.
+        which: and which of the group's 27 it is.
+    """
+
+    group: Int[Array, " particles"]
+    following: Int[Array, " particles"]
+    begin: Int[Array, " bounds"]
+    of_nodes: Int[Array, " parts"]
+    which: Int[Array, " parts"]
+
+    @property
+    def groups(self) -> int:
+        """Number of all."""
+        return int(self.group[-1]) + 1
+
+    @classmethod
+    def of(cls, base: Int[Array, "particles 3"], lattice: Lattice) -> "Parts":
+        """Those of particles, by the lowest of each one's nodes, where equal ones follow one another."""
+        number = np.arange(len(base))
+        begins = np.append(True, (base[1:] != base[:-1]).any(1)) | (number % WARP == 0)
+        place = number - np.maximum.accumulate(np.where(begins, number, 0))  # in its run
+        heads = place % LARGEST_GROUP == 0
+        group = np.cumsum(heads) - 1
+        following = np.bincount(group)[group] - place % LARGEST_GROUP - 1
+        around = np.stack(np.meshgrid(*[np.arange(3)] * 3, indexing="ij"), -1).reshape(27, 3)
+        nodes = np.ravel_multi_index((base[heads, None] + around).reshape(-1, 3).T, lattice.count)
+        order = np.argsort(nodes, kind="stable")
+        begin = np.searchsorted(nodes[order], np.arange(lattice.nodes + 1))
+        return cls(group, following, begin, order // 27, order % 27)
+
+
+def threads_of(particles: int) -> int:
+    """Threads of a rollout's particles: whole warps."""
+    return -(-particles // WARP) * WARP

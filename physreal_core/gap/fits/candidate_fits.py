@@ -148,6 +148,15 @@ class CandidateFits:
             requests.append(fit(unknowns, self.quick, start, self.settings.iterations, [two.jacobian[:, kept]]))
         return self._in_full(together(requests))
 
+    def without_effects(self, fits: Sequence[Fit]) -> list[Fit]:
+        """The baseline from the material of each of these fits, after some steps in full rollouts; without those that fail."""
+        own, steps = self.baseline.unknowns, self.settings.settling
+        requests = [
+            fit(own, self.data, found.vector[None, : own.baseline], steps, [found.jacobian[:, : own.baseline]])
+            for found in fits
+        ]
+        return [found for found in together(requests) if np.isfinite(found.energy)]
+
     def look_alikes(self, best: Fit, names: Sequence[str] | None = None) -> list[Fit]:
         """Fits of effects that act through the same term as a single one, at scale and beside its material.
 

@@ -39,7 +39,7 @@ class Strategy:
         progress: called with a line of text now and then.
 
     Attributes:
-        baseline: the fit without a missing effect; it goes on until it converges.
+        baseline: the best fit without a missing effect so far; it goes on until it converges.
         found: the best fit of every answer so far, by the names of its effects.
         predicted_gains: what the score test predicted for each of them [nat].
     """
@@ -161,11 +161,18 @@ class Strategy:
         self.keep(converged)
 
     def _finish(self) -> None:
-        """Let the best answers converge beside an error of the size that they leave, not that which the baseline leaves."""
+        """Let the best answers and the baseline converge beside an error of the size that they leave.
+
+        The baseline goes on from the material of each of the best answers, too: with an effect a fit may have left a minimum in
+        which the baseline is caught, and then the effect would be paid for what the minimum costs.
+        """
         best = sorted(self.found.values(), key=self.gain, reverse=True)[: self.settings.finalists]
-        self._progress("finishing " + ", ".join("+".join(fit.unknowns.effects) for fit in best))
-        steps = self.settings.settling
-        self.found |= {f.unknowns.effects: f for f in finished(best, self.measurements, self.evidences, steps)}
+        self._progress("finishing the baseline, " + ", ".join("+".join(fit.unknowns.effects) for fit in best))
+        without = self.candidate_fits.without_effects(best)
+        fits = [*best, self.baseline, *without]
+        settled = finished(fits, self.measurements, self.evidences, self.settings.settling)
+        self.found |= {fit.unknowns.effects: fit for fit in settled[: len(best)]}
+        self.baseline = max(settled[len(best) :], key=lambda fit: self.evidences.of(fit).log_evidence)
 
     # --- two at once --------------------------------------------------------------------------------------------
 

@@ -7,11 +7,13 @@ import time
 from collections.abc import Callable, Sequence
 from concurrent.futures import ThreadPoolExecutor
 from dataclasses import dataclass
+from functools import partial
 from pathlib import Path
 from queue import SimpleQueue
 
 from benchmarks.gap.cases import GapCase
 from benchmarks.gap.files import read_json
+from benchmarks.gap.multi_process import multi_process_service
 from physreal_core.simulation.cuda.stepper import CARD_SHARE
 
 
@@ -53,19 +55,19 @@ def run_cases(cases: Sequence[GapCase], run: Run, ended_with: Callable[[GapCase]
     for place in range(run.jobs):
         places.put(place)
 
-    def one(numbered: tuple[int, GapCase]) -> None:
+    def one(numbered: tuple[int, GapCase], service: dict[str, str]) -> None:
         number, case = numbered
         place = places.get()
         try:
-            ended = _run(case, run, place, deadline)
+            ended = _run(case, run, place, deadline, service)
         finally:
             places.put(place)
         if is_done(run.folder / case.name, run.files):
             ended_with(case)
         print(f"[{number}/{len(todo)}] {case.name}: {ended}", flush=True)
 
-    with ThreadPoolExecutor(run.jobs) as pool:
-        list(pool.map(one, enumerate(todo, start=1)))
+    with multi_process_service(0 < run.cards < run.jobs) as service, ThreadPoolExecutor(run.jobs) as pool:
+        list(pool.map(partial(one, service=service), enumerate(todo, start=1)))
 
 
 def is_done(own: Path, files: Sequence[str] = Run.files) -> bool:
@@ -88,8 +90,8 @@ def card_share(number: int, cards: int) -> str:
     return names[number % min(cards, len(names))]
 
 
-def _run(case: GapCase, run: Run, place: int, deadline: float | None) -> str:
-    """Runs one case, at one of the places for `jobs` of them, and says how it ended."""
+def _run(case: GapCase, run: Run, place: int, deadline: float | None, service: dict[str, str]) -> str:
+    """Runs one case, at one of the places for `jobs` of them, with the variables of a service, and says how it ended."""
     cores, card = core_share(place, run.jobs), card_share(place, run.cards)
     limits = environment(len(cores), card, min(1.0, run.cards / run.jobs))
     left = None if deadline is None else deadline - time.monotonic()
@@ -100,7 +102,7 @@ def _run(case: GapCase, run: Run, place: int, deadline: float | None) -> str:
     command = [sys.executable, "-m", run.module, str(run.folder), case.name, *run.arguments]
     begun = time.monotonic()
     with (own / "log.txt").open("a") as log:
-        process = subprocess.Popen(command, stdout=log, stderr=log, env=os.environ | limits)
+        process = subprocess.Popen(command, stdout=log, stderr=log, env=os.environ | service | limits)
         if hasattr(os, "sched_setaffinity"):
             os.sched_setaffinity(process.pid, cores)
         try:

@@ -8,9 +8,10 @@ import sys
 import pytest
 
 from benchmarks.gap import case as one_case
-from benchmarks.gap import filming, rgbd
+from benchmarks.gap import filming, multi_process, rgbd
 from benchmarks.gap.cases import GapCase
 from benchmarks.gap.command import main
+from benchmarks.gap.multi_process import CONTROL, PIPES
 from benchmarks.gap.results import collect, write_results
 from benchmarks.gap.run import Run, card_share, core_share, environment, run_cases
 from benchmarks.gap.settings import load_settings
@@ -51,6 +52,39 @@ def test_when_time_is_up_what_runs_is_stopped_and_nothing_more_begins(tmp_path, 
     told = capsys.readouterr().out
     assert "stopped, time is up" in told and "not begun" in told
     assert not (tmp_path / SLOW.name / "answer.json").exists() and not (tmp_path / NONE.name).exists()
+
+
+SERVICE = """#!/bin/sh
+echo "$@ $(cat) $CUDA_VISIBLE_DEVICES" >> "$TOLD"
+echo "$CUDA_MPS_PIPE_DIRECTORY" >> "$PLACES"
+exit "$ENDS"
+"""
+
+
+@pytest.mark.parametrize(
+    ("cards", "jobs", "ends", "expected"), [(1, 2, 0, 2), (1, 2, 1, 1), (2, 2, 0, 0), (0, 2, 0, 0)]
+)
+def test_cases_that_share_a_card_have_a_multi_process_service(
+    tmp_path, monkeypatch, capsys, cards, jobs, ends, expected
+):
+    """It is started and ended, sees all cards, and where it does not start the cases run without."""
+    control = tmp_path / "bin" / CONTROL
+    control.parent.mkdir()
+    control.write_text(SERVICE)
+    control.chmod(0o755)
+    for name, value in {"TOLD": tmp_path / "told", "PLACES": tmp_path / "places", "ENDS": ends}.items():
+        monkeypatch.setenv(name, str(value))
+    monkeypatch.setenv("PATH", f"{control.parent}:{os.environ['PATH']}")
+    monkeypatch.setenv("CUDA_VISIBLE_DEVICES", "5")
+    monkeypatch.delenv(PIPES, raising=False)
+    monkeypatch.setattr(multi_process, "USUAL", tmp_path / "nobody")
+    run = Run(tmp_path / "cases", jobs=jobs, module=FAKE, cards=cards)
+    run_cases([NONE, DRAG], run)
+    told = (tmp_path / "told").read_text().splitlines() if expected else []
+    assert [line.split() for line in told] == [["-d"], ["quit"]][:expected]
+    assert len(set((tmp_path / "places").read_text().splitlines() if expected else [])) == min(expected, 1)
+    assert ("no multi-process service" in capsys.readouterr().out) == (ends == 1)
+    assert all((run.folder / case.name / "answer.json").is_file() for case in (NONE, DRAG))
 
 
 def test_cores_are_shared_out(monkeypatch):

@@ -30,6 +30,7 @@ def test_the_page_says_what_few_chosen_cases_gave():
         ("_plane", 20.0, "8 of 17 | 9 of 17 | 5 of 12"),
         ("_lain", 60.0, "9 of 20 | 12 of 20 | 0 of 12"),
         ("_sizes", 60.0, "10 of 18 | 12 of 18 | 0 of 4"),
+        ("_elements", 50.0, "6 of 10 | 9 of 10 | 1 of 9"),
     ],
 )
 def test_the_page_says_how_often_the_search_was_right_each_time(name, temperature, counts):
@@ -37,6 +38,13 @@ def test_the_page_says_how_often_the_search_was_right_each_time(name, temperatur
     assert line(rows, temperature).startswith(f"| {temperature:g} | {counts} |")
     (own,) = [text for text in PAGE.read_text().splitlines() if f"({'../benchmarks/results/' + rows.name})" in text]
     assert f"temperature {temperature:g}" in own and f"| {counts} |" in own
+
+
+def test_the_page_says_what_the_controls_gave():
+    assert line(RESULTS / "gap_development_seed103_controls.jsonl", 50.0).startswith(
+        "| 50 | 0 of 0 | 0 of 0 | 1 of 18 |"
+    )
+    assert "| 1 of 18 | [rows](../benchmarks/results/gap_development_seed103_controls.jsonl) |" in PAGE.read_text()
 
 
 def test_a_truth_that_was_not_fitted_is_never_right():

@@ -64,6 +64,14 @@ def test_a_baseline_that_stopped_short_goes_on_from_the_others():
     assert max(fit.log_evidence for fit in fits) - none.log_evidence < 2.0
 
 
+def test_the_baseline_is_fitted_from_the_material_of_an_answer():
+    """Where the one that there is stopped short."""
+    short = candidate_fits({}, iterations=1)
+    again = short.without_effects(short.fitted(short.ranked()))
+    assert all(fit.unknowns is short.baseline.unknowns for fit in again)
+    assert max(fit.energy for fit in again) < short.baseline.energy
+
+
 def test_an_effect_is_fitted_alone_from_where_two_are():
     found = candidate_fits({"sink": {"amount": 0.6}, "drift": {"east": 0.4}})
     (two,) = found.converged(found.fitted(found.ranked_beside(found.fitted(found.ranked())[0])[:1]))

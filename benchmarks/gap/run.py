@@ -66,7 +66,10 @@ def run_cases(cases: Sequence[GapCase], run: Run, ended_with: Callable[[GapCase]
             ended_with(case)
         print(f"[{number}/{len(todo)}] {case.name}: {ended}", flush=True)
 
-    with multi_process_service(0 < run.cards < run.jobs) as service, ThreadPoolExecutor(run.jobs) as pool:
+    with (
+        multi_process_service(0 < run.cards < min(run.jobs, len(todo))) as service,
+        ThreadPoolExecutor(run.jobs) as pool,
+    ):
         list(pool.map(partial(one, service=service), enumerate(todo, start=1)))
 
 

@@ -12,6 +12,8 @@ CLAMP_DEPTH = 0.25
 
 Found from the stretch of a hanging bar, whose upper end seems to be held this far behind the last held node.
 """
+STENCIL = np.stack(np.meshgrid(*[np.arange(3)] * 3, indexing="ij"), -1).reshape(27, 3)
+"""Steps from the lowest of a particle's nodes to each of the 27, z fastest."""
 ROUNDING = 1e-3
 """Cells by which a body may be larger than a whole number of them."""
 
@@ -72,6 +74,13 @@ def lattice_of(body: Body, clamps: tuple[Clamp, ...]) -> Lattice:
 def base_nodes(x0: Float[Array, "particles 3"], lattice: Lattice) -> Int[Array, "particles 3"]:
     """The lowest of the 27 nodes in which a particle at x0 [m] has a share."""
     return np.floor((x0 - lattice.offset) / lattice.cell - 0.5).astype(np.int64)
+
+
+def nodes_around(lowest: Int[Array, "particles 3"], lattice: Lattice) -> Int[Array, "particles 27"]:
+    """Numbers of the nodes in which particles have a share, by the lowest of each one's, in the order of `STENCIL`."""
+    i, j, k = np.moveaxis(lowest[:, None] + STENCIL, -1, 0)
+    _, ny, nz = lattice.count
+    return (i * ny + j) * nz + k
 
 
 def held_boxes(clamps: tuple[Clamp, ...], cell: float) -> tuple[Float[Array, "clamps 3"], Float[Array, "clamps 3"]]:

@@ -5,7 +5,7 @@ import torch
 
 from physreal_core.array_types import Array, Float, Int, Tensor
 from physreal_core.simulation.body import Body
-from physreal_core.simulation.lattice import Lattice, base_nodes
+from physreal_core.simulation.lattice import STENCIL, Lattice, base_nodes, nodes_around
 
 RIDGE = 0.1
 """How much the lumped average counts beside the fit: enough that a node of which particles tell little stays near it."""
@@ -98,8 +98,5 @@ def stencils(x0: Float[Array, "particles 3"], lattice: Lattice) -> tuple[Int[Arr
     base = base_nodes(x0, lattice)
     f = cells - base
     along = np.stack([0.5 * (1.5 - f) ** 2, 0.75 - (f - 1.0) ** 2, 0.5 * (f - 0.5) ** 2], -1)  # [N, axis, node]
-    steps = np.stack(np.meshgrid(*[np.arange(3)] * 3, indexing="ij"), -1).reshape(-1, 3)
-    index = base[:, None] + steps
-    _, ny, nz = lattice.count
-    weights = np.prod([along[:, axis][:, steps[:, axis]] for axis in range(3)], axis=0)
-    return (index[..., 0] * ny + index[..., 1]) * nz + index[..., 2], weights
+    weights = np.prod([along[:, axis][:, STENCIL[:, axis]] for axis in range(3)], axis=0)
+    return nodes_around(base, lattice), weights

@@ -272,7 +272,7 @@ private:
         const Vec3<S> push = dt_ * force(substep, at);
         const bool sound = finite(dot(x, x) + dot(push, push) + dot(P, P));
         if (!sound) fail(substep);
-        const S volume = sound ? constant(constant::volume) : S(0);
+        const S volume = constant(constant::volume);
         leave(sound ? Field<S>(push, volume * touching(x[2]), (-dt_ * volume * per_metre_) * P) : Field<S>({}, S(0), {}));
     }
 

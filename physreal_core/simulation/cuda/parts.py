@@ -5,7 +5,7 @@ from dataclasses import dataclass
 import numpy as np
 
 from physreal_core.array_types import Array, Int
-from physreal_core.simulation.lattice import Lattice
+from physreal_core.simulation.lattice import Lattice, nodes_around
 
 WARP = 32  # threads; those of one rollout begin with a warp of their own
 LARGEST_GROUP = 8  # particles, as many as a cell holds at the usual spacing
@@ -46,8 +46,7 @@ class Parts:
         heads = place % LARGEST_GROUP == 0
         group = np.cumsum(heads) - 1
         following = np.bincount(group)[group] - place % LARGEST_GROUP - 1
-        around = np.stack(np.meshgrid(*[np.arange(3)] * 3, indexing="ij"), -1).reshape(27, 3)
-        nodes = np.ravel_multi_index((base[heads, None] + around).reshape(-1, 3).T, lattice.count)
+        nodes = nodes_around(base[heads], lattice).ravel()
         order = np.argsort(nodes, kind="stable")
         begin = np.searchsorted(nodes[order], np.arange(lattice.nodes + 1))
         return cls(group, following, begin, order // 27, order % 27)

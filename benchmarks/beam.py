@@ -23,8 +23,8 @@ from benchmarks.beam_scene import LOADED, RECORDINGS, SEARCHED, UNSEEN, Cut, exp
 from benchmarks.recordings import real_data
 from physreal_core.checkpoints import Checkpoints
 from physreal_core.errors import InputError
-from physreal_core.gap import Added, Experiment, GapReport, GapSettings, Trial, add_effect, find_gap
-from physreal_core.gap.adding import trial_of
+from physreal_core.gap import Added, Experiment, GapReport, GapSettings, add_effect, find_gap
+from physreal_core.gap.adding import baseline_of, trial_of
 from physreal_core.gap.fits.unknowns import Priors
 
 ROOT = Path(__file__).resolve().parent.parent
@@ -103,7 +103,7 @@ class _Prediction:
     def __init__(self, experiment: Experiment, report: GapReport, added: Added) -> None:
         self._experiment = experiment
         self._time = np.arange(experiment.frames) / experiment.setting.fps
-        self._elastic, self._with_effect = experiment.predict([Trial(report.fields), trial_of(added)])
+        self._elastic, self._with_effect = experiment.predict([baseline_of(report), trial_of(added)])
 
     def scores(self) -> dict[str, Any]:
         """Mean distance to the measured markers after frame 0 [m], the share of it that the effect closes, final deflections."""

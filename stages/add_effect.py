@@ -6,8 +6,7 @@ from physreal_core.fitting.losses import LossConfig
 from physreal_core.fitting.model import Model, load_model, save_model
 from physreal_core.fitting.named_effects import effect_record
 from physreal_core.fitting.objective import Objective
-from physreal_core.gap.adding import add_effect, trial_of
-from physreal_core.gap.interactions.interaction import Trial
+from physreal_core.gap.adding import add_effect, baseline_of, trial_of
 from physreal_core.gap.noise.measurements import Measurements
 from physreal_core.gap.report import Added, GapReport
 from physreal_core.gap.where.locate import locate
@@ -40,7 +39,7 @@ def run(context: StageContext) -> None:
         roll_out(objective, model).save(context.output)
     if added.adopted:
         with context.timed("figures"):
-            _draw(context, Measurements.around(experiments[:1], Trial(report.fields), settings), report, added)
+            _draw(context, Measurements.around(experiments[:1], baseline_of(report), settings), report, added)
 
 
 def with_effects(baseline: Model, added: Added, probability: float | None) -> Model:
@@ -51,7 +50,9 @@ def with_effects(baseline: Model, added: Added, probability: float | None) -> Mo
         effect_record(effect.name, effect.values, intervals=effect.intervals, probability=probability)
         for effect in added.effects
     ]
-    return dataclasses.replace(baseline.with_fields(**added.fields), effects=[*baseline.effects, *records])
+    law = added.elastic_law or baseline.elastic_law
+    changed = dataclasses.replace(baseline.with_fields(**added.fields), elastic_law=law)
+    return dataclasses.replace(changed, effects=[*baseline.effects, *records])
 
 
 def _probability(report: GapReport, added: Added) -> float | None:
@@ -63,7 +64,7 @@ def _probability(report: GapReport, added: Added) -> float | None:
 def _draw(context: StageContext, measurements: Measurements, report: GapReport, added: Added) -> None:
     """Before and after on the sequence itself."""
     own = measurements.experiments[0]
-    before, after = own.predict([Trial(report.fields), trial_of(added)])
+    before, after = own.predict([baseline_of(report), trial_of(added)])
     where = locate(own, after, measurements.whole(0))
     write_gap_timeline(context.output / "timeline.svg", report.where[0], after=where.as_record(), observed=own.train)
     write_before_after(context.output / "before_after.svg", own.measured, own.valid, before, after)

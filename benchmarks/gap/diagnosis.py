@@ -19,9 +19,7 @@ from benchmarks.gap.settings import load_settings
 from physreal_core.effects import EFFECTS, Effect
 from physreal_core.errors import InputError
 from physreal_core.gap.adding import EffectFits
-from physreal_core.gap.fits.finishing import finished
 from physreal_core.gap.fits.least_squares import Fit, fit, together
-from physreal_core.gap.fits.unknowns import Unknowns
 from physreal_core.gap.interactions.interaction import EffectValues
 
 MODULI = (0.5, 0.7, 0.85, 1.0, 1.2, 1.4)
@@ -39,7 +37,7 @@ def from_truth(fits: EffectFits, truth: EffectValues) -> Fit:
     own, baseline = fits.baseline.unknowns, fits.baseline.vector
     names = sorted(truth, key=list(EFFECTS).index)
     known = {name: _known(EFFECTS[name], truth[name]) for name in names}
-    unknowns = Unknowns(own.fields, names, own.priors, known, own.scalars)
+    unknowns = own.beside(names, known)
     materials = np.stack([baseline, *[own.with_uniform_modulus(baseline)] * len(MODULI)])
     materials[1:, : own.patches] += np.log(MODULI)[:, None]
     guessed, scalars = materials.copy(), slice(own.patches + 1, own.baseline)
@@ -49,8 +47,7 @@ def from_truth(fits: EffectFits, truth: EffectValues) -> Fit:
     starts = np.clip(starts, unknowns.block.lower, unknowns.block.upper)
     data = fits.measurements.train
     (found,) = together([fit(unknowns, data, starts, 2 * fits.settings.settling)])
-    (end,) = finished([found], fits.measurements, fits.evidences, fits.settings.settling)
-    return end
+    return fits.end_of(found)
 
 
 def _known(effect: Effect, values: dict[str, float]) -> dict[str, float]:

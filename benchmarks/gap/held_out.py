@@ -7,6 +7,8 @@ from typing import Any
 import torch
 
 from physreal_core.gap import Added, Experiment, GapReport, Trial
+from physreal_core.gap.adding import baseline_of
+from physreal_core.gap.adding import trial_of as answer_trial
 from physreal_core.gap.answers.disagreement import disagreements, held_out_gap
 
 _NOBODY = -1  # number of an interaction that was fitted: none of those that are given
@@ -18,16 +20,16 @@ def models_of(report: GapReport, added: Added) -> dict[str, Any]:
     Both are fitted to the training frames of all motions that the search has seen.
     """
     names = tuple(effect.name for effect in added.effects)
-    fitted = [c.fields for c in report.candidates if c.gain is not None and set(c.names) == set(names)]
-    fields = added.fields or (fitted[0] if fitted else {})
-    found = {"fields": _plain(fields), "effects": {effect.name: effect.values for effect in added.effects}}
-    return {"baseline": {"fields": _plain(report.fields), "effects": {}}, "found": found if added.adopted else None}
+    fitted = [c for c in report.candidates if c.gain is not None and set(c.names) == set(names)]
+    model = added if added.fields or not fitted else fitted[0]
+    found = _plain(answer_trial(model)) | {"effects": {effect.name: effect.values for effect in added.effects}}
+    return {"baseline": _plain(baseline_of(report)), "found": found if added.adopted else None}
 
 
 def trial_of(model: dict[str, Any]) -> Trial:
     """One of `models_of`, as a rollout."""
     fields = {name: torch.tensor(value, dtype=torch.float64) for name, value in model["fields"].items()}
-    return Trial(fields, model["effects"])
+    return Trial(fields, model["effects"], elastic_law=model.get("elastic_law"))
 
 
 def gap(experiment: Experiment, trial: Trial) -> float:
@@ -43,8 +45,9 @@ def closed(before: float, after: float) -> float | None:
     return 1.0 - after / before
 
 
-def _plain(fields: dict[str, torch.Tensor]) -> dict[str, Any]:
-    return {name: value.tolist() for name, value in fields.items()}
+def _plain(trial: Trial) -> dict[str, Any]:
+    fields = {name: value.tolist() for name, value in trial.fields.items()}
+    return {"fields": fields, "effects": trial.effects, "elastic_law": trial.elastic_law}
 
 
 def names_right(verdict: dict[str, Any], truth: Sequence[str]) -> bool:

@@ -13,7 +13,7 @@ from physreal_core.gap.answers.disagreement import disagreements, held_out_gap
 from physreal_core.gap.fits.baseline import Progress, fit_baseline
 from physreal_core.gap.fits.candidate_fits import CandidateFits
 from physreal_core.gap.fits.evidence import Evidences
-from physreal_core.gap.fits.finishing import finished
+from physreal_core.gap.fits.finishing import Finish
 from physreal_core.gap.fits.least_squares import Fit
 from physreal_core.gap.fits.plans import share_a_term
 from physreal_core.gap.fits.screening import Score
@@ -47,7 +47,7 @@ def add_effect(
     settings = settings or GapSettings()
     chosen = tuple(report.verdict.names if names is None else names)
     if not chosen or (names is None and report.verdict.kind == "unknown"):
-        return Added(False, (), report.fields, before=report.baseline)
+        return Added(False, (), report.fields, before=report.baseline, elastic_law=report.elastic_law)
     number = _most_informative(report, chosen)
     rival = _runner_up(report, chosen)
     final = _from_report(report, chosen)
@@ -55,7 +55,7 @@ def add_effect(
         final = EffectFits.begin(experiments, settings, progress).candidate(chosen)
     answers = [answer for answer in (final, rival) if answer]
     if len(experiments) == 1:
-        trials = [Trial(report.fields), *map(trial_of, answers)]
+        trials = [baseline_of(report), *map(trial_of, answers)]
     else:
         trials = _fitted_to(experiments[number], [answer.names for answer in answers], settings, progress)
     before, after, *others = (_shown(experiments, trial, number) for trial in trials)
@@ -65,6 +65,7 @@ def add_effect(
         adopted=adopted,
         effects=final.effects if adopted else (),
         fields=final.fields if adopted else report.fields,
+        elastic_law=final.elastic_law if adopted else report.elastic_law,
         before=before,
         after=after,
         runner_up=others[0] if others else (),
@@ -114,7 +115,12 @@ class EffectFits:
             begun = fits.fitted([scores]) if found.unknowns.effects else self._first(fits, scores, ranked)
             found = max(fits.converged(begun), key=lambda fit: fit.log_evidence)
             ranked = fits.ranked_beside(found) if rest else []
-        (end,) = finished([found], self.measurements, self.evidences, self.settings.settling)
+        return self.end_of(found)
+
+    def end_of(self, found: Fit) -> Fit:
+        """A fit that has converged, beside an error of the size that it leaves and under its best elastic law."""
+        finish = Finish(self.measurements, self.evidences, self.settings.settling)
+        (end,) = finish.under_the_best_law(finish.settled([found]))
         return end
 
     @staticmethod
@@ -133,13 +139,19 @@ class EffectFits:
     def candidate(self, names: Sequence[str]) -> Candidate:
         """The record of the best fit with these effects."""
         found = self.with_effects(names)
-        effects = fitted_effects(found, self.evidences.of(found), self.settings.temperature)
-        return Candidate(effects, None, fields=found.unknowns.baseline_fields(found.vector))
+        effects, own = fitted_effects(found, self.evidences.of(found), self.settings.temperature), found.unknowns
+        return Candidate(effects, None, fields=own.baseline_fields(found.vector), elastic_law=own.elastic_law)
 
 
 def trial_of(answer: Candidate | Added) -> Trial:
     """The rollout of a fitted answer, or of the model with what was added."""
-    return Trial(answer.fields, {effect.name: effect.values for effect in answer.effects})
+    effects = {effect.name: effect.values for effect in answer.effects}
+    return Trial(answer.fields, effects, elastic_law=answer.elastic_law)
+
+
+def baseline_of(report: GapReport) -> Trial:
+    """The rollout of the baseline."""
+    return Trial(report.fields, elastic_law=report.elastic_law)
 
 
 def _fitted_to(

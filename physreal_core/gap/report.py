@@ -40,6 +40,7 @@ class Candidate:
         fields: the baseline's fields, as of `Model.fields`, refitted beside the effects.
         left: size of the smooth error that it leaves on the training frames [m], as of `ModelError.rms`.
         telling: per interaction, the share of what the effects do in the others that a fit to it alone would predict.
+        elastic_law: beside the effects; None for the given model's own.
     """
 
     effects: tuple[FittedEffect, ...]
@@ -50,6 +51,7 @@ class Candidate:
     fields: dict[str, Tensor] = field(default_factory=dict, repr=False)
     left: float | None = None
     telling: tuple[float, ...] = ()
+    elastic_law: str | None = None
 
     @property
     def names(self) -> tuple[str, ...]:
@@ -163,6 +165,7 @@ class GapReport:
         lead: for an unknown effect, the record of a `Lead`: the disagreement as a force field and a formula. Else None.
         next_motions: motions that would tell the members of the verdict apart, the most informative first; empty where
             there are less than two.
+        elastic_law: of the refitted baseline; None for the given model's own.
     """
 
     verdict: Verdict
@@ -176,6 +179,7 @@ class GapReport:
     settings: dict[str, Any] = field(default_factory=dict)
     lead: dict[str, Any] | None = None
     next_motions: tuple[ProposedMotion, ...] = ()
+    elastic_law: str | None = None
 
     @property
     def best(self) -> Candidate:
@@ -202,6 +206,7 @@ class Added:
         numerical_floor: as of `GapReport`.
         closed: 1 - after / before of the held-out mean square distance beyond the noise floor; negative where it grew, not
             a number where one of the two models cannot be simulated through all frames.
+        elastic_law: of that model; None for the given model's own.
     """
 
     adopted: bool
@@ -214,6 +219,7 @@ class Added:
     fitted_on: int = 0
     numerical_floor: tuple[float, ...] = ()
     closed: float = 0.0
+    elastic_law: str | None = None
 
     def as_record(self) -> dict[str, Any]:
         """The result as plain values, ready for JSON, without tensors."""

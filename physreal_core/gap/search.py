@@ -192,6 +192,7 @@ class SearchResult:
             settings={"candidates": list(names), "seed": settings.seed},
             lead=None if lead is None else lead.as_record(),
             next_motions=proposed,
+            elastic_law=self.baseline.unknowns.elastic_law,
         )
 
     def next_motions(self, members: Sequence[tuple[str, ...]]) -> tuple[ProposedMotion, ...]:
@@ -224,8 +225,8 @@ class SearchResult:
         """The disagreement as a force; None where it cannot be said."""
         self.search.progress("unknown: looking for a formula")
         try:
-            fields = self.baseline.unknowns.baseline_fields(self.baseline.vector)
-            return lead_on(self.measurements, fields, self.predictions)
+            trial = self.baseline.unknowns.trial(self.baseline.vector)
+            return lead_on(self.measurements, trial, self.predictions)
         except InputError as error:  # a lead only helps; the verdict stands without it
             self.search.progress(f"no formula: {error}")
             return None

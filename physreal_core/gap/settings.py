@@ -23,6 +23,8 @@ class GapSettings:
         seconds: number of second effects that are tried at a time, and number of pairs whose fits go on until they
             converge.
         exchanges: number of candidates for which each effect of the best pair is exchanged.
+        elastic_laws: among which every answer has the one that leaves it least, beside the model's own. A model with plastic
+            flow or a neural residual keeps its own.
         coarsening: factor on the particles' spacing in the rollouts in which candidates are screened and their fits begin;
             1 for none.
         iterations: largest number of steps of a candidate's fit, before the best fits go on.
@@ -52,6 +54,7 @@ class GapSettings:
     firsts: int = 3
     seconds: int = 5
     exchanges: int = 3
+    elastic_laws: tuple[str, ...] = ("neo_hookean", "fixed_corotated", "saint_venant_kirchhoff")
     coarsening: float = 1.5
     iterations: int = 5
     finalists: int = 4

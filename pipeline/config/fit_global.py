@@ -48,7 +48,9 @@ class GripDamping(Variable):
 class Material(StageParameters):
     """Expert laws and what of them is not fitted."""
 
-    elastic_law: Literal["fixed_corotated", "neo_hookean", "hencky"] = Field("fixed_corotated", description="C_e")
+    elastic_law: Literal["fixed_corotated", "neo_hookean", "hencky", "saint_venant_kirchhoff"] = Field(
+        "fixed_corotated", description="C_e"
+    )
     plastic_law: Literal["identity", "von_mises", "drucker_prager"] = Field("identity", description="C_p")
     yield_stress: float = Field(5e3, gt=0, description="von_mises: stress at which it flows [Pa]")
     viscosity: float = Field(0.0, ge=0, description="von_mises: viscosity of the flow, 0 for perfectly plastic [Pa s]")

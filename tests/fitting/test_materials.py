@@ -9,6 +9,7 @@ LAWS = {
     "default": ("fixed_corotated", "identity", None),
     "neo_hookean": ("neo_hookean", "identity", None),
     "hencky": ("hencky", "identity", None),
+    "saint_venant_kirchhoff": ("saint_venant_kirchhoff", "identity", None),
     "von_mises": ("hencky", "von_mises", (5e3, 0.0)),
     "drucker_prager": ("hencky", "drucker_prager", (0.6, 0.0)),
 }

@@ -9,7 +9,7 @@ from physreal_core.effects import EFFECTS
 from physreal_core.gap import GapSettings, Search
 from physreal_core.gap.fits.baseline import fit_baseline
 from physreal_core.gap.fits.evidence import Evidences
-from physreal_core.gap.fits.finishing import finished
+from physreal_core.gap.fits.finishing import Finish
 from physreal_core.gap.fits.least_squares import fit, together
 from physreal_core.gap.fits.unknowns import Unknowns
 from physreal_core.gap.fits.whitening import rewhitened
@@ -54,7 +54,7 @@ def test_what_a_fit_beside_a_wide_error_left_is_found_beside_its_own():
     unknowns = Unknowns(own.fields, ("sink",), own.priors, scalars=own.scalars)
     (begun,) = together([fit(unknowns, wide.train, unknowns.start()[None], 12)])
     evidences = Evidences(wide, SETTINGS)
-    (after,) = finished([begun], wide, evidences, 12)
+    (after,) = Finish(wide, evidences, 12).settled([begun])
     assert evidences.gain(after, begun) >= 0.0
     at = unknowns.places["sink"].start
     assert abs(after.vector[at] - 0.6) <= abs(begun.vector[at] - 0.6)

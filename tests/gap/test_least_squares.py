@@ -30,7 +30,7 @@ def scene(truth: dict) -> tuple[LinearExperiment, Data]:
 def with_effect(name, base, data):
     screen = Screen.of(base, data, [name], PRIORS)
     (score,) = screen.scores(base.residual)
-    unknowns, starts, known = linear_starts([score], PRIORS)
+    unknowns, starts, known = linear_starts([score])
     (found,) = together([fit(unknowns, data, starts, 8, known)])
     return score, found
 
@@ -105,7 +105,7 @@ def test_a_fit_may_start_where_the_linear_model_says_material_and_all():
     experiment, data = scene({"drift": {"east": 0.5, "north": -0.3}})
     base = baseline(experiment, data)
     (score,) = Screen.of(base, data, ["drift"], PRIORS).scores(base.residual)
-    unknowns, starts, known = linear_starts([score], PRIORS)
+    unknowns, starts, known = linear_starts([score])
     (found,) = together([fit(unknowns, data, starts, 8, known)])
     predictions = data.predict([unknowns.trial(start) for start in starts])
     residuals = data.residuals(predictions).T

@@ -101,6 +101,7 @@ def candidates_of(
             a.fit.unknowns.baseline_fields(a.fit.vector),
             a.evidence.size * settings.model_error.rms,
             a.telling,
+            a.fit.unknowns.elastic_law,
         )
         for a, p in zip(answers, probabilities, strict=True)
     ]

@@ -14,7 +14,7 @@ from physreal_core.gap.fits.finishing import continued
 from physreal_core.gap.fits.least_squares import Data, Fit, fit, together
 from physreal_core.gap.fits.unknowns import Unknowns
 from physreal_core.gap.interactions.interaction import Interaction, Trial
-from physreal_core.gap.noise.measurements import Measurements
+from physreal_core.gap.noise.measurements import Measurements, possible_laws
 from physreal_core.gap.settings import GapSettings
 
 Progress = Callable[[str], None]
@@ -43,19 +43,20 @@ def fit_baseline(
 
     Patches that adapt to a disagreement too early lead into poor minima. So a baseline with one modulus for all patches
     is fitted first, and the patches are set free at the end. The noise models need a baseline to be built around; until
-    there is one, the smooth model error stands for the reruns.
+    there is one, the smooth model error stands for the reruns. The elastic law is the one that fits best by then.
 
     Raises:
         InputError: no start can be simulated, or the fitted model cannot be simulated to the last frame.
     """
-    first = experiments[0]
+    first, laws = experiments[0], possible_laws(experiments[0], settings)
     unknowns = Unknowns(first.model.fields, (), settings.priors, scalars=unknown_scalars(first, settings))
-    start = remembered(
+    found = remembered(
         "baseline",
         lambda: Trial(unknowns.fields).told(),
-        {"vector": (len(unknowns),)},
-        lambda: {"vector": _without_reruns(experiments, unknowns, settings, progress)},
-    )["vector"]
+        {"vector": (len(unknowns),), "law": ()},
+        lambda: _without_reruns(experiments, unknowns, laws, settings, progress),
+    )
+    start, unknowns = found["vector"], unknowns.under(laws[int(found["law"])])
     progress("baseline with the numerical error of reruns")
     measurements = Measurements.around(experiments, unknowns.trial(start), settings)
     measurements = measurements.with_learnt_correlations()
@@ -85,25 +86,31 @@ def unknown_scalars(experiment: Interaction, settings: GapSettings) -> tuple[str
 
 
 def _without_reruns(
-    experiments: Sequence[Interaction], unknowns: Unknowns, settings: GapSettings, progress: Progress
-) -> Float[Array, " unknowns"]:
-    """Where the fit of the baseline starts once the simulator's numerical error is known.
+    experiments: Sequence[Interaction],
+    unknowns: Unknowns,
+    laws: Sequence[str],
+    settings: GapSettings,
+    progress: Progress,
+) -> dict[str, Array]:
+    """Where the fit of the baseline starts once the simulator's numerical error is known, and the number of its elastic law.
 
     A guessed model starts with one modulus for all patches: how far they may part is only known with the size of the error.
     """
-    if len(settings.scan) > 1:
-        return min(_from_a_guess(experiments, unknowns, settings, progress), key=lambda fit: fit.energy).vector
-    found, data = _from_a_fit(experiments, unknowns, settings, progress)
-    uniform = min((fit for fit in found if fit.unknowns is not unknowns), key=lambda fit: fit.energy)
-    progress("baseline with contrast between its patches")
-    found += together([fit(unknowns, data, uniform.vector[None], settings.settling, [uniform.jacobian])])
-    return min((fit for fit in found if fit.unknowns is unknowns), key=lambda fit: fit.energy).vector
+    begin = _from_a_guess if len(settings.scan) > 1 else _from_a_fit
+    found, data = begin(experiments, unknowns, settings, progress)
+    own = min(found, key=lambda fit: fit.energy)
+    if len(laws) > 1:
+        progress("baseline under " + ", ".join(laws))
+    others = [own.unknowns.under(law) for law in laws[1:]]
+    under = [own, *together([fit(u, data, own.vector[None], settings.settling, [own.jacobian]) for u in others])]
+    number = int(np.argmin([fit.energy for fit in under]))
+    return {"vector": under[number].vector, "law": np.array(number)}
 
 
 def _from_a_fit(
     experiments: Sequence[Interaction], unknowns: Unknowns, settings: GapSettings, progress: Progress
 ) -> tuple[list[Fit], Data]:
-    """Refits of a fitted model over a growing horizon, with free patches and with one modulus for all."""
+    """Refits of a fitted model over a growing horizon, from its own patches and from one modulus for all."""
     free, uniform = unknowns.start(), unknowns.with_uniform_modulus(unknowns.start())
     without_contrast = unknowns.without_contrast()
     for share in (*HORIZONS, 1.0):
@@ -112,12 +119,14 @@ def _from_a_fit(
         pair = (unknowns, free), (without_contrast, uniform)
         found = together([fit(u, data, v[None], settings.baseline_iterations) for u, v in pair])
         free, uniform = (fit.vector for fit in found)
-    return found, data
+    progress("baseline with contrast between its patches")
+    parted = fit(unknowns, data, uniform[None], settings.settling, [found[1].jacobian])
+    return [found[0], *together([parted])], data
 
 
 def _from_a_guess(
     experiments: Sequence[Interaction], unknowns: Unknowns, settings: GapSettings, progress: Progress
-) -> list[Fit]:
+) -> tuple[list[Fit], Data]:
     """Fits with one modulus for all patches, from the lowest minima on a grid of modulus and friction.
 
     All training frames count from the start. Frames in which a grip presses say little about friction, and those in
@@ -145,7 +154,7 @@ def _from_a_guess(
     data = Measurements.around(experiments, unknowns.trial(vectors[minima[0]]), settings, reruns=False).train
     without_contrast = unknowns.without_contrast()
     starts = [vectors[place][None] for place in minima]
-    return together([fit(without_contrast, data, start, settings.settling) for start in starts])
+    return together([fit(without_contrast, data, start, settings.settling) for start in starts]), data
 
 
 def local_minima(energies: Float[Array, "moduli frictions"]) -> list[tuple[int, int]]:

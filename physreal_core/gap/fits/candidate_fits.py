@@ -142,7 +142,7 @@ class CandidateFits:
         own, requests = two.unknowns, []
         values = own.values(two.vector)
         for name in own.effects:
-            unknowns = Unknowns(own.fields, (name,), own.priors, values, own.scalars)
+            unknowns = own.beside((name,), values)
             kept = np.r_[: own.baseline, own.places[name]]
             start = two.vector[kept][None]
             requests.append(fit(unknowns, self.quick, start, self.settings.iterations, [two.jacobian[:, kept]]))
@@ -196,7 +196,7 @@ class CandidateFits:
     # --- starts -------------------------------------------------------------------------------------------------
 
     def _from_linear_optima(self, scores: list[Score]) -> Request:
-        unknowns, starts, known = linear_starts(scores, self.settings.priors)
+        unknowns, starts, known = linear_starts(scores)
         return fit(unknowns, self.quick, starts, self.settings.iterations, known)
 
     def _from_large_amplitudes(self, scores: list[Score]) -> list[Request]:
@@ -280,8 +280,7 @@ class CandidateFits:
 
     def _with_effect(self, effect: Effect, values: Values) -> Unknowns:
         """The baseline's unknowns with an effect that starts at some values."""
-        own = self.baseline.unknowns
-        return Unknowns(own.fields, (effect.name,), own.priors, {effect.name: values}, own.scalars)
+        return self.baseline.unknowns.beside((effect.name,), {effect.name: values})
 
     @staticmethod
     def _from_materials(found: Fit, materials: Sequence[Fit], data: Data, steps: int) -> Request:

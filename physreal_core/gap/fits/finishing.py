@@ -3,6 +3,8 @@
 from __future__ import annotations
 
 from collections.abc import Sequence
+from dataclasses import dataclass
+from itertools import islice
 
 from physreal_core.gap.fits.evidence import Evidences
 from physreal_core.gap.fits.least_squares import Data, Fit, Request, fit, together
@@ -10,7 +12,7 @@ from physreal_core.gap.fits.whitening import rewhitened
 from physreal_core.gap.noise.measurements import Measurements
 
 
-def continued(found: Fit, known: Data, data: Data, steps: int) -> Request:
+def continued(found: Fit, known: Data, data: Data, steps: int, elastic_law: str | None = None) -> Request:
     """A fit that goes on from where it is, with its tangents, beside another noise model.
 
     Args:
@@ -18,24 +20,48 @@ def continued(found: Fit, known: Data, data: Data, steps: int) -> Request:
         known: the measurements, with the noise models beside which it was made.
         data: the same with others.
         steps: largest number of further ones.
+        elastic_law: under which it goes on; None for its own.
     """
     begun = rewhitened(found, known, data)
-    return fit(begun.unknowns, data, begun.vector[None], steps, [begun.jacobian])
+    unknowns = begun.unknowns if elastic_law is None else begun.unknowns.under(elastic_law)
+    return fit(unknowns, data, begun.vector[None], steps, [begun.jacobian])
 
 
-def finished(fits: Sequence[Fit], measurements: Measurements, evidences: Evidences, steps: int) -> list[Fit]:
-    """Fits after some more steps, or themselves if they gain no evidence; in units of the noise beside which they were made.
+@dataclass(frozen=True)
+class Finish:
+    """How fits to the same measurements end; they stay in units of the noise beside which they were made.
 
     Args:
-        fits: to the measurements.
-        measurements: that they were made to.
+        measurements: that the fits were made to.
         evidences: of fits to them.
         steps: largest number of further ones.
     """
-    data = measurements.train
-    own = [measurements.beside_error(evidences.of(found).size).train for found in fits]
-    converged = together([continued(found, data, theirs, steps) for found, theirs in zip(fits, own, strict=True)])
-    following = [rewhitened(found, theirs, data) for found, theirs in zip(converged, own, strict=True)]
-    return [
-        later if evidences.gain(later, found) > 0.0 else found for later, found in zip(following, fits, strict=True)
-    ]
+
+    measurements: Measurements
+    evidences: Evidences
+    steps: int
+
+    def settled(self, fits: Sequence[Fit]) -> list[Fit]:
+        """Each fit after some more steps, or as it was if they gain no evidence."""
+        pairs = zip(fits, self._gone_on([(found, None) for found in fits]), strict=True)
+        return [max(pair, key=self._log_evidence) for pair in pairs]
+
+    def under_the_best_law(self, fits: Sequence[Fit]) -> list[Fit]:
+        """Each fit under that elastic law which gives it the most evidence; the last steps were made beside all of them."""
+        laws = self.measurements.elastic_laws
+        own = [found.unknowns.elastic_law or laws[0] for found in fits]
+        asked = [(found, law) for found, theirs in zip(fits, own, strict=True) for law in laws if law != theirs]
+        others = iter(self._gone_on(asked))
+        return [max((found, *islice(others, len(laws) - 1)), key=self._log_evidence) for found in fits]
+
+    def _log_evidence(self, found: Fit) -> float:
+        return self.evidences.of(found).log_evidence
+
+    def _gone_on(self, asked: Sequence[tuple[Fit, str | None]]) -> list[Fit]:
+        """Fits after some more steps, each under an elastic law and beside an error of the size that it leaves."""
+        data = self.measurements.train
+        own = [self.measurements.beside_error(self.evidences.of(found).size).train for found, _ in asked]
+        requests = [
+            continued(found, data, theirs, self.steps, law) for (found, law), theirs in zip(asked, own, strict=True)
+        ]
+        return [rewhitened(found, theirs, data) for found, theirs in zip(together(requests), own, strict=True)]

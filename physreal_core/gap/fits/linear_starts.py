@@ -9,7 +9,7 @@ import numpy as np
 from physreal_core.array_types import Array, Float
 from physreal_core.effects import EFFECTS
 from physreal_core.gap.fits.screening import Score
-from physreal_core.gap.fits.unknowns import Priors, Unknowns
+from physreal_core.gap.fits.unknowns import Unknowns
 from physreal_core.gap.interactions.interaction import EffectValues
 
 SHARES = (1.0, 0.5, 0.1)
@@ -23,19 +23,18 @@ WAYS = (*((share, True) for share in SHARES), (1.0, False))
 
 
 def linear_starts(
-    scores: Sequence[Score], priors: Priors
+    scores: Sequence[Score],
 ) -> tuple[Unknowns, Float[Array, "starts unknowns"], list[Float[Array, "entries known"]]]:
     """Unknowns, starts, and tangents of the baseline's unknowns at each start, for the fit of one more effect.
 
     Args:
         scores: of the effect, the best first.
-        priors: of the unknowns.
     """
     best = scores[0]
     present = best.beside.unknowns
     at: EffectValues = {**present.values(best.beside.vector), best.start.effect: best.values}
     names = sorted((*present.effects, best.start.effect), key=list(EFFECTS).index)
-    unknowns = Unknowns(present.fields, names, priors, at, present.scalars)
+    unknowns = present.beside(names, at)
     starts = [_start(unknowns, score, *way) for score in scores for way in WAYS]
     known = [score.beside.jacobian[:, : unknowns.baseline] for score in scores for _ in WAYS]
     return unknowns, np.stack(starts), known

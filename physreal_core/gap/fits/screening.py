@@ -9,7 +9,7 @@ from __future__ import annotations
 
 from collections import Counter
 from collections.abc import Sequence
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 
 import numpy as np
 
@@ -96,7 +96,7 @@ class Screen:
     def at(cls, baseline: Fit, data: Data, priors: Priors, plans: Sequence[Plan]) -> Screen:
         """Take the tangents of these plans."""
         trial = baseline.unknowns.trial(baseline.vector)
-        trials = [Trial(trial.fields, {**trial.effects, plan.effect.name: v}) for plan in plans for v in plan.steps]
+        trials = [replace(trial, effects={**trial.effects, plan.effect.name: v}) for plan in plans for v in plan.steps]
         found = remembered(
             "screen",
             lambda: [value for one in (trial, *trials) for value in one.told()],

@@ -10,7 +10,7 @@ from physreal_core.gap.answers.probabilities import worth_of_a_second
 from physreal_core.gap.fits.baseline import Progress
 from physreal_core.gap.fits.candidate_fits import CandidateFits
 from physreal_core.gap.fits.evidence import Evidences
-from physreal_core.gap.fits.finishing import finished
+from physreal_core.gap.fits.finishing import Finish
 from physreal_core.gap.fits.least_squares import Fit
 from physreal_core.gap.fits.screening import Score
 from physreal_core.gap.noise.measurements import Measurements
@@ -161,7 +161,7 @@ class Strategy:
         self.keep(converged)
 
     def _finish(self) -> None:
-        """Let the best answers and the baseline converge beside an error of the size that they leave.
+        """Let the best answers and the baseline converge beside an error of the size that they leave, each under its best elastic law.
 
         The baseline goes on from the material of each of the best answers, too: with an effect a fit may have left a minimum in
         which the baseline is caught, and then the effect would be paid for what the minimum costs.
@@ -169,10 +169,11 @@ class Strategy:
         best = sorted(self.found.values(), key=self.gain, reverse=True)[: self.settings.finalists]
         self._progress("finishing the baseline, " + ", ".join("+".join(fit.unknowns.effects) for fit in best))
         without = self.candidate_fits.without_effects(best)
-        fits = [*best, self.baseline, *without]
-        settled = finished(fits, self.measurements, self.evidences, self.settings.settling)
-        self.found |= {fit.unknowns.effects: fit for fit in settled[: len(best)]}
-        self.baseline = max(settled[len(best) :], key=lambda fit: self.evidences.of(fit).log_evidence)
+        finish = Finish(self.measurements, self.evidences, self.settings.settling)
+        settled = finish.settled([self.baseline, *without, *best])
+        baseline = max(settled[: -len(best) or None], key=lambda fit: self.evidences.of(fit).log_evidence)
+        self.baseline, *found = finish.under_the_best_law([baseline, *settled[len(settled) - len(best) :]])
+        self.found |= {fit.unknowns.effects: fit for fit in found}
 
     # --- two at once --------------------------------------------------------------------------------------------
 

@@ -102,6 +102,7 @@ class Unknowns:
         priors: standard deviations.
         at: coefficients of the effects where a fit starts; dormant by default. The priors of shapes are centred there.
         scalars: names in `SCALARS` of the numbers that are unknown and act.
+        elastic_law: in place of the model's; None for the model's own.
 
     Attributes:
         baseline: number of unknowns of the baseline; they come first.
@@ -117,10 +118,11 @@ class Unknowns:
         priors: Priors | None = None,
         at: EffectValues | None = None,
         scalars: Sequence[str] = ("friction_coefficient",),
+        elastic_law: str | None = None,
     ) -> None:
         self.fields, self.effects, self.priors = fields, tuple(effects), priors or Priors()
         self.patches, self.scalars = len(fields["youngs_modulus"]), tuple(scalars)
-        self.at = at or {}
+        self.at, self.elastic_law = at or {}, elastic_law
         blocks = [self._baseline(), *(self._effect(name) for name in self.effects)]
         self.baseline = len(blocks[0])
         ends = np.cumsum([len(block) for block in blocks])
@@ -190,7 +192,20 @@ class Unknowns:
     def without_contrast(self) -> Unknowns:
         """The same unknowns under a prior that admits one modulus for all patches only."""
         priors = replace(self.priors, contrast=NO_CONTRAST)
-        return Unknowns(self.fields, self.effects, priors, self.at, self.scalars)
+        return Unknowns(self.fields, self.effects, priors, self.at, self.scalars, self.elastic_law)
+
+    def under(self, elastic_law: str | None) -> Unknowns:
+        """The same unknowns under another elastic law, or under the model's own."""
+        return Unknowns(self.fields, self.effects, self.priors, self.at, self.scalars, elastic_law)
+
+    def beside(self, effects: Sequence[str], at: EffectValues) -> Unknowns:
+        """The unknowns of this baseline and of other effects, in the order in which they act.
+
+        Args:
+            effects: their names.
+            at: coefficients where a fit starts.
+        """
+        return Unknowns(self.fields, effects, self.priors, at, self.scalars, self.elastic_law)
 
     def with_uniform_modulus(self, vector: Float[Array, " unknowns"]) -> Float[Array, " unknowns"]:
         """The vector with the mean of log E in all patches."""
@@ -233,7 +248,7 @@ class Unknowns:
 
     def trial(self, vector: Float[Array, " unknowns"]) -> Trial:
         """The rollout to make at a vector."""
-        return Trial(self.baseline_fields(vector), self.values(vector))
+        return Trial(self.baseline_fields(vector), self.values(vector), elastic_law=self.elastic_law)
 
     def prior_energy(self, vector: Float[Array, " unknowns"]) -> float:
         """Minus the logarithm of the prior, up to its normalisation [nat]."""

@@ -177,8 +177,8 @@ class Experiment:
             for trial, own in zip(trials, effects, strict=True)
         ]
         return [
-            _Rollout(own, self._config_with(own), given, count)
-            for own, given, count in zip(effects, inputs, needed, strict=True)
+            _Rollout(own, self._config_with(own, trial.elastic_law), given, count)
+            for trial, own, given, count in zip(trials, effects, inputs, needed, strict=True)
         ]
 
     def _predicted(
@@ -210,9 +210,10 @@ class Experiment:
         states = self._run(batch, discretisation)
         return np.stack([self._observed(one, x, F, frames) for one, (x, F) in zip(batch, states, strict=True)])
 
-    def _config_with(self, names: Iterable[str]) -> SimulationConfig:
-        """The simulator's configuration with what these effects need."""
-        return dataclasses.replace(self._rollouts.config_with(names), device=self.device)
+    def _config_with(self, names: Iterable[str], elastic_law: str | None = None) -> SimulationConfig:
+        """The simulator's configuration with what these effects need, and with an elastic law in place of the model's."""
+        config = self._rollouts.config_with(names)
+        return dataclasses.replace(config, device=self.device, elastic_law=elastic_law or config.elastic_law)
 
     def _placed(self, effects: EffectValues) -> EffectValues:
         """Coefficients for the place where the object lies here."""
@@ -257,7 +258,8 @@ class Experiment:
         self, batch: Sequence[_Rollout], discretisation: Discretisation
     ) -> tuple[DiscretisedProblem, Simulator]:
         """The problem in a discretisation, and its simulator with what the effects of a batch need; made once for all."""
-        config = self._config_with(dict.fromkeys(name for rollout in batch for name in rollout.effects))
+        names = dict.fromkeys(name for rollout in batch for name in rollout.effects)
+        config = self._config_with(names, batch[0].config.elastic_law)
         problem = DiscretisedProblem(self.problem, config, discretisation)
         key = config, discretisation
         if key not in self._simulators:

@@ -27,11 +27,13 @@ class Trial:
         fields: material of the baseline, as of `Model.fields`.
         effects: coefficients of the effects that act beside those of the model.
         hand: displacement of the hand from its record [m], shape [T, 3]; None: there is none.
+        elastic_law: in place of the model's; None for the model's own.
     """
 
     fields: dict[str, Tensor]
     effects: EffectValues = field(default_factory=dict)
     hand: Float[Array, "frames 3"] | None = None
+    elastic_law: str | None = None
 
     def told(self) -> tuple[Any, ...]:
         """All of it as plain values and arrays, for the name of a checkpoint."""
@@ -39,6 +41,7 @@ class Trial:
             *(value for name in sorted(self.fields) for value in (name, self.fields[name])),
             self.effects,
             self.hand,
+            self.elastic_law,
         )
 
 

@@ -7,8 +7,9 @@ from collections.abc import Sequence
 
 import numpy as np
 
-from physreal_core.array_types import Array, Float, Tensor
+from physreal_core.array_types import Array, Float
 from physreal_core.gap.interactions.experiment import Experiment
+from physreal_core.gap.interactions.interaction import Trial
 from physreal_core.gap.lead.departure import Departure
 from physreal_core.gap.lead.lead import Lead, find_lead
 from physreal_core.gap.lead.responses import step_responses
@@ -17,14 +18,12 @@ from physreal_core.gap.noise.model import Noise
 from physreal_core.geometry.patches import farthest_points, patch_weights
 
 
-def lead_on(
-    measurements: Measurements, fields: dict[str, Tensor], predicted: Sequence[Float[Array, "frames tracks 3"]]
-) -> Lead:
+def lead_on(measurements: Measurements, baseline: Trial, predicted: Sequence[Float[Array, "frames tracks 3"]]) -> Lead:
     """A lead on the disagreement of all interactions that our simulator rolls out.
 
     Args:
         measurements: of the search.
-        fields: of the baseline, as of `Model.fields`.
+        baseline: the rollout of the model.
         predicted: tracks under it over all frames of each interaction [m].
 
     Raises:
@@ -32,7 +31,7 @@ def lead_on(
     """
     departures = [
         departure_of(
-            experiment, fields, predicted[number], measurements.train.noises[number], measurements.held_out(number)
+            experiment, baseline, predicted[number], measurements.train.noises[number], measurements.held_out(number)
         )
         for number, experiment in enumerate(measurements.experiments)
         if isinstance(experiment, Experiment)
@@ -42,7 +41,7 @@ def lead_on(
 
 def departure_of(
     experiment: Experiment,
-    fields: dict[str, Tensor],
+    baseline: Trial,
     predicted: Float[Array, "frames tracks 3"],
     train: Noise,
     held_out: Noise | None,
@@ -53,7 +52,7 @@ def departure_of(
 
     Args:
         experiment: the interaction.
-        fields: of the baseline, as of `Model.fields`.
+        baseline: the rollout of the model.
         predicted: tracks under it over all frames [m].
         train, held_out: noise models of the training and of the held-out frames; None where nothing is held out.
         regions: parts of the body that have a force of their own.
@@ -63,7 +62,8 @@ def departure_of(
     near, shares = patch_weights(x0, farthest_points(x0, regions), min(4, regions))
     weights = np.zeros((len(x0), int(near.max()) + 1))
     np.put_along_axis(weights, near, shares, axis=1)
-    model = dataclasses.replace(experiment.model, fields=fields)
+    own = experiment.model
+    model = dataclasses.replace(own, fields=baseline.fields, elastic_law=baseline.elastic_law or own.elastic_law)
     binding = problem.tracks.binding
     carriers, share = (np.asarray(a) for a in (binding.neighbours, binding.weights))
     return Departure(

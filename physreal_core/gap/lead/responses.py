@@ -21,6 +21,7 @@ from physreal_core.errors import InputError
 from physreal_core.fitting.model import Model
 from physreal_core.fitting.problem import Problem
 from physreal_core.fitting.rollouts import Rollouts, roll_out_together
+from physreal_core.gap.interactions.interaction import Trial
 from physreal_core.rendering import carry_points
 from physreal_core.simulation import Simulator
 
@@ -89,7 +90,7 @@ def step_responses(
     tracks = len(problem.tracks.points0)
     found = remembered(
         "step responses",
-        lambda: [weights, *(value for name in sorted(model.fields) for value in (name, model.fields[name]))],
+        lambda: [weights, *Trial(model.fields, elastic_law=model.elastic_law).told()],
         {"step": (weights.shape[1], 3, problem.frame_count, tracks, 3)},
         lambda: {"step": _stepped(problem, model, weights, step, device)},
     )

@@ -6,6 +6,8 @@ millimetre (`fitting.hand_record`), and where the table lies to a millimetre; a 
 
 from __future__ import annotations
 
+from dataclasses import replace
+
 import numpy as np
 
 from physreal_core.array_types import Array, Float
@@ -48,7 +50,8 @@ def _by_effects(experiment: Interaction, trial: Trial, predicted: Array) -> Floa
     }
     acting = [usual for usual in USUAL if acts[usual[0]] and usual[0] not in known]
     trials = [
-        Trial(trial.fields, {**trial.effects, name: EFFECTS[name].dormant | {key: size}}) for name, key, size in acting
+        replace(trial, effects={**trial.effects, name: EFFECTS[name].dormant | {key: size}})
+        for name, key, size in acting
     ]
     return experiment.predict(trials, len(predicted)) - predicted if trials else np.zeros((0, *predicted.shape))
 
@@ -57,5 +60,5 @@ def _by_the_hand(experiment: Interaction, trial: Trial, predicted: Array) -> Flo
     """By what is not known of the hand's place. Not in quick rollouts: a body that swings for seconds comes out of phase with a
     coarser one."""
     modes = experiment.hand_modes if experiment.setting.grip is not None else ()
-    displaced = [Trial(trial.fields, trial.effects, mode[:, None] * axis) for mode in modes for axis in np.eye(3)]
+    displaced = [replace(trial, hand=mode[:, None] * axis) for mode in modes for axis in np.eye(3)]
     return experiment.predict(displaced, len(predicted)) - predicted if displaced else np.zeros((0, *predicted.shape))

@@ -110,6 +110,11 @@ class Measurements:
 
         return float(minimize_scalar(surprise, bounds=(0.0, STRONGEST), method="bounded", options={"xatol": 0.03}).x)
 
+    @property
+    def elastic_laws(self) -> tuple[str, ...]:
+        """Those that an answer may have, the model's own first."""
+        return possible_laws(self.experiments[0], self.settings)
+
     @cached_property
     def train(self) -> Data:
         """All interactions over their training frames."""
@@ -149,6 +154,14 @@ class Measurements:
         return Noise(
             sigma, valid, experiment.points0, *fields, experiment.setting.fps, error, experiment.device, *known
         )
+
+
+def possible_laws(experiment: Interaction, settings: GapSettings) -> tuple[str, ...]:
+    """Elastic laws that an answer may have, the model's own first: with plastic flow or a neural residual that one alone."""
+    config = experiment.config
+    fixed = config.plastic_law != "identity" or config.residual is not None
+    others = () if fixed else settings.elastic_laws
+    return tuple(dict.fromkeys((config.elastic_law, *others)))
 
 
 def _predicted(experiment: Interaction, trial: Trial, frames: int, reruns: bool) -> Predicted:

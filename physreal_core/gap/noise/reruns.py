@@ -50,7 +50,8 @@ def rerun_differences(
     """
     stays = bool(experiment.model.effects or trial.effects or experiment.setting.clamps)
     usable = [rerun for rerun in reruns if not stays or rerun.turn == 0.0]
-    usable = [rerun for rerun in usable if rerun.elastic_law != experiment.model.elastic_law]
+    own_law = trial.elastic_law or experiment.model.elastic_law
+    usable = [rerun for rerun in usable if rerun.elastic_law != own_law]
     beside = experiment.predict([_stiffer(trial, STEP)])[0]
     slope = np.nan_to_num((beside - predicted)[experiment.valid]) / STEP
     found = [rerun.error * (_nearest(experiment, trial, predicted, slope, rerun) - predicted) for rerun in usable]

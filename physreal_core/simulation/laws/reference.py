@@ -34,6 +34,13 @@ def neo_hookean(F: Float[Tensor, "... 3 3"], E: Tensor, nu: Tensor) -> Float[Ten
     return mu[..., None, None] * (b - identity) + (lam * torch.logdet(F))[..., None, None] * identity
 
 
+def saint_venant_kirchhoff(F: Float[Tensor, "... 3 3"], E: Tensor, nu: Tensor) -> Float[Tensor, "... 3 3"]:
+    """Kirchhoff stress [Pa], mu (b^2 - b) + lambda/2 (tr b - 3) b."""
+    mu, lam = lame(E, nu)
+    b = F @ F.mT
+    return mu[..., None, None] * (b @ b - b) + (lam * (torch.einsum("...ii", b) - 3) / 2)[..., None, None] * b
+
+
 def fixed_corotated(F: Float[Tensor, "... 3 3"], E: Tensor, nu: Tensor) -> Float[Tensor, "... 3 3"]:
     """Kirchhoff stress [Pa], 2 mu (F - R) F^T + lambda J (J - 1) I."""
     mu, lam = lame(E, nu)

@@ -2,8 +2,8 @@
 
 A hand moves smoothly; the error of its record hangs on for some time and jumps from frame to frame besides. Undamped, a soft body rings
 with those jumps for seconds. So the path is taken as the sum of two Gaussian processes along time: the motion, with a Matern covariance
-of order 5/2 (Rasmussen and Williams 2006, eq. 4.17; its velocity and acceleration are continuous), and the error, an
-Ornstein-Uhlenbeck process. The record itself says by its marginal likelihood how far and how fast the hand moves and how large the
+of order 7/2 (Rasmussen and Williams 2006, eq. 4.16; its jerk is continuous, as that of a person's strokes), and the error, an
+Ornstein-Uhlenbeck process. A motion of order 5/2 takes half of the error for jumps of a hand that is shaken. The record itself says by its marginal likelihood how far and how fast the hand moves and how large the
 error is (ibid., sec. 5.4). What follows is the path's mean, and its covariance: what the record leaves open.
 """
 
@@ -112,8 +112,8 @@ def _surprise(sizes: Float[Array, " sizes"], time: Array, paths: Array) -> float
 def _covariances(time: Float[Array, " frames"], sizes: Float[Array, " sizes"]) -> tuple[Array, Array]:
     """Of motion and of error, each [frames, frames] m2."""
     size, lasts, error = np.exp(sizes)
-    r = np.sqrt(5.0) * np.abs(time[:, None] - time) / lasts
-    return size**2 * (1 + r + r**2 / 3) * np.exp(-r), _error_covariance(time, error)
+    r = np.sqrt(7.0) * np.abs(time[:, None] - time) / lasts
+    return size**2 * (1 + r + 2 * r**2 / 5 + r**3 / 15) * np.exp(-r), _error_covariance(time, error)
 
 
 def _error_covariance(time: Float[Array, " frames"], size: float) -> Float[Array, "frames frames"]:

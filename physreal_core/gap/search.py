@@ -177,6 +177,7 @@ class SearchResult:
         lead = self._lead() if verdict.kind == "unknown" else None
         if lead is not None:
             verdict = replace(verdict, sentence=f"{verdict.sentence} {lead.sentence}")
+        verdict = replace(verdict, sentence=verdict.sentence + self._other_law(verdict.names))
         proposed = self.next_motions(verdict.members)
         if proposed:
             verdict = replace(verdict, next_motion=sentence_of(proposed))
@@ -220,6 +221,14 @@ class SearchResult:
             self.search.settings,
             len(self.strategy.candidate_fits.names),
         )
+
+    def _other_law(self, names: tuple[str, ...]) -> str:
+        """A sentence on the elastic law of an answer, where it is not the given one."""
+        found = next((a.fit.unknowns.elastic_law for a in self.answers if a.names == names), None)
+        given = self.search.experiments[0].config.elastic_law
+        if found in (None, given):
+            return ""
+        return f" Of the elastic laws {found.replace('_', ' ')} fits best, not the given {given.replace('_', ' ')}."
 
     def _lead(self) -> Lead | None:
         """The disagreement as a force; None where it cannot be said."""

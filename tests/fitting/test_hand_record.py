@@ -3,6 +3,7 @@
 import numpy as np
 import pytest
 
+from data.rig.motions import MOTIONS
 from data.rig.recording import lasting
 from physreal_core.fitting.hand_record import HAND_ERROR, HAND_LASTS, LONGEST, estimate_hand, unknown_hand
 
@@ -62,6 +63,20 @@ def test_what_is_open_covers_the_error_that_is_left():
         sizes = np.linalg.norm(found.modes, axis=1)
         ratios.append(((found.modes / sizes[:, None] ** 2) @ error) ** 2)
     assert 0.5 < np.mean([ratio.mean() for ratio in ratios]) < 2.0
+
+
+@pytest.mark.parametrize("name", MOTIONS)
+def test_the_error_that_is_left_is_as_large_as_stated_whatever_the_hand_does(name):
+    """Coordinates along the modes have unit variance; a motion that is less smooth than the hand's takes the error for jumps."""
+    squares, random = [], np.random.default_rng(3)
+    for fps in (24.0, 30.0, 60.0):
+        for _ in range(5):
+            true = MOTIONS[name](random).displacement(np.arange(round(2 * fps)) / fps)[:, None] + np.zeros((4, 3))
+            error = lasting((len(true), 3), np.exp(-1 / (fps * HAND_LASTS)), random)
+            found = estimate_hand(true + 0.0005 * (error - error[0])[:, None], fps)
+            along = np.linalg.lstsq(found.modes.T, (found.controllers - true)[:, 0], rcond=None)[0]
+            squares.append((along**2).mean())
+    assert 0.4 < np.mean(squares) < 1.6
 
 
 def test_a_better_record_leaves_less_open():

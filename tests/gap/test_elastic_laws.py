@@ -59,6 +59,7 @@ def test_an_answer_says_its_law_and_is_added_with_it(world):
     report = Search([world], settings).run().report()
     assert report.verdict.names == ("sink",)
     assert (report.elastic_law, report.best.elastic_law) == (LAW, LAW)
+    assert "saint venant kirchhoff fits best" in report.verdict.sentence
     added = add_effect([world], report, settings)
     assert added.adopted and added.elastic_law == LAW
 

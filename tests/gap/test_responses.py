@@ -57,7 +57,7 @@ def noise_of(experiment, predicted, frames):
 def seen(experiment, model):
     predicted = experiment.predict([Trial(model.fields)])[0]
     train, held_out = (noise_of(experiment, predicted, part) for part in (range(TRAIN), range(TRAIN, FRAMES)))
-    return departure_of(experiment, model.fields, predicted, train, held_out, regions=6)
+    return departure_of(experiment, Trial(model.fields), predicted, train, held_out, regions=6)
 
 
 def test_the_regions_share_every_track(seen):
@@ -86,13 +86,14 @@ def test_responses_start_at_rest(seen):
 def test_the_searchs_evidence_leads_to_the_same_formula(experiment, model):
     trial = Trial(model.fields)
     measurements = Measurements.around([experiment], trial, GapSettings(model_error=ModelError(rms=1e-6)), reruns=False)
-    lead = lead_on(measurements, model.fields, list(experiment.predict([trial])))
+    lead = lead_on(measurements, trial, list(experiment.predict([trial])))
     assert lead.terms[0].term.formula == "-v" and lead.terms[0].explained > 0.9
     assert lead.explained_held_out > 0.8 and "in proportion to speed" in lead.sentence
 
 
 def test_a_search_without_our_simulator_has_no_lead(experiment, model):
-    measurements = Measurements.around([experiment], Trial(model.fields), GapSettings(), reruns=False)
+    trial = Trial(model.fields)
+    measurements = Measurements.around([experiment], trial, GapSettings(), reruns=False)
     measurements = dataclasses.replace(measurements, experiments=[LinearExperiment(ANSWERS, {})])
     with pytest.raises(InputError, match="no interaction"):
-        lead_on(measurements, model.fields, list(experiment.predict([Trial(model.fields)])))
+        lead_on(measurements, trial, list(experiment.predict([trial])))

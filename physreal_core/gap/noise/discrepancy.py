@@ -24,8 +24,8 @@ class ErrorPrior:
     """
 
     sizes: tuple[float, ...] = tuple(2.0 ** (step / 8) for step in range(-24, 41))
-    median: float = 0.8
-    spread: float = 0.6
+    median: float = 0.5
+    spread: float = 0.8
 
     @property
     def log_weights(self) -> Float[Array, " sizes"]:

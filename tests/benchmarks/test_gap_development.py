@@ -31,6 +31,7 @@ def test_the_page_says_what_few_chosen_cases_gave():
         ("_lain", 60.0, "9 of 20 | 12 of 20 | 0 of 12"),
         ("_sizes", 60.0, "10 of 18 | 12 of 18 | 0 of 4"),
         ("_elements", 50.0, "6 of 10 | 9 of 10 | 1 of 9"),
+        ("_laws", 50.0, "2 of 3 | 2 of 3 | 1 of 13"),
     ],
 )
 def test_the_page_says_how_often_the_search_was_right_each_time(name, temperature, counts):
@@ -50,4 +51,4 @@ def test_the_page_says_what_the_controls_gave():
 def test_a_truth_that_was_not_fitted_is_never_right():
     (own,) = [searched for searched in searched_in(ROWS) if searched.truth == ("soft_spot",)]
     assert own.true is None
-    assert told([own], GapSettings()).startswith("| 50 | 0 of 1 | 0 of 1 | 0 of 0 |")
+    assert "| 0 of 1 | 0 of 1 | 0 of 0 |" in told([own], GapSettings())

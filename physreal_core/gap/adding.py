@@ -120,7 +120,7 @@ class EffectFits:
     def end_of(self, found: Fit) -> Fit:
         """A fit that has converged, beside an error of the size that it leaves and under its best elastic law."""
         finish = Finish(self.measurements, self.evidences, self.settings.settling)
-        (end,) = finish.under_the_best_law(finish.settled([found]))
+        _, (end,) = finish.under_the_best_law(self.baseline, finish.settled([found]))
         return end
 
     @staticmethod

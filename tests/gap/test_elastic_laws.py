@@ -47,11 +47,25 @@ def test_a_fit_ends_under_the_law_that_gives_it_the_most_evidence(world):
     baseline, measurements = fit_baseline([world], dataclasses.replace(SETTINGS, elastic_laws=()))
     measurements = dataclasses.replace(measurements, settings=SETTINGS)
     evidences = Evidences(measurements, SETTINGS)
-    (end,) = Finish(measurements, evidences, 12).under_the_best_law([baseline])
-    assert end.unknowns.elastic_law == LAW
+    finish = Finish(measurements, evidences, 12)
+    best, (end,) = finish.under_the_best_law(baseline, [baseline])
+    assert best.unknowns.elastic_law == end.unknowns.elastic_law == LAW
     assert evidences.gain(end, baseline) > 10.0
-    (again,) = Finish(measurements, evidences, 12).under_the_best_law([end])
-    assert again is end
+    again, (same,) = finish.under_the_best_law(best, [end])
+    assert again is best and same is end
+
+
+def test_a_law_that_the_baseline_rules_out_is_not_tried_beside_effects(world, monkeypatch):
+    baseline, measurements = fit_baseline([world], dataclasses.replace(SETTINGS, elastic_laws=()))
+    measurements = dataclasses.replace(measurements, settings=SETTINGS)
+    finish = Finish(measurements, Evidences(measurements, SETTINGS), 12)
+    tried = []
+    monkeypatch.setattr("physreal_core.gap.fits.finishing.RULED_OUT", 1.0)
+    monkeypatch.setattr(
+        Finish, "_gone_on", lambda own, asked, gone_on=Finish._gone_on: tried.append(len(asked)) or gone_on(own, asked)
+    )
+    finish.under_the_best_law(baseline, [baseline])
+    assert tried == [2, 1]
 
 
 def test_an_answer_says_its_law_and_is_added_with_it(world):

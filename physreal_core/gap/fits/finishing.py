@@ -4,12 +4,14 @@ from __future__ import annotations
 
 from collections.abc import Sequence
 from dataclasses import dataclass
-from itertools import islice
 
 from physreal_core.gap.fits.evidence import Evidences
 from physreal_core.gap.fits.least_squares import Data, Fit, Request, fit, together
 from physreal_core.gap.fits.whitening import rewhitened
 from physreal_core.gap.noise.measurements import Measurements
+
+RULED_OUT = 200.0
+"""Loss in log evidence against another elastic law [nat] from which on a law is not tried beside effects."""
 
 
 def continued(found: Fit, known: Data, data: Data, steps: int, elastic_law: str | None = None) -> Request:
@@ -46,13 +48,24 @@ class Finish:
         pairs = zip(fits, self._gone_on([(found, None) for found in fits]), strict=True)
         return [max(pair, key=self._log_evidence) for pair in pairs]
 
-    def under_the_best_law(self, fits: Sequence[Fit]) -> list[Fit]:
-        """Each fit under that elastic law which gives it the most evidence; the last steps were made beside all of them."""
-        laws = self.measurements.elastic_laws
-        own = [found.unknowns.elastic_law or laws[0] for found in fits]
-        asked = [(found, law) for found, theirs in zip(fits, own, strict=True) for law in laws if law != theirs]
-        others = iter(self._gone_on(asked))
-        return [max((found, *islice(others, len(laws) - 1)), key=self._log_evidence) for found in fits]
+    def under_the_best_law(self, baseline: Fit, fits: Sequence[Fit]) -> tuple[Fit, list[Fit]]:
+        """The baseline and other fits, each under that elastic law which gives it the most evidence.
+
+        A law that the baseline rules out is not tried beside effects.
+        """
+        known = {self._law_of(baseline): baseline}
+        others = [law for law in self.measurements.elastic_laws if law not in known]
+        known |= zip(others, self._gone_on([(baseline, law) for law in others]), strict=True)
+        best = max(known.values(), key=self._log_evidence)
+        left = [law for law, found in known.items() if self.evidences.gain(best, found) < RULED_OUT]
+        asked = [(found, law) for found in fits for law in left if law != self._law_of(found)]
+        answers = list(zip((found for found, _ in asked), self._gone_on(asked), strict=True))
+        return best, [
+            max((found, *(end for begun, end in answers if begun is found)), key=self._log_evidence) for found in fits
+        ]
+
+    def _law_of(self, found: Fit) -> str:
+        return found.unknowns.elastic_law or self.measurements.elastic_laws[0]
 
     def _log_evidence(self, found: Fit) -> float:
         return self.evidences.of(found).log_evidence

@@ -28,7 +28,9 @@ Steps = Generator[list[Trial], Predictions, "Fit"]
 LONGEST_BASELINE, LONGEST_EFFECT = 0.5, 1.5  # steps of the unknowns, in their coordinates
 DAMPING = 0.3  # least damping after a failed step; then ten times as much
 FINE = 0.2  # factor on the secants' steps, where plain ones lead no further
-SMALL_GAIN = 0.25  # [nat] expected of the next step, below which a fit has converged
+SMALL_GAIN = (
+    1.0  # [nat] expected of the next step, below which a fit has converged; a fortieth of the usual temperature
+)
 
 
 @dataclass(frozen=True)

@@ -87,6 +87,9 @@ class Strategy:
         """Gain of a fit in log evidence over the baseline [nat]."""
         return self.evidences.gain(found, self.baseline)
 
+    def _log_evidence(self, found: Fit) -> float:
+        return self.evidences.of(found).log_evidence
+
     def ordered(self, effects: int = 1) -> list[Fit]:
         """Fits with so many effects, the best first."""
         found = [fit for names, fit in self.found.items() if len(names) == effects]
@@ -168,11 +171,10 @@ class Strategy:
         """
         best = sorted(self.found.values(), key=self.gain, reverse=True)[: self.settings.finalists]
         self._progress("finishing the baseline, " + ", ".join("+".join(fit.unknowns.effects) for fit in best))
-        without = self.candidate_fits.without_effects(best)
         finish = Finish(self.measurements, self.evidences, self.settings.settling)
-        settled = finish.settled([self.baseline, *without, *best])
-        baseline = max(settled[: -len(best) or None], key=lambda fit: self.evidences.of(fit).log_evidence)
-        self.baseline, *found = finish.under_the_best_law([baseline, *settled[len(settled) - len(best) :]])
+        begun = max([self.baseline, *self.candidate_fits.without_effects(best)], key=self._log_evidence)
+        baseline, *settled = finish.settled([begun, *best])
+        self.baseline, found = finish.under_the_best_law(max(self.baseline, baseline, key=self._log_evidence), settled)
         self.found |= {fit.unknowns.effects: fit for fit in found}
 
     # --- two at once --------------------------------------------------------------------------------------------

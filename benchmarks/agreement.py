@@ -41,6 +41,7 @@ class Case:
 CASES = {
     "fixed corotated": Case(),
     "neo-Hookean": Case("neo_hookean"),
+    "St. Venant-Kirchhoff": Case("saint_venant_kirchhoff"),
     "clamp and load": Case(held=True),
     "Hencky, von Mises": Case("hencky", "von_mises"),
     "Drucker-Prager": Case(plastic_law="drucker_prager"),

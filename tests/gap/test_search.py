@@ -5,11 +5,12 @@ from dataclasses import replace
 import numpy as np
 import pytest
 
-from physreal_core.gap import GapSettings, Search
+from physreal_core.gap import GapSettings, Search, add_effect
+from physreal_core.gap.fits.least_squares import SMALL_GAIN
 from physreal_core.gap.fits.strategy import PAIRS, Strategy
 from physreal_core.gap.noise.model import ModelError
 from physreal_core.gap.search import SearchResult
-from tests.gap.linear import ANSWERS, LinearExperiment, register
+from tests.gap.linear import ANSWERS, FRAMES, LinearExperiment, register
 
 SETTINGS = GapSettings(candidates=("drift", "sink"), shortlist=1, model_error=ModelError(rms=3e-4, moved=1e-4))
 BOTH = {"sink": {"amount": 0.9}, "drift": {"east": 0.8}}
@@ -71,7 +72,7 @@ def test_an_effect_caught_in_a_poor_minimum_is_replaced_by_the_one_from_a_pair()
     good = own.found["sink",]
     own.found["sink",] = replace(good, energy=good.energy + 50.0)
     own.keep(own.candidate_fits.alone(own.found["sink", "drift"]))
-    assert np.isclose(own.found["sink",].energy, good.energy, atol=0.5)
+    assert np.isclose(own.found["sink",].energy, good.energy, atol=SMALL_GAIN)
 
 
 def test_a_search_that_is_constructed_has_run_nothing(monkeypatch):
@@ -91,3 +92,27 @@ def test_no_motion_is_proposed_where_there_is_no_hand_to_move():
 
 def _fail(*arguments, **options):
     raise AssertionError("something was rolled out")
+
+
+class Breaking(LinearExperiment):
+    """Once it is measured, no rollout comes to the last two frames, which are held out."""
+
+    broken = False
+
+    def _one(self, trial) -> np.ndarray:
+        points = super()._one(trial)
+        if self.broken:
+            points[FRAMES - 2 :] = np.nan
+        return points
+
+
+@pytest.mark.parametrize(("amount", "named"), [(0.0, ()), (0.9, ("sink",))])
+def test_a_model_that_breaks_off_in_held_out_frames_is_judged_by_those_before(amount, named):
+    world = Breaking(ANSWERS, {"sink": {"amount": amount}})
+    world.broken = True
+    settings = replace(SETTINGS, temperature=3.0)
+    report = Search([world], settings).run().report()
+    assert report.verdict.names == named
+    assert len(report.where[0]["frames"]["gap"]) == FRAMES - 2
+    assert np.isfinite([c.held_out for c in report.candidates if c.gain is not None]).all()
+    assert not add_effect([world], report, settings).adopted

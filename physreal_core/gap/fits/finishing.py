@@ -10,7 +10,7 @@ from physreal_core.gap.fits.least_squares import Data, Fit, Request, fit, togeth
 from physreal_core.gap.fits.whitening import rewhitened
 from physreal_core.gap.noise.measurements import Measurements
 
-RULED_OUT = 200.0
+RULED_OUT = 100.0
 """Loss in log evidence against another elastic law [nat] from which on a law is not tried beside effects."""
 
 
@@ -51,14 +51,15 @@ class Finish:
     def under_the_best_law(self, baseline: Fit, fits: Sequence[Fit]) -> tuple[Fit, list[Fit]]:
         """The baseline and other fits, each under that elastic law which gives it the most evidence.
 
-        A law that the baseline rules out is not tried beside effects.
+        A law that the baseline rules out is not tried beside effects, nor any beside effects that gain nothing.
         """
         known = {self._law_of(baseline): baseline}
         others = [law for law in self.measurements.elastic_laws if law not in known]
         known |= zip(others, self._gone_on([(baseline, law) for law in others]), strict=True)
         best = max(known.values(), key=self._log_evidence)
         left = [law for law, found in known.items() if self.evidences.gain(best, found) < RULED_OUT]
-        asked = [(found, law) for found in fits for law in left if law != self._law_of(found)]
+        gaining = [found for found in fits if self.evidences.gain(found, baseline) >= 0.0]
+        asked = [(found, law) for found in gaining for law in left if law != self._law_of(found)]
         answers = list(zip((found for found, _ in asked), self._gone_on(asked), strict=True))
         return best, [
             max((found, *(end for begun, end in answers if begun is found)), key=self._log_evidence) for found in fits

@@ -28,9 +28,8 @@ Steps = Generator[list[Trial], Predictions, "Fit"]
 LONGEST_BASELINE, LONGEST_EFFECT = 0.5, 1.5  # steps of the unknowns, in their coordinates
 DAMPING = 0.3  # least damping after a failed step; then ten times as much
 FINE = 0.2  # factor on the secants' steps, where plain ones lead no further
-SMALL_GAIN = (
-    1.0  # [nat] expected of the next step, below which a fit has converged; a fortieth of the usual temperature
-)
+SMALL_GAIN = 1.0  # [nat] expected of the next step, below which a fit has converged: little beside the temperature
+WORTH_RENEWING = 5.0  # [nat] expected of the next step, below which tangents that have failed are not all renewed
 
 
 @dataclass(frozen=True)
@@ -218,6 +217,8 @@ def _steps(
                 found = yield from _renewed(found, effects, share, data)
         elif old and not failed:  # Broyden's update may do; renewing all tangents costs more
             found, failed, damping = replace(found, jacobian=following.jacobian), True, max(10.0 * damping, DAMPING)
+        elif old and expected < WORTH_RENEWING:
+            break
         elif old:
             found, old, failed = (yield from _renewed(found, everything, share, data)), False, False
             damping = max(damping, DAMPING)

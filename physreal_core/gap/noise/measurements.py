@@ -130,16 +130,23 @@ class Measurements:
         )
 
     def whole(self, number: int) -> Noise:
-        """The noise model of one interaction over all its frames."""
-        return self._noise(number, 0, self.experiments[number].frames)
+        """The noise model of one interaction over all frames that the baseline can be simulated to."""
+        return self._noise(number, 0, self._simulated(number))
 
     def held_out(self, number: int) -> Noise | None:
-        """The noise model of one interaction over its held-out frames; None where nothing was measured in them."""
+        """The same over the held-out ones of these frames; None where nothing was measured in them."""
         return self._held_out[number]
 
     @cached_property
     def _held_out(self) -> list[Noise | None]:
-        return [self._noise(number, e.train, e.frames) for number, e in enumerate(self.experiments)]
+        return [self._noise(number, e.train, self._simulated(number)) for number, e in enumerate(self.experiments)]
+
+    def _simulated(self, number: int) -> int:
+        """Leading frames of one interaction before the baseline's rollout breaks off; all of them where it does not."""
+        own = self.predicted[number]
+        fields = np.concatenate([own.motion[None], own.reruns, own.start_sensitivity, own.given])
+        broken = ~np.isfinite(fields).all((0, 2, 3))
+        return int(np.argmax(broken)) if broken.any() else len(broken)
 
     def _noise(self, number: int, first: int, end: int, size: float = 1.0) -> Noise | None:
         """Of the frames [first, end) of one interaction; None where nothing was measured in them."""

@@ -6,6 +6,10 @@ from pathlib import Path
 import pytest
 
 from benchmarks.gap.development import searched_in, told
+from benchmarks.gap.results import pool
+from benchmarks.gap.scoring import judge, sizes_of
+from benchmarks.gap.summary import summary
+from physreal_core.effects import EFFECTS
 from physreal_core.gap import GapSettings
 
 RESULTS = Path(__file__).parents[2] / "benchmarks/results"
@@ -39,6 +43,21 @@ def test_the_page_says_how_often_the_search_was_right_each_time(name, temperatur
     assert line(rows, temperature).startswith(f"| {temperature:g} | {counts} |")
     (own,) = [text for text in PAGE.read_text().splitlines() if f"({'../benchmarks/results/' + rows.name})" in text]
     assert f"temperature {temperature:g}" in own and f"| {counts} |" in own
+
+
+def test_the_page_says_what_the_blind_set_gave():
+    _, rows = pool(RESULTS / "gap", "tracks_only", "85d34fb")
+    sizes = {name: sizes_of(effect.coefficients) for name, effect in EFFECTS.items()}
+    found = summary([judge(row, sizes) for row in rows])["pooled"]
+    page, readme = PAGE.read_text(), " ".join((PAGE.parents[1] / "README.md").read_text().split())
+    for key in ("named_first", "named_in_class", "joint", "false_alarm_rate", "interval_coverage"):
+        own, (lower, upper) = found[key], found[key]["interval"]
+        assert f"| {own['hits']} of {own['count']} | {own['share']:.2f} | {lower:.2f} to {upper:.2f} |" in page
+    first, named = found["named_first"], found["named_in_class"]
+    assert (
+        f"came first in {first['hits']} of {first['count']} cases and among the named ones in {named['hits']};"
+        in readme
+    )
 
 
 def test_the_page_says_what_the_controls_gave():

@@ -56,9 +56,9 @@ class GapSettings:
     exchanges: int = 3
     elastic_laws: tuple[str, ...] = ("neo_hookean", "fixed_corotated", "saint_venant_kirchhoff")
     coarsening: float = 1.5
-    iterations: int = 5
+    iterations: int = 8
     finalists: int = 4
-    settling: int = 10
+    settling: int = 20
     baseline_iterations: int = 3
     grip_fitted: bool = False
     scan: tuple[float, ...] = (1.0,)

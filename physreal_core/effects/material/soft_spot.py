@@ -39,3 +39,7 @@ class SoftSpot(Effect):
     def starts(self, setting: Setting, motion: States | None = None) -> tuple[dict[str, float], ...]:
         """At each of the places of the body, a tenth of the body's extent wide."""
         return local_starts(setting, 0.1)
+
+    def large_starts(self, setting: Setting) -> tuple[dict[str, float], ...]:
+        """Plainly soft at each of the places: patches that have taken a spot up lie in another minimum."""
+        return tuple({**place, "loss": 0.7} for place in self.starts(setting))

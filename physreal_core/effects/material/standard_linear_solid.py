@@ -34,3 +34,7 @@ class StandardLinearSolid(Effect):
     def starts(self, setting: Setting, motion: States | None = None) -> tuple[dict[str, float], ...]:
         """Within a swing, about as long as one, and much longer."""
         return ({"time": 0.02}, {"time": 0.1}, {"time": 0.5})
+
+    def large_starts(self, setting: Setting) -> tuple[dict[str, float], ...]:
+        """As stiff again in fast motion: the modulus of a model without it is one between the two, and from there no tangent leads here."""
+        return ({"share": 1.0, "time": 0.03}, {"share": 1.0, "time": 0.1})

@@ -33,6 +33,9 @@ STARTS = 3
 IN_FULL = 2
 """Steps in full rollouts of a fit that has begun with quick ones."""
 
+FEW = 2
+"""Large starts of an effect that are fitted, of more those that come closest."""
+
 FACTORS = tuple(2.0 ** (step / 2) for step in range(-3, 3))
 """Factors on the uniform baseline's modulus, among which a fit from a large amplitude looks for its start."""
 
@@ -200,19 +203,35 @@ class CandidateFits:
         return fit(unknowns, self.quick, starts, self.settings.iterations, known)
 
     def _from_large_amplitudes(self, scores: list[Score]) -> list[Request]:
-        """Fits of a first effect from `Effect.large_starts`, at the baseline's material or at one of several uniform moduli."""
-        best, own = scores[0], self.baseline.unknowns
+        """Fits of a first effect from `Effect.large_starts`, at the baseline's material or at one of several uniform moduli.
+
+        Of many starts, those that come closest.
+        """
+        best = scores[0]
         if best.beside.unknowns.effects:
             return []
-        effect, requests = EFFECTS[best.start.effect], []
-        for amplitudes in effect.large_starts(self.data.experiments[0].setting):
-            unknowns = self._with_effect(effect, {**best.start.values, **amplitudes})
-            starts = np.tile(unknowns.start(), (1 + len(FACTORS), 1))
-            starts[0, : own.baseline], starts[1:, : own.baseline] = self.baseline.vector, self.uniform.vector
-            starts[1:, : own.patches] += np.log(FACTORS)[:, None]
-            known = [self.baseline.jacobian, *[self.uniform.jacobian] * len(FACTORS)]
-            requests.append(fit(unknowns, self.quick, starts, self.settings.iterations, known))
-        return requests
+        effect = EFFECTS[best.start.effect]
+        large = [{**best.start.values, **values} for values in effect.large_starts(self.data.experiments[0].setting)]
+        begun = [(unknowns, self._at_moduli(unknowns)) for unknowns in (self._with_effect(effect, v) for v in large)]
+        known = [self.baseline.jacobian, *[self.uniform.jacobian] * len(FACTORS)]
+        steps = self.settings.iterations
+        return [fit(unknowns, self.quick, starts, steps, known) for unknowns, starts in self._closest(begun)]
+
+    def _at_moduli(self, unknowns: Unknowns) -> Float[Array, "starts unknowns"]:
+        """An effect at its start, at the baseline's material and at several uniform moduli."""
+        own, starts = self.baseline.unknowns, np.tile(unknowns.start(), (1 + len(FACTORS), 1))
+        starts[0, : own.baseline], starts[1:, : own.baseline] = self.baseline.vector, self.uniform.vector
+        starts[1:, : own.patches] += np.log(FACTORS)[:, None]
+        return starts
+
+    def _closest(self, begun: list[tuple[Unknowns, Array]]) -> list[tuple[Unknowns, Array]]:
+        """Of many starts, each at several moduli, the few from which the least energy is left; all of few."""
+        if len(begun) <= FEW:
+            return begun
+        trials = [unknowns.trial(vector) for unknowns, starts in begun for vector in starts]
+        residuals = self.quick.residuals(self.quick.predict(trials))
+        energies = np.nan_to_num(0.5 * (residuals**2).sum(0), nan=np.inf).reshape(len(begun), -1).min(1)
+        return [begun[number] for number in np.argsort(energies, kind="stable")[:FEW].tolist()]
 
     def _at_scale(self, names: Sequence[str]) -> list[tuple[str, Values]]:
         """These effects from every start and to either side, with one amplitude at its scale."""

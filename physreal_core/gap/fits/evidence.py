@@ -7,7 +7,7 @@ the more is measured, the smaller a class.
 
 from __future__ import annotations
 
-from collections.abc import Sequence
+from collections.abc import Iterable, Sequence
 from dataclasses import dataclass
 from functools import cached_property
 
@@ -61,6 +61,10 @@ class Evidences:
     def gain(self, fit: Fit, baseline: Fit) -> float:
         """Of a fit in log evidence over another one [nat]."""
         return self.of(fit).log_evidence - self.of(baseline).log_evidence
+
+    def best(self, fits: Iterable[Fit]) -> Fit:
+        """The fit of the most evidence; of equally good ones the first."""
+        return max(fits, key=lambda fit: self.of(fit).log_evidence)
 
     def held_out(self, fit: Fit, predictions: Sequence[Float[Array, "frames tracks 3"]]) -> float:
         """Log density of the held-out frames of all interactions under a fit [nat], up to a constant; zero without any.

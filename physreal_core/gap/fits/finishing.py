@@ -46,7 +46,7 @@ class Finish:
     def settled(self, fits: Sequence[Fit]) -> list[Fit]:
         """Each fit after some more steps, or as it was if they gain no evidence."""
         pairs = zip(fits, self._gone_on([(found, None) for found in fits]), strict=True)
-        return [max(pair, key=self._log_evidence) for pair in pairs]
+        return [self.evidences.best(pair) for pair in pairs]
 
     def under_the_best_law(self, baseline: Fit, fits: Sequence[Fit]) -> tuple[Fit, list[Fit]]:
         """The baseline and other fits, each under that elastic law which gives it the most evidence.
@@ -56,20 +56,17 @@ class Finish:
         known = {self._law_of(baseline): baseline}
         others = [law for law in self.measurements.elastic_laws if law not in known]
         known |= zip(others, self._gone_on([(baseline, law) for law in others]), strict=True)
-        best = max(known.values(), key=self._log_evidence)
+        best = self.evidences.best(known.values())
         left = [law for law, found in known.items() if self.evidences.gain(best, found) < RULED_OUT]
         gaining = [found for found in fits if self.evidences.gain(found, baseline) >= 0.0]
         asked = [(found, law) for found in gaining for law in left if law != self._law_of(found)]
         answers = list(zip((found for found, _ in asked), self._gone_on(asked), strict=True))
         return best, [
-            max((found, *(end for begun, end in answers if begun is found)), key=self._log_evidence) for found in fits
+            self.evidences.best([found, *(end for begun, end in answers if begun is found)]) for found in fits
         ]
 
     def _law_of(self, found: Fit) -> str:
         return found.unknowns.elastic_law or self.measurements.elastic_laws[0]
-
-    def _log_evidence(self, found: Fit) -> float:
-        return self.evidences.of(found).log_evidence
 
     def _gone_on(self, asked: Sequence[tuple[Fit, str | None]]) -> list[Fit]:
         """Fits after some more steps, each under an elastic law and beside an error of the size that it leaves."""

@@ -87,9 +87,6 @@ class Strategy:
         """Gain of a fit in log evidence over the baseline [nat]."""
         return self.evidences.gain(found, self.baseline)
 
-    def _log_evidence(self, found: Fit) -> float:
-        return self.evidences.of(found).log_evidence
-
     def ordered(self, effects: int = 1) -> list[Fit]:
         """Fits with so many effects, the best first."""
         found = [fit for names, fit in self.found.items() if len(names) == effects]
@@ -172,9 +169,9 @@ class Strategy:
         best = sorted(self.found.values(), key=self.gain, reverse=True)[: self.settings.finalists]
         self._progress("finishing the baseline, " + ", ".join("+".join(fit.unknowns.effects) for fit in best))
         finish = Finish(self.measurements, self.evidences, self.settings.settling)
-        begun = max([self.baseline, *self.candidate_fits.without_effects(best)], key=self._log_evidence)
+        begun = self.evidences.best([self.baseline, *self.candidate_fits.without_effects(best)])
         baseline, *settled = finish.settled([begun, *best])
-        self.baseline, found = finish.under_the_best_law(max(self.baseline, baseline, key=self._log_evidence), settled)
+        self.baseline, found = finish.under_the_best_law(baseline, settled)
         self.found |= {fit.unknowns.effects: fit for fit in found}
 
     # --- two at once --------------------------------------------------------------------------------------------

@@ -3,7 +3,7 @@
 A hand moves smoothly; the error of its record hangs on for some time and jumps from frame to frame besides. Undamped, a soft body rings
 with those jumps for seconds. So the path is taken as the sum of two Gaussian processes along time: the motion, with a Matern covariance
 of order 7/2 (Rasmussen and Williams 2006, eq. 4.16; its jerk is continuous, as that of a person's strokes), and the error, an
-Ornstein-Uhlenbeck process. A motion of order 5/2 takes half of the error for jumps of a hand that is shaken. The record itself says by its marginal likelihood how far and how fast the hand moves and how large the
+Ornstein-Uhlenbeck process. A motion of order 5/2 takes part of the error for jumps of a hand that is shaken. The record itself says by its marginal likelihood how far and how fast the hand moves and how large the
 error is (ibid., sec. 5.4). What follows is the path's mean, and its covariance: what the record leaves open.
 """
 

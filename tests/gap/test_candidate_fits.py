@@ -9,7 +9,7 @@ import pytest
 from physreal_core.effects import EFFECTS
 from physreal_core.gap import GapSettings
 from physreal_core.gap.adding import EffectFits
-from physreal_core.gap.fits.candidate_fits import CandidateFits
+from physreal_core.gap.fits.candidate_fits import FEW, CandidateFits
 from physreal_core.gap.fits.least_squares import Data
 from physreal_core.gap.noise.model import ModelError
 from tests.gap.linear import ANSWERS, LinearExperiment, MadeUp, baseline, register
@@ -154,3 +154,13 @@ def test_an_effect_that_a_modulus_hides_is_found_from_a_plain_size(monkeypatch, 
     assert found.needs_large_starts("sink") == bool(hook)
     (fitted,) = found.converged(found.fitted(found.ranked()))
     assert fitted.unknowns.values(fitted.vector)["sink"]["amount"] == pytest.approx(reached, abs=0.1)
+
+
+def test_of_many_large_starts_those_that_come_closest_are_fitted(monkeypatch):
+    amounts = (3.0, 0.1, 1.0, 9.0, 0.5)
+    large = tuple({"amount": amount} for amount in amounts)
+    monkeypatch.setattr(EFFECTS["sink"], "large_starts", lambda setting: large, raising=False)
+    found = candidate_fits({"sink": {"amount": 0.9}})
+    scores = next(scores for scores in found.ranked() if scores[0].start.effect == "sink")
+    fitted = [request.unknowns.at["sink"]["amount"] for request in found._from_large_amplitudes(scores)]
+    assert len(fitted) == FEW and {*fitted} == {0.5, 1.0}

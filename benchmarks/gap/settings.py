@@ -11,7 +11,9 @@ from typing import Any
 from physreal_core.errors import InputError
 from physreal_core.gap import GapSettings
 
-MODULI = (0.7, 1.0, 1.4, 2.0, 2.8, 4.0)  # times the guess
+MODULI = tuple(0.35 * 1.2**step for step in range(14))
+"""Times the guess, up to 3.7. A body that swings for seconds has a minimum for every swing that it is ahead or behind: wide ones at
+half of the right modulus, and narrow ones."""
 
 
 def load_settings(path: Path | None) -> GapSettings:

@@ -5,10 +5,12 @@ import dataclasses
 import numpy as np
 import pytest
 
+from physreal_core.effects import EFFECTS
 from physreal_core.gap import Experiment, GapSettings, Search, Trial, add_effect
 from physreal_core.gap.fits.baseline import fit_baseline
 from physreal_core.gap.fits.evidence import Evidences
 from physreal_core.gap.fits.finishing import Finish
+from physreal_core.gap.fits.least_squares import fit, together
 from physreal_core.gap.noise.measurements import possible_laws
 from physreal_core.gap.noise.model import ModelError
 from tests.fitting import scene
@@ -55,17 +57,23 @@ def test_a_fit_ends_under_the_law_that_gives_it_the_most_evidence(world):
     assert again is best and same is end
 
 
-def test_a_law_that_the_baseline_rules_out_is_not_tried_beside_effects(world, monkeypatch):
+def test_a_law_that_the_best_answer_rules_out_is_not_tried_beside_others(world, monkeypatch):
+    """The best is tried under all laws, also under those that the baseline rules out."""
     baseline, measurements = fit_baseline([world], dataclasses.replace(SETTINGS, elastic_laws=()))
     measurements = dataclasses.replace(measurements, settings=SETTINGS)
-    finish = Finish(measurements, Evidences(measurements, SETTINGS), 12)
-    tried = []
+    own = baseline.unknowns
+    beside = [own.beside((name,), {name: EFFECTS[name].dormant}) for name in ("sink", "drift")]
+    sink, drift = together([fit(u, measurements.train, u.start()[None], 12) for u in beside])
+    evidences, tried = Evidences(measurements, SETTINGS), []
+    finish, gone_on = Finish(measurements, evidences, 12), Finish._gone_on
+    monkeypatch.setattr(Finish, "_gone_on", lambda own, asked: tried.append(asked) or gone_on(own, asked))
     monkeypatch.setattr("physreal_core.gap.fits.finishing.RULED_OUT", 1.0)
-    monkeypatch.setattr(
-        Finish, "_gone_on", lambda own, asked, gone_on=Finish._gone_on: tried.append(len(asked)) or gone_on(own, asked)
-    )
-    finish.under_the_best_law(baseline, [baseline])
-    assert tried == [2, 1]
+    monkeypatch.setattr(Evidences, "gain", lambda own, one, other, gain=Evidences.gain: max(gain(own, one, other), 0.0))
+    _, (best, _) = finish.under_the_best_law(baseline, [sink, drift])
+    assert best.unknowns.elastic_law == LAW
+    first, second = tried
+    assert [found.unknowns.effects for found, _ in first] == [(), (), ("sink",), ("sink",)]
+    assert [(found.unknowns.effects, law) for found, law in second] == [(("drift",), LAW)]
 
 
 def test_an_answer_says_its_law_and_is_added_with_it(world):

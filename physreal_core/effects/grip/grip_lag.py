@@ -10,7 +10,7 @@ from physreal_core.simulation import States
 
 
 class GripLag(Effect):
-    """Clocks of hand and camera that do not agree; between frames the hand's path is read by cubic interpolation."""
+    """Clocks of hand and camera that do not agree; between frames the hand's path is read by a spline (`paths`)."""
 
     name = "grip_lag"
     family = "grip"

@@ -8,11 +8,11 @@ import torch
 
 from physreal_core.array_types import Float, Tensor
 from physreal_core.effects.effect import Coefficient, Effect, Inputs, Setting, Values
-from physreal_core.effects.paths import resampled
+from physreal_core.effects.paths import MARGIN, resampled
 
 
 class FrameRate(Effect):
-    """A time between frames other than 1 / fps; paths are read between frames by cubic interpolation."""
+    """A time between frames other than 1 / fps; paths are read between frames by a spline (`paths`)."""
 
     name = "frame_rate"
     family = "measurement"
@@ -31,8 +31,8 @@ class FrameRate(Effect):
         return _stretched(points, 1 + values["excess"])
 
     def frames_needed(self, frames: int, values: Mapping[str, float]) -> int:
-        """Up to the time that the last frame shows, and one more, for the curve's slope there."""
-        return frames + max(math.ceil(values["excess"] * (frames - 1)), 0) + 1
+        """Up to the time that the last frame shows, and as many more as the spline there needs."""
+        return frames + max(math.ceil(values["excess"] * (frames - 1)), 0) + MARGIN
 
 
 def _stretched(path: Tensor, factor: Tensor) -> Tensor:

@@ -10,12 +10,13 @@ from __future__ import annotations
 
 from collections.abc import Sequence
 from dataclasses import dataclass, replace
+from functools import cached_property
 
 import numpy as np
 
 from physreal_core.array_types import Array, Float
 from physreal_core.effects import EFFECTS, Effect
-from physreal_core.gap.fits.least_squares import Data, Fit, Request, fit, together
+from physreal_core.gap.fits.least_squares import Data, Fit, Request, energy_of, fit, together
 from physreal_core.gap.fits.linear_starts import LONGEST_SHIFT, linear_starts
 from physreal_core.gap.fits.plans import share_a_term
 from physreal_core.gap.fits.screening import Score, Screen
@@ -126,16 +127,16 @@ class CandidateFits:
         The starts are the linear optima of its scores, large amplitudes, and values that would keep the body off a
         place.
         """
-        alone = [None if scores[0].beside.unknowns.effects else scores[0].start.effect for scores in chosen]
-        blocking = [(name, values) for name in alone if name for values in self.blocking.get(name, ())]
-        from_blocking = self._from_the_closest(blocking, self.baseline)
+        alone = {s[0].start.effect: s[0] for s in chosen if not s[0].beside.unknowns.effects}
+        blocking = [(name, values) for name in alone for values in self.blocking.get(name, ())]
+        closest, large = self._from_the_closest(blocking, self.baseline), self._from_large_amplitudes([*alone.values()])
+        further = {name: [*large.get(name, ()), *([closest[name]] if name in closest else ())] for name in alone}
         requests = [
             [
                 self._from_linear_optima(scores),
-                *self._from_large_amplitudes(scores),
-                *([from_blocking[name]] if name in from_blocking else []),
+                *(() if scores[0].beside.unknowns.effects else further[scores[0].start.effect]),
             ]
-            for name, scores in zip(alone, chosen, strict=True)
+            for scores in chosen
         ]
         found = iter(together([request for own in requests for request in own]))
         return self._in_full([max((next(found) for _ in own), key=lambda fit: fit.log_evidence) for own in requests])
@@ -202,36 +203,49 @@ class CandidateFits:
         unknowns, starts, known = linear_starts(scores)
         return fit(unknowns, self.quick, starts, self.settings.iterations, known)
 
-    def _from_large_amplitudes(self, scores: list[Score]) -> list[Request]:
-        """Fits of a first effect from `Effect.large_starts`, at the baseline's material or at one of several uniform moduli.
+    def _from_large_amplitudes(self, scores: Sequence[Score]) -> dict[str, list[Request]]:
+        """Fits of first effects from `Effect.large_starts`, each beside that material which comes closest, by name.
 
-        Of many starts, those that come closest.
+        Of many starts of an effect, those that come closest.
         """
-        best = scores[0]
-        if best.beside.unknowns.effects:
-            return []
-        effect = EFFECTS[best.start.effect]
-        large = [{**best.start.values, **values} for values in effect.large_starts(self.data.experiments[0].setting)]
-        begun = [(unknowns, self._at_moduli(unknowns)) for unknowns in (self._with_effect(effect, v) for v in large)]
-        known = [self.baseline.jacobian, *[self.uniform.jacobian] * len(FACTORS)]
-        steps = self.settings.iterations
-        return [fit(unknowns, self.quick, starts, steps, known) for unknowns, starts in self._closest(begun)]
+        setting, begun = self.data.experiments[0].setting, []
+        for score in scores:
+            effect = EFFECTS[score.start.effect]
+            for values in effect.large_starts(setting):
+                unknowns = self._with_effect(effect, {**score.start.values, **values})
+                begun += [(unknowns, self._beside(unknowns, material), known) for material, known in self._materials]
+        if not begun:
+            return {}
+        residuals = self.quick.residuals(self.quick.predict([unknowns.trial(vector) for unknowns, vector, _ in begun])).T
+        energies = [energy_of(unknowns, vector, own) for (unknowns, vector, _), own in zip(begun, residuals, strict=True)]
+        closest: dict[int, int] = {}  # of each start, in order of energy
+        for number in np.argsort(energies, kind="stable").tolist():
+            closest.setdefault(number // len(self._materials), number)
+        found: dict[str, list[Request]] = {}
+        for number in closest.values():
+            unknowns, vector, known = begun[number]
+            own = found.setdefault(unknowns.effects[0], [])
+            if len(own) < FEW:
+                own.append(fit(unknowns, self.quick, vector[None], self.settings.iterations, [known]))
+        return found
 
-    def _at_moduli(self, unknowns: Unknowns) -> Float[Array, "starts unknowns"]:
-        """An effect at its start, at the baseline's material and at several uniform moduli."""
-        own, starts = self.baseline.unknowns, np.tile(unknowns.start(), (1 + len(FACTORS), 1))
-        starts[0, : own.baseline], starts[1:, : own.baseline] = self.baseline.vector, self.uniform.vector
-        starts[1:, : own.patches] += np.log(FACTORS)[:, None]
-        return starts
+    @cached_property
+    def _materials(self) -> list[tuple[Float[Array, " material"], Float[Array, "entries material"]]]:
+        """Materials from which fits from a large amplitude may begin, and tangents near them.
 
-    def _closest(self, begun: list[tuple[Unknowns, Array]]) -> list[tuple[Unknowns, Array]]:
-        """Of many starts, each at several moduli, the few from which the least energy is left; all of few."""
-        if len(begun) <= FEW:
-            return begun
-        trials = [unknowns.trial(vector) for unknowns, starts in begun for vector in starts]
-        residuals = self.quick.residuals(self.quick.predict(trials))
-        energies = np.nan_to_num(0.5 * (residuals**2).sum(0), nan=np.inf).reshape(len(begun), -1).min(1)
-        return [begun[number] for number in np.argsort(energies, kind="stable")[:FEW].tolist()]
+        The baseline's, and several moduli of the whole body, with friction and Poisson's ratio as the uniform baseline has them or as
+        they were guessed: a baseline that lacks an effect bends them, too.
+        """
+        own, bent = self.baseline.unknowns, self.uniform.vector
+        guessed = np.concatenate([bent[: own.patches], own.block.mean[own.patches : own.baseline]])
+        moved = [np.concatenate([v[: own.patches] + np.log(f), v[own.patches :]]) for v in (bent, guessed) for f in FACTORS]
+        kept = [np.clip(vector, own.block.lower, own.block.upper) for vector in moved]
+        return [(self.baseline.vector, self.baseline.jacobian), *((vector, self.uniform.jacobian) for vector in kept)]
+
+    @staticmethod
+    def _beside(unknowns: Unknowns, material: Float[Array, " material"]) -> Float[Array, " unknowns"]:
+        """The start of unknowns, with this material."""
+        return np.concatenate([material, unknowns.start()[unknowns.baseline :]])
 
     def _at_scale(self, names: Sequence[str]) -> list[tuple[str, Values]]:
         """These effects from every start and to either side, with one amplitude at its scale."""
@@ -274,8 +288,7 @@ class CandidateFits:
     def _beside_material(self, name: str, values: Values, beside: Fit) -> tuple[Unknowns, Float[Array, " unknowns"]]:
         """Unknowns and vector of an effect with values beside the material of a fit."""
         unknowns = self._with_effect(EFFECTS[name], values)
-        size = unknowns.baseline
-        return unknowns, np.concatenate([beside.vector[:size], unknowns.start()[size:]])
+        return unknowns, self._beside(unknowns, beside.vector[: unknowns.baseline])
 
     def _followed(
         self, begun: Sequence[tuple[Unknowns, Array]], beside: Fit

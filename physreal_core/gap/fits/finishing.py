@@ -51,18 +51,29 @@ class Finish:
     def under_the_best_law(self, baseline: Fit, fits: Sequence[Fit]) -> tuple[Fit, list[Fit]]:
         """The baseline and other fits, each under that elastic law which gives it the most evidence.
 
-        A law that the baseline rules out is not tried beside effects, nor any beside effects that gain nothing.
+        A law that the best of them rules out is not tried beside other effects, nor any beside effects that gain nothing. The
+        baseline does not rule it out for them: where an effect is missing, it may like a wrong law far better.
         """
-        known = {self._law_of(baseline): baseline}
-        others = [law for law in self.measurements.elastic_laws if law not in known]
-        known |= zip(others, self._gone_on([(baseline, law) for law in others]), strict=True)
-        best = self.evidences.best(known.values())
-        left = [law for law, found in known.items() if self.evidences.gain(best, found) < RULED_OUT]
-        gaining = [found for found in fits if self.evidences.gain(found, baseline) >= 0.0]
-        asked = [(found, law) for found in gaining for law in left if law != self._law_of(found)]
-        answers = list(zip((found for found, _ in asked), self._gone_on(asked), strict=True))
-        return best, [
-            self.evidences.best([found, *(end for begun, end in answers if begun is found)]) for found in fits
+        laws, leader = self.measurements.elastic_laws, self.evidences.best([baseline, *fits])
+        judges = [baseline] if leader is baseline else [baseline, leader]
+        of_judges = iter(self._under([(judge, laws) for judge in judges]))
+        known = {id(judge): next(of_judges) for judge in judges}
+        of_leader = known[id(leader)]
+        best = self.evidences.best(of_leader.values())
+        left = [law for law, found in of_leader.items() if self.evidences.gain(best, found) < RULED_OUT]
+        others = [f for f in fits if id(f) not in known and self.evidences.gain(f, baseline) >= 0.0]
+        known |= {id(f): own for f, own in zip(others, self._under([(f, left) for f in others]), strict=True)}
+        known |= {id(f): {self._law_of(f): f} for f in fits if id(f) not in known}
+        settled, *ends = (self.evidences.best(known[id(found)].values()) for found in (baseline, *fits))
+        return settled, ends
+
+    def _under(self, asked: Sequence[tuple[Fit, Sequence[str]]]) -> list[dict[str, Fit]]:
+        """Each fit under its own elastic law, and gone on under others, by the laws."""
+        further = [(found, law) for found, laws in asked for law in laws if law != self._law_of(found)]
+        gone_on = iter(self._gone_on(further))
+        return [
+            {self._law_of(found): found} | {law: next(gone_on) for law in laws if law != self._law_of(found)}
+            for found, laws in asked
         ]
 
     def _law_of(self, found: Fit) -> str:

@@ -12,7 +12,7 @@ DEGREE = 7
 """Of the spline between frames. A body may swing in few frames: of three and a third a swing, halfway between two of them, a
 cubic spline loses 7 % of the amplitude, and one of degree 7 loses 0.3 %."""
 
-MARGIN = 4
+MARGIN = 8
 """Frames beyond the last time that is read, behind which the spline no longer feels that the path ends."""
 
 NOISE = 0.003

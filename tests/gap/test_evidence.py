@@ -9,7 +9,8 @@ from physreal_core.gap import GapSettings
 from physreal_core.gap.fits.evidence import Evidences
 from physreal_core.gap.fits.least_squares import Fit, fit, together
 from physreal_core.gap.fits.unknowns import Unknowns
-from physreal_core.gap.noise.discrepancy import ErrorPrior
+from physreal_core.gap.fits.whitening import rewhitened
+from physreal_core.gap.noise.discrepancy import Discrepancy, ErrorPrior
 from physreal_core.gap.noise.measurements import Measurements
 from physreal_core.gap.noise.model import ModelError
 from tests.gap.linear import ANSWERS, FRAMES, LinearExperiment, register
@@ -83,3 +84,26 @@ def test_a_fit_whose_rollout_failed_has_no_evidence():
     measurements, (none, sink, _) = made({}, SETTINGS)
     failed = replace(sink, energy=np.inf)
     assert Evidences(measurements, SETTINGS).gain(failed, none) == -np.inf
+
+
+@pytest.mark.parametrize("size", [0.25, 1.0, 4.0])
+def test_the_determinant_is_that_of_the_whole_covariance(size):
+    """So that evidences beside different noise models can be compared."""
+    measurements, _ = made({"sink": {"amount": 0.6}}, SETTINGS)
+    (noise,) = measurements.train.noises
+    known, field = noise.known_columns().astype(float), noise.field_columns(SETTINGS.model_error).astype(float)
+    covariance = np.eye(len(known)) + known @ known.T + size**2 * field @ field.T
+    part = Discrepancy(noise, SETTINGS.model_error)
+    assert part.log_sizes(np.array([size])) == pytest.approx([0.5 * np.linalg.slogdet(covariance)[1]], rel=1e-4)
+
+
+def test_a_fit_can_be_judged_beside_noise_models_around_its_own_motion():
+    measurements, (none, sink, _) = made({"sink": {"amount": 3.0}}, SETTINGS)
+    evidences = Evidences(measurements, SETTINGS)
+    shared = evidences.of(sink).log_evidence
+    own = measurements.around_another(sink.unknowns.trial(sink.vector))
+    inside = rewhitened(sink, measurements.train, own.train)
+    there = evidences.judge_beside(sink, own)
+    assert there.log_evidence == Evidences(own, SETTINGS).of(inside).log_evidence
+    assert evidences.of(sink) is there and there.log_evidence != shared
+    assert evidences.gain(sink, none) == there.log_evidence - evidences.of(none).log_evidence

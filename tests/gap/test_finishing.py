@@ -13,7 +13,7 @@ from physreal_core.gap.fits.finishing import Finish
 from physreal_core.gap.fits.least_squares import fit, together
 from physreal_core.gap.fits.unknowns import Unknowns
 from physreal_core.gap.fits.whitening import rewhitened
-from physreal_core.gap.noise.measurements import FITTED_BESIDE
+from physreal_core.gap.noise.measurements import FITTED_BESIDE, Measurements
 from physreal_core.gap.noise.model import ModelError
 from tests.gap.linear import ANSWERS, LinearExperiment, MadeUp, register
 
@@ -59,6 +59,27 @@ def test_what_a_fit_beside_a_wide_error_left_is_found_beside_its_own():
     at = unknowns.places["sink"].start
     assert abs(after.vector[at] - 0.6) <= abs(begun.vector[at] - 0.6)
     assert after.vector[at] == pytest.approx(0.6, abs=0.05)
+
+
+def test_answers_near_the_best_are_judged_beside_noise_around_their_own_motion(monkeypatch):
+    experiment = LinearExperiment(ANSWERS, {"sink": {"amount": 0.9}})
+    baseline, measurements = fit_baseline([experiment], SETTINGS)
+    own = baseline.unknowns
+    beside = [own.beside((name,), {name: EFFECTS[name].dormant}) for name in ("sink", "drift")]
+    sink, drift = together([fit(u, measurements.train, u.start()[None], 12) for u in beside])
+    evidences, around = Evidences(measurements, SETTINGS), []
+    made = Measurements.around_another
+    monkeypatch.setattr(Measurements, "around_another", lambda self, trial: around.append(trial) or made(self, trial))
+    shared = [evidences.of(found) for found in (baseline, sink, drift)]
+    assert min(evidences.gain(sink, other) for other in (baseline, drift)) > 10.0
+    monkeypatch.setattr("physreal_core.gap.fits.finishing.FAR_BEHIND", 10.0)
+    ends = Finish(measurements, evidences, 12).beside_own_motion([baseline, sink, drift])
+    assert [trial.effects.keys() for trial in around] == [{"sink"}]
+    assert ends[0] is baseline and ends[2] is drift
+    assert [evidences.of(found) for found in (ends[0], ends[2])] == [shared[0], shared[2]]
+    assert evidences.of(ends[1]) is not shared[1]
+    at = ends[1].unknowns.places["sink"].start
+    assert ends[1].vector[at] == pytest.approx(0.9, abs=0.05)
 
 
 def test_the_best_effects_family_is_fitted_whatever_its_score(monkeypatch):

@@ -216,8 +216,12 @@ class CandidateFits:
                 begun += [(unknowns, self._beside(unknowns, material), known) for material, known in self._materials]
         if not begun:
             return {}
-        residuals = self.quick.residuals(self.quick.predict([unknowns.trial(vector) for unknowns, vector, _ in begun])).T
-        energies = [energy_of(unknowns, vector, own) for (unknowns, vector, _), own in zip(begun, residuals, strict=True)]
+        residuals = self.quick.residuals(
+            self.quick.predict([unknowns.trial(vector) for unknowns, vector, _ in begun])
+        ).T
+        energies = [
+            energy_of(unknowns, vector, own) for (unknowns, vector, _), own in zip(begun, residuals, strict=True)
+        ]
         closest: dict[int, int] = {}  # of each start, in order of energy
         for number in np.argsort(energies, kind="stable").tolist():
             closest.setdefault(number // len(self._materials), number)
@@ -238,7 +242,9 @@ class CandidateFits:
         """
         own, bent = self.baseline.unknowns, self.uniform.vector
         guessed = np.concatenate([bent[: own.patches], own.block.mean[own.patches : own.baseline]])
-        moved = [np.concatenate([v[: own.patches] + np.log(f), v[own.patches :]]) for v in (bent, guessed) for f in FACTORS]
+        moved = [
+            np.concatenate([v[: own.patches] + np.log(f), v[own.patches :]]) for v in (bent, guessed) for f in FACTORS
+        ]
         kept = [np.clip(vector, own.block.lower, own.block.upper) for vector in moved]
         return [(self.baseline.vector, self.baseline.jacobian), *((vector, self.uniform.jacobian) for vector in kept)]
 

@@ -16,6 +16,7 @@ from scipy.special import logsumexp
 
 from physreal_core.array_types import Array, Float
 from physreal_core.gap.fits.least_squares import Fit, laplace, newton_step
+from physreal_core.gap.fits.whitening import rewhitened
 from physreal_core.gap.noise.discrepancy import Discrepancy
 from physreal_core.gap.noise.measurements import Measurements
 from physreal_core.gap.noise.model import Noise
@@ -48,7 +49,8 @@ class Evidences:
     """
 
     def __init__(self, measurements: Measurements, settings: GapSettings) -> None:
-        self._measurements, self._error, self._prior = measurements, settings.model_error, settings.error_prior
+        self._measurements, self._settings = measurements, settings
+        self._error, self._prior = settings.model_error, settings.error_prior
         self._rows, self._sizes = measurements.train.rows(), np.array(self._prior.sizes)
         self._found: dict[int, tuple[Fit, Evidence]] = {}
 
@@ -56,6 +58,12 @@ class Evidences:
         """The evidence of a fit; minus infinity where its rollout failed."""
         if id(fit) not in self._found:
             self._found[id(fit)] = fit, self._evidence(fit)  # the fit is kept, so that no other gets its number
+        return self._found[id(fit)][1]
+
+    def judge_beside(self, fit: Fit, own: Measurements) -> Evidence:
+        """The evidence of a fit beside other noise models of the same frames, as of those around its own motion; it is kept as `of`."""
+        inside = rewhitened(fit, self._measurements.train, own.train)
+        self._found[id(fit)] = fit, Evidences(own, self._settings).of(inside)
         return self._found[id(fit)][1]
 
     def gain(self, fit: Fit, baseline: Fit) -> float:

@@ -13,6 +13,9 @@ from physreal_core.gap.noise.measurements import Measurements
 RULED_OUT = 100.0
 """Loss in log evidence against another elastic law [nat] from which on a law is not tried beside effects."""
 
+FAR_BEHIND = 300.0
+"""Loss in log evidence against the best answer [nat] from which on no noise model is built around an answer: it would not save it."""
+
 
 def continued(found: Fit, known: Data, data: Data, steps: int, elastic_law: str | None = None) -> Request:
     """A fit that goes on from where it is, with its tangents, beside another noise model.
@@ -42,6 +45,13 @@ class Finish:
     measurements: Measurements
     evidences: Evidences
     steps: int
+
+    def ended(self, baseline: Fit, fits: Sequence[Fit]) -> tuple[Fit, list[Fit]]:
+        """The baseline and other fits after some more steps, each under its best elastic law, and judged beside noise of its own."""
+        begun, *settled = self.settled([baseline, *fits])
+        begun, settled = self.under_the_best_law(begun, settled)
+        end, *ends = self.beside_own_motion([begun, *settled])
+        return end, ends
 
     def settled(self, fits: Sequence[Fit]) -> list[Fit]:
         """Each fit after some more steps, or as it was if they gain no evidence."""
@@ -75,6 +85,27 @@ class Finish:
             {self._law_of(found): found} | {law: next(gone_on) for law in laws if law != self._law_of(found)}
             for found, laws in asked
         ]
+
+    def beside_own_motion(self, fits: Sequence[Fit]) -> list[Fit]:
+        """Those that are not far behind the best, gone on beside noise models around their own motions, and judged beside these.
+
+        Beside those around the baseline, a wrong answer whose motion is like the baseline's would be forgiven more than a right one
+        whose motion is not.
+        """
+        best, data = self.evidences.best(fits), self.measurements.train
+        near = [found for found in fits if self.evidences.gain(best, found) < FAR_BEHIND]
+        own = [
+            self.measurements.around_another(found.unknowns.trial(found.vector)).beside_error(
+                self.evidences.of(found).size
+            )
+            for found in near
+        ]
+        requests = [continued(f, data, theirs.train, self.steps) for f, theirs in zip(near, own, strict=True)]
+        ends = {}
+        for found, theirs, end in zip(near, own, together(requests), strict=True):
+            pair = found, rewhitened(end, theirs.train, data)
+            ends[id(found)] = max(pair, key=lambda fit: self.evidences.judge_beside(fit, theirs).log_evidence)
+        return [ends.get(id(found), found) for found in fits]
 
     def _law_of(self, found: Fit) -> str:
         return found.unknowns.elastic_law or self.measurements.elastic_laws[0]

@@ -161,7 +161,7 @@ class Strategy:
         self.keep(converged)
 
     def _finish(self) -> None:
-        """Let the best answers and the baseline converge beside an error of the size that they leave, each under its best elastic law.
+        """Let the best answers and the baseline converge beside an error of the size that they leave, and judge each beside its own noise.
 
         The baseline goes on from the material of each of the best answers, too: with an effect a fit may have left a minimum in
         which the baseline is caught, and then the effect would be paid for what the minimum costs.
@@ -170,8 +170,7 @@ class Strategy:
         self._progress("finishing the baseline, " + ", ".join("+".join(fit.unknowns.effects) for fit in best))
         finish = Finish(self.measurements, self.evidences, self.settings.settling)
         begun = self.evidences.best([self.baseline, *self.candidate_fits.without_effects(best)])
-        baseline, *settled = finish.settled([begun, *best])
-        self.baseline, found = finish.under_the_best_law(baseline, settled)
+        self.baseline, found = finish.ended(begun, best)
         self.found |= {fit.unknowns.effects: fit for fit in found}
 
     # --- two at once --------------------------------------------------------------------------------------------

@@ -58,13 +58,14 @@ class Discrepancy:
     def __init__(self, noise: Noise, error: ModelError, device: str = "cpu") -> None:
         self.noise, self._device = noise, device
         self._known, variances = principal_axes(self._tensor(noise.known_columns()))
+        self._log_known = 0.5 * float(variances.log1p().sum())
         self._less = (1.0 - 1.0 / (1.0 + variances).sqrt()).float()
         self._axes, variances = principal_axes(self._without_known(self._tensor(noise.field_columns(error))))
         self.variances: Float[Array, " axes"] = variances.cpu().numpy()
 
     def log_sizes(self, sizes: Float[Array, " sizes"]) -> Float[Array, " sizes"]:
-        """Half the logarithm of the covariance's determinant for each size of the error, up to a constant."""
-        return 0.5 * np.log1p(sizes[:, None] ** 2 * self.variances).sum(1)
+        """Half the logarithm of the covariance's determinant for each size of the error, up to a constant of the sensor."""
+        return self._log_known + 0.5 * np.log1p(sizes[:, None] ** 2 * self.variances).sum(1)
 
     def products(
         self, whitened: Float[Array, "entries columns"], sizes: Float[Array, " sizes"]

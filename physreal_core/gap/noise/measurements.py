@@ -95,6 +95,15 @@ class Measurements:
         """
         return replace(self, correlations=[self._likeliest(number) for number in range(len(self.experiments))])
 
+    def around_another(self, trial: Trial) -> Measurements:
+        """The same training frames with noise models around another motion; none of the held-out frames.
+
+        What an error of the hand's record or of the grid does to the tracks depends on the motion: a body that rings answers to
+        it at its frequency and with its phase, one that is damped does not.
+        """
+        pairs = zip(self.experiments, self.train_frames, strict=True)
+        return replace(self, predicted=[_predicted(e, trial, end, reruns=True) for e, end in pairs])
+
     def beside_error(self, size: float) -> Measurements:
         """The same for fits beside a model's error of another size."""
         return replace(self, size=float(np.clip(size, *FITTED_BESIDE)))

@@ -45,15 +45,16 @@ def rerun_differences(
     Args:
         experiment: the interaction.
         trial: the model.
-        predicted: its tracks in its own discretisation [m].
+        predicted: its tracks in its own discretisation [m], over the frames that count.
         reruns: the discretisations that are tried.
     """
     stays = bool(experiment.model.effects or trial.effects or experiment.setting.clamps)
     usable = [rerun for rerun in reruns if not stays or rerun.turn == 0.0]
     own_law = trial.elastic_law or experiment.model.elastic_law
     usable = [rerun for rerun in usable if rerun.elastic_law != own_law]
-    beside = experiment.predict([_stiffer(trial, STEP)])[0]
-    slope = np.nan_to_num((beside - predicted)[experiment.valid]) / STEP
+    frames = len(predicted)
+    beside = experiment.predict([_stiffer(trial, STEP)], frames)[0]
+    slope = np.nan_to_num((beside - predicted)[experiment.valid[:frames]]) / STEP
     found = [rerun.error * (_nearest(experiment, trial, predicted, slope, rerun) - predicted) for rerun in usable]
     finite = [difference for difference in found if np.isfinite(difference).all()]
     return np.stack(finite) if finite else np.zeros((0, *predicted.shape))
@@ -68,10 +69,10 @@ def _nearest(
         experiment, trial, predicted, rerun: as for `rerun_differences`.
         slope: derivative of the predicted tracks by the logarithm of the modulus [m], at the valid entries.
     """
-    modulus, nearest, least = 0.0, predicted * np.nan, np.inf
+    modulus, nearest, least, frames = 0.0, predicted * np.nan, np.inf, len(predicted)
     for _ in range(ROUNDS + 1):
-        tracks = experiment.predict([_stiffer(trial, modulus)], discretisation=rerun)[0]
-        off = (tracks - predicted)[experiment.valid]
+        tracks = experiment.predict([_stiffer(trial, modulus)], frames, rerun)[0]
+        off = (tracks - predicted)[experiment.valid[:frames]]
         if not (off**2).sum() < least:
             break
         nearest, least = tracks, (off**2).sum()

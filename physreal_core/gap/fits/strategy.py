@@ -163,10 +163,13 @@ class Strategy:
     def _finish(self) -> None:
         """Let the best answers and the baseline converge beside an error of the size that they leave, and judge each beside its own noise.
 
-        The baseline goes on from the material of each of the best answers, too: with an effect a fit may have left a minimum in
-        which the baseline is caught, and then the effect would be paid for what the minimum costs.
+        The best single effects are among them where pairs lead. The baseline goes on from the material of each, too: with an
+        effect a fit may have left a minimum in which the baseline is caught, and then the effect would be paid for what the
+        minimum costs.
         """
-        best = sorted(self.found.values(), key=self.gain, reverse=True)[: self.settings.finalists]
+        count, ordered = self.settings.finalists, sorted(self.found.values(), key=self.gain, reverse=True)
+        names = dict.fromkeys(fit.unknowns.effects for fit in (*self.ordered()[: count // 2], *ordered[:count]))
+        best = [self.found[own] for own in names]
         self._progress("finishing the baseline, " + ", ".join("+".join(fit.unknowns.effects) for fit in best))
         finish = Finish(self.measurements, self.evidences, self.settings.settling)
         begun = self.evidences.best([self.baseline, *self.candidate_fits.without_effects(best)])

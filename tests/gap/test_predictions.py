@@ -49,12 +49,13 @@ def test_frames_that_follow_change_nothing(excess):
 
 
 def test_frames_that_follow_change_nothing_whatever_else_acts():
+    """But for what a spline feels of a blow eight frames later: a hundredth of a millimetre."""
     own = experiment()
     for effect in EFFECTS.values():
         both = {effect.name: plain_values(effect, own.setting), "frame_rate": {"excess": 0.05}}
         trial = Trial(own.model.fields, both)
         whole, part = own.predict([trial])[0], own.predict([trial], OBSERVED)[0]
-        np.testing.assert_allclose(part, whole[:OBSERVED], rtol=0, atol=5e-6, err_msg=effect.name)
+        np.testing.assert_allclose(part, whole[:OBSERVED], rtol=0, atol=2e-5, err_msg=effect.name)
 
 
 @pytest.mark.parametrize("hand_seen", [False, True])

@@ -67,7 +67,7 @@ class GapSettings:
     priors: Priors = field(default_factory=Priors)
     prior_none: float = 0.5
     prior_pair: float = 0.1
-    temperature: float = 30.0
+    temperature: float = 35.0
     class_ratio: float = 0.1
     class_size: int = 3
     false_alarms: float = 0.05

@@ -96,8 +96,8 @@ class LinearExperiment:
                 points += self._answers[name][key] * value
         return points
 
-    def predict_with_start_sensitivity(self, trial, frames=None) -> tuple[np.ndarray, np.ndarray]:
-        return self.predict([trial], frames)[0], np.zeros((3, frames or FRAMES, TRACKS, 3))
+    def predict_with_start_sensitivity(self, trials, frames=None) -> list[tuple[np.ndarray, np.ndarray]]:
+        return [(tracks, np.zeros((3, frames or FRAMES, TRACKS, 3))) for tracks in self.predict(trials, frames)]
 
     def motion(self, trial):
         return None

@@ -101,7 +101,7 @@ def test_a_fit_can_be_judged_beside_noise_models_around_its_own_motion():
     measurements, (none, sink, _) = made({"sink": {"amount": 3.0}}, SETTINGS)
     evidences = Evidences(measurements, SETTINGS)
     shared = evidences.of(sink).log_evidence
-    own = measurements.around_another(sink.unknowns.trial(sink.vector))
+    (own,) = measurements.around_others([sink.unknowns.trial(sink.vector)])
     inside = rewhitened(sink, measurements.train, own.train)
     there = evidences.judge_beside(sink, own)
     assert there.log_evidence == Evidences(own, SETTINGS).of(inside).log_evidence

@@ -68,8 +68,8 @@ def test_answers_near_the_best_are_judged_beside_noise_around_their_own_motion(m
     beside = [own.beside((name,), {name: EFFECTS[name].dormant}) for name in ("sink", "drift")]
     sink, drift = together([fit(u, measurements.train, u.start()[None], 12) for u in beside])
     evidences, around = Evidences(measurements, SETTINGS), []
-    made = Measurements.around_another
-    monkeypatch.setattr(Measurements, "around_another", lambda self, trial: around.append(trial) or made(self, trial))
+    made = Measurements.around_others
+    monkeypatch.setattr(Measurements, "around_others", lambda self, trials: around.extend(trials) or made(self, trials))
     shared = [evidences.of(found) for found in (baseline, sink, drift)]
     assert min(evidences.gain(sink, other) for other in (baseline, drift)) > 10.0
     monkeypatch.setattr("physreal_core.gap.fits.finishing.FAR_BEHIND", 10.0)

@@ -44,7 +44,9 @@ def test_frames_that_follow_change_nothing(excess):
     whole = predicted(own, excess=excess)
     part = predicted(own, OBSERVED, excess=excess)
     np.testing.assert_allclose(part, whole[:OBSERVED], rtol=0, atol=1e-6)
-    there, _ = own.predict_with_start_sensitivity(Trial(own.model.fields, {"frame_rate": {"excess": excess}}), OBSERVED)
+    ((there, _),) = own.predict_with_start_sensitivity(
+        [Trial(own.model.fields, {"frame_rate": {"excess": excess}})], OBSERVED
+    )
     np.testing.assert_allclose(there, part, rtol=0, atol=1e-6)
 
 
@@ -86,18 +88,18 @@ def test_a_displaced_hand_is_one_whose_record_says_so():
 def test_a_table_may_be_a_little_higher_and_a_little_oblique():
     own, trial = experiment(), Trial(scene.model().fields)
     here = own.predict([trial], OBSERVED)[0]
-    found = changed_by_records(own, trial, here)[1 : 1 + TABLE]
+    found = changed_by_records(own, [trial], [here])[0][1 : 1 + TABLE]
     for change, (name, coefficient, size) in zip(found, USUAL[1:], strict=True):
         other = {c.name: c.dormant for c in EFFECTS[name].coefficients} | {coefficient: size}
         np.testing.assert_array_equal(change, own.predict([Trial(own.model.fields, {name: other})], OBSERVED)[0] - here)
     known = Trial(own.model.fields, {"ground_plane": EFFECTS["ground_plane"].dormant | {"height": 0.002}})
-    assert len(changed_by_records(own, known, here)) == len(changed_by_records(own, trial, here)) - TABLE
+    assert len(changed_by_records(own, [known], [here])[0]) == len(changed_by_records(own, [trial], [here])[0]) - TABLE
 
 
 def test_a_hand_with_a_record_of_its_own_may_be_a_little_late_and_a_little_off():
     own, trial = experiment(), Trial(scene.model().fields)
     here = own.predict([trial], OBSERVED)[0]
-    clock, *rest = changed_by_records(own, trial, here)
+    clock, *rest = changed_by_records(own, [trial], [here])[0]
     place = rest[TABLE:]
     late = own.predict([Trial(own.model.fields, {"grip_lag": {"lag": USUAL[0][2]}})], OBSERVED)[0]
     np.testing.assert_array_equal(clock, late - here)
@@ -107,6 +109,6 @@ def test_a_hand_with_a_record_of_its_own_may_be_a_little_late_and_a_little_off()
     first = own.predict([dataclasses.replace(trial, hand=modes[0][:, None] * np.eye(3)[0])], OBSERVED)[0] - here
     np.testing.assert_allclose(place[0], first, atol=1e-6)
     seen = experiment(hand_seen=True)
-    assert len(changed_by_records(seen, trial, here)) == len(rest)  # it has the camera's clock
+    assert len(changed_by_records(seen, [trial], [here])[0]) == len(rest)  # it has the camera's clock
     known = Trial(own.model.fields, {"grip_lag": {"lag": 0.01}})
-    assert len(changed_by_records(own, known, here)) == len(rest)  # the lag is fitted already
+    assert len(changed_by_records(own, [known], [here])[0]) == len(rest)  # the lag is fitted already

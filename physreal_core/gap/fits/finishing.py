@@ -13,7 +13,7 @@ from physreal_core.gap.noise.measurements import Measurements
 RULED_OUT = 100.0
 """Loss in log evidence against another elastic law [nat] from which on a law is not tried beside effects."""
 
-FAR_BEHIND = 300.0
+FAR_BEHIND = 150.0
 """Loss in log evidence against the best answer [nat] from which on no noise model is built around an answer: it would not save it."""
 
 
@@ -94,12 +94,8 @@ class Finish:
         """
         best, data = self.evidences.best(fits), self.measurements.train
         near = [found for found in fits if self.evidences.gain(best, found) < FAR_BEHIND]
-        own = [
-            self.measurements.around_another(found.unknowns.trial(found.vector)).beside_error(
-                self.evidences.of(found).size
-            )
-            for found in near
-        ]
+        around = self.measurements.around_others([found.unknowns.trial(found.vector) for found in near])
+        own = [m.beside_error(self.evidences.of(found).size) for m, found in zip(around, near, strict=True)]
         requests = [continued(f, data, theirs.train, self.steps) for f, theirs in zip(near, own, strict=True)]
         ends = {}
         for found, theirs, end in zip(near, own, together(requests), strict=True):

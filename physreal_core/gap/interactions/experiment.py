@@ -136,18 +136,21 @@ class Experiment:
         return found["tracks"]
 
     def predict_with_start_sensitivity(
-        self, trial: Trial, frames: int | None = None
-    ) -> tuple[Float[Array, "frames tracks 3"], Float[Array, "3 frames tracks 3"]]:
-        """Where the measurement would see the tracks [m], and its derivative by the points' start along x, y, z.
+        self, trials: Sequence[Trial], frames: int | None = None
+    ) -> list[tuple[Float[Array, "frames tracks 3"], Float[Array, "3 frames tracks 3"]]]:
+        """For each trial, where the measurement would see the tracks [m], and its derivative by the points' start along x, y, z.
 
         Both come from one rollout: a tracked point that starts elsewhere is carried by the same motion.
         """
         frames = frames or self.frames
-        made = self._made([trial], frames)
-        ((x, F),) = self._run(made)
-        here = self._observed(made[0], x, F, frames)
-        moved = [self._observed(made[0], x, F, frames, START_STEP * axis) for axis in torch.eye(3)]
-        return here, (np.stack(moved) - here) / START_STEP
+        made, found = self._made(trials, frames), {}
+        for rows in self._batches(made):
+            batch = [made[row] for row in rows]
+            for row, one, (x, F) in zip(rows, batch, self._run(batch), strict=True):
+                here = self._observed(one, x, F, frames)
+                moved = [self._observed(one, x, F, frames, START_STEP * axis) for axis in torch.eye(3)]
+                found[row] = here, (np.stack(moved) - here) / START_STEP
+        return [found[row] for row in range(len(trials))]
 
     def motion(self, trial: Trial) -> States:
         """The whole rollout of one trial."""

@@ -89,9 +89,9 @@ class Interaction(Protocol):
         """Where the measurement would see the tracks under each trial [m]; not a number where a rollout failed."""
 
     def predict_with_start_sensitivity(
-        self, trial: Trial, frames: int | None = None
-    ) -> tuple[Float[Array, "frames tracks 3"], Float[Array, "3 frames tracks 3"]]:
-        """Where the measurement would see the tracks [m], and its derivative by the points' start along x, y, z."""
+        self, trials: Sequence[Trial], frames: int | None = None
+    ) -> list[tuple[Float[Array, "frames tracks 3"], Float[Array, "3 frames tracks 3"]]]:
+        """For each trial, where the measurement would see the tracks [m], and its derivative by the points' start along x, y, z."""
 
     def motion(self, trial: Trial) -> States | None:
         """The whole rollout of one trial, for effects that look where the body goes; None where there is no body."""

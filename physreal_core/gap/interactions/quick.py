@@ -69,9 +69,9 @@ class QuickInteraction:
         return found + self._correction[:frames]
 
     def predict_with_start_sensitivity(
-        self, trial: Trial, frames: int | None = None
-    ) -> tuple[Float[Array, "frames tracks 3"], Float[Array, "3 frames tracks 3"]]:
-        return self.full.predict_with_start_sensitivity(trial, frames)
+        self, trials: Sequence[Trial], frames: int | None = None
+    ) -> list[tuple[Float[Array, "frames tracks 3"], Float[Array, "3 frames tracks 3"]]]:
+        return self.full.predict_with_start_sensitivity(trials, frames)
 
     def motion(self, trial: Trial) -> States | None:
         return self.full.motion(trial)

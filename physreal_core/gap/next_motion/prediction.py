@@ -43,7 +43,7 @@ class Prediction:
 
     def __init__(self, experiment: Interaction, members: Sequence[Member], error: ModelError) -> None:
         self.experiment, self.members, self._error = experiment, members, error
-        first, self._sensitivity = experiment.predict_with_start_sensitivity(members[0].trial)
+        ((first, self._sensitivity),) = experiment.predict_with_start_sensitivity([members[0].trial])
         self.tracks = np.stack([first, *experiment.predict([member.trial for member in members[1:]])])
         self.fails = not np.isfinite(self.tracks).all()
 
@@ -57,7 +57,7 @@ class Prediction:
 
     def gram(self, temperature: float) -> Float[Array, "members members"]:
         """The same under the whole covariance, with one rollout per unknown and per rerun."""
-        reruns = rerun_differences(self.experiment, self.members[0].trial, self.tracks[0], REPEATED)
+        (reruns,) = rerun_differences(self.experiment, [self.members[0].trial], [self.tracks[0]], REPEATED)
         noise = self.noise(reruns)
         return self._products(noise, self.freedom(noise), temperature)
 

@@ -6,6 +6,7 @@ millimetre (`fitting.hand_record`), and where the table lies to a millimetre; a 
 
 from __future__ import annotations
 
+from collections.abc import Sequence
 from dataclasses import replace
 
 import numpy as np
@@ -26,22 +27,28 @@ touches it, the grid knows a surface to a tenth of its spacing."""
 
 
 def changed_by_records(
-    experiment: Interaction, trial: Trial, predicted: Float[Array, "frames tracks 3"]
-) -> Float[Array, "records frames tracks 3"]:
-    """Changes of a trial's tracks by one standard deviation of each usual error of the records [m].
+    experiment: Interaction, trials: Sequence[Trial], predicted: Sequence[Float[Array, "frames tracks 3"]]
+) -> list[Float[Array, "records frames tracks 3"]]:
+    """For each trial, changes of its tracks by one standard deviation of each usual error of the records [m].
 
     Left out is what the model or the trial knows already, what has nothing to act on, and what cannot be simulated.
 
     Args:
         experiment: the interaction.
-        trial: the model.
-        predicted: its tracks [m].
+        trials: the models.
+        predicted: their tracks [m], all over the same frames.
     """
-    changes = np.concatenate([_by_effects(experiment, trial, predicted), _by_the_hand(experiment, trial, predicted)])
-    return changes[np.isfinite(changes).all((1, 2, 3))]
+    asked = [_by_effects(experiment, trial) + _by_the_hand(experiment, trial) for trial in trials]
+    together = [changed for own in asked for changed in own]
+    answers = iter(experiment.predict(together, len(predicted[0])) if together else ())
+    found = []
+    for own, tracks in zip(asked, predicted, strict=True):
+        changes = np.stack([next(answers) for _ in own]) - tracks if own else np.zeros((0, *tracks.shape))
+        found.append(changes[np.isfinite(changes).all((1, 2, 3))])
+    return found
 
 
-def _by_effects(experiment: Interaction, trial: Trial, predicted: Array) -> Float[Array, "effects frames tracks 3"]:
+def _by_effects(experiment: Interaction, trial: Trial) -> list[Trial]:
     known = {record["name"] for record in experiment.model.effects} | set(trial.effects)
     setting = experiment.setting
     acts = {
@@ -49,16 +56,14 @@ def _by_effects(experiment: Interaction, trial: Trial, predicted: Array) -> Floa
         "ground_plane": setting.ground_height is not None,
     }
     acting = [usual for usual in USUAL if acts[usual[0]] and usual[0] not in known]
-    trials = [
+    return [
         replace(trial, effects={**trial.effects, name: EFFECTS[name].dormant | {key: size}})
         for name, key, size in acting
     ]
-    return experiment.predict(trials, len(predicted)) - predicted if trials else np.zeros((0, *predicted.shape))
 
 
-def _by_the_hand(experiment: Interaction, trial: Trial, predicted: Array) -> Float[Array, "modes frames tracks 3"]:
+def _by_the_hand(experiment: Interaction, trial: Trial) -> list[Trial]:
     """By what is not known of the hand's place. Not in quick rollouts: a body that swings for seconds comes out of phase with a
     coarser one."""
     modes = experiment.hand_modes if experiment.setting.grip is not None else ()
-    displaced = [replace(trial, hand=mode[:, None] * axis) for mode in modes for axis in np.eye(3)]
-    return experiment.predict(displaced, len(predicted)) - predicted if displaced else np.zeros((0, *predicted.shape))
+    return [replace(trial, hand=mode[:, None] * axis) for mode in modes for axis in np.eye(3)]

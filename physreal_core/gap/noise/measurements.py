@@ -5,6 +5,7 @@ from __future__ import annotations
 from collections.abc import Sequence
 from dataclasses import dataclass, replace
 from functools import cached_property
+from itertools import starmap
 
 import numpy as np
 from scipy.optimize import minimize_scalar
@@ -85,7 +86,7 @@ class Measurements:
         """
         train = [max(2, round(share * experiment.train)) for experiment in experiments]
         known = [e.frames if share == 1.0 else end for e, end in zip(experiments, train, strict=True)]
-        predicted = [_predicted(e, trial, end, reruns) for e, end in zip(experiments, known, strict=True)]
+        predicted = [_predicted(e, [trial], end, reruns)[0] for e, end in zip(experiments, known, strict=True)]
         return cls(list(experiments), settings, predicted, train, [0.0] * len(experiments))
 
     def with_learnt_correlations(self) -> Measurements:
@@ -95,14 +96,15 @@ class Measurements:
         """
         return replace(self, correlations=[self._likeliest(number) for number in range(len(self.experiments))])
 
-    def around_another(self, trial: Trial) -> Measurements:
-        """The same training frames with noise models around another motion; none of the held-out frames.
+    def around_others(self, trials: Sequence[Trial]) -> list[Measurements]:
+        """The same training frames with noise models around other motions, one each; none of the held-out frames.
 
         What an error of the hand's record or of the grid does to the tracks depends on the motion: a body that rings answers to
         it at its frequency and with its phase, one that is damped does not.
         """
         pairs = zip(self.experiments, self.train_frames, strict=True)
-        return replace(self, predicted=[_predicted(e, trial, end, reruns=True) for e, end in pairs])
+        by_experiment = [_predicted(e, trials, end, reruns=True) for e, end in pairs]
+        return [replace(self, predicted=own) for own in zip(*by_experiment, strict=True)]
 
     def beside_error(self, size: float) -> Measurements:
         """The same for fits beside a model's error of another size."""
@@ -180,9 +182,9 @@ def possible_laws(experiment: Interaction, settings: GapSettings) -> tuple[str, 
     return tuple(dict.fromkeys((config.elastic_law, *others)))
 
 
-def _predicted(experiment: Interaction, trial: Trial, frames: int, reruns: bool) -> Predicted:
-    motion, sensitivity = experiment.predict_with_start_sensitivity(trial, frames)
-    nothing = np.zeros((0, *motion.shape))
-    differences = rerun_differences(experiment, trial, motion) if reruns else nothing
-    changed = changed_by_records(experiment, trial, motion) if reruns else nothing
-    return Predicted(motion, differences, sensitivity, changed)
+def _predicted(experiment: Interaction, trials: Sequence[Trial], frames: int, reruns: bool) -> list[Predicted]:
+    motions, sensitivities = zip(*experiment.predict_with_start_sensitivity(trials, frames), strict=True)
+    nothing = [np.zeros((0, *motion.shape)) for motion in motions]
+    differences = rerun_differences(experiment, trials, motions) if reruns else nothing
+    changed = changed_by_records(experiment, trials, motions) if reruns else nothing
+    return [*starmap(Predicted, zip(motions, differences, sensitivities, changed, strict=True))]

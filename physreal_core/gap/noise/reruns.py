@@ -30,11 +30,11 @@ STEP, FARTHEST, ROUNDS = 0.01, 0.2, 2
 
 def rerun_differences(
     experiment: Interaction,
-    trial: Trial,
-    predicted: Float[Array, "frames tracks 3"],
+    trials: Sequence[Trial],
+    predicted: Sequence[Float[Array, "frames tracks 3"]],
     reruns: Sequence[Discretisation] = RERUNS,
-) -> Float[Array, "modes frames tracks 3"]:
-    """Estimates of the numerical error of a trial's tracks [m], one per rerun.
+) -> list[Float[Array, "modes frames tracks 3"]]:
+    """For each trial, estimates of the numerical error of its tracks [m], one per rerun.
 
     A rerun has the modulus with which its tracks are nearest to the model's. Another grid is a little stiffer or softer, and a body
     that swings for seconds comes out of phase with it; but whatever a modulus takes up, any fit takes up, and it hides no effect.
@@ -44,41 +44,61 @@ def rerun_differences(
 
     Args:
         experiment: the interaction.
-        trial: the model.
-        predicted: its tracks in its own discretisation [m], over the frames that count.
+        trials: the models.
+        predicted: their tracks in their own discretisation [m], all over the same frames.
         reruns: the discretisations that are tried.
     """
+    frames = len(predicted[0])
+    beside = experiment.predict([_stiffer(trial, STEP) for trial in trials], frames)
+    slopes = [np.nan_to_num(moved - tracks) / STEP for moved, tracks in zip(beside, predicted, strict=True)]
+    known = [*zip(trials, predicted, slopes, strict=True)]
+    found: list[list[Array]] = [[] for _ in trials]
+    for rerun in reruns:
+        usable = [number for number, trial in enumerate(trials) if _tells(rerun, experiment, trial)]
+        nearest = _nearest(experiment, [known[number] for number in usable], rerun)
+        for number, tracks in zip(usable, nearest, strict=True):
+            found[number].append(rerun.error * (tracks - predicted[number]))
+    finite = [[difference for difference in own if np.isfinite(difference).all()] for own in found]
+    return [
+        np.stack(own) if own else np.zeros((0, *tracks.shape)) for own, tracks in zip(finite, predicted, strict=True)
+    ]
+
+
+def _tells(rerun: Discretisation, experiment: Interaction, trial: Trial) -> bool:
+    """Whether a rerun of a trial differs from it by a numerical error alone, and at all."""
     stays = bool(experiment.model.effects or trial.effects or experiment.setting.clamps)
-    usable = [rerun for rerun in reruns if not stays or rerun.turn == 0.0]
     own_law = trial.elastic_law or experiment.model.elastic_law
-    usable = [rerun for rerun in usable if rerun.elastic_law != own_law]
-    frames = len(predicted)
-    beside = experiment.predict([_stiffer(trial, STEP)], frames)[0]
-    slope = np.nan_to_num((beside - predicted)[experiment.valid[:frames]]) / STEP
-    found = [rerun.error * (_nearest(experiment, trial, predicted, slope, rerun) - predicted) for rerun in usable]
-    finite = [difference for difference in found if np.isfinite(difference).all()]
-    return np.stack(finite) if finite else np.zeros((0, *predicted.shape))
+    return not (stays and rerun.turn != 0.0) and rerun.elastic_law != own_law
 
 
 def _nearest(
-    experiment: Interaction, trial: Trial, predicted: Array, slope: Array, rerun: Discretisation
-) -> Float[Array, "frames tracks 3"]:
-    """Tracks of a rerun [m] with the modulus that brings them nearest to the predicted ones.
+    experiment: Interaction, known: Sequence[tuple[Trial, Array, Array]], rerun: Discretisation
+) -> list[Float[Array, "frames tracks 3"]]:
+    """Tracks of reruns [m], each with the modulus that brings them nearest to the predicted ones.
 
     Args:
-        experiment, trial, predicted, rerun: as for `rerun_differences`.
-        slope: derivative of the predicted tracks by the logarithm of the modulus [m], at the valid entries.
+        experiment, rerun: as for `rerun_differences`.
+        known: trials with their predicted tracks [m], and the derivative of these by the logarithm of the modulus [m].
     """
-    modulus, nearest, least, frames = 0.0, predicted * np.nan, np.inf, len(predicted)
+    moduli, least = np.zeros(len(known)), np.full(len(known), np.inf)
+    nearest, left = [predicted * np.nan for _, predicted, _ in known], list(range(len(known)))
     for _ in range(ROUNDS + 1):
-        tracks = experiment.predict([_stiffer(trial, modulus)], frames, rerun)[0]
-        off = (tracks - predicted)[experiment.valid[:frames]]
-        if not (off**2).sum() < least:
+        if not left:
             break
-        nearest, least = tracks, (off**2).sum()
-        if not slope.any():
-            break
-        modulus = float(np.clip(modulus - (slope * off).sum() / (slope**2).sum(), -FARTHEST, FARTHEST))
+        trials = [_stiffer(known[number][0], moduli[number]) for number in left]
+        going = []
+        for number, tracks in zip(left, experiment.predict(trials, len(nearest[0]), rerun), strict=True):
+            _, predicted, slope = known[number]
+            valid = experiment.valid[: len(predicted)]
+            off, along = (tracks - predicted)[valid], slope[valid]
+            if not (off**2).sum() < least[number]:
+                continue
+            nearest[number], least[number] = tracks, (off**2).sum()
+            if along.any():
+                step = (along * off).sum() / (along**2).sum()
+                moduli[number] = np.clip(moduli[number] - step, -FARTHEST, FARTHEST)
+                going.append(number)
+        left = going
     return nearest
 
 

@@ -118,9 +118,12 @@ class EffectFits:
         return self.end_of(found)
 
     def end_of(self, found: Fit) -> Fit:
-        """A fit that has converged, as the search would end it."""
+        """A fit that has converged, beside an error of the size that it leaves and under its best elastic law.
+
+        Not beside noise of its own, which serves to compare answers.
+        """
         finish = Finish(self.measurements, self.evidences, self.settings.settling)
-        _, (end,) = finish.ended(self.baseline, [found])
+        _, (end,) = finish.under_the_best_law(self.baseline, finish.settled([found]))
         return end
 
     @staticmethod

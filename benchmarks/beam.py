@@ -32,7 +32,9 @@ DISSIPATION = (
     "kelvin_voigt", "hysteretic_damping", "standard_linear_solid", "maxwell_creep", "linear_drag", "quadratic_drag",
 )  # fmt: skip
 SETTINGS = GapSettings(
-    scan=(0.6, 1.0, 1.6),  # the stiffness is only guessed
+    scan=tuple(
+        0.5 * 1.2**step for step in range(8)
+    ),  # the stiffness is only guessed; a swing has a minimum for each of it
     iterations=6,
     baseline_iterations=5,
     priors=Priors(contrast=0.05),  # cast in one piece: the same stiffness everywhere

@@ -4,12 +4,14 @@ from dataclasses import replace
 
 import numpy as np
 import pytest
+from scipy.signal import find_peaks
 
 pytest.importorskip("mujoco")
 
 from data.rig.rig_scene import Material, Motion, RigScene, plush_lift
 from data.rig.shapes import Block, Capsule, RoundedShape
 from data.rig.simulate import simulate
+from data.rig.specimen import run
 
 STILL = Motion(((0.0, 1.0, (0.0, 0.0, 0.0)),))
 NOWHERE = RoundedShape((Capsule((5, 5, 5), (5, 5, 5), 0.01),))
@@ -104,6 +106,36 @@ def test_what_friction_holds_does_not_creep():
     sole = result.mesh.vertices[:, 2] < 0.002
     crept = (result.vertices[-1] - result.vertices[10])[sole, 0]
     assert np.abs(crept).max() < 3e-5
+
+
+def test_a_held_swing_loses_what_the_stated_damping_takes_and_no_more():
+    """Stiffness damping b takes pi w b off a swing in a period (w its angular frequency); the hold and the steps take less."""
+    body, hand = Block((0.0, -0.03, 0.1), (0.16, 0.03, 0.142)), Block((0.12, -1.0, -1.0), (1.0, 1.0, 1.0))
+    motion = Motion(((0.02, 0.12, (0.0, 0.0, 0.01)),))
+    material = Material(9e4, 0.3, 600.0, damping=2e-5)
+    result = run(
+        RigScene(
+            "slab",
+            "a slab",
+            body,
+            hand,
+            motion,
+            material=material,
+            grip_reach=0.0,
+            frames=1000,
+            fps=500.0,
+            mesh_spacing=0.014,
+        )
+    )
+    end = result.mesh.vertices[:, 0] < 0.005
+    height = (result.vertices[:, end, 2].mean(1) - result.hand[:, 2])[65:]
+    height -= height.mean()
+    peaks, _ = find_peaks(height, prominence=0.001)
+    period, half = float(np.diff(peaks).mean()), len(height) // 2
+    lost = np.log(height[:half].std() / height[half:].std()) / (half / period)
+    stated = np.pi * (2 * np.pi * 500.0 / period) * material.damping
+    assert height.max() > 0.01
+    assert lost == pytest.approx(stated, abs=0.001)
 
 
 def test_hand_carries_what_it_grips():

@@ -118,14 +118,15 @@ def test_effects_that_share_a_term_run_in_one_batch(given):
 
 
 def test_a_slow_camera_is_given_the_frames_that_it_sees(given):
-    """Its last frame shows a time after the last of as many frames; the same recording with a shorter horizon sees the same."""
+    """Its last frame shows a time after the last of as many frames; the same recording with a shorter horizon sees the same, but for
+    what a spline feels of its end eight frames later."""
     slow = Objective(given, _with(effect_record("frame_rate", {"excess": 0.1})), LossConfig())
     fields = scene.model(dtype="float64").fields
     with torch.no_grad():
         seen = [slow.rollouts.seen(slow.rollout(fields, frames).x)[:frames] for frames in (FRAMES, FRAMES - 1)]
         still = slow.rollouts.seen(slow.rollout(fields, FRAMES).x[: FRAMES - 1])
-    torch.testing.assert_close(seen[0][:-1], seen[1], rtol=0.0, atol=1e-12)
-    assert (still - seen[1]).abs().max() > 1e-6, "what is read straight on is no other, so nothing would be proved"
+    torch.testing.assert_close(seen[0][:-1], seen[1], rtol=0.0, atol=2e-6)
+    assert (still - seen[1]).abs().max() > 2e-5, "what is read straight on is no other, so nothing would be proved"
 
 
 def test_an_effect_on_the_measurement_moves_what_is_compared_and_not_the_object(given):

@@ -32,9 +32,8 @@ DISSIPATION = (
     "kelvin_voigt", "hysteretic_damping", "standard_linear_solid", "maxwell_creep", "linear_drag", "quadratic_drag",
 )  # fmt: skip
 SETTINGS = GapSettings(
-    scan=tuple(
-        0.5 * 1.2**step for step in range(8)
-    ),  # the stiffness is only guessed; a swing has a minimum for each of it
+    # the stiffness is only guessed, and a swing has a minimum for every period that it is ahead or behind
+    scan=tuple(0.5 * 1.2**step for step in range(8)),
     iterations=6,
     baseline_iterations=5,
     priors=Priors(contrast=0.05),  # cast in one piece: the same stiffness everywhere

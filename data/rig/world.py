@@ -17,7 +17,7 @@ NODE_RADIUS = 0.0005  # [m] collision radius of a flex node
 FRICTION_IMPEDANCE = 100  # over that of contact; with 1, what friction holds creeps by a millimetre a second
 TOUCHING = 1e-6  # [m]; nodes in the surface of what the hand holds are held
 CONTACT_IMPEDANCE = ".9 .95 .001"  # MuJoCo's `solimp`
-HOLD_IMPEDANCE = ".99 .99 .001"  # with that of contact, the hold takes 0.4 % off a swing in every period
+HOLD_IMPEDANCE = ".99 .99 .001"  # stiffer than contact: the hold shall take nothing off a swing
 
 
 class World:

@@ -45,12 +45,10 @@ def resampled(path: Float[Tensor, "frames ..."], times: Float[Tensor, " samples"
 
 def _read(path: Tensor, times: Tensor) -> Tensor:
     last = len(path) - 1
-    step = path[-1] - path[-2]
-    ahead = _along(torch.arange(1, MARGIN + 1).to(path), path)
-    padded = torch.cat([path[:1].expand(MARGIN, *path.shape[1:]), path, path[-1] + ahead * step])
+    padded = torch.cat([path[:1].expand(MARGIN, *path.shape[1:]), _straight_on(path, MARGIN)])
     weights = _weights(times.clamp(0, last), len(padded)).to(path)
     inside = (weights @ padded.flatten(1)).unflatten(1, path.shape[1:])
-    return inside + _along((times - last).clamp_min(0), path) * step
+    return inside + _along((times - last).clamp_min(0), path) * _last_step(path)
 
 
 def _weights(times: Float[Tensor, " samples"], count: int) -> Float[Tensor, "samples frames"]:
@@ -73,4 +71,14 @@ def _along(values: Float[Tensor, " samples"], path: Float[Tensor, "frames ..."])
 
 def prolonged(path: Float[Tensor, "frames ..."], frames: int) -> Float[Tensor, "..."]:
     """The path with as many frames at least; after its last it goes straight on."""
-    return path if len(path) >= frames else resampled(path, torch.arange(frames).to(path))
+    return path if len(path) >= frames else _straight_on(path, frames - len(path))
+
+
+def _straight_on(path: Float[Tensor, "frames ..."], further: int) -> Float[Tensor, "..."]:
+    """The path and so many further frames, in which it goes straight on."""
+    return torch.cat([path, path[-1] + _along(torch.arange(1, further + 1).to(path), path) * _last_step(path)])
+
+
+def _last_step(path: Float[Tensor, "frames ..."]) -> Float[Tensor, "..."]:
+    """From the last frame but one to the last; zero where there is one alone."""
+    return path[-1] - path[max(len(path) - 2, 0)]

@@ -16,6 +16,9 @@ RULED_OUT = 100.0
 FAR_BEHIND = 150.0
 """Loss in log evidence against the best answer [nat] from which on no noise model is built around an answer: it would not save it."""
 
+OUT_OF_REACH = 300.0
+"""Loss in log evidence against the best answer [nat] from which on an answer stays as it is: what the end of a fit gains would not save it."""
+
 
 def continued(found: Fit, known: Data, data: Data, steps: int, elastic_law: str | None = None) -> Request:
     """A fit that goes on from where it is, with its tangents, beside another noise model.
@@ -65,16 +68,15 @@ class Finish:
         baseline does not rule it out for them: where an effect is missing, it may like a wrong law far better.
         """
         laws, leader = self.measurements.elastic_laws, self.evidences.best([baseline, *fits])
-        judges = [baseline] if leader is baseline else [baseline, leader]
-        of_judges = iter(self._under([(judge, laws) for judge in judges]))
-        known = {id(judge): next(of_judges) for judge in judges}
-        of_leader = known[id(leader)]
+        (of_leader,) = self._under([(leader, laws)])
         best = self.evidences.best(of_leader.values())
         left = [law for law, found in of_leader.items() if self.evidences.gain(best, found) < RULED_OUT]
-        others = [f for f in fits if id(f) not in known and self.evidences.gain(f, baseline) >= 0.0]
-        known |= {id(f): own for f, own in zip(others, self._under([(f, left) for f in others]), strict=True)}
-        known |= {id(f): {self._law_of(f): f} for f in fits if id(f) not in known}
-        settled, *ends = (self.evidences.best(known[id(found)].values()) for found in (baseline, *fits))
+        asked = [(f, left if self.evidences.gain(f, baseline) >= 0.0 else ()) for f in fits if f is not leader]
+        if leader is not baseline:
+            asked.insert(0, (baseline, laws))
+        others = iter(self._under(asked))
+        own = [of_leader if found is leader else next(others) for found in (baseline, *fits)]
+        settled, *ends = (self.evidences.best(of_laws.values()) for of_laws in own)
         return settled, ends
 
     def _under(self, asked: Sequence[tuple[Fit, Sequence[str]]]) -> list[dict[str, Fit]]:

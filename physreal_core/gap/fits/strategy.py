@@ -10,7 +10,7 @@ from physreal_core.gap.answers.probabilities import worth_of_a_second
 from physreal_core.gap.fits.baseline import Progress
 from physreal_core.gap.fits.candidate_fits import CandidateFits
 from physreal_core.gap.fits.evidence import Evidences
-from physreal_core.gap.fits.finishing import Finish
+from physreal_core.gap.fits.finishing import OUT_OF_REACH, Finish
 from physreal_core.gap.fits.least_squares import Fit
 from physreal_core.gap.fits.screening import Score
 from physreal_core.gap.noise.measurements import Measurements
@@ -163,13 +163,13 @@ class Strategy:
     def _finish(self) -> None:
         """Let the best answers and the baseline converge beside an error of the size that they leave, and judge each beside its own noise.
 
-        The best single effects are among them where pairs lead. The baseline goes on from the material of each, too: with an
+        The best single effects are among them where pairs lead, unless they are out of reach. The baseline goes on from the material of each, too: with an
         effect a fit may have left a minimum in which the baseline is caught, and then the effect would be paid for what the
         minimum costs.
         """
         count, ordered = self.settings.finalists, sorted(self.found.values(), key=self.gain, reverse=True)
         names = dict.fromkeys(fit.unknowns.effects for fit in (*self.ordered()[: count // 2], *ordered[:count]))
-        best = [self.found[own] for own in names]
+        best = [self.found[own] for own in names if self.evidences.gain(ordered[0], self.found[own]) < OUT_OF_REACH]
         self._progress("finishing the baseline, " + ", ".join("+".join(fit.unknowns.effects) for fit in best))
         finish = Finish(self.measurements, self.evidences, self.settings.settling)
         begun = self.evidences.best([self.baseline, *self.candidate_fits.without_effects(best)])

@@ -228,4 +228,30 @@ inline void sin_cos(V x, V& sine, V& cosine) {
     cosine = select(((quarter + 1) & 2) != 0, -cosine, cosine);
 }
 
+// Angle of (x, y) from -pi to pi, about two ulp: atan by the rational function of Cephes (Moshier, atan.c) between 0 and
+// tan(pi / 8), where the angles above lead to it.
+template <class V>
+inline V atan2(V y, V x) {
+    using S = Scalar<V>;
+    const V up = abs(y), right = abs(x);
+    const Mask<V> steep = up > right;
+    const V low = select(steep, right, up), high = select(steep, up, right);
+    const V safe = select(high > S(0), high, splat<V>(S(1)));
+    const V ratio = low / safe;
+    const Mask<V> large = ratio > S(0.4142135623730950);
+    const V t = select(large, (ratio - S(1)) / (ratio + S(1)), ratio);
+    const V z = t * t;
+    constexpr S P[] = {S(-8.750608600031904122785e-1), S(-1.615753718733365076637e1), S(-7.500855792314704667340e1),
+                       S(-1.228866684490136173410e2), S(-6.485021904942025371773e1)};
+    constexpr S Q[] = {S(2.485846490142306297962e1), S(1.650270098316988542046e2), S(4.328810604912902668951e2),
+                       S(4.853903996359136964868e2), S(1.945506571482613964425e2)};
+    V above = splat<V>(P[0]), below = z + Q[0];
+    for (int i = 1; i < 5; ++i) above = above * z + P[i], below = below * z + Q[i];
+    V angle = t + t * (z * above / below) + select(large, splat<V>(S(0.78539816339744830962)), V{});
+    angle = select(steep, S(1.57079632679489661923) - angle, angle);
+    angle = select(x < S(0), S(3.14159265358979323846) - angle, angle);
+    angle = select(y < S(0), -angle, angle);
+    return angle + (y - y) + (x - x);  // not a number stays
+}
+
 }  // namespace physreal

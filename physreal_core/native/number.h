@@ -154,6 +154,8 @@ inline float abs(float x) { return x < 0 ? -x : x; }
 inline double abs(double x) { return x < 0 ? -x : x; }
 inline void sin_cos(float x, float& sine, float& cosine) { sine = wp::sin(x), cosine = wp::cos(x); }
 inline void sin_cos(double x, double& sine, double& cosine) { sine = wp::sin(x), cosine = wp::cos(x); }
+inline float atan2(float y, float x) { return wp::atan2(y, x); }
+inline double atan2(double y, double x) { return wp::atan2(y, x); }
 inline bool any(bool mask) { return mask; }
 inline bool all(bool mask) { return mask; }
 inline float sum(float x) { return x; }

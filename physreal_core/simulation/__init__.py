@@ -4,5 +4,17 @@ from physreal_core.simulation.body import Body, Clamp, Grip, PointLoad
 from physreal_core.simulation.config import SimulationConfig
 from physreal_core.simulation.parameters import Parameters, States
 from physreal_core.simulation.simulator import Simulator
+from physreal_core.simulation.thin import rod_body, shell_body
 
-__all__ = ["Body", "Clamp", "Grip", "Parameters", "PointLoad", "SimulationConfig", "Simulator", "States"]
+__all__ = [
+    "Body",
+    "Clamp",
+    "Grip",
+    "Parameters",
+    "PointLoad",
+    "SimulationConfig",
+    "Simulator",
+    "States",
+    "rod_body",
+    "shell_body",
+]

@@ -1,11 +1,17 @@
 """What is simulated and what acts on it: particles, grip, clamps, point loads; checked numpy arrays in SI units."""
 
+from __future__ import annotations
+
 from dataclasses import dataclass
+from typing import TYPE_CHECKING
 
 import numpy as np
 
 from physreal_core.array_types import Array, Float, Int
 from physreal_core.errors import InputError
+
+if TYPE_CHECKING:
+    from physreal_core.simulation.thin.elements import Elements
 
 
 @dataclass(frozen=True)
@@ -17,12 +23,14 @@ class Body:
         volume: particle volumes [m3], shape [N].
         density: mass densities [kg/m3], shape [N].
         spacing: particle spacing h [m]; the grid's cell is dx = 2 h (8 particles per cell).
+        elements: of a thin body, whose vertices the particles are (`thin`); None for a volume.
     """
 
     x0: Float[Array, "particles 3"]
     volume: Float[Array, " particles"]
     density: Float[Array, " particles"]
     spacing: float
+    elements: Elements | None = None
 
     def __post_init__(self) -> None:
         count = len(self.x0)
@@ -116,8 +124,8 @@ class Clamp:
     a cell (`lattice.lattice_of`).
     """
 
-    lower: Float[Array, "3"] | tuple[float, float, float]
-    upper: Float[Array, "3"] | tuple[float, float, float]
+    lower: Float[Array, 3] | tuple[float, float, float]
+    upper: Float[Array, 3] | tuple[float, float, float]
 
 
 @dataclass(frozen=True)
@@ -126,7 +134,7 @@ class PointLoad:
 
     particles: Int[Array, " loaded"]
     weights: Float[Array, " loaded"]
-    force: Float[Array, "3"] | tuple[float, float, float]
+    force: Float[Array, 3] | tuple[float, float, float]
 
 
 def load_forces(body: Body, loads: tuple[PointLoad, ...]) -> Float[Array, "particles 3"]:

@@ -19,7 +19,7 @@ from physreal_core.simulation.body import Body
 from physreal_core.simulation.config import SimulationConfig
 from physreal_core.simulation.hand_path import steered
 from physreal_core.simulation.parameters import Parameters, row_of
-from physreal_core.simulation.start import NodeStart
+from physreal_core.simulation.start import NodeStart, VertexStart
 from physreal_core.simulation.stepper import NOT_FAILED, Span, State, Stepper
 from physreal_core.simulation.timestep import LARGEST_SUBSTEPS, needed_substeps, substeps_per_frame
 
@@ -65,16 +65,18 @@ class Frames:
         self._x0 = torch.tensor(body.x0, dtype=stepper.dtype, device=config.device)
 
     @cached_property
-    def _node_start(self) -> NodeStart:
+    def _node_start(self) -> NodeStart | VertexStart:
         """How the nodes start; most bodies start at rest."""
+        if self._scene[0].elements is not None:
+            return VertexStart()
         return NodeStart(self._scene[0], self.stepper.lattice, self.stepper.dtype, self.config.device)
 
     # --- forward ------------------------------------------------------------------------------------------------
 
     def forward(
         self, parameters: Parameters, points: Tensor, progress: Progress | None, keep: bool
-    ) -> tuple[Tensor, Tensor, Tensor, Record]:
-        """States x, v, F [T, R, N, ...] at frame times, and what `backward` needs.
+    ) -> tuple[Tensor, Tensor, Tensor | None, Record]:
+        """States x, v, F [T, R, N, ...] at frame times, F None of a thin body, and what `backward` needs.
 
         A rollout that fails has states that are not numbers from the end of the failing frame on; the others go on.
 
@@ -86,13 +88,15 @@ class Frames:
         """
         frames = len(points) - 2
         sizes = self._sizes()
-        x, v, F = (self._zeros(frames, sizes.pop(name)) for name in ("x", "v", "F"))
+        x, v, F = (self._zeros(frames, sizes.pop(name)) if name in sizes else None for name in ("x", "v", "F"))
         further = {name: self._zeros(frames if keep else 2, size) for name, size in sizes.items()}
         substeps, failures = self._substeps(parameters)
         record = Record(substeps, further, failures=failures)
 
         def state(frame: int) -> State:
-            return State(x[frame], v[frame], F[frame], **record.carried(frame if keep else frame % 2))
+            return State(
+                x[frame], v[frame], None if F is None else F[frame], **record.carried(frame if keep else frame % 2)
+            )
 
         self._start(parameters, record.substeps, state(0))
         if keep and frames > 1:
@@ -107,13 +111,14 @@ class Frames:
             if failure is not None:
                 record.failures[rollout] = _with_hand(failure, points[1:-1, rollout], self.stepper.lattice.cell)
                 for values in (x, v, F):
-                    values[failure.frame + 1 :, rollout] = torch.nan
+                    if values is not None:
+                        values[failure.frame + 1 :, rollout] = torch.nan
         return x, v, F, record
 
     def play(self, parameters: Parameters, points: Tensor) -> Generator[State, Tensor, None]:
         """Yields the state of the one rollout and takes the controller points [C, 3] of the next frame time."""
         arrays = {name: self._zeros(2, size) for name, size in self._sizes().items()}
-        states = [State(**{name: values[turn] for name, values in arrays.items()}) for turn in range(2)]
+        states = [State(**{"F": None} | {name: values[turn] for name, values in arrays.items()}) for turn in range(2)]
         substeps, _ = self._substeps(parameters)
         self._start(parameters, substeps, states[0])
         frame, before = 0, None
@@ -158,8 +163,9 @@ class Frames:
         state.v.copy_(parameters.initial_velocity)
         if parameters.initial_velocity.any():
             state.nodes.copy_(self._node_start.nodes(parameters.initial_velocity.detach()))
-        F = parameters.initial_deformation
-        state.F.copy_(torch.eye(3).to(state.F) if F is None else F)
+        if state.F is not None:
+            F = parameters.initial_deformation
+            state.F.copy_(torch.eye(3).to(state.F) if F is None else F)
         if state.shape is not None:
             state.shape.copy_(state.F)
 
@@ -195,7 +201,7 @@ class Frames:
         parameters: Parameters,
         record: Record,
         points: Tensor,
-        states: tuple[Tensor, Tensor, Tensor],
+        states: tuple[Tensor, Tensor, Tensor | None],
         bars: Bars,
         progress: Progress | None,
     ) -> dict[str, Tensor]:
@@ -214,7 +220,7 @@ class Frames:
         for frame in reversed(range(last)):
             kept = frame if held and frame < record.kept else None
             span = Span(frame, points[frame : frame + 4], record.alive(frame), kept)
-            start = State(*(state[frame] for state in states), **record.carried(frame))
+            start = State(*(None if state is None else state[frame] for state in states), **record.carried(frame))
             bar = stepper.backward(span, start, led)
             if led:
                 count = min(points.shape[2], bar.shape[2])

@@ -43,7 +43,7 @@ class Lattice:
 
 
 def lattice_of(body: Body, clamps: tuple[Clamp, ...]) -> Lattice:
-    """The lattice of a body.
+    """The lattice of a body; the vertices of a thin body are its nodes, in a row.
 
     Along an axis, whole cells of the splines, as few as hold the body, have its middle in theirs: a cell at its edge that holds a
     single layer of particles would hardly feel how it bends, and a body that is turned over has the same lattice. Where a clamp's
@@ -54,6 +54,8 @@ def lattice_of(body: Body, clamps: tuple[Clamp, ...]) -> Lattice:
         body: at rest.
         clamps: boxes in which nodes are held.
     """
+    if body.elements is not None:
+        return Lattice(body.x0.min(0), (len(body.x0), 1, 1), body.cell)
     lower, upper = body.x0.min(0) - body.spacing / 2, body.x0.max(0) + body.spacing / 2
     cells = np.ceil((upper - lower) / body.cell - ROUNDING)
     anchor = (lower + upper) / 2 - (cells + 1) * body.cell / 2  # nodes lie in the middle of the splines' cells

@@ -43,6 +43,9 @@ class Parameters:
         friction_law: static excess of mu_f, the speed over which it fades [m/s], rise with speed [s/m], shape [3].
         relaxation_modulus: shear modulus of one Maxwell branch [Pa], shape [N]. Young's modulus is the one of slow motion.
         relaxation_time: of that branch [s], shape [].
+        bending_ratio: bending stiffness of a thin body over that of a homogeneous one, shape [N].
+        weft_ratio: a fabric's Young's modulus across `Shell.warp` over that along it, shape [N].
+        shear_ratio: its shear modulus over that of an isotropic sheet, shape [N].
         hysteresis_modulus: shear moduli of three Maxwell branches [Pa], shape [N, 3].
         hysteresis_time: of these branches [s], shape [3].
     """
@@ -77,6 +80,9 @@ class Parameters:
     relaxation_time: Float[Tensor, "..."] | None = None
     hysteresis_modulus: Float[Tensor, "... 3"] | None = None
     hysteresis_time: Float[Tensor, "... 3"] | None = None
+    bending_ratio: Float[Tensor, "..."] | None = None
+    weft_ratio: Float[Tensor, "..."] | None = None
+    shear_ratio: Float[Tensor, "..."] | None = None
 
 
 PARAMETER_NAMES = tuple(field.name for field in fields(Parameters))
@@ -159,6 +165,7 @@ def _check_ranges(tensors: dict[str, Tensor]) -> None:
     for name in ("friction_coefficient", "grip_stiffness", "grip_damping"):
         _check_range(name, tensors, lambda value: value >= 0, "a value >= 0")
     positive = {"density", "adhesion_range", "relaxation_time", "hysteresis_time"}
+    positive |= {"bending_ratio", "weft_ratio", "shear_ratio"}
     for name in sorted(positive):
         _check_range(name, tensors, lambda value: value > 0, "positive values")
     for name in TERM_OF.keys() - positive:

@@ -135,6 +135,7 @@ class ParticleRows:
         networks: dict[str, Tensor],
         volume: Float[Tensor, " particles"],
         inertia: GripInertia | None,
+        elements: dict[str, Tensor] | None = None,
     ) -> dict[str, Tensor]:
         """Adjoints of the parameters in use by name, with an axis of rollouts.
 
@@ -145,6 +146,7 @@ class ParticleRows:
             networks: weights' adjoints by "elastic" and "plastic", each [R, W].
             volume: of the particles [m3].
             inertia: of the grip.
+            elements: adjoints of parameters through the elements of a thin body, by name.
         """
         found = {"initial_velocity": state_bars["v"], "initial_position": state_bars["x"].clone()}
         if "shape" in state_bars:
@@ -158,6 +160,7 @@ class ParticleRows:
             found["initial_position"][..., 2] += found["start_height"][..., 0]
             if inertia is not None:
                 found["gravity"] = found["gravity"] + inertia.gravity_adjoint(found["load"])
+        found |= elements or {}
         return {name: found[name].reshape(len(bars), *shape).clone() for name, shape in self.shapes.items()}
 
 

@@ -21,7 +21,7 @@ from physreal_core.simulation.native import NativeStepper
 from physreal_core.simulation.parameters import PARAMETER_NAMES, BatchStates, Parameters, States, complete
 from physreal_core.simulation.play import Player
 from physreal_core.simulation.stepper import Stepper
-from physreal_core.simulation.terms import dormant_values
+from physreal_core.simulation.terms import STRESS_TERMS, THIN_TERMS, dormant_values
 from physreal_core.simulation.timestep import substeps_per_frame
 
 
@@ -46,6 +46,7 @@ class Simulator:
     ) -> None:
         if grip is not None:
             grip.check(body)
+        _check_kind(body, config)
         self.body, self.config, self.grip = body, config, grip
         self._scene = (body, config, grip, tuple(clamps), tuple(loads))
         self._dormant = dormant_values(config.terms, body, config.gravity)
@@ -154,7 +155,8 @@ class Simulator:
         failures: list = []
         path = with_neighbours(points)[: (frames or len(points)) + 2]
         states = _Rollout.apply(self._stream, loop, path, progress, keep, failures, *tensors)
-        return list(states), failures
+        x, v, F = states
+        return [x, v, self.body.elements.deformation(x) if F is None else F], failures
 
     # --- checks -------------------------------------------------------------------------------------------------
 
@@ -189,6 +191,22 @@ class Simulator:
             frame = int((~torch.isfinite(points)).flatten(1).any(1).nonzero()[0])
             raise InputError("a point is not finite", where=f"controllers, frame {frame}")
         return points
+
+
+def _check_kind(body: Body, config: SimulationConfig) -> None:
+    """Raise `InputError` for a term or a law that the body, a volume or thin, does not have."""
+    thin = body.elements is not None
+    absent = (*STRESS_TERMS, "initial_deformation") if thin else THIN_TERMS
+    for term in config.terms:
+        if term in absent:
+            kind = "thin bodies" if thin else "volumes"
+            raise InputError(f"{term!r}", where="SimulationConfig.terms", expected=f"a term that {kind} have")
+    if thin and (config.plastic_law != "identity" or config.residual is not None):
+        raise InputError(
+            "plastic flow or a neural residual for a thin body",
+            where="SimulationConfig",
+            expected="plastic_law: identity and no residual",
+        )
 
 
 def make_stepper(
@@ -235,8 +253,8 @@ class _Rollout(torch.autograd.Function):
         failures.extend(record.failures)
         ctx.set_materialize_grads(False)
         if keep:
-            ctx.save_for_backward(points, x, v, F, *(t for t in tensors if t is not None))
-            ctx.present = [t is not None for t in tensors]
+            ctx.save_for_backward(points, *(t for t in (x, v, F, *tensors) if t is not None))
+            ctx.present = [t is not None for t in (x, v, F, *tensors)]
             ctx.rest = (stream, loop, progress, record)
         return x, v, F
 
@@ -244,9 +262,10 @@ class _Rollout(torch.autograd.Function):
     @once_differentiable
     def backward(ctx, x_bar: Tensor | None, v_bar: Tensor | None, F_bar: Tensor | None):
         stream, loop, progress, record = ctx.rest
-        points, x, v, F, *saved = ctx.saved_tensors
+        points, *saved = ctx.saved_tensors
         given = iter(saved)
-        parameters = Parameters(*(next(given) if present else None for present in ctx.present))
+        x, v, F, *tensors = (next(given) if present else None for present in ctx.present)
+        parameters = Parameters(*tensors)
         with stream():
             gradients = loop.backward(parameters, record, points, (x, v, F), (x_bar, v_bar, F_bar), progress)
         others = [None, None, gradients.get("controllers"), None, None, None]

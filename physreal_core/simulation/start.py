@@ -13,6 +13,18 @@ STEPS = 20
 """Of Chebyshev's iteration, after which 1e-5 of the error is left."""
 
 
+class VertexStart:
+    """The same for a thin body, whose vertices are its nodes."""
+
+    def nodes(self, velocity: Float[Tensor, "rollouts vertices 3"]) -> Float[Tensor, "rollouts vertices 4"]:
+        """Velocities of the nodes [m/s], a fourth number to fill up."""
+        return torch.nn.functional.pad(velocity, (0, 1))
+
+    def particles(self, nodes_bar: Float[Tensor, "rollouts vertices 4"]) -> Float[Tensor, "rollouts vertices 3"]:
+        """Adjoint of `nodes`."""
+        return nodes_bar[..., :3]
+
+
 class NodeStart:
     """The linear map from the velocities of the particles to those of the nodes.
 

@@ -15,8 +15,15 @@ from physreal_core.simulation.terms import branch_count
 NOT_FAILED = torch.iinfo(torch.int64).max
 
 
-def state_shapes(config: SimulationConfig) -> dict[str, tuple[int, ...]]:
-    """Shape of each of a particle's numbers that a state has under a configuration, by name, in order."""
+def state_shapes(config: SimulationConfig, thin: bool = False) -> dict[str, tuple[int, ...]]:
+    """Shape of each of a particle's numbers that a state has under a configuration, by name, in order.
+
+    Args:
+        config: of the simulation.
+        thin: whether the particles are vertices, whose deformation follows from their places.
+    """
+    if thin:
+        return {"x": (3,), "v": (3,)}
     shapes: dict[str, tuple[int, ...]] = {"x": (3,), "v": (3,), "F": (3, 3)}
     if config.shaped:
         shapes["shape"] = (3, 3)
@@ -33,7 +40,7 @@ class State:
     Attributes:
         x: positions [m], shape [R, N, 3].
         v: velocities [m/s], shape [R, N, 3].
-        F: deformation gradients, shape [R, N, 3, 3].
+        F: deformation gradients, shape [R, N, 3, 3]; None of a thin body.
         nodes: velocities of the grid's nodes [m/s], a fourth number to fill up, shape [R, nodes, 4].
         shape: from the place on the grid to the shape without stress (laws/shape.h), shape [R, N, 3, 3]; None where that is
             the same.
@@ -44,7 +51,7 @@ class State:
 
     x: Tensor
     v: Tensor
-    F: Tensor
+    F: Tensor | None
     nodes: Tensor
     shape: Tensor | None = None
     rate: Tensor | None = None

@@ -66,11 +66,15 @@ TERMS: dict[str, dict[str, TermField]] = {
         "hysteresis_modulus": TermField((PARTICLES, 3), visible=300.0),
         "hysteresis_time": TermField((3,), 1.0, visible=0.02),
     },
+    "bending": {"bending_ratio": TermField((PARTICLES,), 1.0)},
+    "fabric": {"weft_ratio": TermField((PARTICLES,), 1.0), "shear_ratio": TermField((PARTICLES,), 1.0)},
 }
 """Parameters by term, then by name of the field of `Parameters`."""
 
 FORCE_TERMS = ("drag", "adhesion", "obstacle")
 """Terms whose law is a force on particles."""
+THIN_TERMS = ("bending", "fabric")
+"""Terms that only thin bodies have."""
 BRANCH_TERMS = ("relaxation", "hysteresis")
 """Terms whose law is the stress of Maxwell branches, whose strain is a state of each particle."""
 STRESS_TERMS = ("viscosity", "stiffening", "fibres", *BRANCH_TERMS)

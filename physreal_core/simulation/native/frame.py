@@ -10,7 +10,7 @@ from physreal_core.native import native_module
 from physreal_core.simulation.config import SimulationConfig
 from physreal_core.simulation.layout import Structure
 from physreal_core.simulation.particle_rows import NUMBERS
-from physreal_core.simulation.step_layout import LAWS_FOLDER, law_headers, layout_text, material_arguments
+from physreal_core.simulation.step_layout import LAWS_FOLDER, THIN_FOLDER, law_headers, layout_text, material_arguments
 
 WORKSPACE = Structure(
     "Workspace",
@@ -29,6 +29,7 @@ WORKSPACE = Structure(
     S* carry  [nodes + 4, 4] adjoints of velocity and mass
     S* free  [substeps, nodes, 4] velocities before contact, if kept
     S* networks  [threads, network_numbers] for the networks' adjoints
+    S* element_force  [corners * 3, element_stride] of a thin body's elements, or in the adjoint what they add to that of x
     int* shared  [128] barriers and stop
     """,
 )
@@ -131,6 +132,23 @@ FRAME = Structure(
 )
 
 
+THIN_FRAME = Structure(
+    "ThinFrame",
+    """
+    # Of a thin body, whose vertices are the particles and the nodes
+    Index elements
+    Index element_stride  elements, and what fills the last block
+    const int* corners  [corners, element_stride] places of the vertices
+    const int* incident_first  [N + 1]
+    const int* incident  [] of each vertex the corners that are at it, as corner * element_stride + element
+    const S* element_constants  [constants, element_stride]
+    const S* element_stiffness  [stiffness, element_stride]
+    S* element_bars  [stiffness, element_stride] adjoints; grow
+    """,
+    base=FRAME,
+)
+
+
 @dataclass(frozen=True)
 class FrameKernels:
     """Kernels `(address of Frames, address of Workspaces, how many frames, address of a counter, thread)` of one thread.
@@ -148,17 +166,26 @@ class FrameKernels:
     measure: wp.Kernel
 
 
-def frame_kernels(config: SimulationConfig) -> FrameKernels:
-    """The kernels for the laws, residuals and scalar type of `config`: one form without optional terms, one for any."""
-    switches = ", ".join("true" if on else "false" for on in (bool(config.terms), config.shaped))
-    return _kernels(config.dtype, f"{switches}, {material_arguments(config)}", law_headers(config))
+def frame_kernels(config: SimulationConfig, element: str | None = None) -> FrameKernels:
+    """The kernels for the laws, residuals and scalar type of `config`: one form without optional terms, one for any.
+
+    Args:
+        config: of the simulation.
+        element: class of a thin body's elements; None for a volume.
+    """
+    switches = ["true" if on else "false" for on in (bool(config.terms), config.shaped)]
+    if element is not None:
+        return _kernels(config.dtype, f"{switches[0]}, physreal::{element}", f'#include "{element.lower()}.h"\n', True)
+    return _kernels(config.dtype, f"{', '.join(switches)}, {material_arguments(config)}", law_headers(config), False)
 
 
 @functools.cache
-def _kernels(dtype: str, form: str, laws: str) -> FrameKernels:
+def _kernels(dtype: str, form: str, laws: str, thin: bool) -> FrameKernels:
     name = f"physreal_frame_{dtype}_" + "".join(c if c.isalnum() else "_" for c in form.replace("physreal::", ""))
-    text = f'#include "lanes.h"\n{layout_text(WORKSPACE, FRAME)}{laws}'
-    module = native_module(name, Path(__file__).parent / "worker.h", LAWS_FOLDER, preamble=text)
+    structures = (WORKSPACE, FRAME, THIN_FRAME) if thin else (WORKSPACE, FRAME)
+    text = f'#include "lanes.h"\n{layout_text(*structures)}{laws}'
+    header = Path(__file__).parent / ("thin_worker.h" if thin else "worker.h")
+    module = native_module(name, header, LAWS_FOLDER, THIN_FOLDER, preamble=text)
     arguments = f"{'float' if dtype == 'float32' else 'double'}, {form}"
 
     @wp.func_native(f"physreal::forward_frames<{arguments}>(frames, workspaces, count, next, thread);")

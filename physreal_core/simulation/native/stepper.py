@@ -16,11 +16,12 @@ from physreal_core.simulation.body import Body, Clamp, Grip, PointLoad, load_for
 from physreal_core.simulation.config import SimulationConfig
 from physreal_core.simulation.grip_inertia import GripInertia
 from physreal_core.simulation.lattice import held_boxes, lattice_of
-from physreal_core.simulation.native.frame import FRAME, WORKSPACE, frame_kernels
+from physreal_core.simulation.native.frame import FRAME, THIN_FRAME, WORKSPACE, frame_kernels
 from physreal_core.simulation.parameters import Parameters, row_of
 from physreal_core.simulation.particle_rows import NODE_SUMS, PARTICLE_SUMS, ParticleRows
 from physreal_core.simulation.step_layout import term_bits
 from physreal_core.simulation.stepper import NOT_FAILED, Span, State, state_shapes
+from physreal_core.simulation.thin.arrays import ElementArrays
 from physreal_core.simulation.timestep import rate_memory
 from physreal_core.simulation.touch import NEARLY, TOUCHING, touch_heights
 
@@ -67,7 +68,8 @@ class NativeStepper:
         self.dtype, self.config, self.rollouts = config.torch_dtype, config, rollouts
         self.particles, self.lattice = len(body.x0), lattice_of(body, clamps)
         self.viscous = "viscosity" in config.terms
-        self.state_shapes = state_shapes(config)
+        thin = body.elements is not None
+        self.state_shapes = state_shapes(config, thin)
         if rollouts == 1:
             self.threads = min(threads or torch.get_num_threads(), max(1, self.particles // PARTICLES_PER_THREAD))
         else:
@@ -80,14 +82,15 @@ class NativeStepper:
         self.holder: object | None = None
         self._kept: list[Tensor] = []
         wp.init()  # before tensors are wrapped for it
-        self._kernels = frame_kernels(config)
-        self._frames = np.zeros(rollouts, FRAME.dtype(config.dtype))
+        self._kernels = frame_kernels(config, body.elements.element if thin else None)
+        self._frames = np.zeros(rollouts, (THIN_FRAME if thin else FRAME).dtype(config.dtype))
         self._workspaces = np.zeros(1 if rollouts == 1 else self.threads, WORKSPACE.dtype(config.dtype))
         self._held: dict[str, Tensor] = {}
         gripped = self._set_grip(body, grip)
         self._rows = ParticleRows(config, self.particles, gripped)
         self.shapes = self._rows.shapes
         self._set_model(body, clamps, loads)
+        self._elements = self._set_elements(body) if thin else None
         self._set_adjoints()
         self._set_workspaces()
 
@@ -127,7 +130,8 @@ class NativeStepper:
         frames["particles"], frames["threads"] = self.particles, self._sharing
         frames["stride"] = -(-self.particles // BLOCK) * BLOCK
         frames["clamps"], frames["gravity"] = len(clamps), config.gravity
-        lattice, order = self.lattice, self.lattice.order(body.x0)
+        lattice, thin = self.lattice, body.elements is not None
+        order = np.arange(self.particles) if thin else lattice.order(body.x0)
         for name, array in (("order", order), ("place", np.argsort(order))):
             self._give(frames, name, torch.from_numpy(array.astype(np.int32)), shared=True)
         frames["offset"], frames["count"], frames["cell"] = lattice.offset, lattice.count, lattice.cell
@@ -135,7 +139,8 @@ class NativeStepper:
         frames["touching"], frames["touch_slope"] = TOUCHING, 1.0 / (NEARLY * body.spacing)
         frames["yield_address"] = _yield_address()
         frames["terms"], frames["frame_rate"] = term_bits(config.terms), config.fps
-        for name, array in zip(("clamp_lower", "clamp_upper"), held_boxes(clamps, lattice.cell), strict=True):
+        boxes = held_boxes(clamps, 0.0 if thin else lattice.cell)
+        for name, array in zip(("clamp_lower", "clamp_upper"), boxes, strict=True):
             self._give(frames, name, self._numbers(array), shared=True)
         self._mass, self._load = self._numbers(body.mass), self._numbers(load_forces(body, loads))
         self._volume = self._numbers(body.volume)
@@ -152,6 +157,15 @@ class NativeStepper:
                     residual.strain_scale,
                 )
 
+    def _set_elements(self, body: Body) -> ElementArrays:
+        """Take over the elements of a thin body."""
+        arrays, frames = ElementArrays(body.elements, self.particles, BLOCK, self.dtype), self._frames
+        frames["elements"], frames["element_stride"] = arrays.count, arrays.stride
+        for name in ("corners", "incident_first", "incident"):
+            self._give(frames, name, torch.from_numpy(np.ascontiguousarray(getattr(arrays, name))), shared=True)
+        self._give(frames, "element_constants", arrays.constants(), shared=True)
+        return arrays
+
     def _set_adjoints(self) -> None:
         r, n, frames = self.rollouts, self.particles, self._frames
         for name, shape in self.state_shapes.items():
@@ -164,6 +178,8 @@ class NativeStepper:
             if f"network_{kind}" in self.shapes:
                 weights = self.shapes[f"network_{kind}"]
                 self._give(frames, f"network_{kind}_bar", self._zeros(r, self._sharing, *weights))
+        if self._elements is not None:
+            self._give(frames, "element_bars", self._zeros(r, self._elements.rows, self._elements.stride))
         self._bars = [bar for name, bar in self._held.items() if name.endswith(("_bar", "_bars", "_sums"))]
         self._status = self._give(frames, "status", self._zeros(r, self._sharing, dtype=torch.int64))
 
@@ -183,6 +199,9 @@ class NativeStepper:
             ("networks", (self._sharing, int(size))),
         ):
             self._give(work, name, self._zeros(count, *shape))
+        if self._elements is not None:
+            corners = len(self._elements.corners)
+            self._give(work, "element_force", self._zeros(count, 3 * corners, self._elements.stride))
         for name, grids in (("scratch", self._sharing), *((name, 1) for name in NODE_ARRAYS)):
             self._give(work, name, self._zeros(count, grids, self.lattice.nodes + 4, 4))
         self._give(work, "around", self._zeros(count, self.lattice.nodes, 2))
@@ -239,6 +258,9 @@ class NativeStepper:
         if self.viscous:
             memory = [rate_memory(self._body, self.config, row_of(parameters, r)) for r in range(self.rollouts)]
             frames["remembered"] = np.array(memory) / (np.array(memory) + 1.0)
+        if self._elements is not None:
+            self._parameters = parameters
+            self._give(frames, "element_stiffness", self._elements.stiffness(parameters))
         self._load_forces(parameters, torch.from_numpy(dt))
 
     def _load_forces(self, parameters: Parameters, dt: Tensor) -> None:
@@ -324,7 +346,11 @@ class NativeStepper:
         networks = {k: held[f"network_{k}_bar"].sum(1) for k in ("elastic", "plastic") if f"network_{k}" in self.shapes}
         state_bars = {name: held[f"{name}_bar"] for name in self.state_shapes}
         sums = held["particle_sums"].sum(1), held["node_sums"].sum(1)
-        return self._rows.gradients(held["given_bars"], state_bars, *sums, networks, self._volume, self._inertia)
+        elements = None
+        if self._elements is not None:
+            elements = self._elements.gradients(self._parameters, held["element_bars"])
+        given = held["given_bars"], state_bars, *sums, networks, self._volume, self._inertia
+        return self._rows.gradients(*given, elements)
 
 
 def _addresses(values: Tensor, shared: bool) -> int | np.ndarray:

@@ -4,6 +4,7 @@
 // result depends on their number but not on chance. Places on the grid are those of the body at rest, all the time.
 #pragma once
 #include "barrier.h"
+#include "frames.h"
 #include "grip.h"
 #include "material.h"
 #include "nodes.h"
@@ -558,34 +559,11 @@ template <class S, bool TERMS, bool SHAPED, template <class> class Elastic, clas
           class PlasticNetwork>
 using WorkerOf = Worker<S, TERMS, SHAPED, Material<Lanes<S>, Elastic, Plastic, ElasticNetwork, PlasticNetwork>>;
 
-// Calls run(frame, thread within it) for the frames: one is shared by all threads, of many each thread takes one after
-// the other.
-template <class S, class Run>
-inline void for_frames(unsigned long long frames, unsigned long long workspaces, int count, unsigned long long next,
-                       int thread, Run run) {
-    const auto all = reinterpret_cast<const Frame<S>*>(frames);
-    const auto work = reinterpret_cast<const Workspace<S>*>(workspaces);
-    const auto frame_on = [&](int i, int workspace) {
-        Frame<S> frame = all[i];
-        static_cast<Workspace<S>&>(frame) = work[workspace];
-        if (frame.kept_grids) frame.free = frame.kept_grids;
-        return frame;
-    };
-    if (count == 1) return run(frame_on(0, 0), thread);
-    for (;;) {
-        const int i = __atomic_fetch_add(reinterpret_cast<int*>(next), 1, __ATOMIC_RELAXED);
-        if (i >= count) return;
-        const Frame<S> frame = frame_on(i, thread);
-        __builtin_memset(frame.shared, 0, 128 * sizeof(int));
-        run(frame, 0);
-    }
-}
-
 template <class S, bool TERMS, bool SHAPED, template <class> class Elastic, class Plastic, class ElasticNetwork,
           class PlasticNetwork>
 inline void forward_frames(unsigned long long frames, unsigned long long workspaces, int count, unsigned long long next,
                            int thread) {
-    for_frames<S>(frames, workspaces, count, next, thread, [](const Frame<S>& frame, int own) {
+    for_frames<S, Frame>(frames, workspaces, count, next, thread, [](const Frame<S>& frame, int own) {
         WorkerOf<S, TERMS, SHAPED, Elastic, Plastic, ElasticNetwork, PlasticNetwork>(frame, own, 0).forward();
     });
 }
@@ -595,7 +573,7 @@ template <class S, bool TERMS, bool SHAPED, template <class> class Elastic, clas
 inline void backward_frames(unsigned long long frames, unsigned long long workspaces, int count,
                             unsigned long long next, int thread) {
     using Work = WorkerOf<S, TERMS, SHAPED, Elastic, Plastic, ElasticNetwork, PlasticNetwork>;
-    for_frames<S>(frames, workspaces, count, next, thread, [](const Frame<S>& frame, int own) {
+    for_frames<S, Frame>(frames, workspaces, count, next, thread, [](const Frame<S>& frame, int own) {
         Work(frame, own, 0).forward();
         Work(frame, own, 1).backward();
     });

@@ -1,0 +1,431 @@
+// One thread's share of a frame of a thin body: a range of its vertices and a range of its elements.
+//
+// The vertices are particles and nodes at once: each carries its mass and its velocity, and ground, clamps and gravity act on it as on a
+// node of a volume's grid. In every substep the elements leave forces at their corners, and each vertex adds up what was left at it,
+// always in the same order, so that the result does not depend on the number of threads.
+#pragma once
+#include "barrier.h"
+#include "elements.h"
+#include "frames.h"
+#include "grip.h"
+#include "nodes.h"
+#include "rows.h"
+#include "term_laws.h"
+
+namespace physreal {
+
+// With TERMS, inputs beside the stiffness have adjoints, and optional forces act as frame.terms says. Element: see elements.h.
+template <class S, bool TERMS, template <class, class> class Element>
+class ThinWorker : ParticleRows<S> {
+    using V = Lanes<S>;
+    using Rows = ParticleRows<S>;
+    using Elastic = Element<V, V>;
+    static constexpr int X = 0, VELOCITY = 3, STATE_ROWS = 6, CORNERS = Elastic::CORNERS;
+
+public:
+    // pass: 0 for a frame, 1 for its adjoint after it; each has a barrier of its own.
+    ThinWorker(const ThinFrame<S>& frame, int thread, int pass)
+        : Rows(frame, thread),
+          frame_(frame),
+          thread_(thread),
+          first_element_(share_of(element_blocks(), thread, frame.threads) * LANES),
+          last_element_(share_of(element_blocks(), thread + 1, frame.threads) * LANES),
+          laws_(frame, thread),
+          barrier_(frame.shared + 64 * pass, frame.threads, frame.yield_address) {}
+
+    void forward() {
+        load_model();
+        load_state();
+        weigh();
+        if (frame_.replay) return replay();
+        barrier_.wait();
+        for (Index s = 0; s < frame_.substeps; s++) {
+            leave_forces(state(frame_.keep_states ? s : 0));
+            barrier_.wait();
+            if (stopped()) return;
+            move(s);
+            barrier_.wait();
+        }
+        if (frame_.keep_states) return;
+        check_state();
+        store_state();
+    }
+
+    // Adjoint of a frame that `forward` has just kept the states and velocities of.
+    void backward() {
+        load_adjoint();
+        barrier_.wait();
+        for (Index s = frame_.substeps - 1; s >= 0; s--) {
+            move_adjoint(s);
+            barrier_.wait();
+            leave_adjoints(state(s));
+            barrier_.wait();
+            add_up(frame_.adjoint + X * frame_.stride);
+        }
+        store_adjoint();
+    }
+
+private:
+    using Rows::add_rows, Rows::clear, Rows::first_, Rows::gather_columns, Rows::gather_rows, Rows::last_,
+        Rows::padded_end, Rows::put, Rows::scatter_columns, Rows::vector;
+
+    const ThinFrame<S>& frame_;
+    int thread_;
+    Index first_element_, last_element_;
+    TermLaws<S> laws_;
+    Barrier barrier_;
+
+    Index element_blocks() const { return frame_.element_stride / LANES; }
+    const S* constants(int r) const { return frame_.constants + r * frame_.stride; }
+    S constant_of(int r, Index p) const { return constants(r)[p]; }
+    S* input_bars(int r) const { return frame_.bars + (bar::COUNT + r) * frame_.stride; }
+    S* particle_sums() const { return frame_.particle_sums + particle_sum::COUNT * thread_; }
+    S* node_sums() const { return frame_.node_sums + node_sum::COUNT * thread_; }
+    S* state(Index slot) const { return frame_.state + slot * STATE_ROWS * frame_.stride; }
+    S* kept(Index s) const { return frame_.free + 4 * s * frame_.particles; }
+    Around<S> around(Index p) const { return {frame_.around[2 * p], frame_.around[2 * p + 1]}; }
+
+    typename TermLaws<S>::Arrays law_arrays(const S* now) const {
+        S* bar = frame_.adjoint;
+        return {now + X * frame_.stride,
+                now + VELOCITY * frame_.stride,
+                nullptr,
+                nullptr,
+                constants(constant::mass),
+                constants(constant::COUNT),
+                bar + X * frame_.stride,
+                bar + VELOCITY * frame_.stride,
+                nullptr,
+                nullptr,
+                input_bars(input::mass),
+                input_bars(input::COUNT),
+                particle_sums() + particle_sum::numbers};
+    }
+
+    NodePhase<S> node_phase() const {
+        const Frame<S>& f = frame_;
+        return {f.dt,         {f.gravity[0], f.gravity[1], f.gravity[2]},
+                f.mass_floor, f.touching,
+                f.friction,   laws_.has(term::friction_law) ? f.friction_law : nullptr};
+    }
+
+    Grip<S> grip(Index substep) const {
+        const Frame<S>& f = frame_;
+        return {f.grip_controller, f.grip_weight,  f.grip_rest_length, f.controllers,        f.controller_points,
+                f.grip_stiffness,  f.grip_damping, f.grip_softening,   S(substep) * f.share, f.frame_rate};
+    }
+
+    // Three rows of one vertex.
+    Vec3<S> at(const S* rows, int r, Index p) const {
+        const S* from = rows + r * frame_.stride + p;
+        return {{from[0], from[frame_.stride], from[2 * frame_.stride]}};
+    }
+    void put_at(S* rows, int r, Index p, const Vec3<S>& value) const {
+        for (int d = 0; d < 3; d++) rows[(r + d) * frame_.stride + p] = value[d];
+    }
+    template <class Node>
+    static Vec3<S> three(const Node& n) {
+        return {{n[0], n[1], n[2]}};
+    }
+    using Node = Lanes<S, 4>;
+    static Node read(const S* from) { return load<S, 4>(from); }
+
+    // --- in and out
+
+    void load_model() {
+        const Frame<S>& f = frame_;
+        gather_rows(f.constants, f.given, f.constant_rows);
+        gather_rows(f.force, f.given + constant::load * f.particles, 3);
+    }
+
+    void load_state() {
+        S* s = state(0);
+        gather_columns(s + X * frame_.stride, frame_.x, 3);
+        for (Index p = first_; p < padded_end(); p++)
+            put_at(s, VELOCITY, p, three(read(frame_.nodes + 4 * min_of(p, frame_.particles - 1))));
+    }
+
+    // Mass and volume of each vertex; what a clamp holds has no mass here.
+    void weigh() {
+        for (Index p = first_; p < last_; p++) {
+            frame_.around[2 * p] = held(at(frame_.constants, constant::place, p)) ? S(0) : constant_of(constant::mass, p);
+            frame_.around[2 * p + 1] = constant_of(constant::volume, p);
+        }
+    }
+
+    bool held(const Vec3<S>& place) const {
+        for (Index c = 0; c < frame_.clamps; c++) {
+            bool inside = true;
+            for (int d = 0; d < 3; d++)
+                inside &= place[d] >= frame_.clamp_lower[3 * c + d] && place[d] <= frame_.clamp_upper[3 * c + d];
+            if (inside) return true;
+        }
+        return false;
+    }
+
+    void store_state() const {
+        const S* s = state(0);
+        scatter_columns(frame_.x_end, s + X * frame_.stride, 3);
+        scatter_columns(frame_.v_end, s + VELOCITY * frame_.stride, 3);
+        for (Index p = first_; p < last_; p++) {
+            const Vec3<S> v = at(s, VELOCITY, p);
+            store(frame_.nodes_end + 4 * p, Node{v[0], v[1], v[2], 0});
+        }
+    }
+
+    void load_adjoint() {
+        S* a = frame_.adjoint;
+        gather_columns(a + X * frame_.stride, frame_.x_bar, 3);
+        gather_columns(a + VELOCITY * frame_.stride, frame_.v_bar, 3);
+        clear(frame_.bars, frame_.bar_rows);
+        for (Index p = first_; p < last_; p++) {
+            const Vec3<S> bar = three(read(frame_.nodes_bar + 4 * p)) + at(a, VELOCITY, p);
+            store(frame_.carry + 4 * p, Node{bar[0], bar[1], bar[2], 0});
+        }
+        clear(a + VELOCITY * frame_.stride, 3);
+    }
+
+    void store_adjoint() const {
+        const S* a = frame_.adjoint;
+        scatter_columns(frame_.x_bar, a + X * frame_.stride, 3);
+        scatter_columns(frame_.v_bar, a + VELOCITY * frame_.stride, 3);
+        add_rows(frame_.given_bars, frame_.bars, frame_.bar_rows);
+        for (Index p = first_; p < last_; p++) store(frame_.nodes_bar + 4 * p, read(frame_.carry + 4 * p));
+    }
+
+    // --- elements
+
+    template <class Rows>
+    Vec3<V> at_corner(const Rows* rows, int corner, Index e) const {
+        const int* places = frame_.corners + corner * frame_.element_stride + e;
+        Vec3<V> value;
+        for (int d = 0; d < 3; d++)
+            for (int l = 0; l < LANES; l++) value[d][l] = rows[d * frame_.stride + places[l]];
+        return value;
+    }
+
+    template <int COUNT>
+    void rows_of(const S* rows, Index e, V (&values)[COUNT]) const {
+        for (int r = 0; r < COUNT; r++) values[r] = load<S, LANES>(rows + r * frame_.element_stride + e);
+    }
+
+    void leave(int corner, Index e, const Vec3<V>& value) const {
+        for (int d = 0; d < 3; d++) store(frame_.element_force + (3 * corner + d) * frame_.element_stride + e, value[d]);
+    }
+
+    void leave_forces(const S* now) const {
+        for (Index e = first_element_; e < last_element_; e += LANES) {
+            V constants[Elastic::CONSTANTS], stiffness[Elastic::STIFFNESS];
+            rows_of(frame_.element_constants, e, constants);
+            rows_of(frame_.element_stiffness, e, stiffness);
+            Vec3<V> x[CORNERS], f[CORNERS] = {};
+            for (int c = 0; c < CORNERS; c++) x[c] = at_corner(now + X * frame_.stride, c, e);
+            Elastic(x, constants).forces(stiffness, f);
+            for (int c = 0; c < CORNERS; c++) leave(c, e, f[c]);
+        }
+    }
+
+    // In: frame.force_bar. Leaves what the elements add to the adjoint of x.
+    void leave_adjoints(const S* now) const {
+        for (Index e = first_element_; e < last_element_; e += LANES) {
+            V constants[Elastic::CONSTANTS], stiffness[Elastic::STIFFNESS], bar[Elastic::STIFFNESS] = {};
+            rows_of(frame_.element_constants, e, constants);
+            rows_of(frame_.element_stiffness, e, stiffness);
+            Vec3<Dual<V>> x[CORNERS], f[CORNERS] = {};
+            for (int c = 0; c < CORNERS; c++) {
+                const Vec3<V> value = at_corner(now + X * frame_.stride, c, e), slope = at_corner(frame_.force_bar, c, e);
+                for (int d = 0; d < 3; d++) x[c][d] = {value[d], slope[d]};
+            }
+            const Element<Dual<V>, V> element(x, constants);
+            element.forces(stiffness, f);
+            for (int c = 0; c < CORNERS; c++) leave(c, e, {{f[c][0].slope, f[c][1].slope, f[c][2].slope}});
+            element.stiffness_adjoint(bar);
+            for (int r = 0; r < Elastic::STIFFNESS; r++) {
+                S* row = frame_.element_bars + r * frame_.element_stride + e;
+                store(row, load<S, LANES>(row) + bar[r]);
+            }
+        }
+    }
+
+    // What elements left at a vertex.
+    Vec3<S> left_at(Index p) const {
+        Vec3<S> sum = {};
+        for (Index i = frame_.incident_first[p]; i < frame_.incident_first[p + 1]; i++) {
+            const Index corner = frame_.incident[i] / frame_.element_stride, e = frame_.incident[i] % frame_.element_stride;
+            for (int d = 0; d < 3; d++) sum[d] += frame_.element_force[(3 * corner + d) * frame_.element_stride + e];
+        }
+        return sum;
+    }
+
+    void add_up(S* rows) const {
+        for (Index p = first_; p < last_; p++) put_at(rows, 0, p, at(rows, 0, p) + left_at(p));
+    }
+
+    // --- vertices
+
+    // How fully a vertex touches the ground, from 0 to 1.
+    S touching(Index p, S z) const {
+        const S deep = (constant_of(constant::touch_height, p) - z) * frame_.touch_slope;
+        return deep < 0 ? S(0) : deep < 1 ? deep : S(1);
+    }
+
+    void apply_forces(Index s, const S* now) {
+        const S* before_grip = constants(constant::load);
+        if (TERMS && laws_.has(ForceTerms::TERMS)) {
+            laws_.forces(law_arrays(now), before_grip);
+            before_grip = frame_.force;
+        }
+        const Grip<S> bonds = grip(s);
+        for_gripped([&](Index p, Index first, Index end) {
+            put_at(frame_.force, 0, p, bonds.force(first, end, at(now, X, p), at(now, VELOCITY, p), at(before_grip, 0, p)));
+        });
+    }
+
+    // Calls visit(vertex, first bond, last bond) for the thread's gripped vertices.
+    template <class Visit>
+    void for_gripped(Visit visit) const {
+        for (Index q = 0; q < frame_.gripped; q++) {
+            const Index place = frame_.place[frame_.grip_particle[q]];
+            if (place >= first_ && place < last_) visit(place, frame_.grip_first[q], frame_.grip_first[q + 1]);
+        }
+    }
+
+    void move(Index s) {
+        const S* now = state(frame_.keep_states ? s : 0);
+        S* next = state(frame_.keep_states ? s + 1 : 0);
+        const NodePhase<S> phase = node_phase();
+        apply_forces(s, now);
+        for (Index p = first_; p < last_; p++) {
+            const Vec3<S> x = at(now, X, p), v = at(now, VELOCITY, p), f = at(frame_.force, 0, p) + left_at(p);
+            const Node push = {frame_.dt * f[0], frame_.dt * f[1], frame_.dt * f[2],
+                               constant_of(constant::volume, p) * touching(p, x[2])};
+            const Node free = phase.free(Node{v[0], v[1], v[2], 0}, push, around(p));
+            check(s, p, x, three(free));
+            if (frame_.keep_grids) store(kept(s) + 4 * p, free);
+            step(next, p, x, three(phase.velocity(free, around(p))));
+        }
+    }
+
+    void step(S* next, Index p, const Vec3<S>& x, const Vec3<S>& v) const {
+        put_at(next, VELOCITY, p, v);
+        put_at(next, X, p, x + frame_.dt * v);
+    }
+
+    // The states of a frame of which the velocities are there.
+    void replay() {
+        const NodePhase<S> phase = node_phase();
+        for (Index s = 0; s < frame_.substeps; s++)
+            for (Index p = first_; p < last_; p++)
+                step(state(s + 1), p, at(state(s), X, p), three(phase.velocity(read(kept(s) + 4 * p), around(p))));
+        barrier_.wait();
+    }
+
+    // --- failures
+
+    bool stopped() const { return __atomic_load_n(frame_.shared + 32, __ATOMIC_RELAXED) != 0; }
+
+    // A vertex that is not finite stops the frame at this substep.
+    void check(Index s, Index p, const Vec3<S>& x, const Vec3<S>& v) {
+        const S magnitude = dot(x, x) + dot(v, v);
+        if (magnitude - magnitude == 0) return;
+        Index& first = frame_.status[thread_];
+        const Index key = s * frame_.particles + frame_.order[p];
+        if (key < first) first = key;
+        __atomic_store_n(frame_.shared + 32, 1, __ATOMIC_RELAXED);
+    }
+
+    void check_state() {
+        for (Index p = first_; p < last_; p++)
+            check(frame_.substeps, p, at(state(0), X, p), at(state(0), VELOCITY, p));
+    }
+
+    // --- adjoint
+
+    // In: the adjoint of x and, in frame.carry, that of the velocity after the substep; out: the same before it but for what the
+    // elements add to that of x, and the adjoint of the forces in frame.force_bar.
+    void move_adjoint(Index s) {
+        const S* now = state(s);
+        S* bar = frame_.adjoint;
+        const NodePhase<S> phase = node_phase();
+        FrictionBar<S> friction_bar = {};
+        Vec3<S> gravity_bar = {};
+        for (Index p = first_; p < last_; p++) {
+            const Around<S> near = around(p);
+            const Vec3<S> x_bar = at(bar, X, p), carried = three(read(frame_.carry + 4 * p)), v = at(now, VELOCITY, p);
+            const Vec3<S> v_bar = carried + frame_.dt * x_bar;
+            const auto [b, mass_bar] = phase.adjoint(Node{v[0], v[1], v[2], 0}, read(kept(s) + 4 * p), near,
+                                                     Node{v_bar[0], v_bar[1], v_bar[2], 0}, friction_bar);
+            const S share = near.mass > frame_.mass_floor ? frame_.dt / near.mass : S(0);
+            store(frame_.carry + 4 * p, Node{b[0], b[1], b[2], 0});
+            put_at(frame_.force_bar, 0, p, share * three(b));
+            const S deep = touching(p, now[(X + 2) * frame_.stride + p]);
+            if (deep > 0 && deep < 1)
+                bar[(X + 2) * frame_.stride + p] -= constant_of(constant::volume, p) * frame_.touch_slope * b[3];
+            if constexpr (TERMS) {
+                input_bars(input::mass)[p] += mass_bar;
+                gravity_bar = gravity_bar + frame_.dt * three(b);
+                put_at(input_bars(input::load), 0, p, at(input_bars(input::load), 0, p) + share * three(b));
+            }
+        }
+        S* sums = node_sums();
+        sums[node_sum::friction_coefficient] += friction_bar.dynamic;
+        for (int d = 0; TERMS && d < 3; d++) {
+            sums[node_sum::gravity + d] += gravity_bar[d];
+            sums[node_sum::friction_law + d] += friction_bar.law[d];
+        }
+        forces_adjoint(s, now);
+    }
+
+    void forces_adjoint(Index s, const S* now) {
+        S* bar = frame_.adjoint;
+        grip_adjoint(s, now);
+        if (TERMS && laws_.has(ForceTerms::TERMS)) laws_.forces_adjoint(law_arrays(now));
+        for (Index p = first_; p < last_; p++) {
+            const Vec3<S> sum = three(read(frame_.carry + 4 * p)) + at(bar, VELOCITY, p);
+            store(frame_.carry + 4 * p, Node{sum[0], sum[1], sum[2], 0});
+        }
+        clear(bar + VELOCITY * frame_.stride, 3);
+    }
+
+    void grip_adjoint(Index s, const S* now) {
+        const Grip<S> bonds = grip(s);
+        S* bar = frame_.adjoint;
+        S* points_bar = frame_.controllers_bar + 12 * thread_ * frame_.controller_points;
+        const auto add_point = [&](int place, int controller, int axis, S value) {
+            points_bar[3 * (place * frame_.controller_points + controller) + axis] += value;
+        };
+        for_gripped([&](Index p, Index first, Index last) {
+            const auto back = bonds.adjoint(first, last, at(now, X, p), at(now, VELOCITY, p), at(frame_.force_bar, 0, p),
+                                            add_point);
+            put_at(bar, X, p, at(bar, X, p) + back.x);
+            put_at(bar, VELOCITY, p, at(bar, VELOCITY, p) + back.v);
+            particle_sums()[particle_sum::grip_stiffness] += back.stiffness;
+            particle_sums()[particle_sum::grip_damping] += back.damping;
+        });
+    }
+};
+
+template <class S, bool TERMS, template <class, class> class Element>
+inline void forward_frames(unsigned long long frames, unsigned long long workspaces, int count, unsigned long long next,
+                           int thread) {
+    for_frames<S, ThinFrame>(frames, workspaces, count, next, thread, [](const ThinFrame<S>& frame, int own) {
+        ThinWorker<S, TERMS, Element>(frame, own, 0).forward();
+    });
+}
+
+template <class S, bool TERMS, template <class, class> class Element>
+inline void backward_frames(unsigned long long frames, unsigned long long workspaces, int count,
+                            unsigned long long next, int thread) {
+    for_frames<S, ThinFrame>(frames, workspaces, count, next, thread, [](const ThinFrame<S>& frame, int own) {
+        ThinWorker<S, TERMS, Element>(frame, own, 0).forward();
+        ThinWorker<S, TERMS, Element>(frame, own, 1).backward();
+    });
+}
+
+// Thin bodies have no networks.
+template <class S, bool TERMS, template <class, class> class Element>
+inline void network_numbers(Index* size) {
+    size[0] = 0;
+}
+
+}  // namespace physreal

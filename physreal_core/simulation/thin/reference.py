@@ -1,0 +1,63 @@
+"""The energies of thin bodies in plain torch, for tests and notebooks; the step has them in C++ (`shell.h`, `rod.h`)."""
+
+import torch
+
+from physreal_core.array_types import Float, Tensor
+from physreal_core.simulation.thin.rod import Rod
+from physreal_core.simulation.thin.shell import Shell
+
+
+def shell_energy(
+    shell: Shell, x: Float[Tensor, "vertices 3"], stiffness: Float[Tensor, "10 triangles"]
+) -> Float[Tensor, ""]:
+    """Elastic energy [J] of a shell with its vertices at x [m].
+
+    Args:
+        shell: the triangles.
+        x: where the vertices are.
+        stiffness: as of `stiffness.shell_stiffness`.
+    """
+    like = lambda array: torch.as_tensor(array).to(x)
+    corners = x[torch.as_tensor(shell.corners)]
+    edges = torch.stack([corners[:, 1] - corners[:, 0], corners[:, 2] - corners[:, 0]], -1)
+    F = edges @ like(shell.inverse)
+    green = 0.5 * (F.mT @ F - torch.eye(2).to(x))
+    e0, e1, e2 = green[:, 0, 0], green[:, 1, 1], 2.0 * green[:, 0, 1]
+    C11, C22, C12, C33 = stiffness[:4]
+    membrane = 0.5 * (C11 * e0**2 + C22 * e1**2 + C33 * e2**2) + C12 * e0 * e1
+    normal = torch.linalg.cross(edges[..., 0], edges[..., 1])
+    bent = torch.stack([_bent(shell, corners, normal, e) for e in range(3)])
+    bending = 0.5 * (stiffness[4:7] * bent**2).sum()
+    for e in range(3):
+        bending = bending + (stiffness[7 + e] * bent[(e + 1) % 3] * bent[(e + 2) % 3]).sum()
+    return (like(shell.area) * membrane).sum() + bending
+
+
+def _bent(shell: Shell, corners: Tensor, normal: Tensor, e: int) -> Float[Tensor, " triangles"]:
+    """k_e of every triangle; zero over free edges."""
+    a, b, d = corners[:, (e + 1) % 3], corners[:, (e + 2) % 3], corners[:, 3 + e]
+    other, edge = torch.linalg.cross(b - d, a - d), b - a
+    sine = (torch.linalg.cross(normal, other) * edge).sum(-1) / edge.norm(dim=-1)
+    angle = torch.atan2(sine, (normal * other).sum(-1))
+    like = lambda array: torch.as_tensor(array).to(corners)
+    bent = like(shell.widths[:, e]) * (angle - like(shell.rest_angles[:, e]))
+    return torch.where(torch.as_tensor(shell.free_edges[:, e]), 0.0, bent)
+
+
+def rod_energy(rod: Rod, x: Float[Tensor, "vertices 3"], stiffness: Float[Tensor, "3 bends"]) -> Float[Tensor, ""]:
+    """Elastic energy [J] of a rod with its vertices at x [m].
+
+    Args:
+        rod: the segments.
+        x: where the vertices are.
+        stiffness: as of `Rod.stiffness`.
+    """
+    corners = x[torch.as_tensor(rod.corners)]
+    a, b = corners[:, 1] - corners[:, 0], corners[:, 2] - corners[:, 1]
+    rest_a, rest_b = torch.as_tensor(rod.rest_lengths[rod.bend_segments]).to(x).unbind(1)
+    stretching = stiffness[0] * rest_a * (a.norm(dim=1) / rest_a - 1.0) ** 2
+    stretching = stretching + stiffness[1] * rest_b * (b.norm(dim=1) / rest_b - 1.0) ** 2
+    cosine = (a * b).sum(1) / (a.norm(dim=1) * b.norm(dim=1))
+    length = torch.as_tensor(rod.vertex_length[rod.corners[:, 1]]).to(x)
+    bending = stiffness[2] * 4.0 * (1.0 - cosine) / (1.0 + cosine) / length
+    return 0.5 * (stretching + bending).sum()

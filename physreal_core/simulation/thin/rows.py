@@ -1,0 +1,13 @@
+"""What an element of a thin body is given, as rows of an array, for every form of the step."""
+
+from physreal_core.simulation.layout import Rows
+
+SHELL = Rows("shell", (("inverse", 4), ("area", 1), ("width", 3), ("rest_angle", 3), ("neighbour", 3)))
+"""The shape of a triangle without stress: `Shell.inverse`, area, and of each edge width, angle, and one where it has a neighbour."""
+SHELL_STIFFNESS = Rows("shell_stiffness", (("membrane", 4), ("bending", 6)))
+"""As `stiffness.shell_stiffness`."""
+
+ROD = Rows("rod", (("rest_length", 2), ("per_length", 1)))
+"""Two segments without stress: their lengths, and one over the length that the vertex between them stands for."""
+ROD_STIFFNESS = Rows("rod_stiffness", (("stretching", 2), ("bending", 1)))
+"""Of each segment the part of E A that falls to this element [N], and E I at the vertex [N m2]."""

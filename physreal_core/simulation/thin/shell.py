@@ -1,0 +1,286 @@
+"""A shell: triangles with membrane and bending stiffness, whose vertices are the particles of a body.
+
+Membrane: St. Venant-Kirchhoff under plane stress, constant in a triangle. Bending: Kirchhoff's plate on hinges without further
+unknowns (as Onate and Zarate, Int. J. Numer. Meth. Eng. 47, 2000: rotation-free triangles). With theta_e the angle between the normals on
+both sides of edge e, h and h' the heights of its two triangles over it and n_e its normal in the triangle's plane, the curvature of a triangle is
+
+    kappa = sum_e k_e n_e n_e^T ,   k_e = 2 (theta_e - rest angle) / (h + h') ,
+
+that of the normals which go linearly from centre to centre; on a regular mesh it is exact for every quadratic surface. At a free edge k_e
+is what leaves no moment across it.
+"""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+from functools import cached_property
+
+import numpy as np
+import torch
+
+from physreal_core.array_types import Array, Bool, Float, Int, Tensor
+from physreal_core.errors import InputError
+from physreal_core.simulation.body import Body
+from physreal_core.simulation.parameters import Parameters
+from physreal_core.simulation.thin.rows import SHELL, SHELL_STIFFNESS
+from physreal_core.simulation.thin.stiffness import shell_frequency, shell_stiffness
+
+SMALLEST_HEIGHT = 1e-3
+"""Of a triangle over its longest edge, below which it has no plane."""
+
+
+@dataclass(frozen=True)
+class Shell:
+    """The triangles of a body of vertices.
+
+    Args:
+        triangles: vertices of each, counter-clockwise as seen from the side to which the normal points, shape [M, 3].
+        thickness: [m].
+        rest: where the vertices are without stress [m], shape [N, 3].
+        warp: direction in which the fabric's first stiffness counts; it is laid into each triangle's plane.
+    """
+
+    triangles: Int[Array, "triangles 3"]
+    thickness: float
+    rest: Float[Array, "vertices 3"]
+    warp: tuple[float, float, float] = (1.0, 0.0, 0.0)
+    element = "Shell"
+    stiffness_rows = SHELL_STIFFNESS.count
+
+    def __post_init__(self) -> None:
+        triangles = np.ascontiguousarray(self.triangles, dtype=np.int64)
+        rest = np.ascontiguousarray(self.rest, dtype=np.float64)
+        if triangles.ndim != 2 or triangles.shape[1] != 3 or len(triangles) == 0:
+            raise InputError(f"shape {triangles.shape}", where="Shell.triangles", expected="(M, 3) with M > 0")
+        if triangles.min() < 0 or triangles.max() >= len(rest):
+            raise InputError(
+                f"vertices {triangles.min()} to {triangles.max()}",
+                where="Shell.triangles",
+                expected=f"vertices within 0..{len(rest) - 1}",
+            )
+        if not self.thickness > 0:
+            raise InputError(f"{self.thickness}", where="Shell.thickness", expected="a positive length [m]")
+        object.__setattr__(self, "triangles", triangles)
+        object.__setattr__(self, "rest", rest)
+        self._check_heights()
+
+    def _check_heights(self) -> None:
+        longest = np.linalg.norm(self._edges, axis=-1).max(1)
+        flat = 2.0 * self.area < SMALLEST_HEIGHT * longest**2
+        if flat.any():
+            number = int(np.argmax(flat))
+            raise InputError(
+                f"triangle {number} is flat",
+                where="Shell.triangles",
+                expected=f"heights of at least {SMALLEST_HEIGHT:g} of the longest edge",
+                remedy="remesh the surface with triangles of about one size",
+            )
+
+    # --- the surface at rest ------------------------------------------------------------------------------------
+
+    @cached_property
+    def _edges(self) -> Float[Array, "triangles 3 3"]:
+        """Edge e of each triangle, from its corner e + 1 to e + 2 [m]."""
+        corners = self.rest[self.triangles]
+        return np.roll(corners, -2, axis=1) - np.roll(corners, -1, axis=1)
+
+    @cached_property
+    def _normal(self) -> Float[Array, "triangles 3"]:
+        return np.cross(self._edges[:, 0], self._edges[:, 1])
+
+    @cached_property
+    def area(self) -> Float[Array, " triangles"]:
+        """Of each triangle [m2]."""
+        return np.linalg.norm(self._normal, axis=1) / 2.0
+
+    @cached_property
+    def vertex_area(self) -> Float[Array, " vertices"]:
+        """A third of the area of every triangle around a vertex [m2]."""
+        return np.bincount(self.triangles.ravel(), np.repeat(self.area / 3.0, 3), len(self.rest))
+
+    @cached_property
+    def edge_length(self) -> float:
+        """Median of all edges [m]."""
+        return float(np.median(np.linalg.norm(self._edges, axis=-1)))
+
+    @cached_property
+    def corners(self) -> Int[Array, "triangles 6"]:
+        """Corners of each triangle, and opposite to them those of its neighbours; at a free edge a corner of its own."""
+        M = len(self.triangles)
+        start, end = (np.roll(self.triangles, -k, axis=1).ravel() for k in (1, 2))
+        key = np.minimum(start, end) * len(self.rest) + np.maximum(start, end)
+        order = np.argsort(key, kind="stable")
+        _, first, count = np.unique(key[order], return_index=True, return_counts=True)
+        if count.max() > 2:
+            edge = order[first[np.argmax(count)]]
+            raise InputError(
+                f"{count.max()} triangles share the edge {start[edge]}, {end[edge]}",
+                where="Shell.triangles",
+                expected="at most two",
+                remedy="split the surface where sheets meet",
+            )
+        other = np.arange(3 * M)
+        one, two = order[first[count == 2]], order[first[count == 2] + 1]
+        if (start[one] == start[two]).any():
+            edge = one[np.argmax(start[one] == start[two])]
+            raise InputError(
+                f"triangles {edge // 3} and its neighbour over the edge {start[edge]}, {end[edge]} face to opposite sides",
+                where="Shell.triangles",
+                expected="all counter-clockwise from one side",
+            )
+        other[one], other[two] = two, one
+        return np.concatenate([self.triangles, self.triangles.ravel()[other].reshape(M, 3)], axis=1)
+
+    @cached_property
+    def free_edges(self) -> Bool[Array, "triangles 3"]:
+        """Whether edge e of a triangle, opposite to its corner e, has no neighbour."""
+        return self.corners[:, 3:] == self.triangles
+
+    @cached_property
+    def _axes(self) -> Float[Array, "triangles 2 3"]:
+        """Warp and weft in each triangle's plane, unit vectors."""
+        normal = self._normal / np.linalg.norm(self._normal, axis=1, keepdims=True)
+        laid = np.asarray(self.warp, dtype=np.float64) - normal * (normal @ np.asarray(self.warp))[:, None]
+        length = np.linalg.norm(laid, axis=1, keepdims=True)
+        along_edge = self._edges[:, 2] / np.linalg.norm(self._edges[:, 2], axis=1, keepdims=True)
+        warp = np.where(length > 0.1, laid / np.maximum(length, 1e-12), along_edge)
+        return np.stack([warp, np.cross(normal, warp)], axis=1)
+
+    @cached_property
+    def inverse(self) -> Float[Array, "triangles 2 2"]:
+        """D with [x1 - x0, x2 - x0] D the deformation gradient by warp and weft [1/m]."""
+        flat = np.stack([self._edges[:, 2], -self._edges[:, 1]], axis=-1)  # x1 - x0, x2 - x0
+        return np.linalg.inv(self._axes @ flat)
+
+    @cached_property
+    def gradients(self) -> Float[Array, "triangles 3 2"]:
+        """Of the corners' linear functions by warp and weft [1/m]."""
+        return np.concatenate([-self.inverse.sum(1, keepdims=True), self.inverse], axis=1)
+
+    @cached_property
+    def widths(self) -> Float[Array, "triangles 3"]:
+        """2 / (h + h') over each edge [1/m]; at a free edge 1 / h."""
+        length = np.linalg.norm(self._edges, axis=-1)
+        height = 2.0 * self.area[:, None] / length
+        opposite = self._opposite_height
+        return 2.0 / (height + np.where(self.free_edges, height, opposite))
+
+    @property
+    def _opposite_height(self) -> Float[Array, "triangles 3"]:
+        a, b = (self.rest[np.roll(self.triangles, -k, axis=1)] for k in (1, 2))
+        across = np.cross(b - a, self.rest[self.corners[:, 3:]] - a)
+        return np.linalg.norm(across, axis=-1) / np.linalg.norm(b - a, axis=-1)
+
+    @cached_property
+    def rest_angles(self) -> Float[Array, "triangles 3"]:
+        """Between the normals over each edge without stress [rad], as `shell.h` counts them."""
+        a, b = (self.rest[np.roll(self.triangles, -k, axis=1)] for k in (1, 2))
+        c, d = self.rest[self.triangles], self.rest[self.corners[:, 3:]]
+        own, other, edge = np.cross(a - c, b - c), np.cross(b - d, a - d), b - a
+        sine = np.einsum("mei,mei->me", np.cross(own, other), edge) / np.linalg.norm(edge, axis=-1)
+        angle = np.arctan2(sine, np.einsum("mei,mei->me", own, other))
+        return np.where(self.free_edges, 0.0, angle)
+
+    @cached_property
+    def curvatures(self) -> Float[Array, "triangles 3 3"]:
+        """n_e n_e^T of each edge by warp and weft, as (11, 22, twice 12)."""
+        outward = -self.gradients / np.linalg.norm(self.gradients, axis=-1, keepdims=True)
+        x, y = outward[..., 0], outward[..., 1]
+        return np.stack([x * x, y * y, 2.0 * x * y], axis=-1)
+
+    @cached_property
+    def angle_slopes(self) -> Float[Array, "triangles 3 6"]:
+        """Of k_e by the way of each of the six corners along the normal, of a surface that is nearly flat [1/m2]."""
+        a, b = (self.rest[np.roll(self.triangles, -k, axis=1)] for k in (1, 2))
+        edge = b - a
+        squared = np.einsum("mei,mei->me", edge, edge)
+        slopes = np.zeros((len(self.triangles), 3, 6))
+        height = 2.0 * self.area[:, None] / np.sqrt(squared)
+        sides = (self.rest[self.triangles], height, 0), (self.rest[self.corners[:, 3:]], self._opposite_height, 3)
+        for place, over, first in sides:
+            along = np.einsum("mei,mei->me", place - a, edge) / squared
+            own = np.where(self.free_edges, 0.0, -self.widths / over)
+            for e in range(3):
+                slopes[:, e, first + e] += own[:, e]
+                slopes[:, e, (e + 1) % 3] += (along[:, e] - 1.0) * own[:, e]
+                slopes[:, e, (e + 2) % 3] -= along[:, e] * own[:, e]
+        return slopes
+
+    # --- as the step sees it ------------------------------------------------------------------------------------
+
+    def constants(self) -> Float[Array, "rows triangles"]:
+        """Rows `SHELL` of every triangle."""
+        columns = {
+            "inverse": self.inverse.reshape(-1, 4),
+            "area": self.area[:, None],
+            "width": self.widths,
+            "rest_angle": self.rest_angles,
+            "neighbour": ~self.free_edges,
+        }
+        return np.concatenate([columns[name].astype(np.float64) for name, _ in SHELL.sizes], axis=1).T
+
+    @property
+    def half_height(self) -> float:
+        """Half of the thickness [m]."""
+        return self.thickness / 2.0
+
+    def stiffness(self, parameters: Parameters) -> Float[Tensor, "*rollouts stiffness triangles"]:
+        """Rows `SHELL_STIFFNESS`, see `shell_stiffness`."""
+        return shell_stiffness(self, parameters)
+
+    def frequency(self, parameters: Parameters, mass: Float[Tensor, "*rollouts vertices"]) -> float:
+        """Upper bound of the fastest vibration [rad/s], see `shell_frequency`."""
+        return shell_frequency(self, parameters, mass)
+
+    # --- its motion ---------------------------------------------------------------------------------------------
+
+    def deformation(self, x: Float[Tensor, "*batch vertices 3"]) -> Float[Tensor, "*batch vertices 3 3"]:
+        """Deformation gradients of the vertices at x [m], the mean of the triangles around each; a normal stays as long as it is."""
+        to = lambda array: torch.as_tensor(array, device=x.device)
+        corners = x[..., to(self.triangles), :]
+        edges = torch.stack([corners[..., 1, :] - corners[..., 0, :], corners[..., 2, :] - corners[..., 0, :]], -1)
+        normal = torch.linalg.cross(edges[..., 0], edges[..., 1])
+        normal = normal / normal.norm(dim=-1, keepdim=True).clamp_min(1e-30)
+        rest_normal = to(self._normal / np.linalg.norm(self._normal, axis=1, keepdims=True)).to(x)
+        F = edges @ to(self.inverse @ self._axes).to(x) + normal[..., None] * rest_normal[:, None, :]
+        share = to(self.area[:, None] / 3.0 / self.vertex_area[self.triangles]).to(x)
+        shares = (share[..., None, None] * F[..., :, None, :, :]).flatten(-4, -3)
+        total = x.new_zeros(*x.shape[:-1], 3, 3)
+        return total.index_add(-3, to(self.triangles.ravel()), shares)
+
+
+def shell_body(
+    vertices: Float[Array, "vertices 3"],
+    triangles: Int[Array, "triangles 3"],
+    thickness: float,
+    density: float,
+    rest: Float[Array, "vertices 3"] | None = None,
+    warp: tuple[float, float, float] = (1.0, 0.0, 0.0),
+) -> Body:
+    """A body that is a shell.
+
+    Args:
+        vertices: where the rollout starts [m].
+        triangles: vertices of each, counter-clockwise from one side.
+        thickness: [m].
+        density: of the material [kg/m3]; the mass of a square metre is thickness times that.
+        rest: where the vertices are without stress [m]; `vertices` by default.
+        warp: direction of the first stiffness of a fabric.
+
+    Raises:
+        InputError: a vertex without a triangle, or triangles that are no surface.
+    """
+    vertices = np.asarray(vertices, dtype=np.float64)
+    shell = Shell(triangles, thickness, vertices if rest is None else rest, warp)
+    if len(shell.rest) != len(vertices):
+        raise InputError(
+            f"{len(shell.rest)} vertices", where="Shell.rest", expected=f"{len(vertices)}, as at the start"
+        )
+    if not shell.vertex_area.min() > 0:
+        raise InputError(
+            f"vertex {int(np.argmin(shell.vertex_area))} has no triangle",
+            where="Shell.triangles",
+            expected="every vertex in one at least",
+        )
+    volume = shell.vertex_area * thickness
+    return Body(vertices, volume, np.full(len(vertices), float(density)), shell.edge_length, shell)

@@ -1,0 +1,144 @@
+"""Forces of shells and rods against their energies in torch, and the adjoint against central differences in float64."""
+
+import dataclasses
+
+import numpy as np
+import pytest
+import torch
+
+from physreal_core.simulation import Grip, Parameters, SimulationConfig, Simulator
+from physreal_core.simulation.thin.reference import rod_energy, shell_energy
+from tests.simulation.scenes import directional_errors, random_loss
+from tests.simulation.thin.scenes import crumpled, ropes
+
+FRAMES = 4
+STEPS = {
+    "youngs_modulus": 1e-2,
+    "poissons_ratio": 1e-6,
+    "bending_ratio": 1e-6,
+    "weft_ratio": 1e-6,
+    "shear_ratio": 1e-6,
+    "friction_coefficient": 1e-5,
+    "grip_stiffness": 1e-6,
+    "grip_damping": 1e-7,
+    "initial_velocity": 1e-6,
+    "gravity": 1e-5,
+    "density": 1e-4,
+    "force": 1e-9,
+    "initial_position": 1e-9,
+    "linear_drag": 1e-8,
+    "quadratic_drag": 1e-8,
+}
+
+
+def scattered(count: int, value: float, seed: int, *axes: int) -> torch.Tensor:
+    """Values about one, [count, ...]."""
+    generator = torch.Generator().manual_seed(seed)
+    return value * (1.0 + 0.2 * torch.rand(count, *axes, generator=generator, dtype=torch.float64))
+
+
+def parameters_of(kind: str, count: int, **others) -> Parameters:
+    own = {"youngs_modulus": scattered(count, 2e5, 1), "bending_ratio": scattered(count, 0.5, 3)}
+    own["poissons_ratio"] = scattered(count, 0.25, 2)
+    if kind == "shell":
+        own |= {"weft_ratio": scattered(count, 0.7, 4), "shear_ratio": scattered(count, 0.4, 5)}
+    return Parameters(**own, **others)
+
+
+BODIES = {"shell": (crumpled, shell_energy, ("bending", "fabric")), "rod": (ropes, rod_energy, ("bending",))}
+ABSENT = {"shell": set(), "rod": {"poissons_ratio", "weft_ratio", "shear_ratio"}}
+
+
+@pytest.fixture(params=BODIES)
+def kind(request) -> str:
+    return request.param
+
+
+def test_forces_are_the_slope_of_the_energy(kind):
+    make, energy, terms = BODIES[kind]
+    body = make()
+    config = SimulationConfig(fps=1e6, dtype="float64", ground_height=None, gravity=(0.0, 0.0, 0.0), terms=terms)
+    parameters = parameters_of(kind, len(body.x0))
+    states = Simulator(body, config).rollout(parameters, torch.zeros(2, 0, 3))
+    x = torch.tensor(body.x0, requires_grad=True)
+    energy(body.elements, x, body.elements.stiffness(parameters)).backward()
+    force = states.v[1] * config.fps * torch.tensor(body.mass)[:, None]
+    assert torch.allclose(force, -x.grad, rtol=0, atol=1e-9 * float(x.grad.abs().max()))
+
+
+def scene(kind: str, speed: tuple, friction: float):
+    """A bent body that comes down on the ground, held by two moving points, with all parameters that it has."""
+    make, _, own_terms = BODIES[kind]
+    body = make(height=0.003)
+    terms = (*own_terms, "gravity", "density", "force", "initial_position", "drag")
+    config = SimulationConfig(fps=60, dtype="float64", terms=terms)
+    points = body.x0[[0, 8]] + np.r_[0.0, 0.0, 0.02]
+    bound = np.array([0, 1, 4, 8, 9])
+    owner = np.array([0, 0, 0, 1, 1])
+    lengths = np.linalg.norm(body.x0[bound] - points[owner], axis=1)
+    simulator = Simulator(body, config, Grip(bound, owner, np.linspace(0.5, 1.5, 5), lengths))
+    count = len(body.x0)
+    time = torch.linspace(0, 1, FRAMES, dtype=torch.float64)[:, None, None]
+    controllers = torch.tensor(points) + time * torch.tensor([0.01, 0.005, 0.01], dtype=torch.float64)
+    parameters = parameters_of(
+        kind,
+        count,
+        friction_coefficient=torch.tensor(friction, dtype=torch.float64),
+        grip_stiffness=torch.tensor(0.3, dtype=torch.float64),
+        grip_damping=torch.tensor(0.005, dtype=torch.float64),
+        initial_velocity=torch.tensor(speed, dtype=torch.float64).expand(count, 3),
+        gravity=torch.tensor([0.5, 0.0, -9.0], dtype=torch.float64),
+        density=scattered(count, 300.0, 6),
+        force=scattered(count, 1e-4, 7, 3),
+        initial_position=torch.tensor(body.x0),
+        linear_drag=scattered(count, 1e-4, 8),
+        quadratic_drag=scattered(count, 1e-3, 9),
+    )
+    steps = {name: step for name, step in STEPS.items() if name not in ABSENT[kind]}
+    return simulator, parameters, controllers, steps
+
+
+def check(results: dict[str, tuple[float, float]]) -> None:
+    for name, (adjoint, difference) in results.items():
+        assert difference != 0, f"{name} has no effect in this scene"
+        assert adjoint == pytest.approx(difference, rel=1e-5), name
+
+
+def test_every_parameter_while_it_slips_over_the_ground(kind):
+    simulator, parameters, controllers, steps = scene(kind, (0.5, 0.2, -0.2), 0.3)
+    check(directional_errors(simulator, parameters, controllers, random_loss([1, 2, 3]), steps))
+
+
+def test_every_parameter_while_it_sticks_to_the_ground(kind):
+    simulator, parameters, controllers, steps = scene(kind, (0.05, 0.02, -0.2), 1e8)
+    results = directional_errors(simulator, parameters, controllers, random_loss([1, 2, 3]), steps)
+    assert results.pop("friction_coefficient") == (0.0, 0.0)  # every vertex sticks
+    check(results)
+
+
+def test_controller_points_have_a_gradient(kind):
+    simulator, parameters, controllers, _ = scene(kind, (0.5, 0.2, -0.2), 0.3)
+    loss = random_loss([1, 2, 3])
+    controllers = controllers.clone().requires_grad_()
+    loss(simulator.rollout(parameters, controllers)).backward()
+    direction = torch.randn(controllers.shape, generator=torch.Generator().manual_seed(2), dtype=torch.float64)
+    with torch.no_grad():
+        ahead, behind = (
+            loss(simulator.rollout(parameters, controllers.detach() + s * 1e-7 * direction)) for s in (1, -1)
+        )
+    assert float((controllers.grad * direction).sum()) == pytest.approx(float(ahead - behind) / 2e-7, rel=1e-5)
+
+
+def test_a_batch_equals_single_rollouts_with_gradients(kind):
+    simulator, parameters, controllers, _ = scene(kind, (0.5, 0.2, -0.2), 0.3)
+    factors = torch.tensor([0.7, 1.0, 1.6], dtype=torch.float64)
+    moduli = (factors[:, None] * parameters.youngs_modulus).requires_grad_()
+    batch = simulator.rollout_batch(dataclasses.replace(parameters, youngs_modulus=moduli), controllers)
+    batch.x[:, -1].square().sum().backward()
+    for row, factor in enumerate(factors):
+        own = (factor * parameters.youngs_modulus).requires_grad_()
+        alone = simulator.rollout(dataclasses.replace(parameters, youngs_modulus=own), controllers)
+        alone.x[-1].square().sum().backward()
+        assert torch.equal(batch.x[row], alone.x)
+        assert torch.equal(batch.F[row], alone.F)
+        assert torch.allclose(moduli.grad[row], own.grad, rtol=1e-9, atol=0)

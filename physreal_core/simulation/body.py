@@ -52,6 +52,11 @@ class Body:
         return self.volume * self.density
 
     @property
+    def reach(self) -> Float[Array, " particles"]:
+        """Half of a particle's size [m], shape [N]: of a cube of its volume, or of the thickness of a thin body."""
+        return np.cbrt(self.volume) / 2 if self.elements is None else np.full(len(self.x0), self.elements.half_height)
+
+    @property
     def cell(self) -> float:
         """Edge of a grid cell dx = 2 h [m]."""
         return 2.0 * self.spacing
@@ -117,6 +122,31 @@ class Grip:
 
 
 @dataclass(frozen=True)
+class Tool:
+    """A tool, or a hand, that pushes without holding: capsules between controller points.
+
+    Args:
+        ends: the two controller points of each capsule, shape [K, 2]; twice the same one for a ball.
+        radius: of each capsule [m], shape [K].
+    """
+
+    ends: Int[Array, "capsules 2"]
+    radius: Float[Array, " capsules"]
+
+    def __post_init__(self) -> None:
+        ends = np.ascontiguousarray(self.ends, dtype=np.int32).reshape(-1, 2)
+        radius = np.ascontiguousarray(self.radius, dtype=np.float64)
+        if radius.shape != (len(ends),) or len(ends) == 0:
+            raise InputError(f"shape {radius.shape}", where="Tool.radius", expected=f"({max(len(ends), 1)},)")
+        if ends.min() < 0:
+            raise InputError("a capsule names a negative controller", where="Tool.ends")
+        if not radius.min() > 0:
+            raise InputError(f"smallest radius is {radius.min():g} m", where="Tool.radius", expected="positive lengths")
+        object.__setattr__(self, "ends", ends)
+        object.__setattr__(self, "radius", radius)
+
+
+@dataclass(frozen=True)
 class Clamp:
     """A box in which the body is held: its grid nodes do not move. lower, upper: corners [m], shape [3].
 
@@ -135,6 +165,13 @@ class PointLoad:
     particles: Int[Array, " loaded"]
     weights: Float[Array, " loaded"]
     force: Float[Array, 3] | tuple[float, float, float]
+
+
+def controller_count(grip: Grip | None, tool: Tool | None) -> int:
+    """Controller points that a grip and a tool need."""
+    named = [] if grip is None else [grip.controllers]
+    named += [] if tool is None else [tool.ends.ravel()]
+    return max((int(numbers.max()) + 1 for numbers in named if len(numbers)), default=0)
 
 
 def load_forces(body: Body, loads: tuple[PointLoad, ...]) -> Float[Array, "particles 3"]:

@@ -22,6 +22,8 @@ class Parameters:
         friction_coefficient: Coulomb's mu_f of the ground, shape [].
         grip_stiffness: k_f [N] (force at unit strain of a bond of weight one), shape [].
         grip_damping: dashpot along the bond [N s/m], shape [].
+        tool_stiffness: of the push of a tool, per mass and depth [1/s2], shape [].
+        tool_friction: Coulomb's mu of a tool, shape [].
         plastic: the plastic law's own two numbers (`laws.PLASTIC_LAWS`), shape [N, 2] (or [2]): von Mises
             yield stress [Pa] and viscosity [Pa s]; Drucker-Prager friction angle [rad] and cohesion [Pa].
         latent_elastic, latent_plastic: latent codes of the neural residuals, shape [N, L].
@@ -55,6 +57,8 @@ class Parameters:
     friction_coefficient: Float[Tensor, "..."] | None = None
     grip_stiffness: Float[Tensor, "..."] | None = None
     grip_damping: Float[Tensor, "..."] | None = None
+    tool_stiffness: Float[Tensor, "..."] | None = None
+    tool_friction: Float[Tensor, "..."] | None = None
     plastic: Float[Tensor, "... 2"] | None = None
     latent_elastic: Float[Tensor, "... particles latent"] | None = None
     latent_plastic: Float[Tensor, "... particles latent"] | None = None
@@ -162,7 +166,7 @@ def _check_terms(parameters: Parameters, shapes: Mapping[str, tuple[int, ...]]) 
 def _check_ranges(tensors: dict[str, Tensor]) -> None:
     _check_range("youngs_modulus", tensors, lambda E: E > 0, "positive values [Pa]")
     _check_range("poissons_ratio", tensors, lambda nu: (nu > -1) & (nu < 0.5), "values in (-1, 1/2)")
-    for name in ("friction_coefficient", "grip_stiffness", "grip_damping"):
+    for name in ("friction_coefficient", "grip_stiffness", "grip_damping", "tool_stiffness", "tool_friction"):
         _check_range(name, tensors, lambda value: value >= 0, "a value >= 0")
     positive = {"density", "adhesion_range", "relaxation_time", "hysteresis_time"}
     positive |= {"bending_ratio", "weft_ratio", "shear_ratio"}

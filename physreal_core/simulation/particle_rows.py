@@ -16,6 +16,7 @@ CONSTANTS = Rows(
     "constant",
     (
         ("place", 3),  # on the grid [m]
+        ("reach", 1),  # half of the particle's size [m]
         ("touch_height", 1),  # z below which the particle touches the ground [m]
         ("mass", 1),
         ("volume", 1),
@@ -38,7 +39,16 @@ TERM_ROWS = Rows(
 """Parameters of optional laws that each particle has."""
 NUMBERS = Rows("number", tuple((name, p.size) for name, p in _PARTICLE_LAWS if PARTICLES not in p.shape))
 """Parameters of optional laws that all particles share."""
-PARTICLE_SUMS = Rows("particle_sum", (("grip_stiffness", 1), ("grip_damping", 1), ("numbers", NUMBERS.count)))
+PARTICLE_SUMS = Rows(
+    "particle_sum",
+    (
+        ("grip_stiffness", 1),
+        ("grip_damping", 1),
+        ("tool_stiffness", 1),
+        ("tool_friction", 1),
+        ("numbers", NUMBERS.count),
+    ),
+)
 NODE_SUMS = Rows("node_sum", (("friction_coefficient", 1), ("gravity", 3), ("friction_law", 3)))
 
 
@@ -49,6 +59,7 @@ class ParticleRows:
         config: of the simulation.
         particles: N.
         gripped: whether there are bonds to controller points.
+        pushed: whether there is a tool.
 
     Attributes:
         shapes: full shape of every parameter in use by name, without the axis of rollouts.
@@ -56,7 +67,7 @@ class ParticleRows:
         constant_count, bar_count: all rows.
     """
 
-    def __init__(self, config: SimulationConfig, particles: int, gripped: bool) -> None:
+    def __init__(self, config: SimulationConfig, particles: int, gripped: bool, pushed: bool = False) -> None:
         self._terms = config.terms
         latent = {kind: 0 if residual is None else residual.latent_size for kind, residual in _residuals(config)}
         codes = tuple((f"latent_{kind}", size) for kind, size in latent.items())
@@ -66,12 +77,13 @@ class ParticleRows:
         bars = Rows("", BARS.sizes + inputs + optional + codes)
         self.constants, self.constant_count = constants.places(), constants.count
         self.bars, self.bar_count = bars.places(), bars.count
-        self.shapes = _shapes(config, particles, gripped)
+        self.shapes = _shapes(config, particles, gripped, pushed)
 
     def fill_body(
         self,
         rows: Float[Tensor, "rollouts rows particles"],
         place: Float[Tensor, "particles 3"],
+        reach: Float[Tensor, " particles"],
         touch_height: Float[Tensor, " particles"],
         volume: Float[Tensor, " particles"],
     ) -> None:
@@ -80,10 +92,11 @@ class ParticleRows:
         Args:
             rows: constants of R rollouts.
             place: of the particles on the grid [m].
+            reach: half of a particle's size [m].
             touch_height: z below which a particle touches the ground [m].
             volume: [m3].
         """
-        for name, value in (("place", place), ("touch_height", touch_height), ("volume", volume)):
+        for name, value in (("place", place), ("reach", reach), ("touch_height", touch_height), ("volume", volume)):
             self._put(rows, name, value.expand(len(rows), *value.shape))
 
     def fill(
@@ -172,13 +185,15 @@ def _residuals(config: SimulationConfig) -> list[tuple]:
     return [("elastic", config.elastic_residual), ("plastic", config.plastic_residual)]
 
 
-def _shapes(config: SimulationConfig, particles: int, gripped: bool) -> dict[str, tuple[int, ...]]:
+def _shapes(config: SimulationConfig, particles: int, gripped: bool, pushed: bool) -> dict[str, tuple[int, ...]]:
     n = particles
     shapes = {"youngs_modulus": (n,), "poissons_ratio": (n,), "initial_velocity": (n, 3)}
     if config.ground_height is not None:
         shapes["friction_coefficient"] = ()
     if gripped:
         shapes |= {"grip_stiffness": (), "grip_damping": ()}
+    if pushed:
+        shapes |= {"tool_stiffness": (), "tool_friction": ()}
     if config.plastic_law != "identity":
         shapes["plastic"] = (n, 2)
     for kind, residual in _residuals(config):

@@ -12,7 +12,7 @@ from torch.autograd.function import once_differentiable
 from physreal_core.array_types import Float, Tensor
 from physreal_core.errors import InputError
 from physreal_core.native import on_side_stream
-from physreal_core.simulation.body import Body, Clamp, Grip, PointLoad
+from physreal_core.simulation.body import Body, Clamp, Grip, PointLoad, Tool, controller_count
 from physreal_core.simulation.config import SimulationConfig
 from physreal_core.simulation.cuda import CudaStepper
 from physreal_core.simulation.frames import Frames, Progress
@@ -34,6 +34,7 @@ class Simulator:
         grip: bonds to controller points.
         clamps: boxes in which the grid is held.
         loads: constant forces.
+        tool: what pushes without holding.
     """
 
     def __init__(
@@ -43,12 +44,14 @@ class Simulator:
         grip: Grip | None = None,
         clamps: tuple[Clamp, ...] = (),
         loads: tuple[PointLoad, ...] = (),
+        tool: Tool | None = None,
     ) -> None:
         if grip is not None:
             grip.check(body)
         _check_kind(body, config)
         self.body, self.config, self.grip = body, config, grip
-        self._scene = (body, config, grip, tuple(clamps), tuple(loads))
+        self._scene = (body, config, grip, tuple(clamps), tuple(loads), tool)
+        self._needed_points = controller_count(grip, tool)
         self._dormant = dormant_values(config.terms, body, config.gravity)
         self._threads = torch.get_num_threads()
         self._batch: Frames | None = None
@@ -183,7 +186,7 @@ class Simulator:
         return next(iter(found.values()))
 
     def _check_controllers(self, controllers: Tensor) -> Tensor:
-        needed = 0 if self.grip is None or len(self.grip.particles) == 0 else int(self.grip.controllers.max()) + 1
+        needed = self._needed_points
         points = torch.as_tensor(controllers).to(self._stepper.dtype)
         if points.ndim != 3 or points.shape[0] < 1 or points.shape[1] < needed or points.shape[2] != 3:
             raise InputError(f"shape {tuple(points.shape)}", where="controllers", expected=f"(T, at least {needed}, 3)")
@@ -215,19 +218,20 @@ def make_stepper(
     grip: Grip | None,
     clamps: tuple[Clamp, ...],
     loads: tuple[PointLoad, ...],
+    tool: Tool | None = None,
     rollouts: int = 1,
     threads: int | None = None,
 ) -> Stepper:
     """The form of the step that suits the device.
 
     Args:
-        body, config, grip, clamps, loads: as for `Simulator`.
+        body, config, grip, clamps, loads, tool: as for `Simulator`.
         rollouts: how many at once.
         threads: on the CPU; None for the form's own choice.
     """
     if config.device == "cpu":
-        return NativeStepper(body, config, grip, clamps, loads, rollouts, threads)
-    return CudaStepper(body, config, grip, clamps, loads, rollouts)
+        return NativeStepper(body, config, grip, clamps, loads, tool, rollouts, threads)
+    return CudaStepper(body, config, grip, clamps, loads, tool, rollouts)
 
 
 @contextmanager

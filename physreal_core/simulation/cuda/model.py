@@ -137,7 +137,8 @@ class BodyModel:
         r, config, frame = self.rollouts, self.config, self.frame
         rows = self._zeros(self._rows.constant_count, r, self.particles)
         heights = self._numbers(touch_heights(self._body, config.ground_height))
-        self._rows.fill_body(rows.transpose(0, 1), self._start, heights, self._volume)
+        reach = self._numbers(self._body.reach)
+        self._rows.fill_body(rows.transpose(0, 1), self._start, reach, heights, self._volume)
         self._given, self._sorted = rows, self._give("constants", rows.flatten(1).clone())
         for name, shape in (
             ("friction", (r,)),

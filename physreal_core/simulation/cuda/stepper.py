@@ -14,7 +14,7 @@ import warp as wp
 
 from physreal_core.array_types import Array, Int, Tensor
 from physreal_core.errors import InputError
-from physreal_core.simulation.body import Body, Clamp, Grip, PointLoad
+from physreal_core.simulation.body import Body, Clamp, Grip, PointLoad, Tool
 from physreal_core.simulation.config import SimulationConfig
 from physreal_core.simulation.cuda.launches import FrameLaunches
 from physreal_core.simulation.cuda.model import BodyModel
@@ -70,8 +70,13 @@ class CudaStepper:
         grip: Grip | None,
         clamps: tuple[Clamp, ...],
         loads: tuple[PointLoad, ...],
+        tool: Tool | None = None,
         rollouts: int = 1,
     ) -> None:
+        if tool is not None:
+            raise InputError(
+                "a tool", where=f"Simulator on {config.device}", expected="none yet", remedy="use device cpu"
+            )
         self.dtype, self.device = config.torch_dtype, config.device
         self.particles, self.rollouts = len(body.x0), rollouts
         self.model = BodyModel(body, config, grip, clamps, loads, rollouts)

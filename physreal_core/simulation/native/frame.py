@@ -49,6 +49,7 @@ FRAME = Structure(
     Index gripped
     Index clamps
     Index controller_points
+    Index capsules  of a tool
     Index latent_elastic_size
     Index latent_plastic_size
     Index weights_elastic
@@ -74,6 +75,8 @@ FRAME = Structure(
     S grip_stiffness
     S grip_damping
     S grip_softening
+    S tool_stiffness
+    S tool_friction
     S beta_elastic
     S beta_plastic
     S strain_scale
@@ -120,6 +123,8 @@ FRAME = Structure(
     const int* grip_controller  [B]
     const S* grip_weight  [B]
     const S* grip_rest_length  [B]
+    const int* capsule_ends  [capsules, 2] controller points
+    const S* capsule_radius  [capsules]
     const S* controllers  [4, points, 3], see laws/grip.h
     S* controllers_bar  [threads, 4, points, 3]; grow
     const S* clamp_lower  [clamps, 3]

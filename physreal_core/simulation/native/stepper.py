@@ -12,7 +12,7 @@ import warp as wp
 from physreal_core.array_types import Array, Int, Tensor
 from physreal_core.cores import available_cores
 from physreal_core.native import launch_on_threads
-from physreal_core.simulation.body import Body, Clamp, Grip, PointLoad, load_forces
+from physreal_core.simulation.body import Body, Clamp, Grip, PointLoad, Tool, controller_count, load_forces
 from physreal_core.simulation.config import SimulationConfig
 from physreal_core.simulation.grip_inertia import GripInertia
 from physreal_core.simulation.lattice import held_boxes, lattice_of
@@ -44,7 +44,7 @@ class NativeStepper:
     """`Stepper` on the CPU. Particles are in the order of their cells; results are in the caller's.
 
     Args:
-        body, config, grip, clamps, loads: as for `Simulator`.
+        body, config, grip, clamps, loads, tool: as for `Simulator`.
         rollouts: R.
         threads: by default torch's number for one rollout, fewer for few particles, and all cores for many. The sums'
             order within a rollout, and with it the last digits, depend on how many share it.
@@ -61,6 +61,7 @@ class NativeStepper:
         grip: Grip | None,
         clamps: tuple[Clamp, ...],
         loads: tuple[PointLoad, ...],
+        tool: Tool | None = None,
         rollouts: int = 1,
         threads: int | None = None,
         kept_bytes: int | None = None,
@@ -86,8 +87,9 @@ class NativeStepper:
         self._frames = np.zeros(rollouts, (THIN_FRAME if thin else FRAME).dtype(config.dtype))
         self._workspaces = np.zeros(1 if rollouts == 1 else self.threads, WORKSPACE.dtype(config.dtype))
         self._held: dict[str, Tensor] = {}
+        self._set_controllers(grip, tool)
         gripped = self._set_grip(body, grip)
-        self._rows = ParticleRows(config, self.particles, gripped)
+        self._rows = ParticleRows(config, self.particles, gripped, tool is not None)
         self.shapes = self._rows.shapes
         self._set_model(body, clamps, loads)
         self._elements = self._set_elements(body) if thin else None
@@ -108,12 +110,19 @@ class NativeStepper:
         records[name] = _addresses(value, shared)
         return value
 
+    def _set_controllers(self, grip: Grip | None, tool: Tool | None) -> None:
+        """Make room for the controller points, and take over what pushes."""
+        points = controller_count(grip, tool)
+        self._frames["controller_points"] = points
+        self._give(self._frames, "controllers_bar", self._zeros(self.rollouts, self._sharing, 4, points, 3))
+        if tool is not None:
+            self._frames["capsules"] = len(tool.ends)
+            self._give(self._frames, "capsule_ends", torch.from_numpy(tool.ends), shared=True)
+            self._give(self._frames, "capsule_radius", self._numbers(tool.radius), shared=True)
+
     def _set_grip(self, body: Body, grip: Grip | None) -> bool:
         gripped = grip is not None and len(grip.particles) > 0
         self._inertia = GripInertia(body, grip) if gripped else None
-        points = int(grip.controllers.max()) + 1 if gripped else 0
-        self._frames["controller_points"] = points
-        self._give(self._frames, "controllers_bar", self._zeros(self.rollouts, self._sharing, 4, points, 3))
         if not gripped:
             return False
         particles, first, order = grip.by_particle()
@@ -146,7 +155,7 @@ class NativeStepper:
         self._volume = self._numbers(body.volume)
         rows = self._zeros(self.rollouts, self._rows.constant_count, self.particles)
         heights = self._numbers(touch_heights(body, config.ground_height))
-        self._rows.fill_body(rows, self._start, heights, self._volume)
+        self._rows.fill_body(rows, self._start, self._numbers(body.reach), heights, self._volume)
         self._give(frames, "given", rows)
         frames["constant_rows"], frames["bar_rows"] = self._rows.constant_count, self._rows.bar_count
         for kind, residual in (("elastic", config.elastic_residual), ("plastic", config.plastic_residual)):
@@ -245,6 +254,8 @@ class NativeStepper:
             ("friction", "friction_coefficient"),
             ("grip_stiffness", "grip_stiffness"),
             ("grip_damping", "grip_damping"),
+            ("tool_stiffness", "tool_stiffness"),
+            ("tool_friction", "tool_friction"),
             ("gravity", "gravity"),
             ("friction_law", "friction_law"),
         ):

@@ -7,7 +7,7 @@
 #include "barrier.h"
 #include "elements.h"
 #include "frames.h"
-#include "grip.h"
+#include "hand.h"
 #include "nodes.h"
 #include "rows.h"
 #include "term_laws.h"
@@ -31,6 +31,7 @@ public:
           first_element_(share_of(element_blocks(), thread, frame.threads) * LANES),
           last_element_(share_of(element_blocks(), thread + 1, frame.threads) * LANES),
           laws_(frame, thread),
+          hand_(frame, thread),
           barrier_(frame.shared + 64 * pass, frame.threads, frame.yield_address) {}
 
     void forward() {
@@ -73,6 +74,7 @@ private:
     int thread_;
     Index first_element_, last_element_;
     TermLaws<S> laws_;
+    Hand<S> hand_;
     Barrier barrier_;
 
     Index element_blocks() const { return frame_.element_stride / LANES; }
@@ -107,12 +109,6 @@ private:
         return {f.dt,         {f.gravity[0], f.gravity[1], f.gravity[2]},
                 f.mass_floor, f.touching,
                 f.friction,   laws_.has(term::friction_law) ? f.friction_law : nullptr};
-    }
-
-    Grip<S> grip(Index substep) const {
-        const Frame<S>& f = frame_;
-        return {f.grip_controller, f.grip_weight,  f.grip_rest_length, f.controllers,        f.controller_points,
-                f.grip_stiffness,  f.grip_damping, f.grip_softening,   S(substep) * f.share, f.frame_rate};
     }
 
     // Three rows of one vertex.
@@ -270,24 +266,12 @@ private:
     }
 
     void apply_forces(Index s, const S* now) {
-        const S* before_grip = constants(constant::load);
+        const S* before_hand = constants(constant::load);
         if (TERMS && laws_.has(ForceTerms::TERMS)) {
-            laws_.forces(law_arrays(now), before_grip);
-            before_grip = frame_.force;
+            laws_.forces(law_arrays(now), before_hand);
+            before_hand = frame_.force;
         }
-        const Grip<S> bonds = grip(s);
-        for_gripped([&](Index p, Index first, Index end) {
-            put_at(frame_.force, 0, p, bonds.force(first, end, at(now, X, p), at(now, VELOCITY, p), at(before_grip, 0, p)));
-        });
-    }
-
-    // Calls visit(vertex, first bond, last bond) for the thread's gripped vertices.
-    template <class Visit>
-    void for_gripped(Visit visit) const {
-        for (Index q = 0; q < frame_.gripped; q++) {
-            const Index place = frame_.place[frame_.grip_particle[q]];
-            if (place >= first_ && place < last_) visit(place, frame_.grip_first[q], frame_.grip_first[q + 1]);
-        }
+        hand_.forces(s, now + X * frame_.stride, now + VELOCITY * frame_.stride, before_hand);
     }
 
     void move(Index s) {
@@ -378,30 +362,14 @@ private:
 
     void forces_adjoint(Index s, const S* now) {
         S* bar = frame_.adjoint;
-        grip_adjoint(s, now);
+        hand_.adjoint(s, now + X * frame_.stride, now + VELOCITY * frame_.stride, bar + X * frame_.stride,
+                      bar + VELOCITY * frame_.stride, TERMS ? input_bars(input::mass) : nullptr, particle_sums());
         if (TERMS && laws_.has(ForceTerms::TERMS)) laws_.forces_adjoint(law_arrays(now));
         for (Index p = first_; p < last_; p++) {
             const Vec3<S> sum = three(read(frame_.carry + 4 * p)) + at(bar, VELOCITY, p);
             store(frame_.carry + 4 * p, Node{sum[0], sum[1], sum[2], 0});
         }
         clear(bar + VELOCITY * frame_.stride, 3);
-    }
-
-    void grip_adjoint(Index s, const S* now) {
-        const Grip<S> bonds = grip(s);
-        S* bar = frame_.adjoint;
-        S* points_bar = frame_.controllers_bar + 12 * thread_ * frame_.controller_points;
-        const auto add_point = [&](int place, int controller, int axis, S value) {
-            points_bar[3 * (place * frame_.controller_points + controller) + axis] += value;
-        };
-        for_gripped([&](Index p, Index first, Index last) {
-            const auto back = bonds.adjoint(first, last, at(now, X, p), at(now, VELOCITY, p), at(frame_.force_bar, 0, p),
-                                            add_point);
-            put_at(bar, X, p, at(bar, X, p) + back.x);
-            put_at(bar, VELOCITY, p, at(bar, VELOCITY, p) + back.v);
-            particle_sums()[particle_sum::grip_stiffness] += back.stiffness;
-            particle_sums()[particle_sum::grip_damping] += back.damping;
-        });
     }
 };
 

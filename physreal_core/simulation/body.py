@@ -7,7 +7,7 @@ from typing import TYPE_CHECKING
 
 import numpy as np
 
-from physreal_core.array_types import Array, Float, Int
+from physreal_core.array_types import Array, Bool, Float, Int
 from physreal_core.errors import InputError
 
 if TYPE_CHECKING:
@@ -62,29 +62,41 @@ class Body:
         return 2.0 * self.spacing
 
 
+NEVER = np.iinfo(np.int64).max
+"""Frame time at which a bond is released that is not released."""
+
+
 @dataclass(frozen=True)
 class Grip:
-    """Compliant bonds between controller points and particles (paper, eq. interaction_force).
+    """Compliant bonds between controller points and particles (paper, eq. interaction_force), which a hand may take and let go.
 
     Args:
         particles: bound particle of each bond, shape [B].
         controllers: controller point of each bond, shape [B].
         weights: bond weights w, shape [B].
-        rest_lengths: initial distances l0 [m], shape [B].
+        rest_lengths: distances l0 without force [m], shape [B]; not a number for a bond that is as long as it is when taken.
+        taken: frame time from which each bond acts, shape [B]; all from the first by default.
+        released: frame time from which it acts no more, shape [B]; never by default.
     """
 
     particles: Int[Array, " bonds"]
     controllers: Int[Array, " bonds"]
     weights: Float[Array, " bonds"]
     rest_lengths: Float[Array, " bonds"]
+    taken: Int[Array, " bonds"] | None = None
+    released: Int[Array, " bonds"] | None = None
 
     def __post_init__(self) -> None:
         count = len(self.particles)
+        object.__setattr__(self, "taken", np.zeros(count) if self.taken is None else self.taken)
+        object.__setattr__(self, "released", np.full(count, NEVER) if self.released is None else self.released)
         for name, kind in (
             ("particles", np.int32),
             ("controllers", np.int32),
             ("weights", float),
             ("rest_lengths", float),
+            ("taken", np.int64),
+            ("released", np.int64),
         ):
             array = np.ascontiguousarray(getattr(self, name), dtype=kind)
             if array.shape != (count,):
@@ -92,6 +104,15 @@ class Grip:
                     f"shape {array.shape}", where=f"Grip.{name}", expected=f"({count},), one entry per bond"
                 )
             object.__setattr__(self, name, array)
+
+    @property
+    def steady(self) -> bool:
+        """Whether all bonds act all the time, with lengths that are given."""
+        return bool((self.taken <= 0).all() and (self.released == NEVER).all() and np.isfinite(self.rest_lengths).all())
+
+    def acting(self, frame: int) -> Bool[Array, " bonds"]:
+        """Which bonds act from this frame time to the next."""
+        return (self.taken <= frame) & (frame < self.released)
 
     def by_particle(self) -> tuple[Int[Array, " gripped"], Int[Array, " starts"], Int[Array, " bonds"]]:
         """Bonds grouped by particle: gripped particles [Q], first bond of each [Q + 1], order of the bonds [B]."""
@@ -111,10 +132,10 @@ class Grip:
             raise InputError("a bond names a negative controller", where="Grip.controllers")
         if self.weights.min() < 0 or not np.isfinite(self.weights).all():
             raise InputError("a bond weight is negative or not finite", where="Grip.weights", expected="weights >= 0")
-        shortest = 0.05 * body.spacing
-        if not self.rest_lengths.min() >= shortest:
+        shortest = shortest_bond(body)
+        if (self.rest_lengths < shortest).any():
             raise InputError(
-                f"shortest rest length is {self.rest_lengths.min():g} m",
+                f"shortest rest length is {np.nanmin(self.rest_lengths):g} m",
                 where="Grip.rest_lengths",
                 expected=f"at least {shortest:g} m (a bond's stiffness grows with 1 / l0)",
                 remedy="leave out bonds to particles at the controller point itself, or lengthen them",
@@ -165,6 +186,11 @@ class PointLoad:
     particles: Int[Array, " loaded"]
     weights: Float[Array, " loaded"]
     force: Float[Array, 3] | tuple[float, float, float]
+
+
+def shortest_bond(body: Body) -> float:
+    """Least length of a bond [m]: its stiffness grows with one over that."""
+    return 0.05 * body.spacing
 
 
 def controller_count(grip: Grip | None, tool: Tool | None) -> int:

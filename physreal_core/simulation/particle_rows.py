@@ -7,7 +7,6 @@ its adjoint among `SUMS`.
 
 from physreal_core.array_types import Float, Tensor
 from physreal_core.simulation.config import SimulationConfig
-from physreal_core.simulation.grip_inertia import GripInertia
 from physreal_core.simulation.layout import Rows
 from physreal_core.simulation.parameters import Parameters
 from physreal_core.simulation.terms import FORCE_TERMS, PARTICLES, STRESS_TERMS, TERMS, term_shapes
@@ -147,7 +146,7 @@ class ParticleRows:
         node_sums: Float[Tensor, "rollouts node_sums"],
         networks: dict[str, Tensor],
         volume: Float[Tensor, " particles"],
-        inertia: GripInertia | None,
+        weight_bar: Float[Tensor, "..."],
         elements: dict[str, Tensor] | None = None,
     ) -> dict[str, Tensor]:
         """Adjoints of the parameters in use by name, with an axis of rollouts.
@@ -158,7 +157,7 @@ class ParticleRows:
             particle_sums, node_sums: of what particles or nodes share.
             networks: weights' adjoints by "elastic" and "plastic", each [R, W].
             volume: of the particles [m3].
-            inertia: of the grip.
+            weight_bar: of gravity through what takes the weight off added mass, shape [R, 3] or one zero.
             elements: adjoints of parameters through the elements of a thin body, by name.
         """
         found = {"initial_velocity": state_bars["v"], "initial_position": state_bars["x"].clone()}
@@ -171,8 +170,7 @@ class ParticleRows:
         if self._terms:
             found["density"], found["force"] = volume * found["mass"][..., 0], found["load"]
             found["initial_position"][..., 2] += found["start_height"][..., 0]
-            if inertia is not None:
-                found["gravity"] = found["gravity"] + inertia.gravity_adjoint(found["load"])
+            found["gravity"] = found["gravity"] + weight_bar
         found |= elements or {}
         return {name: found[name].reshape(len(bars), *shape).clone() for name, shape in self.shapes.items()}
 

@@ -8,6 +8,7 @@ import torch
 
 from physreal_core.array_types import Float, Tensor
 from physreal_core.simulation.stepper import State
+from physreal_core.simulation.thin.elements import Elements
 
 
 @dataclass
@@ -32,11 +33,12 @@ class Player:
         frames: Generator[State, Tensor, None],
         stream: Callable[[], AbstractContextManager],
         check: Callable[[Tensor], Tensor],
+        elements: Elements | None = None,
     ) -> None:
-        self._frames, self._stream, self._check = frames, stream, check
+        self._frames, self._stream, self._check, self._elements = frames, stream, check, elements
         self.frame = 0
         with torch.no_grad(), stream():
-            self.state = _alone(next(frames))
+            self.state = self._alone(next(frames))
 
     def step(self, controllers: Float[Tensor, "points 3"]) -> FrameState:
         """Go on by one frame, in which the controller points move to `controllers` [m], shape [C, 3], smoothly (`hand_path`).
@@ -47,11 +49,11 @@ class Player:
         """
         points = self._check(controllers.detach().cpu()[None])[0]  # checked on the host
         with torch.no_grad(), self._stream():
-            self.state = _alone(self._frames.send(points))
+            self.state = self._alone(self._frames.send(points))
         self.frame += 1
         return self.state
 
-
-def _alone(state: State) -> FrameState:
-    """The one rollout's."""
-    return FrameState(state.x[0], state.v[0], state.F[0])
+    def _alone(self, state: State) -> FrameState:
+        """The one rollout's."""
+        x, v = state.x[0], state.v[0]
+        return FrameState(x, v, state.F[0] if self._elements is None else self._elements.deformation(x))

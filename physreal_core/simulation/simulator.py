@@ -127,7 +127,8 @@ class Simulator:
             points = self._check_controllers(controllers.cpu()[None])[0].detach()
             with self._stream():
                 loop = self._frames()
-            return Player(loop.play(self._complete(parameters, 1), points), self._stream, self._check_controllers)
+            frames = loop.play(self._complete(parameters, 1), points)
+            return Player(frames, self._stream, self._check_controllers, self.body.elements)
 
     # --- forms of the step --------------------------------------------------------------------------------------
 
@@ -142,7 +143,7 @@ class Simulator:
     def _frames(self, rollouts: int = 1) -> Frames:
         """A frame loop on a form of the step of its own."""
         stepper = make_stepper(*self._scene, rollouts=rollouts, threads=self._threads if rollouts == 1 else None)
-        return Frames(self.body, self.config, stepper)
+        return Frames(self.body, self.config, stepper, self.grip)
 
     def _stream(self) -> AbstractContextManager:
         """Where a loop runs: on a GPU on a stream that allows graphs."""

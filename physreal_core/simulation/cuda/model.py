@@ -225,4 +225,7 @@ class BodyModel:
         networks = {
             kind: bar.unflatten(0, (self.rollouts, self._weight_rows)).sum(1) for kind, bar in self._weights_bar.items()
         }
-        return self._rows.gradients(bars.transpose(0, 1), state, sums, node_sums, networks, self._volume, self._inertia)
+        rows, weight_bar = bars.transpose(0, 1), torch.zeros((), device=self.device)
+        if self._inertia is not None and "load" in self._rows.bars:
+            weight_bar = self._inertia.gravity_adjoint(rows[:, self._rows.bars["load"]].movedim(1, -1))
+        return self._rows.gradients(rows, state, sums, node_sums, networks, self._volume, weight_bar)

@@ -320,7 +320,7 @@ private:
         const auto add = [&](int place, int controller, int axis, S value) {
             if constexpr (LED) add_atomically(points + 3 * (place * f_.controller_points + controller) + axis, value);
         };
-        const auto back = grip(substep).adjoint(f_.bond_begin[p_], f_.bond_end[p_], at.x_, at.v_, f_bar, add);
+        const auto back = grip(substep).adjoint(f_.bond_begin[p_], f_.bond_end[p_], at.x_, at.v_, f_bar, add, [](Index, S) {});
         x_bar = x_bar + back.x;
         v_bar = v_bar + back.v;
         f_.particle_sums[particle_sum::grip_stiffness * f_.stride + p_] += back.stiffness;

@@ -73,6 +73,13 @@ class CudaStepper:
         tool: Tool | None = None,
         rollouts: int = 1,
     ) -> None:
+        if grip is not None and not grip.steady:
+            raise InputError(
+                "bonds that are taken or released",
+                where=f"Simulator on {config.device}",
+                expected="steady ones yet",
+                remedy="use device cpu",
+            )
         if tool is not None:
             raise InputError(
                 "a tool", where=f"Simulator on {config.device}", expected="none yet", remedy="use device cpu"

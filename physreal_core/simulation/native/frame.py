@@ -47,6 +47,7 @@ FRAME = Structure(
     Index replay  whether the grids are there already
     Index count:3  of the nodes
     Index gripped
+    Index bonds
     Index clamps
     Index controller_points
     Index capsules  of a tool
@@ -123,6 +124,7 @@ FRAME = Structure(
     const int* grip_controller  [B]
     const S* grip_weight  [B]
     const S* grip_rest_length  [B]
+    S* rest_length_bar  [threads, B]; grow
     const int* capsule_ends  [capsules, 2] controller points
     const S* capsule_radius  [capsules]
     const S* controllers  [4, points, 3], see laws/grip.h

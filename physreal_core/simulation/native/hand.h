@@ -39,8 +39,12 @@ public:
         const auto add_point = [&](int place, int controller, int axis, S value) {
             points_bar()[3 * (place * frame_.controller_points + controller) + axis] += value;
         };
+        const auto add_length = [&](Index bond, S value) {
+            frame_.rest_length_bar[thread_ * frame_.bonds + bond] += value;
+        };
         for_gripped([&](Index p, Index first, Index last) {
-            const auto back = bonds.adjoint(first, last, at(x, p), at(v, p), at(frame_.force_bar, p), add_point);
+            const auto back =
+                bonds.adjoint(first, last, at(x, p), at(v, p), at(frame_.force_bar, p), add_point, add_length);
             put_at(x_bar, p, at(x_bar, p) + back.x);
             put_at(v_bar, p, at(v_bar, p) + back.v);
             sums[particle_sum::grip_stiffness] += back.stiffness;

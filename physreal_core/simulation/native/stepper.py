@@ -9,7 +9,7 @@ import numpy as np
 import torch
 import warp as wp
 
-from physreal_core.array_types import Array, Int, Tensor
+from physreal_core.array_types import Array, Bool, Int, Tensor
 from physreal_core.cores import available_cores
 from physreal_core.native import launch_on_threads
 from physreal_core.simulation.body import Body, Clamp, Grip, PointLoad, Tool, controller_count, load_forces
@@ -81,6 +81,7 @@ class NativeStepper:
         self.slots = self._grid_numbers = 0
         self.substeps: list[int] = []
         self.holder: object | None = None
+        self._settled = self._weight_bar = torch.zeros(())
         self._kept: list[Tensor] = []
         wp.init()  # before tensors are wrapped for it
         self._kernels = frame_kernels(config, body.elements.element if thin else None)
@@ -123,6 +124,7 @@ class NativeStepper:
     def _set_grip(self, body: Body, grip: Grip | None) -> bool:
         gripped = grip is not None and len(grip.particles) > 0
         self._inertia = GripInertia(body, grip) if gripped else None
+        self._acting: Bool[Array, " bonds"] | None = None
         if not gripped:
             return False
         particles, first, order = grip.by_particle()
@@ -130,9 +132,28 @@ class NativeStepper:
         for name, array in (("particle", particles), ("first", first), ("controller", grip.controllers[order])):
             whole = torch.from_numpy(np.ascontiguousarray(array, dtype=np.int32))
             self._give(self._frames, f"grip_{name}", whole, shared=True)
-        for name, array in (("weight", grip.weights), ("rest_length", grip.rest_lengths)):
-            self._give(self._frames, f"grip_{name}", self._numbers(array[order]), shared=True)
+        self._grip, self._bond_order, bonds = grip, order, len(order)
+        self._frames["bonds"] = bonds
+        self._give(self._frames, "grip_weight", self._numbers(grip.weights[order]), shared=True)
+        lengths = self._numbers(grip.rest_lengths[order]).expand(self.rollouts, -1)
+        self._give(self._frames, "grip_rest_length", lengths.clone())
+        self._give(self._frames, "rest_length_bar", self._zeros(self.rollouts, self._sharing, bonds))
         return True
+
+    def _hold(self, span: Span) -> None:
+        """Let those bonds act that do so in this frame, of a grip that takes and lets go."""
+        if self._inertia is None or self._grip.steady:
+            return
+        acting = self._grip.acting(span.frame)
+        if self._acting is not None and (acting == self._acting).all():
+            return
+        self._settle_weight()
+        self._acting = acting
+        lengths = torch.where(torch.from_numpy(acting), span.lengths, 1.0)
+        self._held["grip_weight"].copy_(self._numbers(np.where(acting, self._grip.weights, 0.0)[self._bond_order]))
+        self._held["grip_rest_length"].copy_(lengths[:, self._bond_order])
+        self._inertia.hold(acting, lengths)
+        self._load_forces()
 
     def _set_model(self, body: Body, clamps: tuple[Clamp, ...], loads: tuple[PointLoad, ...]) -> None:
         frames, config = self._frames, self.config
@@ -269,13 +290,14 @@ class NativeStepper:
         if self.viscous:
             memory = [rate_memory(self._body, self.config, row_of(parameters, r)) for r in range(self.rollouts)]
             frames["remembered"] = np.array(memory) / (np.array(memory) + 1.0)
+        self._parameters, self._dt, self._acting = parameters, torch.from_numpy(dt), None
         if self._elements is not None:
-            self._parameters = parameters
             self._give(frames, "element_stiffness", self._elements.stiffness(parameters))
-        self._load_forces(parameters, torch.from_numpy(dt))
+        self._load_forces()
 
-    def _load_forces(self, parameters: Parameters, dt: Tensor) -> None:
+    def _load_forces(self) -> None:
         """Put masses and constant forces, and with them all constants, into the rows."""
+        parameters, dt = self._parameters, self._dt
         mass = self._mass if parameters.density is None else parameters.density.detach() * self._volume
         load = self._load if parameters.force is None else self._load + parameters.force.detach()
         mass, load = mass.expand(self.rollouts, -1), load.expand(self.rollouts, -1, -1)
@@ -299,6 +321,7 @@ class NativeStepper:
         """Set what differs between frames."""
         frames = self._frames
         frames["kept_grids"] = 0
+        self._hold(span)
         if frames["controller_points"][0]:
             points = span.points[:, :, : frames["controller_points"][0]].detach()
             self._give(frames, "controllers", points.transpose(0, 1))
@@ -329,6 +352,7 @@ class NativeStepper:
         """Set all adjoints to zero; room is made frame by frame."""
         for bar in self._bars:
             bar.zero_()
+        self._settled = self._weight_bar = torch.zeros(())
 
     def add_adjoints(self, x_bar: Tensor | None, v_bar: Tensor | None, F_bar: Tensor | None) -> None:
         """Add derivatives of the loss by the state where the adjoint stands now, each [R, N, ...]."""
@@ -351,6 +375,20 @@ class NativeStepper:
         """Derivative of the loss by the nodes' velocities where the adjoint stands now, [R, nodes, 4]."""
         return self._held["nodes_bar"]
 
+    def lengths_adjoint(self) -> Tensor:
+        """Derivative of the loss by the lengths of the bonds, in the grip's order, [R, B]."""
+        found = torch.empty_like(self._held["rest_length_bar"][:, 0])
+        found[:, self._bond_order] = self._held["rest_length_bar"].sum(1)
+        return found
+
+    def _settle_weight(self) -> None:
+        """Count the adjoint of gravity through what takes the weight off the bonds' added mass, of the frames with these bonds."""
+        if self._inertia is None or "load" not in self._rows.bars:
+            return
+        load_bar = self._held["given_bars"][:, self._rows.bars["load"]].movedim(1, -1)
+        self._weight_bar = self._weight_bar + self._inertia.gravity_adjoint(load_bar - self._settled)
+        self._settled = load_bar.clone()
+
     def gradients(self) -> dict[str, Tensor]:
         """Adjoints of the parameters in use by name, with an axis of rollouts."""
         held = self._held
@@ -360,8 +398,10 @@ class NativeStepper:
         elements = None
         if self._elements is not None:
             elements = self._elements.gradients(self._parameters, held["element_bars"])
-        given = held["given_bars"], state_bars, *sums, networks, self._volume, self._inertia
-        return self._rows.gradients(*given, elements)
+        self._settle_weight()
+        return self._rows.gradients(
+            held["given_bars"], state_bars, *sums, networks, self._volume, self._weight_bar, elements
+        )
 
 
 def _addresses(values: Tensor, shared: bool) -> int | np.ndarray:

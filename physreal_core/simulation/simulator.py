@@ -124,7 +124,10 @@ class Simulator:
             points = self._check_controllers(controllers.cpu()[None])[0].detach()
             with self._stream():
                 loop = self._frames()
-            return Player(loop.play(self._complete(parameters, 1), points), self._stream, self._check_controllers)
+            frames = loop.play(self._complete(parameters, 1), points)
+            elements = self.body.elements
+            deformation = None if elements is None else elements.deformation
+            return Player(frames, self._stream, self._check_controllers, deformation)
 
     # --- forms of the step --------------------------------------------------------------------------------------
 

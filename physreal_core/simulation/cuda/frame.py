@@ -99,13 +99,72 @@ FRAME = Structure(
     """,
 )
 INTEGERS = wp.types.vector(4, wp.int32)
+SCALARS = {"float32": "float", "float64": "double"}
 HALVES = ((True, True), (True, False), (False, True))
 """Arriving, leaving."""
 
 
+class Module:
+    """A Warp module of entry points of one C++ class, and what its kernels take: four integers and the frame, as so many bytes.
+
+    Args:
+        name: of the module; one for each set of template arguments.
+        header: which has the class.
+        structures: those that the header needs, the frame's last.
+        entries: the class with its arguments.
+        dtype: "float32" or "float64".
+        preamble: C++ behind the layout.
+        folders: where else headers are.
+    """
+
+    def __init__(
+        self,
+        name: str,
+        header: str,
+        structures: tuple[Structure, ...],
+        entries: str,
+        dtype: str,
+        preamble: str = "",
+        folders: tuple[Path, ...] = (),
+    ) -> None:
+        layout = layout_text(*structures)
+        self._module = native_module(
+            name,
+            Path(__file__).parent / header,
+            LAWS_FOLDER,
+            *folders,
+            preamble=f'#include "number.h"\n{layout}{preamble}',
+            cuda=True,
+        )
+        self._frame, self._entries = f"physreal::{structures[-1].name}<{SCALARS[dtype]}>", entries
+        self.Frame = wp.types.vector(-(-structures[-1].dtype(dtype).itemsize // 8), wp.uint64)
+
+    def kernel(self, name: str, integers: int, entry: str | None = None) -> wp.Kernel:
+        """The kernel of an entry point, of the same name if none is given, which takes so many integers."""
+        given = ", ".join(["frame", "thread", *(f"i[{n}]" for n in range(integers))])
+        frame_type = self.Frame
+
+        @wp.func_native(
+            f"const auto& frame = *(const {self._frame}*)&bytes; {self._entries}::{entry or name}({given});"
+        )
+        def call(i: INTEGERS, bytes: frame_type, thread: int): ...
+
+        def run(i: INTEGERS, bytes: frame_type):
+            call(i, bytes, wp.tid())
+
+        run.__name__ = run.__qualname__ = name
+        return wp.kernel(run, module=self._module)
+
+
+def module_name(form: str, led: bool | None, arguments: str) -> str:
+    """Name of the module of a form of the step with these template arguments."""
+    way = "forward" if led is None else "backward"
+    return f"physreal_{form}_{way}_" + "".join(c if c.isalnum() else "_" for c in arguments.replace("physreal::", ""))
+
+
 @functools.cache
 def step_kernels(config: SimulationConfig, gripped: bool, led: bool | None) -> SimpleNamespace:
-    """Kernels of a configuration; each takes up to four integers and the frame, as so many bytes.
+    """Kernels of a configuration.
 
     Args:
         config: laws, residuals, terms and scalar type.
@@ -113,54 +172,34 @@ def step_kernels(config: SimulationConfig, gripped: bool, led: bool | None) -> S
         led: None for the forward pass: `Frame`, `give_mass`, `weigh`, `start`, `update`, `forward` by halves. Else for
             the adjoint, whether that of the controller points is asked for: `turn`, `backward` by halves, `settle`.
     """
-    scalar = "float" if config.dtype == "float32" else "double"
-    flags = (_cpp(bool(config.terms)), term_bits(config.terms), _cpp(config.shaped), _cpp(gripped), _cpp(bool(led)))
-    arguments = ", ".join([scalar, *map(str, flags), material_arguments(config)])
-    name = "".join(c if c.isalnum() else "_" for c in arguments.replace("physreal::", ""))
+    flags = (cpp(bool(config.terms)), term_bits(config.terms), cpp(config.shaped), cpp(gripped), cpp(bool(led)))
+    arguments = ", ".join([SCALARS[config.dtype], *map(str, flags), material_arguments(config)])
     sizes = f"constexpr int WARP = {WARP}, LARGEST_GROUP = {LARGEST_GROUP}, NODE_THREADS = {NODE_THREADS};\n"
-    text = f'#include "number.h"\n{layout_text(FRAME)}namespace physreal {{\n{sizes}}}\n{law_headers(config)}'
-    module = native_module(
-        f"physreal_rollouts_{'forward' if led is None else 'backward'}_{name}",
-        Path(__file__).parent / "step.h",
-        LAWS_FOLDER,
-        preamble=text,
-        cuda=True,
-    )
-    frame_type = wp.types.vector(-(-FRAME.dtype(config.dtype).itemsize // 8), wp.uint64)
-
-    def kernel(name: str, entry: str, integers: int) -> wp.Kernel:
-        given = ", ".join(["frame", "thread", *(f"i[{n}]" for n in range(integers))])
-        step = f"const auto& frame = *(const physreal::Frame<{scalar}>*)&bytes; physreal::Step<{arguments}>::{entry}({given});"
-
-        @wp.func_native(step)
-        def call(i: INTEGERS, bytes: frame_type, thread: int): ...
-
-        def run(i: INTEGERS, bytes: frame_type):
-            call(i, bytes, wp.tid())
-
-        run.__name__ = run.__qualname__ = name
-        return wp.kernel(run, module=module)
+    preamble = f"namespace physreal {{\n{sizes}}}\n{law_headers(config)}"
+    name = module_name("rollouts", led, arguments)
+    module = Module(name, "step.h", (FRAME,), f"physreal::Step<{arguments}>", config.dtype, preamble)
 
     def halves(name: str, integers: int) -> dict[tuple[bool, bool], wp.Kernel]:
         return {
-            half: kernel(
+            half: module.kernel(
                 f"{name}_{''.join(str(int(b)) for b in half)}",
-                f"template {name}<{_cpp(half[0])}, {_cpp(half[1])}>",
                 integers,
+                f"template {name}<{cpp(half[0])}, {cpp(half[1])}>",
             )
             for half in HALVES
         }
 
     if led is not None:
-        settle = [kernel(f"settle_{what}", f"settle_{what}", 0) for what in ("nodes", "particles")]
-        return SimpleNamespace(turn=kernel("turn", "turn", 3), backward=halves("backward", 1), settle=settle)
+        settle = [module.kernel(f"settle_{what}", 0) for what in ("nodes", "particles")]
+        return SimpleNamespace(turn=module.kernel("turn", 3), backward=halves("backward", 1), settle=settle)
     return SimpleNamespace(
-        Frame=frame_type,
-        **{name: kernel(name, name, 0) for name in ("give_mass", "weigh", "start")},
-        update=kernel("update", "update", 1),
+        Frame=module.Frame,
+        **{name: module.kernel(name, 0) for name in ("give_mass", "weigh", "start")},
+        update=module.kernel("update", 1),
         forward=halves("forward", 4),
     )
 
 
-def _cpp(flag: bool) -> str:
+def cpp(flag: bool) -> str:
+    """A flag in C++."""
     return "true" if flag else "false"

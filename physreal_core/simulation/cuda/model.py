@@ -1,4 +1,5 @@
-"""Arrays of a body in many rollouts that no frame changes, and adjoints: constants, parameters, bonds, box, networks.
+"""Arrays of a body in many rollouts that no frame changes, and adjoints, in what volumes and thin bodies share: constants,
+parameters, bonds.
 
 Constants of particles exist twice: as the caller counts and in the order of the kernels.
 """
@@ -9,17 +10,14 @@ import torch
 from physreal_core.array_types import Tensor
 from physreal_core.simulation.body import Body, Clamp, Grip, PointLoad, load_forces
 from physreal_core.simulation.config import SimulationConfig
-from physreal_core.simulation.cuda.frame import FRAME
-from physreal_core.simulation.cuda.parts import Parts, threads_of
 from physreal_core.simulation.grip_inertia import GripInertia
-from physreal_core.simulation.lattice import Lattice, base_nodes, held_boxes, lattice_of
+from physreal_core.simulation.lattice import lattice_of
+from physreal_core.simulation.layout import Structure
 from physreal_core.simulation.parameters import Parameters
 from physreal_core.simulation.particle_rows import NODE_SUMS, NUMBERS, PARTICLE_SUMS, ParticleRows
 from physreal_core.simulation.stepper import state_shapes
 from physreal_core.simulation.timestep import rate_memory
 from physreal_core.simulation.touch import NEARLY, TOUCHING, touch_heights
-
-WEIGHT_ROWS = 64  # copies of a network's weight adjoint on a GPU, so that its threads do not queue for one address
 
 
 def point(record: np.ndarray, name: str, values: Tensor) -> None:
@@ -32,17 +30,18 @@ class BodyModel:
     """Model arrays and adjoints of `rollouts` copies of a body.
 
     Attributes:
-        frame: record of `frame.FRAME` with all that is here.
+        layout: of the frame's record.
+        frame: record with all that is here.
         shapes: full shape of every parameter in use by name, without the axis of rollouts.
         state_shapes: of what a state has of every particle, by name.
         gripped: whether there are bonds.
         lattice: the grid of each rollout.
-        carry: adjoints of the nodes' velocities, shape [R * nodes, 4].
-        velocity, first_velocity: of the nodes [m/s], now and at the frame's start, shape [R * nodes, 4].
         controllers: controller points [m] around the frame, shape [R, 4, C, 3].
         controllers_bar: their adjoint, of one frame.
         state_bars: adjoints of the state by name, each [P, ...], in the order of the kernels.
     """
+
+    layout: Structure
 
     def __init__(
         self,
@@ -55,12 +54,13 @@ class BodyModel:
     ) -> None:
         self.dtype, self.config, self.rollouts = config.torch_dtype, config, rollouts
         self.device, self.particles = config.device, len(body.x0)
-        self.state_shapes = state_shapes(config)
+        self.state_shapes = state_shapes(config, thin=body.elements is not None)
         self._body, self._held = body, {}
-        self.frame = np.zeros((), FRAME.dtype(config.dtype))
+        self.frame = np.zeros((), self.layout.dtype(config.dtype))
         self._mass, self._volume = self._numbers(body.mass), self._numbers(body.volume)
         self._load, self._start = self._numbers(load_forces(body, loads)), self._numbers(body.x0)
-        self._scene(body, clamps)
+        self.lattice = lattice_of(body, clamps)
+        self._scene(clamps)
         self._bonds(body, grip)
         self._rows = ParticleRows(config, self.particles, self.gripped)
         self.shapes = self._rows.shapes
@@ -79,36 +79,16 @@ class BodyModel:
         point(self.frame, name, values)
         return values
 
-    def _scene(self, body: Body, clamps: tuple[Clamp, ...]) -> None:
-        frame, config = self.frame, self.config
+    def _scene(self, clamps: tuple[Clamp, ...]) -> None:
+        """What is around the body."""
+        frame, config, body = self.frame, self.config, self._body
         frame["particles"], frame["rollouts"] = self.particles, self.rollouts
-        frame["stride"] = self.rollouts * self.particles
-        lattice = self.lattice = lattice_of(body, clamps)
-        frame["offset"], frame["count"], frame["cell"] = lattice.offset, lattice.count, lattice.cell
-        frame["nodes"], frame["touching"] = lattice.nodes, TOUCHING
-        frame["touch_slope"] = 1.0 / (NEARLY * body.spacing)
+        frame["stride"], frame["nodes"] = self.rollouts * self.particles, self.lattice.nodes
+        frame["touching"], frame["touch_slope"] = TOUCHING, 1.0 / (NEARLY * body.spacing)
         frame["mass_floor"] = torch.finfo(self.dtype).eps ** 2 * body.mass.min()
-        frame["clamps"] = len(clamps)
-        for name, corner in zip(("clamp_lower", "clamp_upper"), held_boxes(clamps, body.cell), strict=True):
-            self._give(name, self._numbers(corner))
-        rows = self.rollouts * lattice.nodes
-        self.velocity = self._give("velocity", self._zeros(rows, 4))
-        self.first_velocity = self._give("first_velocity", self._zeros(rows, 4))
-        self._give("around", self._zeros(rows, 2))
-        self._parts(body, lattice)
+        self._around = self._give("around", self._zeros(self.rollouts * self.lattice.nodes, 2))
         self._timing = self._give("timing", self._zeros(4))
         self._gravity = self._give("gravity", self._numbers(np.array([config.gravity] * self.rollouts)))
-
-    def _parts(self, body: Body, lattice: Lattice) -> None:
-        """What particles leave at their nodes."""
-        lowest = base_nodes(body.x0, lattice)[lattice.order(body.x0)]
-        parts = Parts.of(lowest, lattice)
-        self.frame["threads"], self.frame["groups"] = threads_of(self.particles), parts.groups
-        of_nodes = parts.which * self.rollouts * parts.groups + parts.of_nodes
-        given = {"group": parts.group, "following": parts.following, "lowest_node": lowest.ravel()}
-        for name, values in (given | {"parts_begin": parts.begin, "parts_of": of_nodes}).items():
-            self._give(name, torch.as_tensor(values.astype(np.int32), device=self.device))
-        self._give("parts", self._zeros(27, self.rollouts * parts.groups, 4))
 
     def _bonds(self, body: Body, grip: Grip | None) -> None:
         self.gripped = grip is not None and len(grip.particles) > 0
@@ -134,9 +114,9 @@ class BodyModel:
         self.controllers_bar = self._give("controllers_bar", torch.zeros_like(self.controllers))
 
     def _parameters(self) -> None:
-        r, config, frame = self.rollouts, self.config, self.frame
+        r = self.rollouts
         rows = self._zeros(self._rows.constant_count, r, self.particles)
-        heights = self._numbers(touch_heights(self._body, config.ground_height))
+        heights = self._numbers(touch_heights(self._body, self.config.ground_height))
         self._rows.fill_body(rows.transpose(0, 1), self._start, heights, self._volume)
         self._given, self._sorted = rows, self._give("constants", rows.flatten(1).clone())
         for name, shape in (
@@ -147,24 +127,13 @@ class BodyModel:
             ("numbers", (r, NUMBERS.count)),
         ):
             self._give(name, self._zeros(*shape))
-        self._weight_rows = frame["weight_rows"] = 1 if self.device == "cpu" else WEIGHT_ROWS
-        self._weight_rows = int(self._weight_rows)
-        self._weights_bar = {}
-        for kind, residual in (("elastic", config.elastic_residual), ("plastic", config.plastic_residual)):
-            if residual is not None:
-                width = residual.weight_count
-                frame[f"weights_{kind}"], frame[f"latent_{kind}_size"] = width, residual.latent_size
-                frame[f"beta_{kind}"], frame["strain_scale"] = getattr(residual, f"beta_{kind}"), residual.strain_scale
-                self._give(f"network_{kind}", self._zeros(r, width))
-                self._weights_bar[kind] = self._give(f"network_{kind}_bar", self._zeros(r * self._weight_rows, width))
 
     def _adjoints(self) -> None:
-        count = self.rollouts * self.particles
+        count, nodes = self.rollouts * self.particles, self.rollouts * self.lattice.nodes
         sizes = self.state_shapes.items()
         self.state_bars = {name: self._give(f"{name}_bar", self._zeros(count, *size)) for name, size in sizes}
-        self._give("node_bar", torch.zeros_like(self.velocity))
-        self.carry = self._give("carry", torch.zeros_like(self.velocity))
-        self._node_sums = self._give("node_sums", self._zeros(NODE_SUMS.count, len(self.velocity)))
+        self._give("node_bar", self._zeros(nodes, 4))
+        self._node_sums = self._give("node_sums", self._zeros(NODE_SUMS.count, nodes))
         self._bars = self._give("bars", self._zeros(self._rows.bar_count, count))
         self._sums = self._give("particle_sums", self._zeros(PARTICLE_SUMS.count, count))
 
@@ -176,9 +145,8 @@ class BodyModel:
         memory = rate_memory(self._body, self.config, parameters)
         timing = [1.0 / (fps * substeps), 1.0 / substeps, fps, memory / (memory + 1.0)]
         self._timing.copy_(torch.tensor(timing, dtype=torch.float64))
-        networks = [f"network_{kind}" for kind in self._weights_bar]
         held = self._held | {"friction_coefficient": self._held["friction"]}
-        for name in ("friction_coefficient", "gravity", "friction_law", "grip_stiffness", "grip_damping", *networks):
+        for name in ("friction_coefficient", "gravity", "friction_law", "grip_stiffness", "grip_damping"):
             value = getattr(parameters, name)
             if value is not None:
                 held[name].copy_(value)
@@ -203,9 +171,16 @@ class BodyModel:
 
     def clear_bars(self) -> None:
         """Set the adjoints to zero."""
-        of_nodes = self.carry, self._node_sums
-        for bar in (*self.state_bars.values(), self._bars, self._sums, *of_nodes, *self._weights_bar.values()):
+        for bar in (*self.state_bars.values(), self._bars, self._sums, self._node_sums, *self._own_bars()):
             bar.zero_()
+
+    def _own_bars(self) -> list[Tensor]:
+        """Adjoints that only this kind of body has."""
+        return []
+
+    def nodes_adjoint(self) -> Tensor:
+        """Derivative of the loss by the nodes' velocities where the adjoint stands now, [R, nodes, 4]."""
+        raise NotImplementedError
 
     def gradients(self, order: Tensor) -> dict[str, Tensor]:
         """Adjoints of the parameters in use by name, with an axis of rollouts, as the caller counts.
@@ -221,7 +196,13 @@ class BodyModel:
         }
         sums = self._sums.unflatten(1, size).sum(2).T
         node_sums = self._node_sums.unflatten(1, (self.rollouts, -1)).sum(2).T
-        networks = {
-            kind: bar.unflatten(0, (self.rollouts, self._weight_rows)).sum(1) for kind, bar in self._weights_bar.items()
-        }
-        return self._rows.gradients(bars.transpose(0, 1), state, sums, node_sums, networks, self._volume, self._inertia)
+        given = bars.transpose(0, 1), state, sums, node_sums, self._network_bars(), self._volume, self._inertia
+        return self._rows.gradients(*given, self._element_bars())
+
+    def _network_bars(self) -> dict[str, Tensor]:
+        """Adjoints of networks' weights by "elastic" and "plastic", each [R, W]."""
+        return {}
+
+    def _element_bars(self) -> dict[str, Tensor]:
+        """Adjoints of parameters through the elements of a thin body, by name."""
+        return {}

@@ -31,9 +31,7 @@ class ElementArrays:
         incident_first: where each vertex's begin, and the end of the last.
     """
 
-    def __init__(
-        self, elements: Elements, vertices: int, block: int, dtype: torch.dtype, device: str = "cpu"
-    ) -> None:
+    def __init__(self, elements: Elements, vertices: int, block: int, dtype: torch.dtype, device: str = "cpu") -> None:
         self._elements, self._dtype, self._device = elements, dtype, device
         self.count, self.rows = len(elements.corners), elements.stiffness_rows
         self.stride = -(-self.count // block) * block

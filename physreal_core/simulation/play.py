@@ -8,7 +8,6 @@ import torch
 
 from physreal_core.array_types import Float, Tensor
 from physreal_core.simulation.stepper import State
-from physreal_core.simulation.thin.elements import Elements
 
 
 @dataclass
@@ -33,9 +32,9 @@ class Player:
         frames: Generator[State, Tensor, None],
         stream: Callable[[], AbstractContextManager],
         check: Callable[[Tensor], Tensor],
-        elements: Elements | None = None,
+        deformation: Callable[[Tensor], Tensor] | None = None,
     ) -> None:
-        self._frames, self._stream, self._check, self._elements = frames, stream, check, elements
+        self._frames, self._stream, self._check, self._deformation = frames, stream, check, deformation
         self.frame = 0
         with torch.no_grad(), stream():
             self.state = self._alone(next(frames))
@@ -54,6 +53,6 @@ class Player:
         return self.state
 
     def _alone(self, state: State) -> FrameState:
-        """The one rollout's."""
-        x, v = state.x[0], state.v[0]
-        return FrameState(x, v, state.F[0] if self._elements is None else self._elements.deformation(x))
+        """The one rollout's, with the F of a thin body from its places."""
+        F = self._deformation(state.x) if state.F is None else state.F
+        return FrameState(state.x[0], state.v[0], F[0])

@@ -128,7 +128,9 @@ class Simulator:
             with self._stream():
                 loop = self._frames()
             frames = loop.play(self._complete(parameters, 1), points)
-            return Player(frames, self._stream, self._check_controllers, self.body.elements)
+            elements = self.body.elements
+            deformation = None if elements is None else elements.deformation
+            return Player(frames, self._stream, self._check_controllers, deformation)
 
     # --- forms of the step --------------------------------------------------------------------------------------
 

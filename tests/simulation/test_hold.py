@@ -10,6 +10,8 @@ from physreal_core.simulation import Grip, Parameters, SimulationConfig, Simulat
 from tests.simulation.scenes import block, directional_errors, random_loss
 from tests.simulation.thin.scenes import crumpled, ropes
 
+pytestmark = pytest.mark.usefixtures("form")
+
 BODIES = {
     "volume": lambda: block((4, 3, 3), corner=(0.0, 0.0, 0.05)),
     "shell": lambda: crumpled(height=0.05),
@@ -91,16 +93,17 @@ def test_rollouts_between_forward_and_backward_change_nothing():
 def test_a_batch_equals_single_rollouts_with_gradients():
     """What is taken where it is differs between rollouts."""
     simulator, parameters, controllers = scene("shell")
-    factors = torch.tensor([0.7, 1.6], dtype=torch.float64)
-    moduli = (factors[:, None] * parameters.youngs_modulus).requires_grad_()
-    batch = simulator.rollout_batch(dataclasses.replace(parameters, youngs_modulus=moduli), controllers)
+    stiffness = torch.tensor(
+        [0.2, 0.6], dtype=torch.float64, requires_grad=True
+    )  # asks for no other number of substeps
+    batch = simulator.rollout_batch(dataclasses.replace(parameters, grip_stiffness=stiffness), controllers)
     batch.x[:, -1].square().sum().backward()
-    for row, factor in enumerate(factors):
-        own = (factor * parameters.youngs_modulus).requires_grad_()
-        alone = simulator.rollout(dataclasses.replace(parameters, youngs_modulus=own), controllers)
+    for row in range(len(stiffness)):
+        own = stiffness.detach()[row].clone().requires_grad_()
+        alone = simulator.rollout(dataclasses.replace(parameters, grip_stiffness=own), controllers)
         alone.x[-1].square().sum().backward()
         assert torch.equal(batch.x[row], alone.x)
-        assert torch.allclose(moduli.grad[row], own.grad, rtol=1e-9, atol=0)
+        assert torch.allclose(stiffness.grad[row], own.grad, rtol=1e-9, atol=0)
 
 
 def test_what_is_let_go_falls_freely_and_what_is_taken_stays():

@@ -11,6 +11,8 @@ from physreal_core.simulation import Parameters, SimulationConfig, Simulator, To
 from tests.simulation.scenes import block, directional_errors, random_loss
 from tests.simulation.thin.scenes import crumpled, ropes
 
+pytestmark = pytest.mark.usefixtures("form")
+
 FRAMES = 5
 BODIES = {
     "volume": lambda: block((4, 3, 3), corner=(0.0, 0.0, 0.001)),

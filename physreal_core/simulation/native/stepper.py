@@ -192,7 +192,7 @@ class NativeStepper:
         arrays, frames = ElementArrays(body.elements, self.particles, BLOCK, self.dtype), self._frames
         frames["elements"], frames["element_stride"] = arrays.count, arrays.stride
         for name in ("corners", "incident_first", "incident"):
-            self._give(frames, name, torch.from_numpy(np.ascontiguousarray(getattr(arrays, name))), shared=True)
+            self._give(frames, name, getattr(arrays, name), shared=True)
         self._give(frames, "element_constants", arrays.constants(), shared=True)
         return arrays
 

@@ -22,6 +22,7 @@ from physreal_core.array_types import Array, Bool, Float, Int, Tensor
 from physreal_core.errors import InputError
 from physreal_core.simulation.body import Body
 from physreal_core.simulation.parameters import Parameters
+from physreal_core.simulation.thin.incidence import Incidence
 from physreal_core.simulation.thin.rows import SHELL, SHELL_STIFFNESS
 from physreal_core.simulation.thin.stiffness import shell_frequency, shell_stiffness
 
@@ -236,17 +237,24 @@ class Shell:
 
     def deformation(self, x: Float[Tensor, "*batch vertices 3"]) -> Float[Tensor, "*batch vertices 3 3"]:
         """Deformation gradients of the vertices at x [m], the mean of the triangles around each; a normal stays as long as it is."""
-        to = lambda array: torch.as_tensor(array, device=x.device)
-        corners = x[..., to(self.triangles), :]
-        edges = torch.stack([corners[..., 1, :] - corners[..., 0, :], corners[..., 2, :] - corners[..., 0, :]], -1)
-        normal = torch.linalg.cross(edges[..., 0], edges[..., 1])
+        corners = self._incidence.at_corners(x)
+        first, second = corners[..., 1, :] - corners[..., 0, :], corners[..., 2, :] - corners[..., 0, :]
+        normal = torch.linalg.cross(first, second)
         normal = normal / normal.norm(dim=-1, keepdim=True).clamp_min(1e-30)
-        rest_normal = to(self._normal / np.linalg.norm(self._normal, axis=1, keepdims=True)).to(x)
-        F = edges @ to(self.inverse @ self._axes).to(x) + normal[..., None] * rest_normal[:, None, :]
-        share = to(self.area[:, None] / 3.0 / self.vertex_area[self.triangles]).to(x)
-        shares = (share[..., None, None] * F[..., :, None, :, :]).flatten(-4, -3)
-        total = x.new_zeros(*x.shape[:-1], 3, 3)
-        return total.index_add(-3, to(self.triangles.ravel()), shares)
+        directions = torch.as_tensor(self._weighed_directions[:, :, None]).to(x)
+        F = sum(way[..., None] * along for way, along in zip((first, second, normal), directions, strict=True))
+        mean = self._incidence.around(F.flatten(-2)) / torch.as_tensor(3.0 * self.vertex_area[:, None]).to(x)
+        return mean.unflatten(-1, (3, 3))
+
+    @cached_property
+    def _weighed_directions(self) -> Float[Array, "3 triangles 3"]:
+        """What the ways along two edges and the normal are multiplied by in the deformation gradient, times the area."""
+        normal = self._normal / np.linalg.norm(self._normal, axis=1, keepdims=True)
+        return self.area[:, None] * np.stack([*np.moveaxis(self.inverse @ self._axes, 1, 0), normal])
+
+    @cached_property
+    def _incidence(self) -> Incidence:
+        return Incidence(self.triangles, len(self.rest))
 
 
 def shell_body(

@@ -54,7 +54,7 @@ def kind(request) -> str:
     return request.param
 
 
-def test_forces_are_the_slope_of_the_energy(kind):
+def test_forces_are_the_slope_of_the_energy(kind, form):
     make, energy, terms = BODIES[kind]
     body = make()
     config = SimulationConfig(fps=1e6, dtype="float64", ground_height=None, gravity=(0.0, 0.0, 0.0), terms=terms)
@@ -104,19 +104,19 @@ def check(results: dict[str, tuple[float, float]]) -> None:
         assert adjoint == pytest.approx(difference, rel=1e-5), name
 
 
-def test_every_parameter_while_it_slips_over_the_ground(kind):
+def test_every_parameter_while_it_slips_over_the_ground(kind, form):
     simulator, parameters, controllers, steps = scene(kind, (0.5, 0.2, -0.2), 0.3)
     check(directional_errors(simulator, parameters, controllers, random_loss([1, 2, 3]), steps))
 
 
-def test_every_parameter_while_it_sticks_to_the_ground(kind):
+def test_every_parameter_while_it_sticks_to_the_ground(kind, form):
     simulator, parameters, controllers, steps = scene(kind, (0.05, 0.02, -0.2), 1e8)
     results = directional_errors(simulator, parameters, controllers, random_loss([1, 2, 3]), steps)
     assert results.pop("friction_coefficient") == (0.0, 0.0)  # every vertex sticks
     check(results)
 
 
-def test_controller_points_have_a_gradient(kind):
+def test_controller_points_have_a_gradient(kind, form):
     simulator, parameters, controllers, _ = scene(kind, (0.5, 0.2, -0.2), 0.3)
     loss = random_loss([1, 2, 3])
     controllers = controllers.clone().requires_grad_()
@@ -130,6 +130,7 @@ def test_controller_points_have_a_gradient(kind):
 
 
 def test_a_batch_equals_single_rollouts_with_gradients(kind):
+    """Also where they need different numbers of substeps; in the fused form all take the largest (cuda/test_thin.py)."""
     simulator, parameters, controllers, _ = scene(kind, (0.5, 0.2, -0.2), 0.3)
     factors = torch.tensor([0.7, 1.0, 1.6], dtype=torch.float64)
     moduli = (factors[:, None] * parameters.youngs_modulus).requires_grad_()

@@ -12,6 +12,7 @@ from __future__ import annotations
 
 from typing import TYPE_CHECKING
 
+import numpy as np
 import torch
 
 from physreal_core.array_types import Array, Float, Tensor
@@ -77,14 +78,16 @@ def _bending(shell: Shell, plate: Float[Tensor, "*rollouts triangles 3 3"]) -> F
     """Second derivatives of the bending energy by k_e; those of free edges are such that it is smallest, and have none left."""
     directions, area = _like(plate, shell.curvatures), _like(plate, shell.area)
     G = area[:, None, None] * directions @ plate @ directions.mT
-    free = torch.as_tensor(shell.free_edges, device=plate.device)
-    if not bool(free.any()):
+    outer = np.flatnonzero(shell.free_edges.any(1))
+    if len(outer) == 0:
         return G
+    free, outer = (torch.as_tensor(array, device=plate.device) for array in (shell.free_edges[outer], outer))
+    own = G.index_select(-3, outer)
     inside = torch.diag_embed((~free).to(G))
-    among = torch.where(free[:, :, None] & free[:, None, :], G, inside)
-    towards = torch.where(free[:, :, None] & ~free[:, None, :], G, 0.0)
-    left = G - towards.mT @ torch.linalg.solve(among, towards)
-    return torch.where(~free[:, :, None] & ~free[:, None, :], left, 0.0)
+    among = torch.where(free[:, :, None] & free[:, None, :], own, inside)
+    towards = torch.where(free[:, :, None] & ~free[:, None, :], own, 0.0)
+    left = own - towards.mT @ torch.linalg.solve(among, towards)
+    return G.index_copy(-3, outer, torch.where(~free[:, :, None] & ~free[:, None, :], left, 0.0))
 
 
 def _membrane_squares(shell: Shell, rows: Tensor, mass: Tensor) -> Tensor:

@@ -231,7 +231,7 @@ class NativeStepper:
             self._give(work, name, self._zeros(count, *shape))
         if self._elements is not None:
             corners = len(self._elements.corners)
-            self._give(work, "element_force", self._zeros(count, 3 * corners, self._elements.stride))
+            self._give(work, "element_force", self._zeros(count, 3, corners, self._elements.stride))
         for name, grids in (("scratch", self._sharing), *((name, 1) for name in NODE_ARRAYS)):
             self._give(work, name, self._zeros(count, grids, self.lattice.nodes + 4, 4))
         self._give(work, "around", self._zeros(count, self.lattice.nodes, 2))

@@ -205,8 +205,11 @@ private:
         for (int r = 0; r < COUNT; r++) values[r] = load<S, LANES>(rows + r * frame_.element_stride + e);
     }
 
+    // What all corners leave along an axis.
+    S* element_row(int d) const { return frame_.element_force + d * CORNERS * frame_.element_stride; }
+
     void leave(int corner, Index e, const Vec3<V>& value) const {
-        for (int d = 0; d < 3; d++) store(frame_.element_force + (3 * corner + d) * frame_.element_stride + e, value[d]);
+        for (int d = 0; d < 3; d++) store(element_row(d) + corner * frame_.element_stride + e, value[d]);
     }
 
     void leave_forces(const S* now) const {
@@ -246,10 +249,8 @@ private:
     // What elements left at a vertex.
     Vec3<S> left_at(Index p) const {
         Vec3<S> sum = {};
-        for (Index i = frame_.incident_first[p]; i < frame_.incident_first[p + 1]; i++) {
-            const Index corner = frame_.incident[i] / frame_.element_stride, e = frame_.incident[i] % frame_.element_stride;
-            for (int d = 0; d < 3; d++) sum[d] += frame_.element_force[(3 * corner + d) * frame_.element_stride + e];
-        }
+        for (Index i = frame_.incident_first[p]; i < frame_.incident_first[p + 1]; i++)
+            for (int d = 0; d < 3; d++) sum[d] += element_row(d)[frame_.incident[i]];
         return sum;
     }
 

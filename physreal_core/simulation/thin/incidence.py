@@ -19,31 +19,32 @@ class Incidence:
     """
 
     def __init__(self, corners: Int[Array, "elements corners"], vertices: int) -> None:
-        at = corners.ravel()
+        at = corners.T.ravel()  # corner after corner
         order, count = np.argsort(at, kind="stable"), np.bincount(at, minlength=vertices)
         place = np.arange(len(at)) - np.repeat(np.cumsum(count) - count, count)
         around = np.full((max(1, count.max()), vertices), len(at))  # the place behind the last, where there are fewer
         around[place, at[order]] = order
-        self._corners = torch.as_tensor(corners)
-        self._at, self._around = torch.as_tensor(at), torch.as_tensor(around)
-        self._elements = torch.as_tensor(around // corners.shape[1])
+        count = len(corners)
+        elements = np.where(around < len(at), around % count, count)
+        self._corners = torch.as_tensor(np.ascontiguousarray(corners.T))
+        self._around, self._elements = torch.as_tensor(around), torch.as_tensor(elements)
 
     def at_corners(self, values: Tensor) -> Tensor:
-        """Values of vertices [..., N, n] at the corners of elements, [..., M, C, n]; differentiable."""
-        at, around = self._at.to(values.device), self._around.to(values.device)
-        return _ToCorners.apply(values, at, around).unflatten(-2, self._corners.shape)
+        """Values of vertices [N, ...] at the corners of elements, [C, M, ...]; differentiable."""
+        at, around = self._corners.to(values.device), self._around.to(values.device)
+        return _ToCorners.apply(values, at.ravel(), around).unflatten(0, at.shape)
 
     def around(self, values: Tensor) -> Tensor:
-        """Sums [..., N, n] of values [..., M, n] over the elements around each vertex; differentiable."""
+        """Sums [N, ...] of values [M, ...] over the elements around each vertex; differentiable."""
         return _ToVertices.apply(values, self._corners.to(values.device), self._elements.to(values.device))
 
 
 def _sums(values: Tensor, places: Tensor) -> Tensor:
-    """places: [K, N] of values [..., count, n], `count` for none."""
-    padded = torch.nn.functional.pad(values, (0, 0, 0, 1))
-    total = padded[..., places[0], :]
+    """places: [K, N] of values [count, ...], `count` for none."""
+    padded = torch.cat([values, values.new_zeros(1, *values.shape[1:])])
+    total = padded.index_select(0, places[0])
     for further in places[1:]:
-        total += padded[..., further, :]
+        total += padded.index_select(0, further)
     return total
 
 
@@ -51,7 +52,7 @@ class _ToCorners(torch.autograd.Function):
     @staticmethod
     def forward(ctx, values: Tensor, at: Tensor, around: Tensor) -> Tensor:
         ctx.around = around
-        return values[..., at, :]
+        return values.index_select(0, at)
 
     @staticmethod
     @once_differentiable
@@ -68,4 +69,4 @@ class _ToVertices(torch.autograd.Function):
     @staticmethod
     @once_differentiable
     def backward(ctx, bar: Tensor):
-        return sum(bar[..., at, :] for at in ctx.corners.T), None, None
+        return sum(bar.index_select(0, at) for at in ctx.corners), None, None

@@ -140,10 +140,14 @@ class Rod:
         """Deformation gradients of the vertices at x [m]: the shortest turn from the direction at the start, and the stretch along it; the
         section stays as it is."""
         tangent, stretch = self._tangents(x)
-        first = self._tangents(torch.as_tensor(self.start).to(x))[0]
+        first = self._first_tangents.to(x)
         turn = _shortest_turn(first, tangent)
         along = (stretch - 1.0)[..., None, None] * tangent[..., :, None] * first[..., None, :]
         return turn + along
+
+    @cached_property
+    def _first_tangents(self) -> Float[Tensor, "vertices 3"]:
+        return self._tangents(torch.as_tensor(self.start))[0]
 
     def _tangents(self, x: Tensor) -> tuple[Tensor, Tensor]:
         """Unit tangents of the vertices, and how much the segments at each are stretched in the mean."""

@@ -237,17 +237,16 @@ class Shell:
 
     def deformation(self, x: Float[Tensor, "*batch vertices 3"]) -> Float[Tensor, "*batch vertices 3 3"]:
         """Deformation gradients of the vertices at x [m], the mean of the triangles around each; a normal stays as long as it is."""
-        corners = self._incidence.at_corners(x)
-        first, second = corners[..., 1, :] - corners[..., 0, :], corners[..., 2, :] - corners[..., 0, :]
-        normal = torch.linalg.cross(first, second)
-        normal = normal / normal.norm(dim=-1, keepdim=True).clamp_min(1e-30)
-        directions = torch.as_tensor(self._weighed_directions[:, :, None]).to(x)
-        F = sum(way[..., None] * along for way, along in zip((first, second, normal), directions, strict=True))
-        mean = self._incidence.around(F.flatten(-2)) / torch.as_tensor(3.0 * self.vertex_area[:, None]).to(x)
-        return mean.unflatten(-1, (3, 3))
+        first_axes = x.movedim((-2, -1), (0, 1)).flatten(2)  # [N, 3, all others]: rows of memory are gathered
+        a, b, c = self._incidence.at_corners(first_axes)
+        ways = b - a, c - a, _unit(torch.linalg.cross(b - a, c - a, dim=1))
+        directions = torch.as_tensor(self._weighed_directions[..., None, :, None]).to(x)
+        F = sum(way[:, :, None] * along for way, along in zip(ways, directions, strict=True))
+        mean = self._incidence.around(F) / torch.as_tensor(3.0 * self.vertex_area[:, None, None, None]).to(x)
+        return mean.unflatten(3, x.shape[:-2]).movedim((0, 1, 2), (-3, -2, -1))
 
     @cached_property
-    def _weighed_directions(self) -> Float[Array, "3 triangles 3"]:
+    def _weighed_directions(self) -> Float[Array, "3 triangles axes"]:
         """What the ways along two edges and the normal are multiplied by in the deformation gradient, times the area."""
         normal = self._normal / np.linalg.norm(self._normal, axis=1, keepdims=True)
         return self.area[:, None] * np.stack([*np.moveaxis(self.inverse @ self._axes, 1, 0), normal])
@@ -255,6 +254,10 @@ class Shell:
     @cached_property
     def _incidence(self) -> Incidence:
         return Incidence(self.triangles, len(self.rest))
+
+
+def _unit(vectors: Float[Tensor, "triangles 3 others"]) -> Float[Tensor, "triangles 3 others"]:
+    return vectors / vectors.square().sum(1, keepdim=True).sqrt().clamp_min(1e-30)
 
 
 def shell_body(

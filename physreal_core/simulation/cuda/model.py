@@ -88,20 +88,21 @@ class BodyModel:
         frame["nodes"], frame["touching"] = lattice.nodes, TOUCHING
         frame["touch_slope"] = 1.0 / (NEARLY * body.spacing)
         frame["mass_floor"] = torch.finfo(self.dtype).eps ** 2 * body.mass.min()
-        frame["clamps"] = len(clamps)
-        for name, corner in zip(("clamp_lower", "clamp_upper"), held_boxes(clamps, body.cell), strict=True):
+        boxes = held_boxes(clamps, lattice, thin=False)
+        frame["clamps"] = len(boxes[0])
+        for name, corner in zip(("clamp_lower", "clamp_upper"), boxes, strict=True):
             self._give(name, self._numbers(corner))
         rows = self.rollouts * lattice.nodes
         self.velocity = self._give("velocity", self._zeros(rows, 4))
         self.first_velocity = self._give("first_velocity", self._zeros(rows, 4))
         self._give("around", self._zeros(rows, 2))
-        self._parts(body, lattice)
+        self._parts(lattice)
         self._timing = self._give("timing", self._zeros(4))
         self._gravity = self._give("gravity", self._numbers(np.array([config.gravity] * self.rollouts)))
 
-    def _parts(self, body: Body, lattice: Lattice) -> None:
+    def _parts(self, lattice: Lattice) -> None:
         """What particles leave at their nodes."""
-        lowest = base_nodes(body.x0, lattice)[lattice.order(body.x0)]
+        lowest = base_nodes(lattice.place, lattice)[lattice.order(lattice.place)]
         parts = Parts.of(lowest, lattice)
         self.frame["threads"], self.frame["groups"] = threads_of(self.particles), parts.groups
         of_nodes = parts.which * self.rollouts * parts.groups + parts.of_nodes
@@ -137,7 +138,8 @@ class BodyModel:
         r, config, frame = self.rollouts, self.config, self.frame
         rows = self._zeros(self._rows.constant_count, r, self.particles)
         heights = self._numbers(touch_heights(self._body, config.ground_height))
-        self._rows.fill_body(rows.transpose(0, 1), self._start, heights, self._volume)
+        place = self._numbers(self.lattice.place)
+        self._rows.fill_body(rows.transpose(0, 1), place, heights, self._volume)
         self._given, self._sorted = rows, self._give("constants", rows.flatten(1).clone())
         for name, shape in (
             ("friction", (r,)),

@@ -129,9 +129,9 @@ class NativeStepper:
         frames, config = self._frames, self.config
         frames["particles"], frames["threads"] = self.particles, self._sharing
         frames["stride"] = -(-self.particles // BLOCK) * BLOCK
-        frames["clamps"], frames["gravity"] = len(clamps), config.gravity
+        frames["gravity"] = config.gravity
         lattice, thin = self.lattice, body.elements is not None
-        order = np.arange(self.particles) if thin else lattice.order(body.x0)
+        order = np.arange(self.particles) if thin else lattice.order(lattice.place)
         for name, array in (("order", order), ("place", np.argsort(order))):
             self._give(frames, name, torch.from_numpy(array.astype(np.int32)), shared=True)
         frames["offset"], frames["count"], frames["cell"] = lattice.offset, lattice.count, lattice.cell
@@ -139,14 +139,15 @@ class NativeStepper:
         frames["touching"], frames["touch_slope"] = TOUCHING, 1.0 / (NEARLY * body.spacing)
         frames["yield_address"] = _yield_address()
         frames["terms"], frames["frame_rate"] = term_bits(config.terms), config.fps
-        boxes = held_boxes(clamps, 0.0 if thin else lattice.cell)
+        boxes = held_boxes(clamps, lattice, thin)
+        frames["clamps"] = len(boxes[0])
         for name, array in zip(("clamp_lower", "clamp_upper"), boxes, strict=True):
             self._give(frames, name, self._numbers(array), shared=True)
         self._mass, self._load = self._numbers(body.mass), self._numbers(load_forces(body, loads))
         self._volume = self._numbers(body.volume)
         rows = self._zeros(self.rollouts, self._rows.constant_count, self.particles)
         heights = self._numbers(touch_heights(body, config.ground_height))
-        self._rows.fill_body(rows, self._start, heights, self._volume)
+        self._rows.fill_body(rows, self._numbers(lattice.place), heights, self._volume)
         self._give(frames, "given", rows)
         frames["constant_rows"], frames["bar_rows"] = self._rows.constant_count, self._rows.bar_count
         for kind, residual in (("elastic", config.elastic_residual), ("plastic", config.plastic_residual)):

@@ -76,7 +76,7 @@ def test_every_parameter_has_its_gradient(form):
         torch.tensor(5e4 * (1 + 0.2 * rng.random(count))),
         torch.tensor(0.3 + 0.05 * rng.random(count)),
         torch.tensor(0.3, dtype=torch.float64),
-        grip_stiffness=torch.tensor(2.0, dtype=torch.float64),
+        grip_stiffness=torch.tensor(1.5, dtype=torch.float64),
         grip_damping=torch.tensor(0.01, dtype=torch.float64),
         initial_velocity=torch.tensor([0.5, 0.2, -0.3] + 0.2 * rng.normal(size=(count, 3))),
         gravity=torch.tensor([0.5, 0.0, -9.0], dtype=torch.float64),

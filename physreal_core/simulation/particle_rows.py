@@ -39,7 +39,7 @@ TERM_ROWS = Rows(
 NUMBERS = Rows("number", tuple((name, p.size) for name, p in _PARTICLE_LAWS if PARTICLES not in p.shape))
 """Parameters of optional laws that all particles share."""
 PARTICLE_SUMS = Rows("particle_sum", (("grip_stiffness", 1), ("grip_damping", 1), ("numbers", NUMBERS.count)))
-NODE_SUMS = Rows("node_sum", (("friction_coefficient", 1), ("gravity", 3), ("friction_law", 3)))
+NODE_SUMS = Rows("node_sum", (("friction_coefficient", 1), ("gravity", 3), ("friction_law", 3), ("layer_friction", 1)))
 
 
 class ParticleRows:
@@ -160,7 +160,8 @@ class ParticleRows:
             found["initial_position"][..., 2] += found["start_height"][..., 0]
             if inertia is not None:
                 found["gravity"] = found["gravity"] + inertia.gravity_adjoint(found["load"])
-        found |= elements or {}
+        for name, bar in (elements or {}).items():
+            found[name] = found[name].reshape(bar.shape) + bar if name in found else bar
         return {name: found[name].reshape(len(bars), *shape).clone() for name, shape in self.shapes.items()}
 
 
@@ -177,6 +178,8 @@ def _shapes(config: SimulationConfig, particles: int, gripped: bool) -> dict[str
     shapes = {"youngs_modulus": (n,), "poissons_ratio": (n,), "initial_velocity": (n, 3)}
     if config.ground_height is not None:
         shapes["friction_coefficient"] = ()
+    if config.self_contact:
+        shapes["layer_friction"] = ()
     if gripped:
         shapes |= {"grip_stiffness": (), "grip_damping": ()}
     if config.plastic_law != "identity":

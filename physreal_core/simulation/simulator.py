@@ -199,6 +199,12 @@ def _check_kind(body: Body, config: SimulationConfig) -> None:
     thin = body.elements is not None
     if not thin:
         require_thickness(body.x0, body.volume, body.spacing, where="Body.spacing")
+    if config.self_contact and (not thin or config.device != "cpu"):
+        raise InputError(
+            f"self_contact of a {'thin body' if thin else 'volume'} on {config.device}",
+            where="SimulationConfig.self_contact",
+            expected="a shell or a rod on the CPU",
+        )
     absent = (*STRESS_TERMS, "initial_deformation") if thin else THIN_TERMS
     for term in config.terms:
         if term in absent:

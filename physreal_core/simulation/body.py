@@ -3,12 +3,14 @@
 from __future__ import annotations
 
 from dataclasses import dataclass
+from functools import cached_property
 from typing import TYPE_CHECKING
 
 import numpy as np
 
 from physreal_core.array_types import Array, Bool, Float, Int
 from physreal_core.errors import InputError
+from physreal_core.simulation.pieces import pieces_of
 
 if TYPE_CHECKING:
     from physreal_core.simulation.thin.elements import Elements
@@ -24,6 +26,8 @@ class Body:
         density: mass densities [kg/m3], shape [N].
         spacing: particle spacing h [m]; the grid's cell is dx = 2 h (8 particles per cell).
         elements: of a thin body, whose vertices the particles are (`thin`); None for a volume.
+        pieces: of a volume, number from 0 of the piece that each particle belongs to, shape [N]; None where nearness tells
+            (`pieces.pieces_of`). Pieces move apart.
     """
 
     x0: Float[Array, "particles 3"]
@@ -31,6 +35,7 @@ class Body:
     density: Float[Array, " particles"]
     spacing: float
     elements: Elements | None = None
+    pieces: Int[Array, " particles"] | None = None
 
     def __post_init__(self) -> None:
         count = len(self.x0)
@@ -45,6 +50,23 @@ class Body:
             object.__setattr__(self, name, array)
         if not self.spacing > 0:
             raise InputError(f"spacing is {self.spacing}", where="Body.spacing", expected="a positive length [m]")
+        if self.pieces is not None:
+            self._check_pieces(count)
+
+    def _check_pieces(self, count: int) -> None:
+        pieces = np.ascontiguousarray(self.pieces, dtype=np.int64)
+        if pieces.shape != (count,) or pieces.min() < 0 or np.bincount(pieces).min() == 0:
+            raise InputError(
+                f"shape {pieces.shape}, numbers {pieces.min(initial=0)} to {pieces.max(initial=0)}",
+                where="Body.pieces",
+                expected=f"({count},), numbers from 0 without a gap",
+            )
+        object.__setattr__(self, "pieces", pieces)
+
+    @cached_property
+    def piece(self) -> Int[Array, " particles"]:
+        """Number from 0 of each particle's piece, shape [N]."""
+        return pieces_of(self.x0, self.spacing) if self.pieces is None else self.pieces
 
     @property
     def mass(self) -> Float[Array, " particles"]:

@@ -48,6 +48,7 @@ class Parameters:
         bending_ratio: bending stiffness of a thin body over that of a homogeneous one, shape [N].
         weft_ratio: a fabric's Young's modulus across `Shell.warp` over that along it, shape [N].
         shear_ratio: its shear modulus over that of an isotropic sheet, shape [N].
+        layer_friction: Coulomb's coefficient between layers of a thin body (`SimulationConfig.self_contact`), shape [].
         hysteresis_modulus: shear moduli of three Maxwell branches [Pa], shape [N, 3].
         hysteresis_time: of these branches [s], shape [3].
     """
@@ -87,6 +88,7 @@ class Parameters:
     bending_ratio: Float[Tensor, "..."] | None = None
     weft_ratio: Float[Tensor, "..."] | None = None
     shear_ratio: Float[Tensor, "..."] | None = None
+    layer_friction: Float[Tensor, "..."] | None = None
 
 
 PARAMETER_NAMES = tuple(field.name for field in fields(Parameters))
@@ -166,7 +168,15 @@ def _check_terms(parameters: Parameters, shapes: Mapping[str, tuple[int, ...]]) 
 def _check_ranges(tensors: dict[str, Tensor]) -> None:
     _check_range("youngs_modulus", tensors, lambda E: E > 0, "positive values [Pa]")
     _check_range("poissons_ratio", tensors, lambda nu: (nu > -1) & (nu < 0.5), "values in (-1, 1/2)")
-    for name in ("friction_coefficient", "grip_stiffness", "grip_damping", "tool_stiffness", "tool_friction"):
+    own = (
+        "friction_coefficient",
+        "layer_friction",
+        "grip_stiffness",
+        "grip_damping",
+        "tool_stiffness",
+        "tool_friction",
+    )
+    for name in own:
         _check_range(name, tensors, lambda value: value >= 0, "a value >= 0")
     positive = {"density", "adhesion_range", "relaxation_time", "hysteresis_time"}
     positive |= {"bending_ratio", "weft_ratio", "shear_ratio"}

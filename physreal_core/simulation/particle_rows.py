@@ -48,7 +48,7 @@ PARTICLE_SUMS = Rows(
         ("numbers", NUMBERS.count),
     ),
 )
-NODE_SUMS = Rows("node_sum", (("friction_coefficient", 1), ("gravity", 3), ("friction_law", 3)))
+NODE_SUMS = Rows("node_sum", (("friction_coefficient", 1), ("gravity", 3), ("friction_law", 3), ("layer_friction", 1)))
 
 
 class ParticleRows:
@@ -171,7 +171,8 @@ class ParticleRows:
             found["density"], found["force"] = volume * found["mass"][..., 0], found["load"]
             found["initial_position"][..., 2] += found["start_height"][..., 0]
             found["gravity"] = found["gravity"] + weight_bar
-        found |= elements or {}
+        for name, bar in (elements or {}).items():
+            found[name] = found[name].reshape(bar.shape) + bar if name in found else bar
         return {name: found[name].reshape(len(bars), *shape).clone() for name, shape in self.shapes.items()}
 
 
@@ -188,6 +189,8 @@ def _shapes(config: SimulationConfig, particles: int, gripped: bool, pushed: boo
     shapes = {"youngs_modulus": (n,), "poissons_ratio": (n,), "initial_velocity": (n, 3)}
     if config.ground_height is not None:
         shapes["friction_coefficient"] = ()
+    if config.self_contact:
+        shapes["layer_friction"] = ()
     if gripped:
         shapes |= {"grip_stiffness": (), "grip_damping": ()}
     if pushed:

@@ -19,6 +19,7 @@ from physreal_core.simulation.frames import Frames, Progress
 from physreal_core.simulation.hand_path import with_neighbours
 from physreal_core.simulation.native import NativeStepper
 from physreal_core.simulation.parameters import PARAMETER_NAMES, BatchStates, Parameters, States, complete
+from physreal_core.simulation.pieces import require_thickness
 from physreal_core.simulation.play import Player
 from physreal_core.simulation.stepper import Stepper
 from physreal_core.simulation.terms import STRESS_TERMS, THIN_TERMS, dormant_values
@@ -200,8 +201,16 @@ class Simulator:
 
 
 def _check_kind(body: Body, config: SimulationConfig) -> None:
-    """Raise `InputError` for a term or a law that the body, a volume or thin, does not have."""
+    """Raise `InputError` for a term or a law that the body, a volume or thin, does not have, and for a volume without thickness."""
     thin = body.elements is not None
+    if not thin:
+        require_thickness(body.x0, body.volume, body.spacing, where="Body.spacing")
+    if config.self_contact and (not thin or config.device != "cpu"):
+        raise InputError(
+            f"self_contact of a {'thin body' if thin else 'volume'} on {config.device}",
+            where="SimulationConfig.self_contact",
+            expected="a shell or a rod on the CPU",
+        )
     absent = (*STRESS_TERMS, "initial_deformation") if thin else THIN_TERMS
     for term in config.terms:
         if term in absent:

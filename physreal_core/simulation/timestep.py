@@ -38,14 +38,18 @@ _USUAL = {"youngs_modulus": 1e6, "poissons_ratio": 0.3, "density": 300.0, "cell"
 def elastic_step(body: Body, config: SimulationConfig, parameters: Parameters) -> float:
     """Courant number times the time in which the fastest elastic wave crosses a cell [s].
 
-    Of a thin body that share of the longest stable step of its fastest vibration, where a volume's is at LARGEST_COURANT.
+    Of a thin body that share of the longest stable step of its fastest vibration, where a volume's is at LARGEST_COURANT; contact of its
+    layers adds its own frequency, in squares.
     The speed is sqrt((lambda + 2 mu) / rho), in a body that starts stretched as many times that as its largest stretch;
     neural residuals may add their bounded share to the stress, fibres, stiffening and Maxwell branches their tangent modulus
     at a moderate stretch.
     """
     if body.elements is not None:
         mass = torch.as_tensor(body.volume, device=parameters.youngs_modulus.device) * _density(body, parameters)
-        return 2.0 * config.courant / LARGEST_COURANT / body.elements.frequency(parameters, mass)
+        squared = body.elements.frequency(parameters, mass) ** 2
+        if config.self_contact:
+            squared += body.elements.surface.squared_frequency(parameters.youngs_modulus, mass)
+        return 2.0 * config.courant / LARGEST_COURANT / math.sqrt(squared)
     squared_speed = _stiffness(config, parameters) / _density(body, parameters)
     if parameters.initial_deformation is not None:
         stretch = torch.linalg.matrix_norm(parameters.initial_deformation.detach().double(), ord=2)

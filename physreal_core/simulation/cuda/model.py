@@ -96,7 +96,8 @@ class BodyModel:
         rows = self._zeros(self._rows.constant_count, r, self.particles)
         heights = self._numbers(touch_heights(self._body, self.config.ground_height))
         reach = self._numbers(self._body.reach)
-        self._rows.fill_body(rows.transpose(0, 1), self._start, reach, heights, self._volume)
+        place = self._numbers(self.lattice.place)
+        self._rows.fill_body(rows.transpose(0, 1), place, reach, heights, self._volume)
         self._given, self._sorted = rows, self._give("constants", rows.flatten(1).clone())
         for name, shape in (
             ("friction", (r,)),

@@ -89,7 +89,7 @@ class CudaStepper:
         self.substeps = self.slots = self.kept_slots = 0
         self.kept_bytes = 0 if self.device == "cpu" else kept_bytes_of(self.device)
         self.holder: object | None = None
-        self.order = self._cell_order(body.x0)
+        self.order = self._cell_order()
         self._report = torch.zeros(rollouts, dtype=torch.int64, device=self.device)
         self._first = torch.zeros(1, dtype=torch.int32, device=self.device)
         self._slot = 0
@@ -98,10 +98,10 @@ class CudaStepper:
         self._launches: Launches | None = None
         self._graphs: dict[tuple[str, int], wp.Graph] = {}
 
-    def _cell_order(self, x0: np.ndarray) -> Tensor:
+    def _cell_order(self) -> Tensor:
         """Order of the particles by columns of cells, rollout by rollout, shape [P]; the vertices of a thin body stay as they are."""
         firsts = self.particles * np.arange(self.rollouts)[:, None]
-        own = np.arange(self.particles) if self._thin else self.lattice.order(x0)
+        own = np.arange(self.particles) if self._thin else self.lattice.order(self.lattice.place)
         return torch.as_tensor((own + firsts).ravel(), device=self.device)
 
     # --- memory -------------------------------------------------------------------------------------------------

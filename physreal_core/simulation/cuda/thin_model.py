@@ -24,7 +24,7 @@ class ThinModel(BodyModel):
 
     def _scene(self, clamps: tuple[Clamp, ...]) -> None:
         super()._scene(clamps)
-        lower, upper = (self._numbers(corners)[:, None] for corners in held_boxes(clamps, 0.0))
+        lower, upper = (self._numbers(corners)[:, None] for corners in held_boxes(clamps, self.lattice, thin=True))
         self._clamped = ((self._start >= lower) & (self._start <= upper)).all(-1).any(0)
         self.element = self._body.elements.element
         self.elements = ElementArrays(self._body.elements, self.particles, WARP, self.dtype, self.device)

@@ -28,8 +28,9 @@ class VolumeModel(BodyModel):
         super()._scene(clamps)
         frame, lattice = self.frame, self.lattice
         frame["offset"], frame["count"], frame["cell"] = lattice.offset, lattice.count, lattice.cell
-        frame["clamps"] = len(clamps)
-        for name, corner in zip(("clamp_lower", "clamp_upper"), held_boxes(clamps, lattice.cell), strict=True):
+        boxes = held_boxes(clamps, lattice, thin=False)
+        frame["clamps"] = len(boxes[0])
+        for name, corner in zip(("clamp_lower", "clamp_upper"), boxes, strict=True):
             self._give(name, self._numbers(corner))
         rows = self.rollouts * lattice.nodes
         self.velocity = self._give("velocity", self._zeros(rows, 4))
@@ -39,8 +40,8 @@ class VolumeModel(BodyModel):
 
     def _parts(self) -> None:
         """What particles leave at their nodes."""
-        lattice, x0 = self.lattice, self._body.x0
-        lowest = base_nodes(x0, lattice)[lattice.order(x0)]
+        lattice = self.lattice
+        lowest = base_nodes(lattice.place, lattice)[lattice.order(lattice.place)]
         parts = Parts.of(lowest, lattice)
         self.frame["threads"], self.frame["groups"] = threads_of(self.particles), parts.groups
         of_nodes = parts.which * self.rollouts * parts.groups + parts.of_nodes

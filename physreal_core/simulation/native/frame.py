@@ -31,6 +31,16 @@ WORKSPACE = Structure(
     S* networks  [threads, network_numbers] for the networks' adjoints
     S* element_force  [3, corners, element_stride] of a thin body's elements, or in the adjoint what they add to that of x
     int* shared  [128] barriers and stop
+    # With self-contact (contacts.h)
+    S* contact_force  [3, stride]
+    S* speeds  [substeps, threads] of the vertices against the drift, at most
+    int* pairs  [threads, 2, pair_capacity, 4] vertices of pairs that may touch: of points and faces, of edges
+    Index* pair_counts  [threads, 2]
+    int* pairs_touch  [threads, 2, pair_capacity / lanes] whether one of a block does
+    S* pairs_left  [threads, 2, 28, pair_capacity] forces, or adjoints of x, v and Young's modulus
+    S* balls  [contact_faces + contact_edges, 4] centre and radius
+    S* bin_boxes  [2, 8]
+    int* bins  [2 (bin_cells + 1) + 2 (contact_faces + contact_edges)]
     """,
 )
 FRAME = Structure(
@@ -151,6 +161,25 @@ THIN_FRAME = Structure(
     const S* element_constants  [constants, element_stride]
     const S* element_stiffness  [stiffness, element_stride]
     S* element_bars  [stiffness, element_stride] adjoints; grow
+
+    # Contact with itself (thin/contact.py); contact_distance is 0 without
+    Index contact_faces
+    Index contact_edges
+    Index pair_capacity
+    Index bin_cells
+    S contact_distance
+    S contact_margin  within which pairs are listed
+    S contact_size  stiffness over Young's modulus [m]
+    S contact_drift:3  velocity of the body as a whole [m/s]
+    S layer_friction
+    S layer_speed
+    S layer_softening
+    const int* contact_face  [contact_faces, corners]
+    const int* contact_edge  [contact_edges, 2]
+    const S* contact_weight  [N]
+    const int* near_first  [N + 1]
+    const int* near  [] vertices that hang together with each
+    Index* pairs_needed  [threads, 2] the most that were found
     """,
     base=FRAME,
 )

@@ -16,6 +16,7 @@ from physreal_core.simulation.body import Body, Clamp, Grip, PointLoad, Tool, co
 from physreal_core.simulation.config import SimulationConfig
 from physreal_core.simulation.grip_inertia import GripInertia
 from physreal_core.simulation.lattice import held_boxes, lattice_of
+from physreal_core.simulation.native.contacts import ContactArrays
 from physreal_core.simulation.native.frame import FRAME, THIN_FRAME, WORKSPACE, frame_kernels
 from physreal_core.simulation.parameters import Parameters, row_of
 from physreal_core.simulation.particle_rows import NODE_SUMS, PARTICLE_SUMS, ParticleRows
@@ -78,7 +79,7 @@ class NativeStepper:
         self._sharing = self.threads if rollouts == 1 else 1  # threads of one rollout
         self._body, self._start = body, self._numbers(body.x0)
         self._kept_bytes = KEPT_BYTES if kept_bytes is None else kept_bytes
-        self.slots = self._grid_numbers = 0
+        self.slots = self._grid_numbers = self._speeds = 0
         self.substeps: list[int] = []
         self.holder: object | None = None
         self._settled = self._weight_bar = torch.zeros(())
@@ -94,6 +95,13 @@ class NativeStepper:
         self.shapes = self._rows.shapes
         self._set_model(body, clamps, loads)
         self._elements = self._set_elements(body) if thin else None
+        self._contacts = ContactArrays(body, self._sharing, self.dtype) if config.self_contact else None
+        if self._contacts is not None:
+            self._give_all(self._frames, self._contacts.model(), shared=True)
+            for name, value in self._contacts.numbers().items():
+                self._frames[name] = value
+            needed = torch.zeros(rollouts, self._sharing, 2, dtype=torch.int64)
+            self._needed = self._give(self._frames, "pairs_needed", needed)
         self._set_adjoints()
         self._set_workspaces()
 
@@ -120,6 +128,10 @@ class NativeStepper:
             self._frames["capsules"] = len(tool.ends)
             self._give(self._frames, "capsule_ends", torch.from_numpy(tool.ends), shared=True)
             self._give(self._frames, "capsule_radius", self._numbers(tool.radius), shared=True)
+
+    def _give_all(self, records: np.ndarray, arrays: dict[str, Tensor], shared: bool) -> None:
+        for name, value in arrays.items():
+            self._give(records, name, value, shared)
 
     def _set_grip(self, body: Body, grip: Grip | None) -> bool:
         gripped = grip is not None and len(grip.particles) > 0
@@ -159,9 +171,9 @@ class NativeStepper:
         frames, config = self._frames, self.config
         frames["particles"], frames["threads"] = self.particles, self._sharing
         frames["stride"] = -(-self.particles // BLOCK) * BLOCK
-        frames["clamps"], frames["gravity"] = len(clamps), config.gravity
+        frames["gravity"] = config.gravity
         lattice, thin = self.lattice, body.elements is not None
-        order = np.arange(self.particles) if thin else lattice.order(body.x0)
+        order = np.arange(self.particles) if thin else lattice.order(lattice.place)
         for name, array in (("order", order), ("place", np.argsort(order))):
             self._give(frames, name, torch.from_numpy(array.astype(np.int32)), shared=True)
         frames["offset"], frames["count"], frames["cell"] = lattice.offset, lattice.count, lattice.cell
@@ -169,14 +181,15 @@ class NativeStepper:
         frames["touching"], frames["touch_slope"] = TOUCHING, 1.0 / (NEARLY * body.spacing)
         frames["yield_address"] = _yield_address()
         frames["terms"], frames["frame_rate"] = term_bits(config.terms), config.fps
-        boxes = held_boxes(clamps, 0.0 if thin else lattice.cell)
+        boxes = held_boxes(clamps, lattice, thin)
+        frames["clamps"] = len(boxes[0])
         for name, array in zip(("clamp_lower", "clamp_upper"), boxes, strict=True):
             self._give(frames, name, self._numbers(array), shared=True)
         self._mass, self._load = self._numbers(body.mass), self._numbers(load_forces(body, loads))
         self._volume = self._numbers(body.volume)
         rows = self._zeros(self.rollouts, self._rows.constant_count, self.particles)
         heights = self._numbers(touch_heights(body, config.ground_height))
-        self._rows.fill_body(rows, self._start, self._numbers(body.reach), heights, self._volume)
+        self._rows.fill_body(rows, self._numbers(lattice.place), self._numbers(body.reach), heights, self._volume)
         self._give(frames, "given", rows)
         frames["constant_rows"], frames["bar_rows"] = self._rows.constant_count, self._rows.bar_count
         for kind, residual in (("elastic", config.elastic_residual), ("plastic", config.plastic_residual)):
@@ -234,6 +247,10 @@ class NativeStepper:
             self._give(work, "element_force", self._zeros(count, 3, corners, self._elements.stride))
         for name, grids in (("scratch", self._sharing), *((name, 1) for name in NODE_ARRAYS)):
             self._give(work, name, self._zeros(count, grids, self.lattice.nodes + 4, 4))
+        if self._contacts is not None:
+            self._give(work, "contact_force", self._zeros(count, 3, stride))
+            self._give_all(work, self._contacts.workspace(count), shared=False)
+            self._reserve_pairs()
         self._give(work, "around", self._zeros(count, self.lattice.nodes, 2))
         self._give(work, "shared", self._zeros(count, 128, dtype=torch.int32))
         self._next = self._zeros(1, dtype=torch.int32)
@@ -245,9 +262,17 @@ class NativeStepper:
             self.slots, stride = slots, int(self._frames["stride"][0])
             states = torch.empty(count, slots, self._state_rows, stride, dtype=self.dtype)
             self._give(work, "state", states)
+        if self._contacts is not None and max(self.substeps) > self._speeds:
+            self._speeds = max(self.substeps)
+            self._give(work, "speeds", self._zeros(count, self._speeds, self._sharing))
         if grid_numbers > self._grid_numbers:
             self._grid_numbers = grid_numbers
             self._give(work, "free", torch.empty(count, self._grid_numbers, dtype=self.dtype))
+
+    def _reserve_pairs(self) -> None:
+        """Make room for the pairs that may touch."""
+        self._frames["pair_capacity"] = self._contacts.capacity
+        self._give_all(self._workspaces, self._contacts.pairs(len(self._workspaces)), shared=False)
 
     def keep_frames(self, holder: object, frames: int) -> int:
         """How many of the rollouts' frames may keep their grids; whose were kept is forgotten."""
@@ -273,6 +298,7 @@ class NativeStepper:
         frames["substeps"], frames["dt"], frames["share"] = steps, dt, 1.0 / steps
         for field, name in (
             ("friction", "friction_coefficient"),
+            ("layer_friction", "layer_friction"),
             ("grip_stiffness", "grip_stiffness"),
             ("grip_damping", "grip_damping"),
             ("tool_stiffness", "tool_stiffness"),
@@ -315,6 +341,10 @@ class NativeStepper:
         self._point("", start)
         self._point("_end", end)
         self._run(self._kernels.forward, span)
+        while self._contacts is not None and self._contacts.grow(int(self._needed.max())):
+            self._reserve_pairs()
+            self._status.fill_(NOT_FAILED)
+            self._run(self._kernels.forward, span)
         return self._status.amin(1).numpy()
 
     def _enter(self, span: Span) -> None:
@@ -332,12 +362,16 @@ class NativeStepper:
 
     def _point(self, suffix: str, state: State) -> None:
         """Let the frames read or write a state's arrays."""
+        if suffix == "" and self._contacts is not None:
+            self._frames["contact_drift"] = state.v.mean(1).numpy()
         for name, values in state.named().items():
             self._frames[f"{name}{suffix}"] = _addresses(values, shared=False)
 
     def _run(self, kernel: wp.Kernel, span: Span) -> None:
         """Run the frames of the rollouts that are alive."""
         self._held["shared"].zero_()
+        if self._contacts is not None:
+            self._needed.zero_()
         self._next.zero_()
         frames = self._frames if span.alive.all() else self._frames[span.alive]
         if len(frames):
@@ -369,6 +403,8 @@ class NativeStepper:
         self._point("", start)
         self._held["controllers_bar"].zero_()
         self._run(self._kernels.backward, span)
+        if self._contacts is not None:
+            self._contacts.check(int(self._needed.max()))
         return self._held["controllers_bar"].sum(1).transpose(0, 1) if led else None
 
     def nodes_adjoint(self) -> Tensor:

@@ -5,6 +5,7 @@
 // always in the same order, so that the result does not depend on the number of threads.
 #pragma once
 #include "barrier.h"
+#include "contacts.h"
 #include "elements.h"
 #include "frames.h"
 #include "hand.h"
@@ -32,7 +33,8 @@ public:
           last_element_(share_of(element_blocks(), thread + 1, frame.threads) * LANES),
           laws_(frame, thread),
           hand_(frame, thread),
-          barrier_(frame.shared + 64 * pass, frame.threads, frame.yield_address) {}
+          barrier_(frame.shared + 64 * pass, frame.threads, frame.yield_address),
+          contacts_(frame, thread, barrier_) {}
 
     void forward() {
         load_model();
@@ -41,7 +43,12 @@ public:
         if (frame_.replay) return replay();
         barrier_.wait();
         for (Index s = 0; s < frame_.substeps; s++) {
-            leave_forces(state(frame_.keep_states ? s : 0));
+            const S* now = state(frame_.keep_states ? s : 0);
+            if (contacts_.on()) {
+                contacts_.update(now, s - 1);
+                contacts_.leave_forces(now);
+            }
+            leave_forces(now);
             barrier_.wait();
             if (stopped()) return;
             move(s);
@@ -60,8 +67,10 @@ public:
             move_adjoint(s);
             barrier_.wait();
             leave_adjoints(state(s));
+            if (contacts_.on()) leave_contact_adjoints(s);
             barrier_.wait();
             add_up(frame_.adjoint + X * frame_.stride);
+            if (contacts_.on()) add_up_contacts();
         }
         store_adjoint();
     }
@@ -76,6 +85,7 @@ private:
     TermLaws<S> laws_;
     Hand<S> hand_;
     Barrier barrier_;
+    Contacts<S, Elastic::FACE> contacts_;
 
     Index element_blocks() const { return frame_.element_stride / LANES; }
     const S* constants(int r) const { return frame_.constants + r * frame_.stride; }
@@ -258,6 +268,33 @@ private:
         for (Index p = first_; p < last_; p++) put_at(rows, 0, p, at(rows, 0, p) + left_at(p));
     }
 
+    // --- contact between layers
+
+    // Adds the forces of a substep to those in frame.contact_force, of the thread's vertices.
+    void add_up_contact_forces() const {
+        clear(frame_.contact_force, 3);
+        contacts_.for_left([&](Index p, const S* left, Index stride, int corner) {
+            for (int d = 0; d < 3; d++) frame_.contact_force[d * frame_.stride + p] += left[(3 * corner + d) * stride];
+        });
+    }
+
+    void leave_contact_adjoints(Index s) {
+        contacts_.update(state(s), s + 1 < frame_.substeps ? s : -1);
+        contacts_.leave_adjoints(state(s), node_sums()[node_sum::layer_friction]);
+    }
+
+    // To the adjoints of x, of the velocity in frame.carry and of Young's modulus.
+    void add_up_contacts() const {
+        S *x_bar = frame_.adjoint + X * frame_.stride, *modulus_bar = frame_.bars + bar::youngs_modulus * frame_.stride;
+        contacts_.for_left([&](Index p, const S* left, Index stride, int corner) {
+            for (int d = 0; d < 3; d++) {
+                x_bar[d * frame_.stride + p] += left[(3 * corner + d) * stride];
+                frame_.carry[4 * p + d] += left[(12 + 3 * corner + d) * stride];
+            }
+            modulus_bar[p] += left[(24 + corner) * stride];
+        });
+    }
+
     // --- vertices
 
     // How fully a vertex touches the ground, from 0 to 1.
@@ -280,15 +317,22 @@ private:
         S* next = state(frame_.keep_states ? s + 1 : 0);
         const NodePhase<S> phase = node_phase();
         apply_forces(s, now);
+        if (contacts_.on()) add_up_contact_forces();
+        S fastest = 0;
         for (Index p = first_; p < last_; p++) {
-            const Vec3<S> x = at(now, X, p), v = at(now, VELOCITY, p), f = at(frame_.force, 0, p) + left_at(p);
+            const Vec3<S> x = at(now, X, p), v = at(now, VELOCITY, p);
+            Vec3<S> f = at(frame_.force, 0, p) + left_at(p);
+            if (contacts_.on()) f = f + at(frame_.contact_force, 0, p);
             const Node push = {frame_.dt * f[0], frame_.dt * f[1], frame_.dt * f[2],
                                constant_of(constant::volume, p) * touching(p, x[2])};
             const Node free = phase.free(Node{v[0], v[1], v[2], 0}, push, around(p));
             check(s, p, x, three(free));
             if (frame_.keep_grids) store(kept(s) + 4 * p, free);
-            step(next, p, x, three(phase.velocity(free, around(p))));
+            const Vec3<S> moving = three(phase.velocity(free, around(p)));
+            fastest = max(fastest, contacts_.drifting(moving));
+            step(next, p, x, moving);
         }
+        if (contacts_.on()) contacts_.note_speed(s, fastest);
     }
 
     void step(S* next, Index p, const Vec3<S>& x, const Vec3<S>& v) const {
@@ -299,9 +343,15 @@ private:
     // The states of a frame of which the velocities are there.
     void replay() {
         const NodePhase<S> phase = node_phase();
-        for (Index s = 0; s < frame_.substeps; s++)
-            for (Index p = first_; p < last_; p++)
-                step(state(s + 1), p, at(state(s), X, p), three(phase.velocity(read(kept(s) + 4 * p), around(p))));
+        for (Index s = 0; s < frame_.substeps; s++) {
+            S fastest = 0;
+            for (Index p = first_; p < last_; p++) {
+                const Vec3<S> moving = three(phase.velocity(read(kept(s) + 4 * p), around(p)));
+                fastest = max(fastest, contacts_.drifting(moving));
+                step(state(s + 1), p, at(state(s), X, p), moving);
+            }
+            if (contacts_.on()) contacts_.note_speed(s, fastest);
+        }
         barrier_.wait();
     }
 

@@ -4,6 +4,7 @@ from typing import Protocol, runtime_checkable
 
 from physreal_core.array_types import Array, Float, Int, Tensor
 from physreal_core.simulation.parameters import Parameters
+from physreal_core.simulation.thin.contact import Surface
 
 
 @runtime_checkable
@@ -15,6 +16,7 @@ class Elements(Protocol):
         corners: vertices of each, shape [M, C].
         stiffness_rows: how many numbers of stiffness an element has.
         half_height: of the body over its middle [m], as it touches the ground.
+        surface: with which it touches itself.
     """
 
     element: str
@@ -25,6 +27,9 @@ class Elements(Protocol):
 
     @property
     def half_height(self) -> float: ...
+
+    @property
+    def surface(self) -> Surface: ...
 
     def constants(self) -> Float[Array, "constants elements"]:
         """Numbers of the shape without stress."""

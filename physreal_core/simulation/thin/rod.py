@@ -17,6 +17,7 @@ from physreal_core.array_types import Array, Float, Int, Tensor
 from physreal_core.errors import InputError
 from physreal_core.simulation.body import Body
 from physreal_core.simulation.parameters import Parameters
+from physreal_core.simulation.thin.contact import SHARE, Surface
 from physreal_core.simulation.thin.rows import ROD, ROD_STIFFNESS
 
 
@@ -90,6 +91,13 @@ class Rod:
     def half_height(self) -> float:
         """The radius [m]."""
         return self.radius
+
+    @cached_property
+    def surface(self) -> Surface:
+        """What ropes touch with."""
+        size = SHARE * np.pi * self.radius**2 / float(np.median(self.rest_lengths))
+        weight = self.vertex_length / self.vertex_length.mean()
+        return Surface(self.segments, self.segments, self.rest_lengths, 2.0 * self.radius, size, weight)
 
     def constants(self) -> Float[Array, "rows bends"]:
         """Rows `ROD` of every vertex between two segments."""

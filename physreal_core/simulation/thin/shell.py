@@ -22,6 +22,7 @@ from physreal_core.array_types import Array, Bool, Float, Int, Tensor
 from physreal_core.errors import InputError
 from physreal_core.simulation.body import Body
 from physreal_core.simulation.parameters import Parameters
+from physreal_core.simulation.thin.contact import SHARE, Surface
 from physreal_core.simulation.thin.incidence import Incidence
 from physreal_core.simulation.thin.rows import SHELL, SHELL_STIFFNESS
 from physreal_core.simulation.thin.stiffness import shell_frequency, shell_stiffness
@@ -224,6 +225,15 @@ class Shell:
     def half_height(self) -> float:
         """Half of the thickness [m]."""
         return self.thickness / 2.0
+
+    @cached_property
+    def surface(self) -> Surface:
+        """What layers touch with."""
+        start, end = (np.roll(self.triangles, -k, axis=1).ravel() for k in (1, 2))
+        edges, first = np.unique(np.sort(np.stack([start, end], 1), axis=1), axis=0, return_index=True)
+        lengths = np.linalg.norm(self._edges, axis=-1).ravel()[first]
+        weight = self.vertex_area / self.vertex_area.mean()
+        return Surface(self.triangles, edges, lengths, self.thickness, SHARE * self.thickness, weight)
 
     def stiffness(self, parameters: Parameters) -> Float[Tensor, "*rollouts stiffness triangles"]:
         """Rows `SHELL_STIFFNESS`, see `shell_stiffness`."""

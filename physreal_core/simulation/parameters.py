@@ -46,6 +46,9 @@ class Parameters:
         bending_ratio: bending stiffness of a thin body over that of a homogeneous one, shape [N].
         weft_ratio: a fabric's Young's modulus across `Shell.warp` over that along it, shape [N].
         shear_ratio: its shear modulus over that of an isotropic sheet, shape [N].
+        twisting_ratio: twisting stiffness of a rod over that of a homogeneous round one, G J with G = E / (2 (1 + nu)), shape [N].
+        rest_curvature: curvature without stress of a rod by its two directors (`thin.rod`) [1/m], shape [N, 2].
+        retardation_time: Kelvin-Voigt's, by which bending and twisting of a rod lag behind their moments [s], shape [N].
         hysteresis_modulus: shear moduli of three Maxwell branches [Pa], shape [N, 3].
         hysteresis_time: of these branches [s], shape [3].
     """
@@ -83,6 +86,9 @@ class Parameters:
     bending_ratio: Float[Tensor, "..."] | None = None
     weft_ratio: Float[Tensor, "..."] | None = None
     shear_ratio: Float[Tensor, "..."] | None = None
+    twisting_ratio: Float[Tensor, "..."] | None = None
+    rest_curvature: Float[Tensor, "... 2"] | None = None
+    retardation_time: Float[Tensor, "..."] | None = None
 
 
 PARAMETER_NAMES = tuple(field.name for field in fields(Parameters))
@@ -162,10 +168,10 @@ def _check_terms(parameters: Parameters, shapes: Mapping[str, tuple[int, ...]]) 
 def _check_ranges(tensors: dict[str, Tensor]) -> None:
     _check_range("youngs_modulus", tensors, lambda E: E > 0, "positive values [Pa]")
     _check_range("poissons_ratio", tensors, lambda nu: (nu > -1) & (nu < 0.5), "values in (-1, 1/2)")
-    for name in ("friction_coefficient", "grip_stiffness", "grip_damping"):
+    for name in ("friction_coefficient", "grip_stiffness", "grip_damping", "retardation_time"):
         _check_range(name, tensors, lambda value: value >= 0, "a value >= 0")
     positive = {"density", "adhesion_range", "relaxation_time", "hysteresis_time"}
-    positive |= {"bending_ratio", "weft_ratio", "shear_ratio"}
+    positive |= {"bending_ratio", "weft_ratio", "shear_ratio", "twisting_ratio"}
     for name in sorted(positive):
         _check_range(name, tensors, lambda value: value > 0, "positive values")
     for name in TERM_OF.keys() - positive:

@@ -8,15 +8,18 @@ import torch
 
 from physreal_core.array_types import Float, Tensor
 from physreal_core.simulation.stepper import State
+from physreal_core.simulation.thin.elements import Elements
 
 
 @dataclass
 class FrameState:
-    """State at one frame time: x [N, 3] m, v [N, 3] m/s, F [N, 3, 3]; its arrays are valid until the step after next."""
+    """State at one frame time: x [N, 3] m, v [N, 3] m/s, F [N, 3, 3], of rods the segments' spins [N] rad/s; its arrays are valid
+    until the step after next."""
 
     x: Float[Tensor, "particles 3"]
     v: Float[Tensor, "particles 3"]
     F: Float[Tensor, "particles 3 3"]
+    spin: Float[Tensor, " particles"] | None = None
 
 
 class Player:
@@ -32,11 +35,12 @@ class Player:
         frames: Generator[State, Tensor, None],
         stream: Callable[[], AbstractContextManager],
         check: Callable[[Tensor], Tensor],
+        elements: Elements | None,
     ) -> None:
-        self._frames, self._stream, self._check = frames, stream, check
+        self._frames, self._stream, self._check, self._elements = frames, stream, check, elements
         self.frame = 0
         with torch.no_grad(), stream():
-            self.state = _alone(next(frames))
+            self.state = self._alone(next(frames))
 
     def step(self, controllers: Float[Tensor, "points 3"]) -> FrameState:
         """Go on by one frame, in which the controller points move to `controllers` [m], shape [C, 3], smoothly (`hand_path`).
@@ -47,11 +51,11 @@ class Player:
         """
         points = self._check(controllers.detach().cpu()[None])[0]  # checked on the host
         with torch.no_grad(), self._stream():
-            self.state = _alone(self._frames.send(points))
+            self.state = self._alone(self._frames.send(points))
         self.frame += 1
         return self.state
 
-
-def _alone(state: State) -> FrameState:
-    """The one rollout's."""
-    return FrameState(state.x[0], state.v[0], state.F[0])
+    def _alone(self, state: State) -> FrameState:
+        """The one rollout's."""
+        F = state.F if self._elements is None else self._elements.deformation(state.x, state.director)
+        return FrameState(state.x[0], state.v[0], F[0], None if state.spin is None else state.spin[0])

@@ -15,7 +15,7 @@ from physreal_core.native import on_side_stream
 from physreal_core.simulation.body import Body, Clamp, Grip, PointLoad
 from physreal_core.simulation.config import SimulationConfig
 from physreal_core.simulation.cuda import CudaStepper
-from physreal_core.simulation.frames import Frames, Progress
+from physreal_core.simulation.frames import SHOWN, Frames, Progress
 from physreal_core.simulation.hand_path import with_neighbours
 from physreal_core.simulation.native import NativeStepper
 from physreal_core.simulation.parameters import PARAMETER_NAMES, BatchStates, Parameters, States, complete
@@ -124,7 +124,8 @@ class Simulator:
             points = self._check_controllers(controllers.cpu()[None])[0].detach()
             with self._stream():
                 loop = self._frames()
-            return Player(loop.play(self._complete(parameters, 1), points), self._stream, self._check_controllers)
+            frames = loop.play(self._complete(parameters, 1), points)
+            return Player(frames, self._stream, self._check_controllers, self.body.elements)
 
     # --- forms of the step --------------------------------------------------------------------------------------
 
@@ -154,9 +155,8 @@ class Simulator:
         keep = torch.is_grad_enabled() and any(t is not None and t.requires_grad for t in (points, *tensors))
         failures: list = []
         path = with_neighbours(points)[: (frames or len(points)) + 2]
-        states = _Rollout.apply(self._stream, loop, path, progress, keep, failures, *tensors)
-        x, v, F = states
-        return [x, v, self.body.elements.deformation(x) if F is None else F], failures
+        x, v, F, director = _Rollout.apply(self._stream, loop, path, progress, keep, failures, *tensors)
+        return [x, v, self.body.elements.deformation(x, director) if F is None else F], failures
 
     # --- checks -------------------------------------------------------------------------------------------------
 
@@ -196,11 +196,11 @@ class Simulator:
 def _check_kind(body: Body, config: SimulationConfig) -> None:
     """Raise `InputError` for a term or a law that the body, a volume or thin, does not have."""
     thin = body.elements is not None
-    absent = (*STRESS_TERMS, "initial_deformation") if thin else THIN_TERMS
+    absent = {*STRESS_TERMS, "initial_deformation", *THIN_TERMS} - {*body.elements.terms} if thin else THIN_TERMS
     for term in config.terms:
         if term in absent:
-            kind = "thin bodies" if thin else "volumes"
-            raise InputError(f"{term!r}", where="SimulationConfig.terms", expected=f"a term that {kind} have")
+            kind = f"a {body.elements.element.lower()} has" if thin else "a volume has"
+            raise InputError(f"{term!r}", where="SimulationConfig.terms", expected=f"a term that {kind}")
     if thin and (config.plastic_law != "identity" or config.residual is not None):
         raise InputError(
             "plastic flow or a neural residual for a thin body",
@@ -249,24 +249,24 @@ class _Rollout(torch.autograd.Function):
         ctx, stream, loop: Frames, points: Tensor, progress: Progress | None, keep: bool, failures: list, *tensors
     ):
         with stream():
-            x, v, F, record = loop.forward(Parameters(*tensors), points, progress, keep)
+            shown, record = loop.forward(Parameters(*tensors), points, progress, keep)
         failures.extend(record.failures)
         ctx.set_materialize_grads(False)
         if keep:
-            ctx.save_for_backward(points, *(t for t in (x, v, F, *tensors) if t is not None))
-            ctx.present = [t is not None for t in (x, v, F, *tensors)]
-            ctx.rest = (stream, loop, progress, record)
-        return x, v, F
+            ctx.save_for_backward(points, *shown.values(), *(t for t in tensors if t is not None))
+            ctx.present = [t is not None for t in tensors]
+            ctx.rest = (stream, loop, progress, record, tuple(shown))
+        return tuple(shown.get(name) for name in SHOWN)
 
     @staticmethod
     @once_differentiable
-    def backward(ctx, x_bar: Tensor | None, v_bar: Tensor | None, F_bar: Tensor | None):
-        stream, loop, progress, record = ctx.rest
+    def backward(ctx, *shown_bars: Tensor | None):
+        stream, loop, progress, record, names = ctx.rest
         points, *saved = ctx.saved_tensors
-        given = iter(saved)
-        x, v, F, *tensors = (next(given) if present else None for present in ctx.present)
-        parameters = Parameters(*tensors)
+        shown, given = dict(zip(names, saved, strict=False)), iter(saved[len(names) :])
+        parameters = Parameters(*(next(given) if present else None for present in ctx.present))
+        bars = {name: bar for name, bar in zip(SHOWN, shown_bars, strict=True) if bar is not None}
         with stream():
-            gradients = loop.backward(parameters, record, points, (x, v, F), (x_bar, v_bar, F_bar), progress)
+            gradients = loop.backward(parameters, record, points, shown, bars, progress)
         others = [None, None, gradients.get("controllers"), None, None, None]
         return (*others, *(gradients.get(name) for name in PARAMETER_NAMES))

@@ -19,7 +19,7 @@ from physreal_core.simulation.thin.rows import ROD, ROD_STIFFNESS, SHELL, SHELL_
 
 LAWS_FOLDER = Path(__file__).parent / "laws"
 THIN_FOLDER = Path(__file__).parent / "thin"
-LAW_TERMS = (*FORCE_TERMS, *STRESS_TERMS, "friction_law")
+LAW_TERMS = (*FORCE_TERMS, *STRESS_TERMS, "friction_law", "retardation")
 """Terms by their bits."""
 
 

@@ -67,13 +67,16 @@ TERMS: dict[str, dict[str, TermField]] = {
         "hysteresis_time": TermField((3,), 1.0, visible=0.02),
     },
     "bending": {"bending_ratio": TermField((PARTICLES,), 1.0)},
+    "twisting": {"twisting_ratio": TermField((PARTICLES,), 1.0)},
+    "rest_curvature": {"rest_curvature": TermField((PARTICLES, 2))},
+    "retardation": {"retardation_time": TermField((PARTICLES,))},
     "fabric": {"weft_ratio": TermField((PARTICLES,), 1.0), "shear_ratio": TermField((PARTICLES,), 1.0)},
 }
 """Parameters by term, then by name of the field of `Parameters`."""
 
 FORCE_TERMS = ("drag", "adhesion", "obstacle")
 """Terms whose law is a force on particles."""
-THIN_TERMS = ("bending", "fabric")
+THIN_TERMS = ("bending", "fabric", "twisting", "rest_curvature", "retardation")
 """Terms that only thin bodies have."""
 BRANCH_TERMS = ("relaxation", "hysteresis")
 """Terms whose law is the stress of Maxwell branches, whose strain is a state of each particle."""

@@ -5,11 +5,20 @@ from dataclasses import fields
 import numpy as np
 import torch
 
-from physreal_core.array_types import Array, Float, Int, Tensor
+from physreal_core.array_types import Array, Bool, Float, Int, Tensor
 from physreal_core.simulation.parameters import Parameters
-from physreal_core.simulation.thin.elements import Elements
+from physreal_core.simulation.thin.elements import Elements, FramedElements
 
-BY_ELEMENTS = ("youngs_modulus", "poissons_ratio", "bending_ratio", "weft_ratio", "shear_ratio")
+BY_ELEMENTS = (
+    "youngs_modulus",
+    "poissons_ratio",
+    "bending_ratio",
+    "weft_ratio",
+    "shear_ratio",
+    "twisting_ratio",
+    "rest_curvature",
+    "retardation_time",
+)
 """Parameters that act through the elements' stiffness."""
 
 
@@ -42,7 +51,7 @@ class ElementArrays:
         return torch.as_tensor(self._elements.constants()[:, self._filled]).to(self._dtype)
 
     def stiffness(self, parameters: Parameters) -> Float[Tensor, "rollouts stiffness stride"]:
-        """Numbers in which the energy is linear.
+        """`Elements.stiffness` of them.
 
         Args:
             parameters: complete, with an axis of rollouts.
@@ -66,3 +75,59 @@ class ElementArrays:
             name: torch.zeros_like(value) if bar is None else bar.to(self._dtype)
             for (name, value), bar in zip(asked.items(), found, strict=True)
         }
+
+
+class SegmentArrays:
+    """The segments of a body whose elements are framed, at the first vertex of each.
+
+    Args:
+        elements: of the body.
+        held: vertices that are held, [N]; a segment between two of them does not turn.
+        density: of the body [kg/m3], [N].
+        block: vertices to whose multiple arrays are filled up.
+        dtype: of the numbers.
+    """
+
+    def __init__(
+        self, elements: FramedElements, held: Bool[Array, " vertices"], density: Tensor, block: int, dtype: torch.dtype
+    ) -> None:
+        self._elements, self._dtype, self._density = elements, dtype, density.double()
+        begins = elements.begins
+        self._free = torch.from_numpy(begins & ~(held & np.append(held[1:], False)))
+        self._fill = -len(begins) % block
+        self.begins: Float[Tensor, " stride"] = self._filled(torch.from_numpy(begins))
+
+    def _filled(self, values: Tensor) -> Tensor:
+        return torch.nn.functional.pad(values.to(self._dtype), (0, self._fill))
+
+    def mobility(self, parameters: Parameters, rollouts: int) -> Float[Tensor, "rollouts stride"]:
+        """One over the moments of inertia about the tangents [1/(kg m2)], zero where a segment is held or there is none.
+
+        Args:
+            parameters: complete, with an axis of rollouts.
+            rollouts: how many.
+        """
+        density = self._density if parameters.density is None else parameters.density.detach().double()
+        return self._filled(self._mobility(density).expand(rollouts, -1)).contiguous()
+
+    def _mobility(self, density: Tensor) -> Tensor:
+        return torch.where(self._free, self._elements.mobility(density), 0.0)
+
+    def density_adjoint(
+        self, parameters: Parameters, bars: Float[Tensor, "rollouts stride"]
+    ) -> Float[Tensor, "rollouts vertices"]:
+        """That of the density, which is a parameter, from that of the mobility."""
+        with torch.enable_grad():
+            density = parameters.density.detach().double().requires_grad_()
+            mobility = self._mobility(density)
+        (found,) = torch.autograd.grad(mobility, density, bars[:, : len(self._free)].double())
+        return found.to(self._dtype)
+
+    def start_adjoint(
+        self, x: Float[Tensor, "rollouts vertices 3"], director_bar: Float[Tensor, "rollouts vertices 3"]
+    ) -> Float[Tensor, "rollouts vertices 3"]:
+        """That of the places where the rollouts start, from that of the directors there."""
+        with torch.enable_grad():
+            x = x.detach().requires_grad_()
+            directors = self._elements.directors_at(x)
+        return torch.autograd.grad(directors, x, director_bar)[0]

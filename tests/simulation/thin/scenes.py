@@ -2,7 +2,7 @@
 
 import numpy as np
 
-from physreal_core.simulation import Body, rod_body, shell_body
+from physreal_core.simulation import Body, rod_body, shell_body, untwisted_directors
 
 
 def sheet(cells: tuple[int, int], size: tuple[float, float], height: float = 0.0) -> tuple[np.ndarray, np.ndarray]:
@@ -29,7 +29,7 @@ def crumpled(cells: tuple[int, int] = (4, 3), seed: int = 0, height: float = 0.0
 
 
 def ropes(counts: tuple[int, ...] = (9, 5), seed: int = 0, height: float = 0.05) -> Body:
-    """Bent ropes of unequal segments beside each other, already stretched where they start."""
+    """Bent ropes of unequal segments beside each other, already stretched and twisted where they start."""
     rng = np.random.default_rng(seed)
     places, lengths = [], []
     for number, count in enumerate(counts):
@@ -38,4 +38,6 @@ def ropes(counts: tuple[int, ...] = (9, 5), seed: int = 0, height: float = 0.05)
         rest = np.stack([along, np.full(count, 0.03 * number), np.full(count, height)], 1)
         places.append(rest + 0.002 * rng.normal(size=rest.shape))
         lengths.append(step)
-    return rod_body(np.concatenate(places), 0.003, 600.0, np.concatenate(lengths), counts)
+    vertices = np.concatenate(places)
+    directors = untwisted_directors(vertices, counts) + 0.3 * rng.normal(size=vertices.shape)
+    return rod_body(vertices, 0.003, 600.0, np.concatenate(lengths), counts, directors)

@@ -6,7 +6,7 @@ import numpy as np
 import pytest
 import torch
 
-from physreal_core.simulation import Grip, Parameters, SimulationConfig, Simulator
+from physreal_core.simulation import Body, Grip, Parameters, SimulationConfig, Simulator
 from physreal_core.simulation.thin.reference import rod_energy, shell_energy
 from tests.simulation.scenes import directional_errors, random_loss
 from tests.simulation.thin.scenes import crumpled, ropes
@@ -18,6 +18,9 @@ STEPS = {
     "bending_ratio": 1e-6,
     "weft_ratio": 1e-6,
     "shear_ratio": 1e-6,
+    "twisting_ratio": 1e-6,
+    "rest_curvature": 1e-5,
+    "retardation_time": 1e-8,
     "friction_coefficient": 1e-5,
     "grip_stiffness": 1e-6,
     "grip_damping": 1e-7,
@@ -42,11 +45,22 @@ def parameters_of(kind: str, count: int, **others) -> Parameters:
     own["poissons_ratio"] = scattered(count, 0.25, 2)
     if kind == "shell":
         own |= {"weft_ratio": scattered(count, 0.7, 4), "shear_ratio": scattered(count, 0.4, 5)}
+    else:
+        generator = torch.Generator().manual_seed(10)
+        own["twisting_ratio"] = scattered(count, 0.8, 4)
+        own["rest_curvature"] = 5.0 * torch.randn(count, 2, generator=generator, dtype=torch.float64)
+        own["retardation_time"] = scattered(count, 3e-4, 5)
     return Parameters(**own, **others)
 
 
-BODIES = {"shell": (crumpled, shell_energy, ("bending", "fabric")), "rod": (ropes, rod_energy, ("bending",))}
-ABSENT = {"shell": set(), "rod": {"poissons_ratio", "weft_ratio", "shear_ratio"}}
+BODIES = {
+    "shell": (crumpled, ("bending", "fabric")),
+    "rod": (ropes, ("bending", "twisting", "rest_curvature", "retardation")),
+}
+ABSENT = {
+    "shell": {"twisting_ratio", "rest_curvature", "retardation_time"},
+    "rod": {"weft_ratio", "shear_ratio"},
+}
 
 
 @pytest.fixture(params=BODIES)
@@ -54,21 +68,47 @@ def kind(request) -> str:
     return request.param
 
 
+def energy_of(body: Body, parameters: Parameters, x: torch.Tensor, director: torch.Tensor) -> torch.Tensor:
+    stiffness = body.elements.stiffness(parameters)
+    if body.elements.framed:
+        return rod_energy(body.elements, x, director, stiffness)
+    return shell_energy(body.elements, x, stiffness)
+
+
 def test_forces_are_the_slope_of_the_energy(kind):
-    make, energy, terms = BODIES[kind]
+    make, terms = BODIES[kind]
     body = make()
     config = SimulationConfig(fps=1e6, dtype="float64", ground_height=None, gravity=(0.0, 0.0, 0.0), terms=terms)
     parameters = parameters_of(kind, len(body.x0))
     states = Simulator(body, config).rollout(parameters, torch.zeros(2, 0, 3))
     x = torch.tensor(body.x0, requires_grad=True)
-    energy(body.elements, x, body.elements.stiffness(parameters)).backward()
+    director = torch.tensor(body.elements.directors) if kind == "rod" else x.detach()
+    energy_of(body, parameters, x, director).backward()
     force = states.v[1] * config.fps * torch.tensor(body.mass)[:, None]
     assert torch.allclose(force, -x.grad, rtol=0, atol=1e-9 * float(x.grad.abs().max()))
 
 
+def test_spins_follow_the_slope_of_the_energy_by_a_turn_of_directors():
+    make, terms = BODIES["rod"]
+    body = make()
+    rod, count = body.elements, len(body.x0)
+    config = SimulationConfig(fps=1e6, dtype="float64", ground_height=None, gravity=(0.0, 0.0, 0.0), terms=terms)
+    parameters = parameters_of("rod", count)
+    player = Simulator(body, config).play(parameters, torch.zeros(0, 3))
+    x, director = torch.tensor(body.x0), torch.tensor(rod.directors, requires_grad=True)
+    energy_of(body, parameters, x, director).backward()
+    way = x.diff(dim=0, append=x[:1])
+    across = torch.linalg.cross(way / way.norm(dim=1, keepdim=True), director.detach())
+    torque = -(director.grad * across).sum(1)
+    begins = torch.tensor(rod.begins)
+    spin = player.step(torch.zeros(0, 3)).spin * config.fps
+    expected = (torque * rod.mobility(torch.tensor(body.density)))[begins]
+    assert torch.allclose(spin[begins], expected, rtol=0, atol=1e-9 * float(expected.abs().max()))
+
+
 def scene(kind: str, speed: tuple, friction: float):
     """A bent body that comes down on the ground, held by two moving points, with all parameters that it has."""
-    make, _, own_terms = BODIES[kind]
+    make, own_terms = BODIES[kind]
     body = make(height=0.003)
     terms = (*own_terms, "gravity", "density", "force", "initial_position", "drag")
     config = SimulationConfig(fps=60, dtype="float64", terms=terms)

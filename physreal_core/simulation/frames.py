@@ -168,7 +168,7 @@ class Frames:
         if state.shape is not None:
             state.shape.copy_(state.F)
         if state.director is not None:
-            state.director.copy_(self._scene[0].elements.directors_at(state.x))
+            state.director.copy_(self._scene[0].elements.directors_at(state.x, parameters.initial_director))
             state.spin.zero_()
 
     def _advance(self, frame: int, start: State, end: State, points: Tensor, record: Record) -> None:

@@ -48,7 +48,8 @@ class Parameters:
         shear_ratio: its shear modulus over that of an isotropic sheet, shape [N].
         twisting_ratio: twisting stiffness of a rod over that of a homogeneous round one, G J with G = E / (2 (1 + nu)), shape [N].
         rest_curvature: curvature without stress of a rod by its two directors (`thin.rod`) [1/m], shape [N, 2].
-        retardation_time: Kelvin-Voigt's, by which bending and twisting of a rod lag behind their moments [s], shape [N].
+        initial_director: directors of a rod's segments where the rollout starts, shape [N, 3]; instead of the body's.
+        retardation_time: Kelvin-Voigt's, by which bending and twisting of a rod lag behind their moments [s], shape [N, 2].
         hysteresis_modulus: shear moduli of three Maxwell branches [Pa], shape [N, 3].
         hysteresis_time: of these branches [s], shape [3].
     """
@@ -88,7 +89,8 @@ class Parameters:
     shear_ratio: Float[Tensor, "..."] | None = None
     twisting_ratio: Float[Tensor, "..."] | None = None
     rest_curvature: Float[Tensor, "... 2"] | None = None
-    retardation_time: Float[Tensor, "..."] | None = None
+    initial_director: Float[Tensor, "... 3"] | None = None
+    retardation_time: Float[Tensor, "... 2"] | None = None
 
 
 PARAMETER_NAMES = tuple(field.name for field in fields(Parameters))

@@ -13,12 +13,13 @@ from physreal_core.simulation.thin.elements import Elements
 
 @dataclass
 class FrameState:
-    """State at one frame time: x [N, 3] m, v [N, 3] m/s, F [N, 3, 3], of rods the segments' spins [N] rad/s; its arrays are valid
-    until the step after next."""
+    """State at one frame time: x [N, 3] m, v [N, 3] m/s, F [N, 3, 3], of rods the segments' directors [N, 3] and spins [N]
+    rad/s (`stepper.State`); its arrays are valid until the step after next."""
 
     x: Float[Tensor, "particles 3"]
     v: Float[Tensor, "particles 3"]
     F: Float[Tensor, "particles 3 3"]
+    director: Float[Tensor, "particles 3"] | None = None
     spin: Float[Tensor, " particles"] | None = None
 
 
@@ -58,4 +59,5 @@ class Player:
     def _alone(self, state: State) -> FrameState:
         """The one rollout's."""
         F = state.F if self._elements is None else self._elements.deformation(state.x, state.director)
-        return FrameState(state.x[0], state.v[0], F[0], None if state.spin is None else state.spin[0])
+        frames = () if state.director is None else (state.director[0], state.spin[0])
+        return FrameState(state.x[0], state.v[0], F[0], *frames)

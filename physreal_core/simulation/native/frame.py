@@ -142,7 +142,7 @@ THIN_FRAME = Structure(
     Index element_stride  elements, and what fills the last block
     const int* corners  [corners, element_stride] places of the vertices
     const int* incident_first  [N + 1]
-    const int* incident  [] of each vertex the corners that are at it, as corner * element_stride + element
+    const int* incident  [] of each vertex the corners that are at it, as 8 * element + corner
     const S* begins  [stride] one where a segment of a rod begins
     const S* mobility  [stride] of these one over the moment of inertia about the tangent, zero where the segment is held
     S* mobility_bar  [stride]; grows

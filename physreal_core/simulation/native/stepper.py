@@ -374,9 +374,9 @@ class NativeStepper:
         found = self._rows.gradients(*given, elements)
         if self._segments is not None and "density" in found:
             found["density"] += self._segments.density_adjoint(self._parameters, held["mobility_bar"])
-        if self._segments is not None and "initial_position" in found:
-            start = self._parameters.initial_position
-            found["initial_position"] += self._segments.start_adjoint(start, held["director_bar"])
+        if self._segments is not None and found.keys() & {"initial_position", "initial_director"}:
+            bars = self._segments.start_adjoints(self._parameters, self._start, held["director_bar"])
+            found |= {name: found[name] + bar for name, bar in bars.items() if name in found}
         return found
 
 

@@ -324,7 +324,7 @@ private:
     template <class Visit>
     void for_corners(Index p, Visit visit) const {
         for (Index i = frame_.incident_first[p]; i < frame_.incident_first[p + 1]; i++)
-            visit(frame_.incident[i] / frame_.element_stride, frame_.incident[i] % frame_.element_stride);
+            visit(frame_.incident[i] & 7, frame_.incident[i] >> 3);
     }
 
     // What elements left at a vertex, in rows from `first` on: three of each of their first `count` corners.

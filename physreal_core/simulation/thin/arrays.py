@@ -39,7 +39,7 @@ class ElementArrays:
         self._filled = np.minimum(np.arange(self.stride), self.count - 1)
         self.corners: Int[Array, "corners stride"] = elements.corners[self._filled].T.astype(np.int32)
         at = elements.corners.T.ravel()  # corner after corner
-        place = np.arange(elements.corners.shape[1])[:, None] * self.stride + np.arange(self.count)
+        place = np.arange(elements.corners.shape[1])[:, None] + 8 * np.arange(self.count)
         order = np.argsort(at, kind="stable")
         self.incident: Int[Array, " incident"] = place.ravel()[order].astype(np.int32)
         self.incident_first: Int[Array, " bounds"] = np.searchsorted(at[order], np.arange(vertices + 1)).astype(
@@ -123,11 +123,21 @@ class SegmentArrays:
         (found,) = torch.autograd.grad(mobility, density, bars[:, : len(self._free)].double())
         return found.to(self._dtype)
 
-    def start_adjoint(
-        self, x: Float[Tensor, "rollouts vertices 3"], director_bar: Float[Tensor, "rollouts vertices 3"]
-    ) -> Float[Tensor, "rollouts vertices 3"]:
-        """That of the places where the rollouts start, from that of the directors there."""
+    def start_adjoints(
+        self, parameters: Parameters, start: Tensor, director_bar: Float[Tensor, "rollouts vertices 3"]
+    ) -> dict[str, Tensor]:
+        """Those of `initial_position` and `initial_director` by name, each [R, N, 3], from that of the directors at the start.
+
+        Args:
+            parameters: complete, with an axis of rollouts.
+            start: the body's places [m], where the parameters have none.
+            director_bar: of the directors.
+        """
+        x = start if parameters.initial_position is None else parameters.initial_position.detach()
+        own = torch.as_tensor(self._elements.directors).to(x)
+        director = own if parameters.initial_director is None else parameters.initial_director.detach()
+        given = {"initial_position": x, "initial_director": director}
+        given = {name: value.expand_as(director_bar).clone().requires_grad_() for name, value in given.items()}
         with torch.enable_grad():
-            x = x.detach().requires_grad_()
-            directors = self._elements.directors_at(x)
-        return torch.autograd.grad(directors, x, director_bar)[0]
+            directors = self._elements.directors_at(*given.values())
+        return dict(zip(given, torch.autograd.grad(directors, [*given.values()], director_bar), strict=True))

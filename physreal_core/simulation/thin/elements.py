@@ -48,14 +48,23 @@ class Elements(Protocol):
 
 @runtime_checkable
 class FramedElements(Elements, Protocol):
-    """Elements of which some vertices begin segments that have directors."""
+    """Elements of which some vertices begin segments that have directors.
+
+    Attributes:
+        directors: where the rollout starts, at the first vertex of each segment, shape [N, 3].
+    """
+
+    @property
+    def directors(self) -> Float[Array, "vertices 3"]: ...
 
     @property
     def begins(self) -> Bool[Array, " vertices"]:
         """The vertices at which a segment begins, which goes on to the next vertex."""
 
-    def directors_at(self, x: Float[Tensor, "*batch vertices 3"]) -> Float[Tensor, "*batch vertices 3"]:
-        """Directors at the start, where the vertices stand at x [m]; differentiable."""
+    def directors_at(
+        self, x: Float[Tensor, "*batch vertices 3"], director: Float[Tensor, "*batch vertices 3"] | None = None
+    ) -> Float[Tensor, "*batch vertices 3"]:
+        """Directors at the start from any vectors, the body's by default, where the vertices stand at x [m]; differentiable."""
 
     def mobility(self, density: Float[Tensor, "*rollouts vertices"]) -> Float[Tensor, "*rollouts vertices"]:
         """One over the moments of inertia of segments about their tangents [1/(kg m2)], of a density [kg/m3]."""

@@ -48,7 +48,7 @@ def rod_energy(
     rod: Rod,
     x: Float[Tensor, "vertices 3"],
     director: Float[Tensor, "vertices 3"],
-    stiffness: Float[Tensor, "7 bends"],
+    stiffness: Float[Tensor, "8 bends"],
 ) -> Float[Tensor, ""]:
     """Elastic energy [J] of a rod with its vertices at x [m].
 

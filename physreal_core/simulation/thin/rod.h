@@ -108,10 +108,12 @@ public:
             rest_[i] = V{};
             stiffness_[CURVATURE + i] = numbers[rod_stiffness::bending] * constants[rod::per_length];
             rest_[CURVATURE + i] = numbers[rod_stiffness::rest_curvature + i] / constants[rod::per_length];
+            time_[i] = V{};
+            time_[CURVATURE + i] = numbers[rod_stiffness::retardation];
         }
         stiffness_[TWIST] = numbers[rod_stiffness::twisting] * constants[rod::per_length];
         rest_[TWIST] = V{};
-        time_ = numbers[rod_stiffness::retardation];
+        time_[TWIST] = numbers[rod_stiffness::retardation + 1];
     }
 
     // damped: whether there are retardation times.
@@ -121,7 +123,7 @@ public:
         for (int k = 0; k < STRAINS; ++k) moments[k] = stiffness_[k] * (element.strains[k] - rest_[k]);
         if (damped) {
             const Slopes moving = along(now, now.v, now.spin);
-            for (int k = CURVATURE; k < STRAINS; ++k) moments[k] += stiffness_[k] * time_ * moving.strains[k].slope;
+            for (int k = CURVATURE; k < STRAINS; ++k) moments[k] += stiffness_[k] * time_[k] * moving.strains[k].slope;
         }
         Forces out = {};
         Vec3<V> of_director[FRAMES] = {};
@@ -143,8 +145,8 @@ public:
             Dual<V> lost[STRAINS] = {};
             for (int k = CURVATURE; k < STRAINS; ++k) {
                 rates[k] = moving.strains[k].slope;
-                moments[k].x += stiffness_[k] * time_ * rates[k];
-                lost[k].x = stiffness_[k] * time_ * towards.strains[k].slope;
+                moments[k].x += stiffness_[k] * time_[k] * rates[k];
+                lost[k].x = stiffness_[k] * time_[k] * towards.strains[k].slope;
             }
             Vec3<Dual<V>> of_x[CORNERS] = {}, of_director[FRAMES] = {};
             moving.slopes(lost, -1, of_x, of_director);
@@ -162,7 +164,7 @@ public:
 
 private:
     const V (&constants_)[Element::CONSTANTS];
-    V stiffness_[STRAINS], rest_[STRAINS], time_;
+    V stiffness_[STRAINS], rest_[STRAINS], time_[STRAINS];
 
     // The element with slopes along a motion of the vertices and spins of the directors.
     Slopes along(const State& now, const Vec3<V> (&motion)[CORNERS], const V (&spin)[FRAMES]) const {
@@ -186,11 +188,11 @@ private:
     }
 
     void add_to_numbers(const Slopes& towards, const V (&rates)[STRAINS], V (&bar)[Element::STIFFNESS]) const {
-        V by_stiffness[STRAINS], lost = {};
+        V by_stiffness[STRAINS], by_time[STRAINS];
         for (int k = 0; k < STRAINS; ++k) {
             const V slope = towards.strains[k].slope;
-            by_stiffness[k] = (towards.strains[k].x - rest_[k] + time_ * rates[k]) * slope;
-            lost += stiffness_[k] * rates[k] * slope;
+            by_stiffness[k] = (towards.strains[k].x - rest_[k] + time_[k] * rates[k]) * slope;
+            by_time[k] = stiffness_[k] * rates[k] * slope;
         }
         for (int i = 0; i < 2; ++i) {
             bar[rod_stiffness::stretching + i] -= constants_[rod::rest_length + i] * by_stiffness[i];
@@ -199,7 +201,8 @@ private:
                 stiffness_[CURVATURE + i] / constants_[rod::per_length] * towards.strains[CURVATURE + i].slope;
         }
         bar[rod_stiffness::twisting] -= constants_[rod::per_length] * by_stiffness[TWIST];
-        bar[rod_stiffness::retardation] -= lost;
+        bar[rod_stiffness::retardation] -= by_time[CURVATURE] + by_time[CURVATURE + 1];
+        bar[rod_stiffness::retardation + 1] -= by_time[TWIST];
     }
 };
 

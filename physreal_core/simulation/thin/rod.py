@@ -45,7 +45,7 @@ class Rod:
     directors: Float[Array, "vertices 3"]
     element = "Rod"
     framed = True
-    terms = ("bending", "twisting", "rest_curvature", "retardation")
+    terms = ("bending", "twisting", "rest_curvature", "retardation", "initial_director")
     stiffness_rows = ROD_STIFFNESS.count
 
     def __post_init__(self) -> None:
@@ -67,9 +67,7 @@ class Rod:
         """Lay the directors across their segments at length one."""
         directors = np.array(self.directors, dtype=np.float64)
         if directors.shape != self.start.shape or not np.isfinite(directors).all():
-            raise InputError(
-                f"shape {directors.shape}", where="Rod.directors", expected=f"finite, {self.start.shape}"
-            )
+            raise InputError(f"shape {directors.shape}", where="Rod.directors", expected=f"finite, {self.start.shape}")
         way = self.start[self.segments[:, 1]] - self.start[self.segments[:, 0]]
         tangents = way / np.linalg.norm(way, axis=1, keepdims=True)
         own = directors[self.segments[:, 0]]
@@ -152,13 +150,15 @@ class Rod:
         values = per_density / density[..., segments].mean(-1)
         return torch.zeros_like(density).index_add(-1, segments[:, 0], values)
 
-    def directors_at(self, x: Float[Tensor, "*batch vertices 3"]) -> Float[Tensor, "*batch vertices 3"]:
-        """`directors`, laid across the segments of vertices at x [m]."""
+    def directors_at(
+        self, x: Float[Tensor, "*batch vertices 3"], director: Float[Tensor, "*batch vertices 3"] | None = None
+    ) -> Float[Tensor, "*batch vertices 3"]:
+        """Vectors, `directors` by default, laid across the segments of vertices at x [m]."""
         segments = torch.as_tensor(self.segments, device=x.device)
         way = x[..., segments[:, 1], :] - x[..., segments[:, 0], :]
-        director = torch.as_tensor(self.directors).to(x)
-        laid = _across(director[segments[:, 0]], way / way.norm(dim=-1, keepdim=True))
-        return director.expand_as(x).index_copy(-2, segments[:, 0], laid)
+        director = (torch.as_tensor(self.directors).to(x) if director is None else director).expand_as(x)
+        laid = _across(director[..., segments[:, 0], :], way / way.norm(dim=-1, keepdim=True))
+        return director.index_copy(-2, segments[:, 0], laid)
 
     # --- its motion ---------------------------------------------------------------------------------------------
 

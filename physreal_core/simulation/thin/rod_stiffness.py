@@ -18,7 +18,11 @@ if TYPE_CHECKING:
     from physreal_core.simulation.thin.rod import Rod
 
 
-def rod_stiffness(rod: Rod, parameters: Parameters) -> Float[Tensor, "*rollouts 7 bends"]:
+BEND = 2.0
+"""Times the curvature at rest or at the start up to which that couples bending and twisting."""
+
+
+def rod_stiffness(rod: Rod, parameters: Parameters) -> Float[Tensor, "*rollouts 8 bends"]:
     """Rows `ROD_STIFFNESS` of every vertex between two segments.
 
     Args:
@@ -32,9 +36,9 @@ def rod_stiffness(rod: Rod, parameters: Parameters) -> Float[Tensor, "*rollouts 
     stretching = of_segments * (np.pi * rod.radius**2) * torch.as_tensor(rod.shares).to(E)
     bending = E * (np.pi * rod.radius**4 / 4.0) * _or(parameters.bending_ratio, 1.0)
     twisting = E / (1.0 + nu) * (np.pi * rod.radius**4 / 4.0) * _or(parameters.twisting_ratio, 1.0)
-    curvature = _or(parameters.rest_curvature, torch.zeros_like(E)[..., None].expand(*E.shape, 2))
-    time = _or(parameters.retardation_time, torch.zeros_like(E))
-    own = torch.stack([bending, twisting, *curvature.unbind(-1), time], -2)[..., middle]
+    zeros = torch.zeros_like(E)[..., None].expand(*E.shape, 2)
+    pairs = [_or(pair, zeros) for pair in (parameters.rest_curvature, parameters.retardation_time)]
+    own = torch.stack([bending, twisting, *(value for pair in pairs for value in pair.unbind(-1))], -2)[..., middle]
     return torch.cat([stretching.mT, own], -2)
 
 
@@ -47,7 +51,7 @@ def rod_frequency(rod: Rod, parameters: Parameters, mass: Float[Tensor, "*rollou
 
     No vibration is faster than the fastest of one element by itself (Irons and Treharne 1971), with the mass of vertices and the inertia of
     segments shared out among elements. Stretching goes along the rod; bending and twisting, which curvature couples, add up in squares: w^2. With
-    a retardation time T a substep h is stable while (w h)^2 + T w^2 h < 4.
+    retardation times T a substep h is stable while (w h)^2 + T w^2 h < 4.
 
     Args:
         rod: the segments.
@@ -64,12 +68,13 @@ def rod_frequency(rod: Rod, parameters: Parameters, mass: Float[Tensor, "*rollou
     slopes = torch.stack([1.0 / lengths[:, 0], -(1.0 / lengths).sum(1), 1.0 / lengths[:, 1]], -1)
     density = mass / like(np.pi * rod.radius**2 * rod.vertex_length)
     mobility = rod.mobility(density)[..., corners[:, :2]] / like(rod.shares)
-    curved = length**2 * torch.maximum(rows[..., 4:6, :].square().sum(-2), like(_curvature_at_start(rod)) ** 2)
+    curved = torch.maximum(rows[..., 4:6, :].square().sum(-2), like(_curvature_at_start(rod)) ** 2)
+    curved = (BEND * length) ** 2 * curved
     moving = (slopes**2 / share).sum(-1)
     turning = mobility.sum(-1)
-    squared = rows[..., 2, :] / length * (moving + 0.25 * curved * turning)
-    squared = squared + rows[..., 3, :] / length * (turning + 0.25 * curved * moving)
-    lag = rows[..., 6, :] * squared
+    bending = rows[..., 2, :] / length * (moving + 0.25 * curved * turning)
+    twisting = rows[..., 3, :] / length * (turning + 0.25 * curved * moving)
+    squared, lag = bending + twisting, rows[..., 6, :] * bending + rows[..., 7, :] * twisting
     step = torch.minimum(2.0 / stretching.sqrt(), 8.0 / (lag + (lag**2 + 16.0 * squared).sqrt()))
     return float(2.0 / step.min())
 

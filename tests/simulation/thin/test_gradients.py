@@ -21,6 +21,7 @@ STEPS = {
     "twisting_ratio": 1e-6,
     "rest_curvature": 1e-5,
     "retardation_time": 1e-8,
+    "initial_director": 1e-7,
     "friction_coefficient": 1e-5,
     "grip_stiffness": 1e-6,
     "grip_damping": 1e-7,
@@ -49,16 +50,16 @@ def parameters_of(kind: str, count: int, **others) -> Parameters:
         generator = torch.Generator().manual_seed(10)
         own["twisting_ratio"] = scattered(count, 0.8, 4)
         own["rest_curvature"] = 5.0 * torch.randn(count, 2, generator=generator, dtype=torch.float64)
-        own["retardation_time"] = scattered(count, 3e-4, 5)
+        own["retardation_time"] = scattered(count, 3e-4, 5, 2)
     return Parameters(**own, **others)
 
 
 BODIES = {
     "shell": (crumpled, ("bending", "fabric")),
-    "rod": (ropes, ("bending", "twisting", "rest_curvature", "retardation")),
+    "rod": (ropes, ("bending", "twisting", "rest_curvature", "retardation", "initial_director")),
 }
 ABSENT = {
-    "shell": {"twisting_ratio", "rest_curvature", "retardation_time"},
+    "shell": {"twisting_ratio", "rest_curvature", "retardation_time", "initial_director"},
     "rod": {"weft_ratio", "shear_ratio"},
 }
 
@@ -118,11 +119,15 @@ def scene(kind: str, speed: tuple, friction: float):
     lengths = np.linalg.norm(body.x0[bound] - points[owner], axis=1)
     simulator = Simulator(body, config, Grip(bound, owner, np.linspace(0.5, 1.5, 5), lengths))
     count = len(body.x0)
+    others = {}
     time = torch.linspace(0, 1, FRAMES, dtype=torch.float64)[:, None, None]
     controllers = torch.tensor(points) + time * torch.tensor([0.01, 0.005, 0.01], dtype=torch.float64)
+    if kind == "rod":
+        others["initial_director"] = torch.tensor(body.elements.directors) + 0.1 * scattered(count, 1.0, 11, 3)
     parameters = parameters_of(
         kind,
         count,
+        **others,
         friction_coefficient=torch.tensor(friction, dtype=torch.float64),
         grip_stiffness=torch.tensor(0.3, dtype=torch.float64),
         grip_damping=torch.tensor(0.005, dtype=torch.float64),

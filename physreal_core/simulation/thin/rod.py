@@ -207,7 +207,7 @@ def _across(vectors: Tensor, tangents: Tensor) -> Tensor:
 def untwisted_directors(
     vertices: Float[Array, "vertices 3"],
     rows: tuple[int, ...] | None = None,
-    first: Float[Array, "3"] | None = None,
+    first: Float[Array, 3] | None = None,
 ) -> Float[Array, "vertices 3"]:
     """Directors of rods without twist: that of a row's first segment, led along the row by the shortest turns.
 

@@ -50,8 +50,9 @@ def rod_frequency(rod: Rod, parameters: Parameters, mass: Float[Tensor, "*rollou
     """2 over the longest stable substep [rad/s], of many rollouts the largest.
 
     No vibration is faster than the fastest of one element by itself (Irons and Treharne 1971), with the mass of vertices and the inertia of
-    segments shared out among elements. Stretching goes along the rod; bending and twisting, which curvature couples, add up in squares: w^2. With
-    retardation times T a substep h is stable while (w h)^2 + T w^2 h < 4.
+    segments shared out among elements. Curvature, counted up to BEND times that at rest or at the start, couples bending and twisting. With
+    retardation times T a substep h is stable while (w h)^2 + 2 T w^2 h < 4, where its
+    amplification is -1.
 
     Args:
         rod: the segments.
@@ -69,14 +70,23 @@ def rod_frequency(rod: Rod, parameters: Parameters, mass: Float[Tensor, "*rollou
     density = mass / like(np.pi * rod.radius**2 * rod.vertex_length)
     mobility = rod.mobility(density)[..., corners[:, :2]] / like(rod.shares)
     curved = torch.maximum(rows[..., 4:6, :].square().sum(-2), like(_curvature_at_start(rod)) ** 2)
-    curved = (BEND * length) ** 2 * curved
-    moving = (slopes**2 / share).sum(-1)
-    turning = mobility.sum(-1)
-    bending = rows[..., 2, :] / length * (moving + 0.25 * curved * turning)
-    twisting = rows[..., 3, :] / length * (turning + 0.25 * curved * moving)
-    squared, lag = bending + twisting, rows[..., 6, :] * bending + rows[..., 7, :] * twisting
-    step = torch.minimum(2.0 / stretching.sqrt(), 8.0 / (lag + (lag**2 + 16.0 * squared).sqrt()))
-    return float(2.0 / step.min())
+    coupling = (0.5 * BEND * length) ** 2 * curved
+    moving, turning = (slopes**2 / share).sum(-1), mobility.sum(-1)
+    bending, twisting = rows[..., 2, :] / length, rows[..., 3, :] / length
+    bend_times, twist_times = rows[..., 6, :] * bending, rows[..., 7, :] * twisting
+    squared = _largest(stretching, bending, twisting, moving, turning, coupling)
+    lag = _largest(torch.zeros_like(stretching), bend_times, twist_times, moving, turning, coupling)
+    return float(0.5 * (lag + (lag**2 + 4.0 * squared).sqrt()).max())
+
+
+def _largest(
+    stretching: Tensor, bending: Tensor, twisting: Tensor, moving: Tensor, turning: Tensor, coupling: Tensor
+) -> Tensor:
+    """Bound of the largest eigenvalue over the ways of the vertices and the turns of the segments; curvature couples them."""
+    of_ways = stretching + (bending + coupling * twisting) * moving
+    of_turns = (twisting + coupling * bending) * turning
+    across = (bending + twisting).square() * coupling * moving * turning
+    return 0.5 * (of_ways + of_turns + ((of_ways - of_turns) ** 2 + 4.0 * across).sqrt())
 
 
 def _curvature_at_start(rod: Rod) -> Float[np.ndarray, " bends"]:

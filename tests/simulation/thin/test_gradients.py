@@ -112,7 +112,7 @@ def scene(kind: str, speed: tuple, friction: float):
     make, own_terms = BODIES[kind]
     body = make(height=0.003)
     terms = (*own_terms, "gravity", "density", "force", "initial_position", "drag")
-    config = SimulationConfig(fps=60, dtype="float64", terms=terms)
+    config = SimulationConfig(fps=60, courant=0.3, dtype="float64", terms=terms)
     points = body.x0[[0, 8]] + np.r_[0.0, 0.0, 0.02]
     bound = np.array([0, 1, 4, 8, 9])
     owner = np.array([0, 0, 0, 1, 1])

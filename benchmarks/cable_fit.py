@@ -9,13 +9,13 @@ import numpy as np
 import torch
 from scipy.optimize import minimize
 
-from benchmarks.cable_scene import MARKERS, RADIUS, HeldCable, Model
+from benchmarks.cable_scene import DENSITY, MARKERS, PREDICTED, RADIUS, HeldCable, Model
 from physreal_core.array_types import Array, Float, Tensor
 
 SHEATH = 9.4e6
 """Young's modulus of soft PVC, Shore A 80, by Gent's relation (Trans. Inst. Rubber Ind. 34, 1958) [Pa]."""
-DEFAULT_STIFFNESS = SHEATH * RADIUS**2 / 4.0 / 1300.0
-AIR_DRAG = 0.5 * 1.2 * 1.2 * 2.0 * RADIUS / (1300.0 * math.pi * RADIUS**2)
+DEFAULT_STIFFNESS = SHEATH * RADIUS**2 / 4.0 / DENSITY
+AIR_DRAG = 0.5 * 1.2 * 1.2 * 2.0 * RADIUS / (DENSITY * math.pi * RADIUS**2)
 """Of a cylinder across the wind per mass [1/m]: C_d = 1.2 (Hoerner, Fluid-Dynamic Drag, 1965), air of 1.2 kg/m3."""
 NOISE = 0.005
 """Error of a marker [m] against which the guesses' widths count."""
@@ -85,13 +85,13 @@ def fit(
 
         def density(z: np.ndarray, held: HeldCable = held, weight: float = weight) -> tuple[float, np.ndarray]:
             unknowns = torch.tensor(z, requires_grad=True)
-            squared = held.errors(model_of(unknowns)).square().mean()
+            squared = held.errors(model_of(unknowns))[:, PREDICTED].square().mean()
             value = weight * squared + 0.5 * unknowns.square().sum()
             value.backward()
-            errors.append(float(squared) ** 0.5)
+            errors.append(float(squared.detach()) ** 0.5)
             if len(errors) % 5 == 1:
                 tell(f"{held.frames} frames, evaluation {len(errors)}: {1e3 * errors[-1]:.2f} mm")
-            return float(value), unknowns.grad.numpy()
+            return float(value.detach()), unknowns.grad.numpy()
 
         z = minimize(density, z, jac=True, method="L-BFGS-B", options={"maxiter": iterations, "maxcor": 30}).x
     return z, errors

@@ -61,15 +61,16 @@ class Cable:
         parts: segments between two markers; the gaps at the hands, of 2 cm, are one segment.
     """
 
-    gaps: Float[Array, "12"]
+    gaps: Float[Array, 12]
     hands: Float[Array, "2 3"]
-    parts: int = 3
+    parts: int = 2
 
     @classmethod
-    def measured(cls, markers: Float[Array, "frames 13 3"], parts: int = 3) -> Cable:
+    def measured(cls, markers: Float[Array, "frames 13 3"], parts: int = 2) -> Cable:
         """From a recording: the mean over frames of arcs and of directions."""
         arcs = np.mean([_arcs(frame) for frame in markers[::10]], axis=0)
-        return cls(arcs, _unit(np.stack([_unit(markers[:, b] - markers[:, a]).mean(0) for a, b in ((0, 1), (11, 12))])), parts)
+        hands = [_unit(markers[:, b] - markers[:, a]).mean(0) for a, b in ((0, 1), (11, 12))]
+        return cls(arcs, _unit(np.stack(hands)), parts)
 
     @cached_property
     def counts(self) -> Array:
@@ -136,7 +137,7 @@ class HeldCable:
         self._velocity = torch.as_tensor(CubicSpline(np.arange(MARKERS), velocity.reshape(MARKERS, 3))(cable.place))
         bound = np.repeat(cable.at[list(LED)], len(_POINTS))
         grip = Grip(bound, np.arange(len(bound)), np.ones(len(bound)), np.full(len(bound), REACH))
-        config = SimulationConfig(fps=FPS, courant=0.8, dtype="float64", ground_height=None, terms=TERMS)
+        config = SimulationConfig(fps=FPS, courant=0.7, dtype="float64", ground_height=None, terms=TERMS)
         self._simulator = Simulator(self._body, config, grip)
         path = markers[: frames + 1, LED, None] + _POINTS
         self._points = torch.as_tensor(path.reshape(len(path), -1, 3))
@@ -145,9 +146,9 @@ class HeldCable:
         """Markers [m] of all frames; differentiable by the model."""
         return self._simulator.rollout(self._parameters(model), self._points, frames=self.frames).x[:, self.cable.at]
 
-    def errors(self, model: Model) -> Float[Tensor, "frames 9"]:
-        """Distances of the predicted markers [m] in all frames but the first, which is given."""
-        return (self.predict(model) - self.measured)[1:, PREDICTED].norm(dim=-1)
+    def errors(self, model: Model) -> Float[Tensor, "frames 13"]:
+        """Distances of the markers [m] in all frames but the first, which is given; those at PREDICTED are predicted."""
+        return (self.predict(model) - self.measured)[1:].norm(dim=-1)
 
     def _parameters(self, model: Model) -> Parameters:
         number = lambda value: torch.tensor(value, dtype=torch.float64)
@@ -194,7 +195,7 @@ class HeldCable:
         return turn.cos()[:, None] * d + turn.sin()[:, None] * across
 
 
-def _held(reference: Float[Array, "3"], tangent: Float[Array, "3"]) -> Float[Array, "3"]:
+def _held(reference: Float[Array, 3], tangent: Float[Array, 3]) -> Float[Array, 3]:
     """A hand's director where the cable leaves it along a tangent: the y axis across the mean direction, led by the shortest turn."""
     tangent = _unit(tangent)
     director = _unit(np.array([0.0, 1.0, 0.0]) - reference[1] * reference)
@@ -219,7 +220,7 @@ def _fine(markers: Float[Array, "13 3"], steps: int = 100) -> tuple[Array, Array
     return np.concatenate([np.zeros((len(u), 1)), arcs], axis=1), u
 
 
-def _arcs(markers: Float[Array, "13 3"]) -> Float[Array, "12"]:
+def _arcs(markers: Float[Array, "13 3"]) -> Float[Array, 12]:
     return _fine(markers)[0][:, -1]
 
 

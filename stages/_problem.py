@@ -93,7 +93,9 @@ def carry_payloads(body: Body, capture: Capture) -> tuple[Body, tuple[PointLoad,
 
 
 def _body(particles: Particles) -> Body:
-    return Body(particles.x0, particles.volume, particles.density, particles.spacing)
+    one = np.zeros(len(particles.x0), dtype=np.int64)
+    pieces = one if particles.pieces is None else particles.pieces
+    return Body(particles.x0, particles.volume, particles.density, particles.spacing, pieces=pieces)
 
 
 def _grip(particles: Particles) -> Grip | None:

@@ -3,8 +3,9 @@ particle_initialization, gs_binding, patch_to_particle, interaction_force)."""
 
 import numpy as np
 
-from physreal_core.geometry import Mesh, bind_grip, farthest_points, fill_mesh, patch_weights, sample_surface
+from physreal_core.geometry import Mesh, bind_grip, farthest_points, fill_pieces, patch_weights, sample_surface
 from physreal_core.rendering import bind
+from physreal_core.simulation.pieces import require_thickness
 from pipeline.capture import read_capture
 from pipeline.products.controllers import Controllers
 from pipeline.products.particles import Particles
@@ -18,7 +19,8 @@ def run(context: StageContext) -> None:
     params, placed = context.params, PlacedObject.load(context.input("fit_pose"))
     perceived = context.input("segment_and_track")
     capture = read_capture(context.input("parse_video"))
-    x0, volume = fill_mesh(placed.mesh, params.spacing, jitter=params.jitter, seed=context.seed)
+    x0, volume, pieces = fill_pieces(placed.mesh, params.spacing, jitter=params.jitter, seed=context.seed)
+    thin = require_thickness(x0, volume, params.spacing, where="sample_particles.spacing")
     density = params.density if capture.density is None else capture.density
     patches = farthest_points(x0, params.patches)
     patch_neighbours, weights = patch_weights(x0, patches, params.patch_neighbours)
@@ -47,9 +49,14 @@ def run(context: StageContext) -> None:
         grip_controllers=grip.controllers,
         grip_weights=grip.weights,
         grip_rest_lengths=grip.rest_lengths,
+        pieces=pieces if pieces.any() else None,
     ).save(context.output)
     held = len(np.unique(grip.particles))
     print(f"{len(x0)} particles, {len(ids)} tracks, {held} particles held by {len(grip.weights)} bonds")
+    if pieces.any():
+        print(f"the mesh has {pieces.max() + 1} pieces that do not hang together and move apart")
+    if thin > 0.02:
+        print(f"{100 * thin:.0f} % of the volume is one particle thick, and bends too easily: a smaller spacing helps")
 
 
 def tracks_on(mesh: Mesh, points0: np.ndarray, valid: np.ndarray, reach: float) -> np.ndarray:

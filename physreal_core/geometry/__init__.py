@@ -1,7 +1,7 @@
 """Geometry: support plane, meshes, filling, patches, grip, localisation, and Gaussians on a surface."""
 
 from physreal_core.geometry.alignment import Alignment, AlignmentSettings, align
-from physreal_core.geometry.filling import fill_mesh
+from physreal_core.geometry.filling import fill_mesh, fill_pieces
 from physreal_core.geometry.grip import GripPairs, bind_grip, bind_within
 from physreal_core.geometry.mesh import Mesh, close_mesh, load_mesh, require_closed, save_mesh
 from physreal_core.geometry.observation import Observation
@@ -30,6 +30,7 @@ __all__ = [
     "edge_inset",
     "farthest_points",
     "fill_mesh",
+    "fill_pieces",
     "fit_plane",
     "load_mesh",
     "mesh_from_gaussians",

@@ -15,7 +15,8 @@ import torch
 
 from physreal_core.array_types import Array, Bool, Int, Tensor
 from physreal_core.errors import InputError, SimulationError
-from physreal_core.simulation.body import Body
+from physreal_core.simulation.body import Body, Grip
+from physreal_core.simulation.bonds import Bonds
 from physreal_core.simulation.config import SimulationConfig
 from physreal_core.simulation.hand_path import steered
 from physreal_core.simulation.parameters import Parameters, row_of
@@ -41,6 +42,7 @@ class Record:
         further: what else there is of the states (`stepper.State`) at frame times by name, each [T, R, ...].
         ran: number of frames that ran.
         failures: what ended each rollout early.
+        lengths: of the bonds without force [m], shape [R, B]; None without a grip.
         kept: leading frames of which the stepper keeps something, while its `holder` is this record.
     """
 
@@ -49,6 +51,7 @@ class Record:
     ran: int = 0
     failures: list[SimulationError | None] = field(default_factory=list)
     kept: int = 0
+    lengths: Tensor | None = None
 
     def carried(self, frame: int) -> dict[str, Tensor]:
         """What else there is of a frame's state."""
@@ -62,8 +65,11 @@ class Record:
 class Frames:
     """The frame loop of a stepper's rollouts."""
 
-    def __init__(self, body: Body, config: SimulationConfig, stepper: Stepper) -> None:
+    def __init__(self, body: Body, config: SimulationConfig, stepper: Stepper, grip: Grip | None = None) -> None:
         self.config, self.stepper, self._scene = config, stepper, (body, config)
+        self._bonds = (
+            None if grip is None or len(grip.particles) == 0 else Bonds(body, grip, stepper.rollouts, config.device)
+        )
         self._x0 = torch.tensor(body.x0, dtype=stepper.dtype, device=config.device)
 
     @cached_property
@@ -93,7 +99,7 @@ class Frames:
         shown = {name: self._zeros(frames, sizes.pop(name)) for name in SHOWN if name in sizes}
         further = {name: self._zeros(frames if keep else 2, size) for name, size in sizes.items()}
         substeps, failures = self._substeps(parameters)
-        record = Record(substeps, further, failures=failures)
+        record = Record(substeps, further, failures=failures, lengths=self._given_lengths())
 
         def state(frame: int) -> State:
             return _state(shown, frame, record.carried(frame if keep else frame % 2))
@@ -120,16 +126,20 @@ class Frames:
         states = [State(**{"F": None} | {name: values[turn] for name, values in arrays.items()}) for turn in range(2)]
         substeps, _ = self._substeps(parameters)
         self._start(parameters, substeps, states[0])
-        frame, before = 0, None
+        frame, before, lengths = 0, None, self._given_lengths()
         while True:
             start, end = states[frame % 2], states[(frame + 1) % 2]
             following = yield start
             around = steered(points, following, before)[:, None]
-            record = Record(substeps, {}, failures=[None])
+            record = Record(substeps, {}, failures=[None], lengths=lengths)
             self._advance(frame, start, end, around.to(self._x0), record)
             if record.failures[0] is not None:
                 raise _with_hand(record.failures[0], around[1:3, 0], self.stepper.lattice.cell, frame)
             before, points, frame = points, following, frame + 1
+
+    def _given_lengths(self) -> Tensor | None:
+        """Lengths of the bonds [R, B], not a number for those that are as long as they are when taken."""
+        return None if self._bonds is None else self._bonds.given()
 
     def _sizes(self) -> dict[str, tuple[int, ...]]:
         """Shape of what a rollout's state has, by name."""
@@ -182,7 +192,10 @@ class Frames:
         """
         alive = record.alive(frame)
         kept = frame if frame < record.kept and self.stepper.holder is record else None
-        failures = self.stepper.forward(Span(frame, points, alive, kept), start, end, carries_on=frame > 0)
+        if self._bonds is not None:
+            self._bonds.take(frame, start.x, points[1], record.lengths)
+        span = Span(frame, points, alive, record.lengths, kept)
+        failures = self.stepper.forward(span, start, end, carries_on=frame > 0)
         self._judge(frame, failures, alive, record)
         record.ran = frame + 1
 
@@ -221,12 +234,16 @@ class Frames:
         led, points_bar = points.requires_grad, torch.zeros_like(points)
         for frame in reversed(range(last)):
             kept = frame if held and frame < record.kept else None
-            span = Span(frame, points[frame : frame + 4], record.alive(frame), kept)
+            span = Span(frame, points[frame : frame + 4], record.alive(frame), record.lengths, kept)
             start = _state(shown, frame, record.carried(frame))
             bar = stepper.backward(span, start, led)
             if led:
                 count = min(points.shape[2], bar.shape[2])
                 points_bar[frame : frame + 4, :, :count] += bar[:, :, :count]
+            if self._bonds is not None and self._bonds.takes(frame):
+                bars_taken = self._bonds.take_adjoint(frame, start.x, points[frame + 1], stepper.lengths_adjoint())
+                stepper.add_adjoints({"x": bars_taken[0]})
+                points_bar[frame + 1] += bars_taken[1]
             self._inject(bars, frame)
             if progress is not None:
                 progress(frames - 1 - frame, frames - 1)

@@ -78,12 +78,14 @@ class Span:
         frame: its number.
         points: controller points [m] a frame before, at both ends, and a frame after (laws/grip.h), shape [4, R, C, 3].
         alive: rollouts that run, shape [R]; those that failed before do not.
+        lengths: of the bonds without force, in the grip's order [m], shape [R, B]; anything for bonds that do not act. None without a grip.
         kept: number of the frame among those of which the stepper keeps something; None if it is not kept.
     """
 
     frame: int
     points: Tensor
     alive: Bool[Array, " rollouts"]
+    lengths: Tensor | None = None
     kept: int | None = None
 
 
@@ -163,6 +165,9 @@ class Stepper(Protocol):
 
     def nodes_adjoint(self) -> Tensor:
         """Derivative of the loss by the nodes' velocities where the adjoint stands now, [R, nodes, 4]; the fourth numbers are any."""
+
+    def lengths_adjoint(self) -> Tensor:
+        """Derivative of the loss by the lengths of the bonds, of the frames whose adjoint has been taken, [R, B]."""
 
     def gradients(self) -> dict[str, Tensor]:
         """Adjoints of the parameters in use by name, with an axis of rollouts."""

@@ -26,6 +26,7 @@ class Particles(ArrayFile):
         grip_particles, grip_controllers: [B], a held particle and the controller point that holds it.
         grip_weights: [B], those of one particle sum to 1.
         grip_rest_lengths: [B] m.
+        pieces: [N], number from 0 of each particle's piece, which move apart; None where the mesh is one.
     """
 
     FILE = "particles.npz"
@@ -48,6 +49,7 @@ class Particles(ArrayFile):
     grip_controllers: Int[Array, " B"]
     grip_weights: Float[Array, " B"]
     grip_rest_lengths: Float[Array, " B"]
+    pieces: Int[Array, " N"] | None = None
 
     @property
     def patch_positions(self) -> Float[Array, "K 3"]:

@@ -58,7 +58,7 @@ class DiscretisedProblem:
         self._centre = torch.as_tensor(body.x0.mean(0), dtype=torch.float32) * torch.tensor([1.0, 1.0, 0.0])
         self._turns = given.turn != 0.0
         x0 = self._turned(torch.as_tensor(body.x0, dtype=torch.float32)).double().numpy() if self._turns else body.x0
-        self.body = Body(x0, body.volume, body.density, spacing)
+        self.body = Body(x0, body.volume, body.density, spacing, pieces=body.piece)
         gravity = tuple((self._turn.double() @ torch.tensor(config.gravity, dtype=torch.float64)).tolist())
         changed = {
             "courant": config.courant * given.courant,

@@ -1,4 +1,4 @@
-// The segments of rods in a frame: each has a director and a spin about its tangent, which stand at its first vertex. One thread has all of
+// The segments of framed rods in a frame: each has a director and a spin about its tangent, which stand at its first vertex. One thread has all of
 // a rollout's.
 #pragma once
 #include "director.h"

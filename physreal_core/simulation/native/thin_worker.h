@@ -2,16 +2,17 @@
 //
 // The vertices are particles and nodes at once: each carries its mass and its velocity, and ground, clamps and gravity act on it as on a
 // node of a volume's grid. In every substep the elements leave forces at their corners, and each vertex adds up what was left at it,
-// always in the same order, so that the result does not depend on the number of threads. Segments of rods have directors besides
-// (directors.h); a rollout of rods is one thread's.
+// always in the same order, so that the result does not depend on the number of threads. Segments of framed rods have directors besides
+// (directors.h); a rollout of these is one thread's.
 #pragma once
 #include "barrier.h"
+#include "contacts.h"
 #include "directors.h"
 #include "elements.h"
+#include "framedrod.h"
 #include "frames.h"
-#include "grip.h"
+#include "hand.h"
 #include "nodes.h"
-#include "rod.h"
 #include "rows.h"
 #include "term_laws.h"
 
@@ -26,9 +27,8 @@ class ThinWorker : ParticleRows<S> {
     static constexpr int CORNERS = Elastic::CORNERS, FRAMES = Elastic::FRAMES;
     static constexpr bool FRAMED = FRAMES > 0;
     static constexpr int X = 0, VELOCITY = 3, DIRECTOR = 6, SPIN = 9, STATE_ROWS = FRAMED ? 10 : 6;
-    // Rows of what an element leaves: forces and torques, or what it adds to the adjoint of x, of directors, of v and of spins.
-    static constexpr int TORQUE = 3 * CORNERS, OF_DIRECTOR = 3 * CORNERS, OF_VELOCITY = OF_DIRECTOR + 3 * FRAMES,
-                         OF_SPIN = OF_VELOCITY + 3 * CORNERS;
+    // Of frame.element_force: forces, and torques; or what an element adds to the adjoint of x, of directors, of v and of spins.
+    static constexpr int TORQUE = 3, OF_DIRECTOR = 3, OF_VELOCITY = 6, OF_SPIN = 9;
 
 public:
     // pass: 0 for a frame, 1 for its adjoint after it; each has a barrier of its own.
@@ -39,7 +39,9 @@ public:
           first_element_(share_of(element_blocks(), thread, frame.threads) * LANES),
           last_element_(share_of(element_blocks(), thread + 1, frame.threads) * LANES),
           laws_(frame, thread),
-          barrier_(frame.shared + 64 * pass, frame.threads, frame.yield_address) {}
+          hand_(frame, thread),
+          barrier_(frame.shared + 64 * pass, frame.threads, frame.yield_address),
+          contacts_(frame, thread, barrier_) {}
 
     void forward() {
         load_model();
@@ -48,7 +50,12 @@ public:
         if (frame_.replay) return replay();
         barrier_.wait();
         for (Index s = 0; s < frame_.substeps; s++) {
-            leave_forces(state_at(s));
+            const S* now = state_at(s);
+            if (contacts_.on()) {
+                contacts_.update(now, s - 1);
+                contacts_.leave_forces(now);
+            }
+            leave_forces(now);
             barrier_.wait();
             if (stopped()) return;
             move(s);
@@ -68,8 +75,10 @@ public:
             move_adjoint(s);
             barrier_.wait();
             leave_adjoints(state(s));
+            if (contacts_.on()) leave_contact_adjoints(s);
             barrier_.wait();
             add_up(frame_.adjoint);
+            if (contacts_.on()) add_up_contacts();
         }
         store_adjoint();
     }
@@ -82,7 +91,9 @@ private:
     int thread_;
     Index first_element_, last_element_;
     TermLaws<S> laws_;
+    Hand<S> hand_;
     Barrier barrier_;
+    Contacts<S, Elastic::FACE> contacts_;
 
     Index element_blocks() const { return frame_.element_stride / LANES; }
     const S* constants(int r) const { return frame_.constants + r * frame_.stride; }
@@ -120,12 +131,6 @@ private:
         return {f.dt,         {f.gravity[0], f.gravity[1], f.gravity[2]},
                 f.mass_floor, f.touching,
                 f.friction,   laws_.has(term::friction_law) ? f.friction_law : nullptr};
-    }
-
-    Grip<S> grip(Index substep) const {
-        const Frame<S>& f = frame_;
-        return {f.grip_controller, f.grip_weight,  f.grip_rest_length, f.controllers,        f.controller_points,
-                f.grip_stiffness,  f.grip_damping, f.grip_softening,   S(substep) * f.share, f.frame_rate};
     }
 
     // Three rows of one vertex.
@@ -238,6 +243,9 @@ private:
         for (int r = 0; r < COUNT; r++) values[r] = load<S, LANES>(rows + r * frame_.element_stride + e);
     }
 
+    // What all corners leave along an axis.
+    S* element_row(int d) const { return frame_.element_force + d * CORNERS * frame_.element_stride; }
+
     V number_at(const S* row, int corner, Index e) const {
         const int* places = frame_.corners + corner * frame_.element_stride + e;
         V value;
@@ -245,9 +253,11 @@ private:
         return value;
     }
 
-    void leave(int row, Index e, V value) const { store(frame_.element_force + row * frame_.element_stride + e, value); }
-    void leave(int row, Index e, const Vec3<V>& value) const {
-        for (int d = 0; d < 3; d++) leave(row + d, e, value[d]);
+    void leave(int row, int corner, Index e, V value) const {
+        store(element_row(row) + corner * frame_.element_stride + e, value);
+    }
+    void leave(int row, int corner, Index e, const Vec3<V>& value) const {
+        for (int d = 0; d < 3; d++) leave(row + d, corner, e, value[d]);
     }
 
     void leave_forces(const S* now) const {
@@ -256,20 +266,20 @@ private:
             rows_of(frame_.element_constants, e, constants);
             rows_of(frame_.element_stiffness, e, stiffness);
             if constexpr (FRAMED) {
-                const auto found = RodForces<V>(constants, stiffness).forces(elements_at(now, e), damped());
-                for (int c = 0; c < CORNERS; c++) leave(3 * c, e, found.force[c]);
-                for (int i = 0; i < FRAMES; i++) leave(TORQUE + i, e, found.torque[i]);
+                const auto found = FramedRodForces<V>(constants, stiffness).forces(elements_at(now, e), damped());
+                for (int c = 0; c < CORNERS; c++) leave(0, c, e, found.force[c]);
+                for (int i = 0; i < FRAMES; i++) leave(TORQUE, i, e, found.torque[i]);
             } else {
                 Vec3<V> x[CORNERS], f[CORNERS] = {};
                 for (int c = 0; c < CORNERS; c++) x[c] = at_corner(now + X * frame_.stride, c, e);
                 Elastic(x, constants).forces(stiffness, f);
-                for (int c = 0; c < CORNERS; c++) leave(3 * c, e, f[c]);
+                for (int c = 0; c < CORNERS; c++) leave(0, c, e, f[c]);
             }
         }
     }
 
-    typename RodForces<V>::State elements_at(const S* now, Index e) const {
-        typename RodForces<V>::State found = {};
+    typename FramedRodForces<V>::State elements_at(const S* now, Index e) const {
+        typename FramedRodForces<V>::State found = {};
         for (int c = 0; c < CORNERS; c++) {
             found.x[c] = at_corner(now + X * frame_.stride, c, e);
             if (damped()) found.v[c] = at_corner(now + VELOCITY * frame_.stride, c, e);
@@ -288,7 +298,7 @@ private:
             rows_of(frame_.element_constants, e, constants);
             rows_of(frame_.element_stiffness, e, stiffness);
             if constexpr (FRAMED) {
-                leave_framed(RodForces<V>(constants, stiffness), now, e, bar);
+                leave_framed(FramedRodForces<V>(constants, stiffness), now, e, bar);
             } else {
                 Vec3<Dual<V>> x[CORNERS], f[CORNERS] = {};
                 for (int c = 0; c < CORNERS; c++) {
@@ -297,7 +307,8 @@ private:
                 }
                 const Element<Dual<V>, V> element(x, constants);
                 element.forces(stiffness, f);
-                for (int c = 0; c < CORNERS; c++) leave(3 * c, e, Vec3<V>{{f[c][0].slope, f[c][1].slope, f[c][2].slope}});
+                for (int c = 0; c < CORNERS; c++)
+                    leave(0, c, e, Vec3<V>{{f[c][0].slope, f[c][1].slope, f[c][2].slope}});
                 element.stiffness_adjoint(bar);
             }
             for (int r = 0; r < Elastic::STIFFNESS; r++) {
@@ -313,35 +324,27 @@ private:
         for (int c = 0; c < CORNERS; c++) of.force[c] = at_corner(frame_.force_bar, c, e);
         for (int i = 0; i < FRAMES; i++) of.torque[i] = number_at(frame_.torque, i, e);
         const auto found = forces.adjoint(elements_at(now, e), of, damped(), bar);
-        for (int c = 0; c < CORNERS; c++) leave(3 * c, e, found.x[c]);
-        for (int i = 0; i < FRAMES; i++) leave(OF_DIRECTOR + 3 * i, e, found.director[i]);
+        for (int c = 0; c < CORNERS; c++) leave(0, c, e, found.x[c]);
+        for (int i = 0; i < FRAMES; i++) leave(OF_DIRECTOR, i, e, found.director[i]);
         if (!damped()) return;
-        for (int c = 0; c < CORNERS; c++) leave(OF_VELOCITY + 3 * c, e, found.v[c]);
-        for (int i = 0; i < FRAMES; i++) leave(OF_SPIN + i, e, found.spin[i]);
+        for (int c = 0; c < CORNERS; c++) leave(OF_VELOCITY, c, e, found.v[c]);
+        for (int i = 0; i < FRAMES; i++) leave(OF_SPIN, i, e, found.spin[i]);
     }
 
-    // Calls visit(corner, element) for the corners that are at a vertex.
-    template <class Visit>
-    void for_corners(Index p, Visit visit) const {
-        for (Index i = frame_.incident_first[p]; i < frame_.incident_first[p + 1]; i++)
-            visit(frame_.incident[i] & 7, frame_.incident[i] >> 3);
-    }
-
-    // What elements left at a vertex, in rows from `first` on: three of each of their first `count` corners.
-    Vec3<S> left_at(Index p, Index first = 0, Index count = CORNERS) const {
+    // What the first `count` corners of elements left at a vertex, in the three rows from `first` on.
+    Vec3<S> left_at(Index p, int first = 0, Index count = CORNERS) const {
         Vec3<S> sum = {};
-        for_corners(p, [&](Index corner, Index e) {
-            if (corner >= count) return;
-            for (int d = 0; d < 3; d++) sum[d] += frame_.element_force[(first + 3 * corner + d) * frame_.element_stride + e];
-        });
+        for (Index i = frame_.incident_first[p]; i < frame_.incident_first[p + 1]; i++) {
+            if (count < CORNERS && frame_.incident[i] >= count * frame_.element_stride) continue;
+            for (int d = 0; d < 3; d++) sum[d] += element_row(first + d)[frame_.incident[i]];
+        }
         return sum;
     }
-    // The same with one row of each segment.
-    S left_at_segment(Index p, Index first) const {
+    // What elements left in one row at the segment that begins at a vertex.
+    S left_at_segment(Index p, int row) const {
         S sum = 0;
-        for_corners(p, [&](Index corner, Index e) {
-            if (corner < FRAMES) sum += frame_.element_force[(first + corner) * frame_.element_stride + e];
-        });
+        for (Index i = frame_.incident_first[p]; i < frame_.incident_first[p + 1]; i++)
+            if (frame_.incident[i] < FRAMES * frame_.element_stride) sum += element_row(row)[frame_.incident[i]];
         return sum;
     }
 
@@ -359,6 +362,33 @@ private:
         }
     }
 
+    // --- contact between layers
+
+    // Adds the forces of a substep to those in frame.contact_force, of the thread's vertices.
+    void add_up_contact_forces() const {
+        clear(frame_.contact_force, 3);
+        contacts_.for_left([&](Index p, const S* left, Index stride, int corner) {
+            for (int d = 0; d < 3; d++) frame_.contact_force[d * frame_.stride + p] += left[(3 * corner + d) * stride];
+        });
+    }
+
+    void leave_contact_adjoints(Index s) {
+        contacts_.update(state(s), s + 1 < frame_.substeps ? s : -1);
+        contacts_.leave_adjoints(state(s), node_sums()[node_sum::layer_friction]);
+    }
+
+    // To the adjoints of x, of the velocity in frame.carry and of Young's modulus.
+    void add_up_contacts() const {
+        S *x_bar = frame_.adjoint + X * frame_.stride, *modulus_bar = frame_.bars + bar::youngs_modulus * frame_.stride;
+        contacts_.for_left([&](Index p, const S* left, Index stride, int corner) {
+            for (int d = 0; d < 3; d++) {
+                x_bar[d * frame_.stride + p] += left[(3 * corner + d) * stride];
+                frame_.carry[4 * p + d] += left[(12 + 3 * corner + d) * stride];
+            }
+            modulus_bar[p] += left[(24 + corner) * stride];
+        });
+    }
+
     // --- vertices
 
     // How fully a vertex touches the ground, from 0 to 1.
@@ -368,24 +398,12 @@ private:
     }
 
     void apply_forces(Index s, const S* now) {
-        const S* before_grip = constants(constant::load);
+        const S* before_hand = constants(constant::load);
         if (TERMS && laws_.has(ForceTerms::TERMS)) {
-            laws_.forces(law_arrays(now), before_grip);
-            before_grip = frame_.force;
+            laws_.forces(law_arrays(now), before_hand);
+            before_hand = frame_.force;
         }
-        const Grip<S> bonds = grip(s);
-        for_gripped([&](Index p, Index first, Index end) {
-            put_at(frame_.force, 0, p, bonds.force(first, end, at(now, X, p), at(now, VELOCITY, p), at(before_grip, 0, p)));
-        });
-    }
-
-    // Calls visit(vertex, first bond, last bond) for the thread's gripped vertices.
-    template <class Visit>
-    void for_gripped(Visit visit) const {
-        for (Index q = 0; q < frame_.gripped; q++) {
-            const Index place = frame_.place[frame_.grip_particle[q]];
-            if (place >= first_ && place < last_) visit(place, frame_.grip_first[q], frame_.grip_first[q + 1]);
-        }
+        hand_.forces(s, now + X * frame_.stride, now + VELOCITY * frame_.stride, before_hand);
     }
 
     void move(Index s) {
@@ -393,14 +411,20 @@ private:
         S* next = state_at(s + 1);
         const NodePhase<S> phase = node_phase();
         apply_forces(s, now);
+        if (contacts_.on()) add_up_contact_forces();
+        S fastest = 0;
         for (Index p = first_; p < last_; p++) {
-            const Vec3<S> x = at(now, X, p), v = at(now, VELOCITY, p), f = at(frame_.force, 0, p) + left_at(p);
+            const Vec3<S> x = at(now, X, p), v = at(now, VELOCITY, p);
+            Vec3<S> f = at(frame_.force, 0, p) + left_at(p);
+            if (contacts_.on()) f = f + at(frame_.contact_force, 0, p);
             const Node push = {frame_.dt * f[0], frame_.dt * f[1], frame_.dt * f[2],
                                constant_of(constant::volume, p) * touching(p, x[2])};
             const Node free = phase.free(Node{v[0], v[1], v[2], 0}, push, around(p));
             check(s, p, x, three(free));
             if (frame_.keep_grids) store(kept(s) + 4 * p, free);
-            step(next, p, x, three(phase.velocity(free, around(p))));
+            const Vec3<S> moving = three(phase.velocity(free, around(p)));
+            fastest = max(fastest, contacts_.drifting(moving));
+            step(next, p, x, moving);
         }
         if constexpr (FRAMED) {
             for (Index p = first_; p < last_; p++) frame_.torque[p] = left_at_segment(p, TORQUE);
@@ -410,6 +434,7 @@ private:
             const S* spins = next + SPIN * frame_.stride;
             for (Index p = first_; frame_.keep_grids && p < last_; p++) kept_spins(s)[p] = spins[p];
         }
+        if (contacts_.on()) contacts_.note_speed(s, fastest);
     }
 
     void step(S* next, Index p, const Vec3<S>& x, const Vec3<S>& v) const {
@@ -421,13 +446,18 @@ private:
     void replay() {
         const NodePhase<S> phase = node_phase();
         for (Index s = 0; s < frame_.substeps; s++) {
-            for (Index p = first_; p < last_; p++)
-                step(state(s + 1), p, at(state(s), X, p), three(phase.velocity(read(kept(s) + 4 * p), around(p))));
+            S fastest = 0;
+            for (Index p = first_; p < last_; p++) {
+                const Vec3<S> moving = three(phase.velocity(read(kept(s) + 4 * p), around(p)));
+                fastest = max(fastest, contacts_.drifting(moving));
+                step(state(s + 1), p, at(state(s), X, p), moving);
+            }
             if constexpr (FRAMED) {
                 S* spins = state(s + 1) + SPIN * frame_.stride;
                 for (Index p = first_; p < last_; p++) spins[p] = kept_spins(s)[p];
                 Directors<S>(frame_).turn(state(s), state(s + 1));
             }
+            if (contacts_.on()) contacts_.note_speed(s, fastest);
         }
         barrier_.wait();
     }
@@ -495,30 +525,14 @@ private:
 
     void forces_adjoint(Index s, const S* now) {
         S* bar = frame_.adjoint;
-        grip_adjoint(s, now);
+        hand_.adjoint(s, now + X * frame_.stride, now + VELOCITY * frame_.stride, bar + X * frame_.stride,
+                      bar + VELOCITY * frame_.stride, TERMS ? input_bars(input::mass) : nullptr, particle_sums());
         if (TERMS && laws_.has(ForceTerms::TERMS)) laws_.forces_adjoint(law_arrays(now));
         for (Index p = first_; p < last_; p++) {
             const Vec3<S> sum = three(read(frame_.carry + 4 * p)) + at(bar, VELOCITY, p);
             store(frame_.carry + 4 * p, Node{sum[0], sum[1], sum[2], 0});
         }
         clear(bar + VELOCITY * frame_.stride, 3);
-    }
-
-    void grip_adjoint(Index s, const S* now) {
-        const Grip<S> bonds = grip(s);
-        S* bar = frame_.adjoint;
-        S* points_bar = frame_.controllers_bar + 12 * thread_ * frame_.controller_points;
-        const auto add_point = [&](int place, int controller, int axis, S value) {
-            points_bar[3 * (place * frame_.controller_points + controller) + axis] += value;
-        };
-        for_gripped([&](Index p, Index first, Index last) {
-            const auto back = bonds.adjoint(first, last, at(now, X, p), at(now, VELOCITY, p), at(frame_.force_bar, 0, p),
-                                            add_point);
-            put_at(bar, X, p, at(bar, X, p) + back.x);
-            put_at(bar, VELOCITY, p, at(bar, VELOCITY, p) + back.v);
-            particle_sums()[particle_sum::grip_stiffness] += back.stiffness;
-            particle_sums()[particle_sum::grip_damping] += back.damping;
-        });
     }
 };
 

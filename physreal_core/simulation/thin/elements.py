@@ -4,6 +4,7 @@ from typing import Protocol, runtime_checkable
 
 from physreal_core.array_types import Array, Bool, Float, Int, Tensor
 from physreal_core.simulation.parameters import Parameters
+from physreal_core.simulation.thin.contact import Surface
 
 
 @runtime_checkable
@@ -17,6 +18,7 @@ class Elements(Protocol):
         terms: optional terms that only some bodies have and these do.
         stiffness_rows: how many numbers of stiffness an element has.
         half_height: of the body over its middle [m], as it touches the ground.
+        surface: with which it touches itself.
     """
 
     element: str
@@ -29,6 +31,9 @@ class Elements(Protocol):
 
     @property
     def half_height(self) -> float: ...
+
+    @property
+    def surface(self) -> Surface: ...
 
     def constants(self) -> Float[Array, "constants elements"]:
         """Numbers of the shape without stress."""

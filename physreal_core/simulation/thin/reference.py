@@ -44,13 +44,32 @@ def _bent(shell: Shell, corners: Tensor, normal: Tensor, e: int) -> Float[Tensor
     return torch.where(torch.as_tensor(shell.free_edges[:, e]), 0.0, bent)
 
 
-def rod_energy(
+def rod_energy(rod: Rod, x: Float[Tensor, "vertices 3"], stiffness: Float[Tensor, "3 bends"]) -> Float[Tensor, ""]:
+    """Elastic energy [J] of a rod with its vertices at x [m].
+
+    Args:
+        rod: the segments.
+        x: where the vertices are.
+        stiffness: as of `Rod.stiffness`.
+    """
+    corners = x[torch.as_tensor(rod.corners)]
+    a, b = corners[:, 1] - corners[:, 0], corners[:, 2] - corners[:, 1]
+    rest_a, rest_b = torch.as_tensor(rod.rest_lengths[rod.bend_segments]).to(x).unbind(1)
+    stretching = stiffness[0] * rest_a * (a.norm(dim=1) / rest_a - 1.0) ** 2
+    stretching = stretching + stiffness[1] * rest_b * (b.norm(dim=1) / rest_b - 1.0) ** 2
+    cosine = (a * b).sum(1) / (a.norm(dim=1) * b.norm(dim=1))
+    length = torch.as_tensor(rod.vertex_length[rod.corners[:, 1]]).to(x)
+    bending = stiffness[2] * 4.0 * (1.0 - cosine) / (1.0 + cosine) / length
+    return 0.5 * (stretching + bending).sum()
+
+
+def framed_rod_energy(
     rod: Rod,
     x: Float[Tensor, "vertices 3"],
     director: Float[Tensor, "vertices 3"],
     stiffness: Float[Tensor, "8 bends"],
 ) -> Float[Tensor, ""]:
-    """Elastic energy [J] of a rod with its vertices at x [m].
+    """Elastic energy [J] of a framed rod with its vertices at x [m].
 
     Args:
         rod: the segments.
@@ -69,7 +88,7 @@ def rod_energy(
 def rod_strains(
     rod: Rod, x: Float[Tensor, "vertices 3"], director: Float[Tensor, "vertices 3"]
 ) -> Float[Tensor, "5 bends"]:
-    """Of the vertices between two segments the stretches of both, the curvatures by the two directors, and the twist (rod.h)."""
+    """Of the vertices between two segments the stretches of both, the curvatures by the two directors, and the twist (framedrod.h)."""
     corners = x[torch.as_tensor(rod.corners)]
     segments = corners[:, 1:] - corners[:, :-1]
     t = segments / segments.norm(dim=-1, keepdim=True)

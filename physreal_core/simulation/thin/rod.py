@@ -2,12 +2,15 @@
 
 Discrete elastic rod of a round section (Bergou, Wardetzky, Robinson, Audoly and Grinspun, ACM TOG 27, 2008; Bergou, Audoly, Vouga, Wardetzky and
 Grinspun, ACM TOG 29, 2010). Each segment has a director, a unit vector across it that is part of the material. With l half of both segments at a
-vertex, and curvature and twist as in `rod.h`, the energy is
+vertex, and curvature and twist as in `framedrod.h`, the energy is
 
     E A / 2 (length / l0 - 1)^2 l0  of a segment,  E I / (2 l) |curvature - l rest_curvature|^2 + G J / (2 l) twist^2  of a vertex between two.
 
 Curvature is that of the centre line by the two directors m1 = d and m2 = t x d, so a rod that is bent without stress carries its bend with it as
 it turns about itself. A spin w of the segment about its tangent follows the torque with the section's inertia, rho J l.
+
+Without frames a rod is straight without stress and does not feel its own twist: there are no directors, |curvature| = 2 tan(angle / 2), and a
+substep costs half (`rod.h`).
 """
 
 from __future__ import annotations
@@ -22,8 +25,12 @@ from physreal_core.array_types import Array, Bool, Float, Int, Tensor
 from physreal_core.errors import InputError
 from physreal_core.simulation.body import Body
 from physreal_core.simulation.parameters import Parameters
-from physreal_core.simulation.thin.rod_stiffness import rod_frequency, rod_stiffness
-from physreal_core.simulation.thin.rows import ROD, ROD_STIFFNESS
+from physreal_core.simulation.thin.contact import SHARE, Surface
+from physreal_core.simulation.thin.framed_stiffness import framed_frequency, framed_stiffness
+from physreal_core.simulation.thin.rows import FRAMED_ROD_STIFFNESS, ROD, ROD_STIFFNESS
+
+FRAMED_TERMS = ("twisting", "rest_curvature", "retardation", "initial_director")
+"""Optional terms that rods with directors have."""
 
 
 @dataclass(frozen=True)
@@ -35,18 +42,35 @@ class Rod:
         radius: of the section [m].
         rest_lengths: of the segments, row after row [m].
         start: where the vertices are when nothing counts as turned [m], shape [N, 3].
-        directors: of the segments there, at the first vertex of each, shape [N, 3]; those of a row's last vertex are any.
+        directors: of the segments there, at the first vertex of each, shape [N, 3]; those of a row's last vertex are any. None
+            without frames.
     """
 
     rows: tuple[int, ...]
     radius: float
     rest_lengths: Float[Array, " segments"]
     start: Float[Array, "vertices 3"]
-    directors: Float[Array, "vertices 3"]
-    element = "Rod"
-    framed = True
-    terms = ("bending", "twisting", "rest_curvature", "retardation", "initial_director")
-    stiffness_rows = ROD_STIFFNESS.count
+    directors: Float[Array, "vertices 3"] | None = None
+
+    @property
+    def framed(self) -> bool:
+        """Whether the segments have directors."""
+        return self.directors is not None
+
+    @property
+    def element(self) -> str:
+        """See `Elements`."""
+        return "FramedRod" if self.framed else "Rod"
+
+    @property
+    def terms(self) -> tuple[str, ...]:
+        """See `Elements`."""
+        return ("bending", *FRAMED_TERMS) if self.framed else ("bending",)
+
+    @property
+    def stiffness_rows(self) -> int:
+        """See `Elements`."""
+        return (FRAMED_ROD_STIFFNESS if self.framed else ROD_STIFFNESS).count
 
     def __post_init__(self) -> None:
         lengths = np.ascontiguousarray(self.rest_lengths, dtype=np.float64)
@@ -61,7 +85,8 @@ class Rod:
                 expected=f"{sum(self.rows) - len(self.rows)} positive lengths",
             )
         object.__setattr__(self, "rest_lengths", lengths)
-        self._lay_directors()
+        if self.directors is not None:
+            self._lay_directors()
 
     def _lay_directors(self) -> None:
         """Lay the directors across their segments at length one."""
@@ -122,10 +147,12 @@ class Rod:
         """The radius [m]."""
         return self.radius
 
-    @property
-    def begins(self) -> Bool[Array, " vertices"]:
-        """All vertices but the last of each row."""
-        return np.isin(np.arange(sum(self.rows)), self.segments[:, 0])
+    @cached_property
+    def surface(self) -> Surface:
+        """What ropes touch with."""
+        size = SHARE * np.pi * self.radius**2 / float(np.median(self.rest_lengths))
+        weight = self.vertex_length / self.vertex_length.mean()
+        return Surface(self.segments, self.segments, self.rest_lengths, 2.0 * self.radius, size, weight)
 
     def constants(self) -> Float[Array, "rows bends"]:
         """Rows `ROD` of every vertex between two segments."""
@@ -136,12 +163,48 @@ class Rod:
         return np.concatenate([columns[name] for name, _ in ROD.sizes], axis=1).T
 
     def stiffness(self, parameters: Parameters) -> Float[Tensor, "*rollouts stiffness bends"]:
-        """Rows `ROD_STIFFNESS`, see `rod_stiffness`."""
-        return rod_stiffness(self, parameters)
+        """Rows `FRAMED_ROD_STIFFNESS` (`framed_stiffness`), or without frames `ROD_STIFFNESS`: E A = E pi r^2 of the segments' means, E I = bending_ratio E pi r^4 / 4 of the vertices between.
+
+        Args:
+            parameters: complete, of the vertices.
+        """
+        if self.framed:
+            return framed_stiffness(self, parameters)
+        E, ratio = parameters.youngs_modulus, parameters.bending_ratio
+        corners = torch.as_tensor(self.corners, device=E.device)
+        of_segments = (E[..., corners[:, :2]] + E[..., corners[:, 1:]]) / 2.0
+        stretching = of_segments * (np.pi * self.radius**2) * torch.as_tensor(self.shares).to(E)
+        bending = E * (np.pi * self.radius**4 / 4.0) * (1.0 if ratio is None else ratio)
+        return torch.cat([stretching, bending[..., corners[:, 1:2]]], -1).mT
 
     def frequency(self, parameters: Parameters, mass: Float[Tensor, "*rollouts vertices"]) -> float:
-        """2 over the longest stable substep [rad/s], see `rod_frequency`."""
-        return rod_frequency(self, parameters, mass)
+        """Upper bound of the fastest vibration of a straight rod [rad/s], of many rollouts the largest; with frames see `framed_frequency`.
+
+        No vibration is faster than the fastest of one element by itself (Irons and Treharne 1971). Stretching and bending go
+        across each other.
+
+        Args:
+            parameters: complete.
+            mass: of the vertices [kg].
+        """
+        if self.framed:
+            return framed_frequency(self, parameters, mass)
+        with torch.no_grad():
+            rows = self.stiffness(parameters).double()
+        count = torch.bincount(torch.as_tensor(self.corners.ravel()), minlength=sum(self.rows)).to(mass)
+        share = (mass / count)[..., torch.as_tensor(self.corners, device=mass.device)]
+        lengths = torch.as_tensor(self.rest_lengths[self.bend_segments], device=mass.device)
+        stiffness = rows[..., :2, :].mT / lengths
+        stretching = (stiffness * (1.0 / share[..., :2] + 1.0 / share[..., 1:])).sum(-1)
+        slopes = torch.stack([1.0 / lengths[:, 0], -(1.0 / lengths).sum(1), 1.0 / lengths[:, 1]], -1)
+        length = torch.as_tensor(self.vertex_length[self.corners[:, 1]], device=mass.device)
+        bending = rows[..., 2, :] / length * (slopes**2 / share).sum(-1)
+        return float(torch.maximum(stretching, bending).max()) ** 0.5
+
+    @property
+    def begins(self) -> Bool[Array, " vertices"]:
+        """All vertices but the last of each row."""
+        return np.isin(np.arange(sum(self.rows)), self.segments[:, 0])
 
     def mobility(self, density: Float[Tensor, "*rollouts vertices"]) -> Float[Tensor, "*rollouts vertices"]:
         """1 / (rho J l) of each segment, J = pi r^4 / 2 and rho the mean of its vertices' densities; zero where none begins."""
@@ -163,18 +226,23 @@ class Rod:
     # --- its motion ---------------------------------------------------------------------------------------------
 
     def deformation(
-        self, x: Float[Tensor, "*batch vertices 3"], director: Float[Tensor, "*batch vertices 3"]
+        self, x: Float[Tensor, "*batch vertices 3"], director: Float[Tensor, "*batch vertices 3"] | None = None
     ) -> Float[Tensor, "*batch vertices 3 3"]:
-        """Deformation gradients of the vertices at x [m]: the turn from tangent and director at the start to those now, and the
-        stretch along the tangent; the section stays as it is. Both are means of the segments at a vertex.
+        """Deformation gradients of the vertices at x [m]: a turn and the stretch along the tangent; the section stays as it is.
+
+        The turn is that from tangent and director at the start to those now, means of the segments at a vertex; without frames the
+        shortest from tangent to tangent.
 
         Args:
             x: places of the vertices [m].
-            director: of the segments, as `directors`.
+            director: of the segments, as `directors`; None without frames.
         """
         tangent, stretch = self._tangents(x)
-        first = self._tangents(torch.as_tensor(self.start).to(x))[0]
-        turn = self._frames(tangent, director) @ self._frames(first, torch.as_tensor(self.directors).to(x)).mT
+        first = self._first_tangents.to(x)
+        if director is None:
+            turn = _shortest_turn(first, tangent)
+        else:
+            turn = self._frames(tangent, director) @ self._frames(first, torch.as_tensor(self.directors).to(x)).mT
         return turn + (stretch - 1.0)[..., None, None] * tangent[..., :, None] * first[..., None, :]
 
     def _frames(self, tangent: Tensor, director: Tensor) -> Float[Tensor, "*batch vertices 3 3"]:
@@ -184,6 +252,10 @@ class Rod:
         mean = torch.zeros_like(director).index_add(-2, first, own).index_add(-2, last, own)
         across = _across(mean, tangent)
         return torch.stack([tangent, across, torch.linalg.cross(tangent, across)], -1)
+
+    @cached_property
+    def _first_tangents(self) -> Float[Tensor, "vertices 3"]:
+        return self._tangents(torch.as_tensor(self.start))[0]
 
     def _tangents(self, x: Tensor) -> tuple[Tensor, Tensor]:
         """Unit tangents of the vertices, and how much the segments at each are stretched in the mean."""
@@ -202,6 +274,16 @@ def _across(vectors: Tensor, tangents: Tensor) -> Tensor:
     """The parts of vectors across unit tangents, at length one."""
     part = vectors - (vectors * tangents).sum(-1, keepdim=True) * tangents
     return part / part.norm(dim=-1, keepdim=True).clamp_min(1e-30)
+
+
+def _shortest_turn(start: Tensor, end: Tensor) -> Tensor:
+    """Rotation matrices that lead unit vectors to others about the axis across both."""
+    start = start.expand_as(end)
+    axis, cosine = torch.linalg.cross(start, end), (start * end).sum(-1)
+    x, y, z = axis.unbind(-1)
+    zero = torch.zeros_like(x)
+    skew = torch.stack([zero, -z, y, z, zero, -x, -y, x, zero], -1).unflatten(-1, (3, 3))
+    return torch.eye(3).to(end) + skew + skew @ skew / (1.0 + cosine).clamp_min(1e-6)[..., None, None]
 
 
 def untwisted_directors(
@@ -238,6 +320,7 @@ def rod_body(
     density: float,
     rest_lengths: Float[Array, " segments"] | None = None,
     rows: tuple[int, ...] | None = None,
+    frames: bool = False,
     directors: Float[Array, "vertices 3"] | None = None,
 ) -> Body:
     """A body that is a rod, or several.
@@ -248,8 +331,9 @@ def rod_body(
         density: of the material [kg/m3]; the mass of a metre is pi radius^2 times that.
         rest_lengths: of the segments without stress [m]; as they are at the start by default.
         rows: number of vertices of each rod; all are one by default.
+        frames: whether segments have directors, so that the rod can be twisted and be bent without stress; on the CPU alone.
         directors: of the segments where the rollout starts, each at its first vertex; `untwisted_directors` by default. Their part
-            along the segment does not count.
+            along the segment does not count. They mean `frames`.
 
     Raises:
         InputError: rows, lengths or directors that do not fit the vertices.
@@ -261,7 +345,7 @@ def rod_body(
     if rest_lengths is None:
         inside = np.delete(np.arange(len(vertices) - 1), np.cumsum(rows)[:-1] - 1)
         rest_lengths = np.linalg.norm(np.diff(vertices, axis=0), axis=1)[inside]
-    if directors is None:
+    if frames and directors is None:
         directors = untwisted_directors(vertices, rows)
     rod = Rod(rows, radius, rest_lengths, vertices, directors)
     volume = np.pi * radius**2 * rod.vertex_length

@@ -22,6 +22,8 @@ from physreal_core.array_types import Array, Bool, Float, Int, Tensor
 from physreal_core.errors import InputError
 from physreal_core.simulation.body import Body
 from physreal_core.simulation.parameters import Parameters
+from physreal_core.simulation.thin.contact import SHARE, Surface
+from physreal_core.simulation.thin.incidence import Incidence
 from physreal_core.simulation.thin.rows import SHELL, SHELL_STIFFNESS
 from physreal_core.simulation.thin.stiffness import shell_frequency, shell_stiffness
 
@@ -226,6 +228,15 @@ class Shell:
         """Half of the thickness [m]."""
         return self.thickness / 2.0
 
+    @cached_property
+    def surface(self) -> Surface:
+        """What layers touch with."""
+        start, end = (np.roll(self.triangles, -k, axis=1).ravel() for k in (1, 2))
+        edges, first = np.unique(np.sort(np.stack([start, end], 1), axis=1), axis=0, return_index=True)
+        lengths = np.linalg.norm(self._edges, axis=-1).ravel()[first]
+        weight = self.vertex_area / self.vertex_area.mean()
+        return Surface(self.triangles, edges, lengths, self.thickness, SHARE * self.thickness, weight)
+
     def stiffness(self, parameters: Parameters) -> Float[Tensor, "*rollouts stiffness triangles"]:
         """Rows `SHELL_STIFFNESS`, see `shell_stiffness`."""
         return shell_stiffness(self, parameters)
@@ -240,17 +251,27 @@ class Shell:
         self, x: Float[Tensor, "*batch vertices 3"], director: None = None
     ) -> Float[Tensor, "*batch vertices 3 3"]:
         """Deformation gradients of the vertices at x [m], the mean of the triangles around each; a normal stays as long as it is."""
-        to = lambda array: torch.as_tensor(array, device=x.device)
-        corners = x[..., to(self.triangles), :]
-        edges = torch.stack([corners[..., 1, :] - corners[..., 0, :], corners[..., 2, :] - corners[..., 0, :]], -1)
-        normal = torch.linalg.cross(edges[..., 0], edges[..., 1])
-        normal = normal / normal.norm(dim=-1, keepdim=True).clamp_min(1e-30)
-        rest_normal = to(self._normal / np.linalg.norm(self._normal, axis=1, keepdims=True)).to(x)
-        F = edges @ to(self.inverse @ self._axes).to(x) + normal[..., None] * rest_normal[:, None, :]
-        share = to(self.area[:, None] / 3.0 / self.vertex_area[self.triangles]).to(x)
-        shares = (share[..., None, None] * F[..., :, None, :, :]).flatten(-4, -3)
-        total = x.new_zeros(*x.shape[:-1], 3, 3)
-        return total.index_add(-3, to(self.triangles.ravel()), shares)
+        first_axes = x.movedim((-2, -1), (0, 1)).flatten(2)  # [N, 3, all others]: rows of memory are gathered
+        a, b, c = self._incidence.at_corners(first_axes)
+        ways = b - a, c - a, _unit(torch.linalg.cross(b - a, c - a, dim=1))
+        directions = torch.as_tensor(self._weighed_directions[..., None, :, None]).to(x)
+        F = sum(way[:, :, None] * along for way, along in zip(ways, directions, strict=True))
+        mean = self._incidence.around(F) / torch.as_tensor(3.0 * self.vertex_area[:, None, None, None]).to(x)
+        return mean.unflatten(3, x.shape[:-2]).movedim((0, 1, 2), (-3, -2, -1))
+
+    @cached_property
+    def _weighed_directions(self) -> Float[Array, "3 triangles axes"]:
+        """What the ways along two edges and the normal are multiplied by in the deformation gradient, times the area."""
+        normal = self._normal / np.linalg.norm(self._normal, axis=1, keepdims=True)
+        return self.area[:, None] * np.stack([*np.moveaxis(self.inverse @ self._axes, 1, 0), normal])
+
+    @cached_property
+    def _incidence(self) -> Incidence:
+        return Incidence(self.triangles, len(self.rest))
+
+
+def _unit(vectors: Float[Tensor, "triangles 3 others"]) -> Float[Tensor, "triangles 3 others"]:
+    return vectors / vectors.square().sum(1, keepdim=True).sqrt().clamp_min(1e-30)
 
 
 def shell_body(

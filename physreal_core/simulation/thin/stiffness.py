@@ -12,6 +12,7 @@ from __future__ import annotations
 
 from typing import TYPE_CHECKING
 
+import numpy as np
 import torch
 
 from physreal_core.array_types import Array, Float, Tensor
@@ -77,14 +78,16 @@ def _bending(shell: Shell, plate: Float[Tensor, "*rollouts triangles 3 3"]) -> F
     """Second derivatives of the bending energy by k_e; those of free edges are such that it is smallest, and have none left."""
     directions, area = _like(plate, shell.curvatures), _like(plate, shell.area)
     G = area[:, None, None] * directions @ plate @ directions.mT
-    free = torch.as_tensor(shell.free_edges, device=plate.device)
-    if not bool(free.any()):
+    outer = np.flatnonzero(shell.free_edges.any(1))
+    if len(outer) == 0:
         return G
+    free, outer = (torch.as_tensor(array, device=plate.device) for array in (shell.free_edges[outer], outer))
+    own = G.index_select(-3, outer)
     inside = torch.diag_embed((~free).to(G))
-    among = torch.where(free[:, :, None] & free[:, None, :], G, inside)
-    towards = torch.where(free[:, :, None] & ~free[:, None, :], G, 0.0)
-    left = G - towards.mT @ torch.linalg.solve(among, towards)
-    return torch.where(~free[:, :, None] & ~free[:, None, :], left, 0.0)
+    among = torch.where(free[:, :, None] & free[:, None, :], own, inside)
+    towards = torch.where(free[:, :, None] & ~free[:, None, :], own, 0.0)
+    left = own - towards.mT @ torch.linalg.solve(among, towards)
+    return G.index_copy(-3, outer, torch.where(~free[:, :, None] & ~free[:, None, :], left, 0.0))
 
 
 def _membrane_squares(shell: Shell, rows: Tensor, mass: Tensor) -> Tensor:
@@ -114,10 +117,21 @@ def _bending_squares(shell: Shell, rows: Tensor, mass: Tensor) -> Tensor:
 
 
 def _largest(stiffness: Tensor, flexibility: Tensor) -> Tensor:
-    """Of every element the largest eigenvalue of the product of two symmetric matrices, both without negative ones."""
-    values, vectors = torch.linalg.eigh(flexibility)
-    root = vectors * values.clamp_min(0.0).sqrt()[..., None, :]
-    return torch.linalg.eigvalsh(root.mT @ stiffness @ root).amax(-1).amax()
+    """The largest eigenvalue of the product of two symmetric 3x3 matrices, both without negative ones, of all elements.
+
+    That of a matrix whose eigenvalues are real follows from its invariants (Smith, Comm. ACM 4, 1961), to 1e-8 where it repeats.
+    """
+    product = stiffness @ flexibility
+    mean = product.diagonal(dim1=-2, dim2=-1).sum(-1) / 3.0
+    shifted = product - mean[..., None, None] * torch.eye(3).to(product)
+    size = ((shifted * shifted.mT).sum((-2, -1)) / 6.0).clamp_min(0.0).sqrt()
+    angle = torch.acos((_determinant(shifted) / (2.0 * size**3).clamp_min(1e-300)).clamp(-1.0, 1.0))
+    return (mean + 2.0 * size * torch.cos(angle / 3.0)).amax()
+
+
+def _determinant(A: Float[Tensor, "*batch 3 3"]) -> Tensor:
+    a, b, c = A.unbind(-1)
+    return (torch.linalg.cross(a, b) * c).sum(-1)
 
 
 def _at(values: Float[Tensor, "*rollouts vertices"], corners: Array) -> Tensor:

@@ -1,4 +1,4 @@
-"""Rods against closed forms: rest, rigid turns, natural curvature, torsion, buckling under twist, energy, damping."""
+"""Rods with directors against closed forms: rest, rigid turns, natural curvature, torsion, buckling under twist, energy, damping."""
 
 from itertools import pairwise
 
@@ -8,7 +8,7 @@ import torch
 
 from physreal_core.errors import InputError
 from physreal_core.simulation import Body, Clamp, Parameters, SimulationConfig, Simulator, rod_body, untwisted_directors
-from physreal_core.simulation.thin.reference import rod_energy
+from physreal_core.simulation.thin.reference import framed_rod_energy
 
 LENGTH, RADIUS, DENSITY, MODULUS, POISSON = 0.4, 0.004, 1000.0, 1e6, 0.25
 AREA, SECOND_MOMENT = np.pi * RADIUS**2, np.pi * RADIUS**4 / 4.0
@@ -191,7 +191,7 @@ def test_an_undamped_swing_keeps_its_energy():
         kinetic = 0.5 * float((mass * state.v.square().sum(1)).sum())
         kinetic += 0.5 * float((torch.tensor(inertia) * state.spin.square()).sum())
         kinetic += 9.81 * float((mass * state.x[:, 2]).sum())
-        return kinetic + float(rod_energy(body.elements, state.x, state.director, stiffness))
+        return kinetic + float(framed_rod_energy(body.elements, state.x, state.director, stiffness))
 
     states = [energy(player.state)] + [energy(player.step(HAND)) for _ in range(150)]
     turned_over = 9.81 * float(mass.sum()) * LENGTH / 2  # between level and hanging

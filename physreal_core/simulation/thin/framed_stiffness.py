@@ -1,4 +1,4 @@
-"""Stiffness of a rod's vertices from their parameters, differentiable, and the longest stable substep.
+"""Stiffness of the vertices of a rod with directors from their parameters, differentiable, and the longest stable substep.
 
 With r the radius, E and nu of the vertices, a homogeneous round rod has E A = E pi r^2, E I = E pi r^4 / 4 and G J = E / (2 (1 + nu)) pi r^4 / 2;
 `bending_ratio` and `twisting_ratio` are how many times that a rope or a cable has.
@@ -22,8 +22,8 @@ BEND = 2.0
 """Times the curvature at rest or at the start up to which that couples bending and twisting."""
 
 
-def rod_stiffness(rod: Rod, parameters: Parameters) -> Float[Tensor, "*rollouts 8 bends"]:
-    """Rows `ROD_STIFFNESS` of every vertex between two segments.
+def framed_stiffness(rod: Rod, parameters: Parameters) -> Float[Tensor, "*rollouts 8 bends"]:
+    """Rows `FRAMED_ROD_STIFFNESS` of every vertex between two segments.
 
     Args:
         rod: the segments.
@@ -46,7 +46,7 @@ def _or(value: Tensor | None, absent: Tensor | float) -> Tensor | float:
     return absent if value is None else value
 
 
-def rod_frequency(rod: Rod, parameters: Parameters, mass: Float[Tensor, "*rollouts vertices"]) -> float:
+def framed_frequency(rod: Rod, parameters: Parameters, mass: Float[Tensor, "*rollouts vertices"]) -> float:
     """2 over the longest stable substep [rad/s], of many rollouts the largest.
 
     No vibration is faster than the fastest of one element by itself (Irons and Treharne 1971), with the mass of vertices and the inertia of
@@ -60,7 +60,7 @@ def rod_frequency(rod: Rod, parameters: Parameters, mass: Float[Tensor, "*rollou
         mass: of the vertices [kg].
     """
     with torch.no_grad():
-        rows = rod_stiffness(rod, parameters).double()
+        rows = framed_stiffness(rod, parameters).double()
     like = lambda array: torch.as_tensor(array, device=mass.device)
     corners, lengths = like(rod.corners), like(rod.rest_lengths[rod.bend_segments])
     length = like(rod.vertex_length[rod.corners[:, 1]])

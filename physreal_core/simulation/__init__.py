@@ -4,7 +4,7 @@ from physreal_core.simulation.body import Body, Clamp, Grip, PointLoad, Tool
 from physreal_core.simulation.config import SimulationConfig
 from physreal_core.simulation.parameters import Parameters, States
 from physreal_core.simulation.simulator import Simulator
-from physreal_core.simulation.thin import rod_body, shell_body
+from physreal_core.simulation.thin import rod_body, shell_body, untwisted_directors
 
 __all__ = [
     "Body",
@@ -18,4 +18,5 @@ __all__ = [
     "Tool",
     "rod_body",
     "shell_body",
+    "untwisted_directors",
 ]

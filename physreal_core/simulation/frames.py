@@ -25,15 +25,17 @@ from physreal_core.simulation.stepper import NOT_FAILED, Span, State, Stepper
 from physreal_core.simulation.timestep import LARGEST_SUBSTEPS, needed_substeps, substeps_per_frame
 
 Progress = Callable[[int, int], None]
-Bars = tuple[Tensor | None, Tensor | None, Tensor | None]
-"""Derivatives of the loss by x, v and F at frame times."""
+SHOWN = ("x", "v", "F", "director")
+"""What a rollout shows of its states at frame times, as far as they have it."""
+Bars = dict[str, Tensor]
+"""Derivatives of the loss by what is shown, by name."""
 TORN = 10.0
 """Cells by which a controller point moves within a frame where it may have torn the body."""
 
 
 @dataclass
 class Record:
-    """What a backward pass needs beside the states x, v, F at frame times.
+    """What a backward pass needs beside what is shown of the states at frame times.
 
     Attributes:
         substeps: per frame, of each rollout.
@@ -81,8 +83,8 @@ class Frames:
 
     def forward(
         self, parameters: Parameters, points: Tensor, progress: Progress | None, keep: bool
-    ) -> tuple[Tensor, Tensor, Tensor | None, Record]:
-        """States x, v, F [T, R, N, ...] at frame times, F None of a thin body, and what `backward` needs.
+    ) -> tuple[dict[str, Tensor], Record]:
+        """What is shown of the states [T, R, N, ...] at frame times, by name, and what `backward` needs.
 
         A rollout that fails has states that are not numbers from the end of the failing frame on; the others go on.
 
@@ -94,15 +96,13 @@ class Frames:
         """
         frames = len(points) - 2
         sizes = self._sizes()
-        x, v, F = (self._zeros(frames, sizes.pop(name)) if name in sizes else None for name in ("x", "v", "F"))
+        shown = {name: self._zeros(frames, sizes.pop(name)) for name in SHOWN if name in sizes}
         further = {name: self._zeros(frames if keep else 2, size) for name, size in sizes.items()}
         substeps, failures = self._substeps(parameters)
         record = Record(substeps, further, failures=failures, lengths=self._given_lengths())
 
         def state(frame: int) -> State:
-            return State(
-                x[frame], v[frame], None if F is None else F[frame], **record.carried(frame if keep else frame % 2)
-            )
+            return _state(shown, frame, record.carried(frame if keep else frame % 2))
 
         self._start(parameters, record.substeps, state(0))
         if keep and frames > 1:
@@ -116,10 +116,9 @@ class Frames:
         for rollout, failure in enumerate(record.failures):
             if failure is not None:
                 record.failures[rollout] = _with_hand(failure, points[1:-1, rollout], self.stepper.lattice.cell)
-                for values in (x, v, F):
-                    if values is not None:
-                        values[failure.frame + 1 :, rollout] = torch.nan
-        return x, v, F, record
+                for values in shown.values():
+                    values[failure.frame + 1 :, rollout] = torch.nan
+        return shown, record
 
     def play(self, parameters: Parameters, points: Tensor) -> Generator[State, Tensor, None]:
         """Yields the state of the one rollout and takes the controller points [C, 3] of the next frame time."""
@@ -178,6 +177,9 @@ class Frames:
             state.F.copy_(torch.eye(3).to(state.F) if F is None else F)
         if state.shape is not None:
             state.shape.copy_(state.F)
+        if state.director is not None:
+            state.director.copy_(self._scene[0].elements.directors_at(state.x, parameters.initial_director))
+            state.spin.zero_()
 
     def _advance(self, frame: int, start: State, end: State, points: Tensor, record: Record) -> None:
         """Run one frame of all rollouts.
@@ -214,7 +216,7 @@ class Frames:
         parameters: Parameters,
         record: Record,
         points: Tensor,
-        states: tuple[Tensor, Tensor, Tensor | None],
+        shown: dict[str, Tensor],
         bars: Bars,
         progress: Progress | None,
     ) -> dict[str, Tensor]:
@@ -233,14 +235,14 @@ class Frames:
         for frame in reversed(range(last)):
             kept = frame if held and frame < record.kept else None
             span = Span(frame, points[frame : frame + 4], record.alive(frame), record.lengths, kept)
-            start = State(*(None if state is None else state[frame] for state in states), **record.carried(frame))
+            start = _state(shown, frame, record.carried(frame))
             bar = stepper.backward(span, start, led)
             if led:
                 count = min(points.shape[2], bar.shape[2])
                 points_bar[frame : frame + 4, :, :count] += bar[:, :, :count]
             if self._bonds is not None and self._bonds.takes(frame):
                 bars_taken = self._bonds.take_adjoint(frame, start.x, points[frame + 1], stepper.lengths_adjoint())
-                stepper.add_adjoints(bars_taken[0], None, None)
+                stepper.add_adjoints({"x": bars_taken[0]})
                 points_bar[frame + 1] += bars_taken[1]
             self._inject(bars, frame)
             if progress is not None:
@@ -253,7 +255,12 @@ class Frames:
         return gradients
 
     def _inject(self, bars: Bars, frame: int) -> None:
-        self.stepper.add_adjoints(*(None if bar is None else bar[frame] for bar in bars))
+        self.stepper.add_adjoints({name: bar[frame] for name, bar in bars.items()})
+
+
+def _state(shown: dict[str, Tensor], frame: int, carried: dict[str, Tensor]) -> State:
+    """A frame's state from what is shown of all frames and what else there is of this one."""
+    return State(**{"F": None} | {name: values[frame] for name, values in shown.items()}, **carried)
 
 
 def _with_hand(failure: SimulationError, points: Tensor, cell: float, first: int = 0) -> SimulationError:
@@ -283,20 +290,18 @@ def _before_failures(bars: Bars, record: Record) -> Bars:
     """The derivatives, zero where a state is not a number."""
     if not any(record.failures):
         return bars
-    cleared = []
-    for bar in bars:
-        bar = None if bar is None else bar.clone()
+    cleared = {name: bar.clone() for name, bar in bars.items()}
+    for bar in cleared.values():
         for rollout, failure in enumerate(record.failures):
-            if bar is not None and failure is not None:
+            if failure is not None:
                 bar[failure.frame + 1 :, rollout] = 0.0
-        cleared.append(bar)
-    return tuple(cleared)
+    return cleared
 
 
 def last_frame(bars: Bars) -> int:
     """Last frame at which a loss acts; frames after it have no adjoint."""
-    acting = [bar.flatten(1).any(1) for bar in bars if bar is not None]
-    if not acting:
+    if not bars:
         return 0
+    acting = [bar.flatten(1).any(1) for bar in bars.values()]
     frames = torch.stack(acting).any(0).nonzero().flatten()
     return int(frames[-1]) if len(frames) else 0

@@ -49,6 +49,11 @@ class Parameters:
         weft_ratio: a fabric's Young's modulus across `Shell.warp` over that along it, shape [N].
         shear_ratio: its shear modulus over that of an isotropic sheet, shape [N].
         layer_friction: Coulomb's coefficient between layers of a thin body (`SimulationConfig.self_contact`), shape [].
+        twisting_ratio: twisting stiffness of a framed rod over that of a homogeneous round one, G J with G = E / (2 (1 + nu)),
+            shape [N].
+        rest_curvature: curvature without stress of a framed rod by its two directors (`thin.rod`) [1/m], shape [N, 2].
+        initial_director: directors of its segments where the rollout starts, shape [N, 3]; instead of the body's.
+        retardation_time: Kelvin-Voigt's, by which its bending and its twisting lag behind their moments [s], shape [N, 2].
         hysteresis_modulus: shear moduli of three Maxwell branches [Pa], shape [N, 3].
         hysteresis_time: of these branches [s], shape [3].
     """
@@ -88,6 +93,10 @@ class Parameters:
     bending_ratio: Float[Tensor, "..."] | None = None
     weft_ratio: Float[Tensor, "..."] | None = None
     shear_ratio: Float[Tensor, "..."] | None = None
+    twisting_ratio: Float[Tensor, "..."] | None = None
+    rest_curvature: Float[Tensor, "... 2"] | None = None
+    initial_director: Float[Tensor, "... 3"] | None = None
+    retardation_time: Float[Tensor, "... 2"] | None = None
     layer_friction: Float[Tensor, "..."] | None = None
 
 
@@ -175,11 +184,12 @@ def _check_ranges(tensors: dict[str, Tensor]) -> None:
         "grip_damping",
         "tool_stiffness",
         "tool_friction",
+        "retardation_time",
     )
     for name in own:
         _check_range(name, tensors, lambda value: value >= 0, "a value >= 0")
     positive = {"density", "adhesion_range", "relaxation_time", "hysteresis_time"}
-    positive |= {"bending_ratio", "weft_ratio", "shear_ratio"}
+    positive |= {"bending_ratio", "weft_ratio", "shear_ratio", "twisting_ratio"}
     for name in sorted(positive):
         _check_range(name, tensors, lambda value: value > 0, "positive values")
     for name in TERM_OF.keys() - positive:

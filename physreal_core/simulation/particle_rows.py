@@ -5,6 +5,8 @@ adjoints: `BARS`, with optional terms `INPUTS` and `TERM_ROWS`, then the latent 
 its adjoint among `SUMS`.
 """
 
+import torch
+
 from physreal_core.array_types import Float, Tensor
 from physreal_core.simulation.config import SimulationConfig
 from physreal_core.simulation.layout import Rows
@@ -161,6 +163,8 @@ class ParticleRows:
             elements: adjoints of parameters through the elements of a thin body, by name.
         """
         found = {"initial_velocity": state_bars["v"], "initial_position": state_bars["x"].clone()}
+        if "initial_director" in self.shapes:
+            found["initial_director"] = torch.zeros_like(state_bars["x"])  # the elements' to add to
         if "shape" in state_bars:
             found["initial_deformation"] = state_bars["F"] + state_bars["shape"]
         found |= {name: bars[:, place].movedim(1, -1) for name, place in self.bars.items()}

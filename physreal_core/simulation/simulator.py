@@ -15,7 +15,7 @@ from physreal_core.native import on_side_stream
 from physreal_core.simulation.body import Body, Clamp, Grip, PointLoad, Tool, controller_count
 from physreal_core.simulation.config import SimulationConfig
 from physreal_core.simulation.cuda import CudaStepper
-from physreal_core.simulation.frames import Frames, Progress
+from physreal_core.simulation.frames import SHOWN, Frames, Progress
 from physreal_core.simulation.hand_path import with_neighbours
 from physreal_core.simulation.native import NativeStepper
 from physreal_core.simulation.parameters import PARAMETER_NAMES, BatchStates, Parameters, States, complete
@@ -161,9 +161,8 @@ class Simulator:
         keep = torch.is_grad_enabled() and any(t is not None and t.requires_grad for t in (points, *tensors))
         failures: list = []
         path = with_neighbours(points)[: (frames or len(points)) + 2]
-        states = _Rollout.apply(self._stream, loop, path, progress, keep, failures, *tensors)
-        x, v, F = states
-        return [x, v, self.body.elements.deformation(x) if F is None else F], failures
+        x, v, F, director = _Rollout.apply(self._stream, loop, path, progress, keep, failures, *tensors)
+        return [x, v, self.body.elements.deformation(x, director) if F is None else F], failures
 
     # --- checks -------------------------------------------------------------------------------------------------
 
@@ -211,11 +210,17 @@ def _check_kind(body: Body, config: SimulationConfig) -> None:
             where="SimulationConfig.self_contact",
             expected="a shell or a rod on the CPU",
         )
-    absent = (*STRESS_TERMS, "initial_deformation") if thin else THIN_TERMS
+    if thin and body.elements.framed and config.device != "cpu":
+        raise InputError(
+            f"a rod with directors on {config.device}",
+            where="SimulationConfig.device",
+            expected="cpu, or rod_body(..., frames=False)",
+        )
+    absent = {*STRESS_TERMS, "initial_deformation", *THIN_TERMS} - {*body.elements.terms} if thin else THIN_TERMS
     for term in config.terms:
         if term in absent:
-            kind = "thin bodies" if thin else "volumes"
-            raise InputError(f"{term!r}", where="SimulationConfig.terms", expected=f"a term that {kind} have")
+            kind = f"a {body.elements.element.lower()} has" if thin else "a volume has"
+            raise InputError(f"{term!r}", where="SimulationConfig.terms", expected=f"a term that {kind}")
     if thin and (config.plastic_law != "identity" or config.residual is not None):
         raise InputError(
             "plastic flow or a neural residual for a thin body",
@@ -265,24 +270,24 @@ class _Rollout(torch.autograd.Function):
         ctx, stream, loop: Frames, points: Tensor, progress: Progress | None, keep: bool, failures: list, *tensors
     ):
         with stream():
-            x, v, F, record = loop.forward(Parameters(*tensors), points, progress, keep)
+            shown, record = loop.forward(Parameters(*tensors), points, progress, keep)
         failures.extend(record.failures)
         ctx.set_materialize_grads(False)
         if keep:
-            ctx.save_for_backward(points, *(t for t in (x, v, F, *tensors) if t is not None))
-            ctx.present = [t is not None for t in (x, v, F, *tensors)]
-            ctx.rest = (stream, loop, progress, record)
-        return x, v, F
+            ctx.save_for_backward(points, *shown.values(), *(t for t in tensors if t is not None))
+            ctx.present = [t is not None for t in tensors]
+            ctx.rest = (stream, loop, progress, record, tuple(shown))
+        return tuple(shown.get(name) for name in SHOWN)
 
     @staticmethod
     @once_differentiable
-    def backward(ctx, x_bar: Tensor | None, v_bar: Tensor | None, F_bar: Tensor | None):
-        stream, loop, progress, record = ctx.rest
+    def backward(ctx, *shown_bars: Tensor | None):
+        stream, loop, progress, record, names = ctx.rest
         points, *saved = ctx.saved_tensors
-        given = iter(saved)
-        x, v, F, *tensors = (next(given) if present else None for present in ctx.present)
-        parameters = Parameters(*tensors)
+        shown, given = dict(zip(names, saved, strict=False)), iter(saved[len(names) :])
+        parameters = Parameters(*(next(given) if present else None for present in ctx.present))
+        bars = {name: bar for name, bar in zip(SHOWN, shown_bars, strict=True) if bar is not None}
         with stream():
-            gradients = loop.backward(parameters, record, points, (x, v, F), (x_bar, v_bar, F_bar), progress)
+            gradients = loop.backward(parameters, record, points, shown, bars, progress)
         others = [None, None, gradients.get("controllers"), None, None, None]
         return (*others, *(gradients.get(name) for name in PARAMETER_NAMES))

@@ -67,13 +67,17 @@ TERMS: dict[str, dict[str, TermField]] = {
         "hysteresis_time": TermField((3,), 1.0, visible=0.02),
     },
     "bending": {"bending_ratio": TermField((PARTICLES,), 1.0)},
+    "twisting": {"twisting_ratio": TermField((PARTICLES,), 1.0)},
+    "rest_curvature": {"rest_curvature": TermField((PARTICLES, 2))},
+    "initial_director": {"initial_director": TermField((PARTICLES, 3), None)},
+    "retardation": {"retardation_time": TermField((PARTICLES, 2))},
     "fabric": {"weft_ratio": TermField((PARTICLES,), 1.0), "shear_ratio": TermField((PARTICLES,), 1.0)},
 }
 """Parameters by term, then by name of the field of `Parameters`."""
 
 FORCE_TERMS = ("drag", "adhesion", "obstacle")
 """Terms whose law is a force on particles."""
-THIN_TERMS = ("bending", "fabric")
+THIN_TERMS = ("bending", "fabric", "twisting", "rest_curvature", "retardation", "initial_director")
 """Terms that only thin bodies have."""
 BRANCH_TERMS = ("relaxation", "hysteresis")
 """Terms whose law is the stress of Maxwell branches, whose strain is a state of each particle."""
@@ -108,11 +112,13 @@ def dormant_values(
         body: the particles.
         gravity: of the configuration [m/s2].
     """
+    terms = tuple(terms)
     own = {
         "gravity": np.asarray(gravity, dtype=np.float64),
         "density": body.density,
         "initial_position": body.x0,
         "initial_deformation": np.eye(3),
+        "initial_director": body.elements.directors if "initial_director" in terms else None,
     }
     return {
         name: own[name] if parameter.dormant is None else np.asarray(parameter.dormant, dtype=np.float64)

@@ -53,7 +53,7 @@ class BodyModel:
     ) -> None:
         self.dtype, self.config, self.rollouts = config.torch_dtype, config, rollouts
         self.device, self.particles = config.device, len(body.x0)
-        self.state_shapes = state_shapes(config, thin=body.elements is not None)
+        self.state_shapes = state_shapes(config, body.elements)
         self._body, self._held = body, {}
         self.frame = np.zeros((), self.layout.dtype(config.dtype))
         self._mass, self._volume = self._numbers(body.mass), self._numbers(body.volume)

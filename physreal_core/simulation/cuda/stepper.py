@@ -209,11 +209,10 @@ class CudaStepper:
             self.reserve(self.substeps + 1)
         self.model.clear_bars()
 
-    def add_adjoints(self, x_bar: Tensor | None, v_bar: Tensor | None, F_bar: Tensor | None) -> None:
-        """Add derivatives of the loss by the state where the adjoint stands now, each [R, N, ...]."""
-        for name, bar in (("x", x_bar), ("v", v_bar), ("F", F_bar)):
-            if bar is not None:
-                self.model.state_bars[name] += bar.flatten(0, 1)[self.order]
+    def add_adjoints(self, bars: dict[str, Tensor]) -> None:
+        """Add derivatives of the loss by the state where the adjoint stands now, each [R, N, ...], by name."""
+        for name, bar in bars.items():
+            self.model.state_bars[name] += bar.flatten(0, 1)[self.order]
 
     def backward(self, span: Span, start: State, led: bool) -> Tensor | None:
         """Adjoint of a frame; see `stepper.Stepper`."""

@@ -29,7 +29,9 @@ WORKSPACE = Structure(
     S* carry  [nodes + 4, 4] adjoints of velocity and mass
     S* free  [substeps, nodes, 4] velocities before contact, if kept
     S* networks  [threads, network_numbers] for the networks' adjoints
-    S* element_force  [3, corners, element_stride] of a thin body's elements, or in the adjoint what they add to that of x
+    S* element_force  [rows, corners, element_stride] what a thin body's elements leave, or in the adjoint what they add to that of the state
+    S* torque  [stride] on the segments of framed rods, or their adjoint
+    S* turned  [3, stride] what a turn of the directors adds to the adjoint of the segments before it
     int* shared  [128] barriers and stop
     # With self-contact (contacts.h)
     S* contact_force  [3, stride]
@@ -158,6 +160,15 @@ THIN_FRAME = Structure(
     const int* corners  [corners, element_stride] places of the vertices
     const int* incident_first  [N + 1]
     const int* incident  [] of each vertex the corners that are at it, as corner * element_stride + element
+    const S* begins  [stride] one where a segment of a framed rod begins
+    const S* mobility  [stride] of these one over the moment of inertia about the tangent, zero where the segment is held
+    S* mobility_bar  [stride]; grows
+    const S* director  [N, 3] of segments
+    const S* spin  [N]
+    S* director_end
+    S* spin_end
+    S* director_bar
+    S* spin_bar
     const S* element_constants  [constants, element_stride]
     const S* element_stiffness  [stiffness, element_stride]
     S* element_bars  [stiffness, element_stride] adjoints; grow

@@ -22,7 +22,7 @@ from physreal_core.simulation.parameters import Parameters, row_of
 from physreal_core.simulation.particle_rows import NODE_SUMS, PARTICLE_SUMS, ParticleRows
 from physreal_core.simulation.step_layout import term_bits
 from physreal_core.simulation.stepper import NOT_FAILED, Span, State, state_shapes
-from physreal_core.simulation.thin.arrays import ElementArrays
+from physreal_core.simulation.thin.arrays import ElementArrays, SegmentArrays
 from physreal_core.simulation.timestep import rate_memory
 from physreal_core.simulation.touch import NEARLY, TOUCHING, touch_heights
 
@@ -71,8 +71,11 @@ class NativeStepper:
         self.particles, self.lattice = len(body.x0), lattice_of(body, clamps)
         self.viscous = "viscosity" in config.terms
         thin = body.elements is not None
-        self.state_shapes = state_shapes(config, thin)
-        if rollouts == 1:
+        self.state_shapes = state_shapes(config, body.elements)
+        framed = thin and body.elements.framed
+        if framed and rollouts == 1:
+            self.threads = 1
+        elif rollouts == 1:
             self.threads = min(threads or torch.get_num_threads(), max(1, self.particles // PARTICLES_PER_THREAD))
         else:
             self.threads = min(rollouts, threads or available_cores())
@@ -95,6 +98,7 @@ class NativeStepper:
         self.shapes = self._rows.shapes
         self._set_model(body, clamps, loads)
         self._elements = self._set_elements(body) if thin else None
+        self._segments = self._set_segments(body, clamps, grip) if framed else None
         self._contacts = ContactArrays(body, self._sharing, self.dtype) if config.self_contact else None
         if self._contacts is not None:
             self._give_all(self._frames, self._contacts.model(), shared=True)
@@ -209,6 +213,16 @@ class NativeStepper:
         self._give(frames, "element_constants", arrays.constants(), shared=True)
         return arrays
 
+    def _set_segments(self, body: Body, clamps: tuple[Clamp, ...], grip: Grip | None) -> SegmentArrays:
+        """Take over the segments of framed rods; clamps and a grip hold those between two vertices that they hold."""
+        lower, upper = held_boxes(clamps, self.lattice, True)
+        held = ((body.x0[:, None] >= lower) & (body.x0[:, None] <= upper)).all(-1).any(-1)
+        if grip is not None:
+            held[grip.particles] = True
+        segments = SegmentArrays(body.elements, held, torch.as_tensor(body.density), BLOCK, self.dtype)
+        self._give(self._frames, "begins", segments.begins, shared=True)
+        return segments
+
     def _set_adjoints(self) -> None:
         r, n, frames = self.rollouts, self.particles, self._frames
         for name, shape in self.state_shapes.items():
@@ -223,6 +237,8 @@ class NativeStepper:
                 self._give(frames, f"network_{kind}_bar", self._zeros(r, self._sharing, *weights))
         if self._elements is not None:
             self._give(frames, "element_bars", self._zeros(r, self._elements.rows, self._elements.stride))
+        if self._segments is not None:
+            self._give(frames, "mobility_bar", self._zeros(r, int(frames["stride"][0])))
         self._bars = [bar for name, bar in self._held.items() if name.endswith(("_bar", "_bars", "_sums"))]
         self._status = self._give(frames, "status", self._zeros(r, self._sharing, dtype=torch.int64))
 
@@ -243,8 +259,11 @@ class NativeStepper:
         ):
             self._give(work, name, self._zeros(count, *shape))
         if self._elements is not None:
-            corners = len(self._elements.corners)
-            self._give(work, "element_force", self._zeros(count, 3, corners, self._elements.stride))
+            corners, framed = len(self._elements.corners), self._segments is not None
+            left = 10 if framed else 3  # adjoints of x, directors, v and spins
+            self._give(work, "element_force", self._zeros(count, left, corners, self._elements.stride))
+            for name, rows in (("torque", 1), ("turned", 3)) if framed else ():
+                self._give(work, name, self._zeros(count, rows, stride))
         for name, grids in (("scratch", self._sharing), *((name, 1) for name in NODE_ARRAYS)):
             self._give(work, name, self._zeros(count, grids, self.lattice.nodes + 4, 4))
         if self._contacts is not None:
@@ -285,7 +304,8 @@ class NativeStepper:
 
     def _grids(self) -> np.ndarray:
         """Where each rollout's grids of a frame begin among those of all, in numbers, and their end, shape [R + 1]."""
-        return np.concatenate([[0], np.cumsum(4 * np.asarray(self.substeps) * self.lattice.nodes)])
+        numbers = 4 if self._segments is None else 5  # the fifth: spins
+        return np.concatenate([[0], np.cumsum(numbers * np.asarray(self.substeps) * self.lattice.nodes)])
 
     # --- rollouts -----------------------------------------------------------------------------------------------
 
@@ -319,6 +339,8 @@ class NativeStepper:
         self._parameters, self._dt, self._acting = parameters, torch.from_numpy(dt), None
         if self._elements is not None:
             self._give(frames, "element_stiffness", self._elements.stiffness(parameters))
+        if self._segments is not None:
+            self._give(frames, "mobility", self._segments.mobility(parameters, self.rollouts))
         self._load_forces()
 
     def _load_forces(self) -> None:
@@ -335,7 +357,7 @@ class NativeStepper:
     def forward(self, span: Span, start: State, end: State, carries_on: bool) -> Int[Array, " rollouts"]:
         """All substeps of a frame, from `start` to `end`; see `stepper.Stepper`."""
         self._enter(span)
-        self._reserve(1, 0)
+        self._reserve(1 if self._elements is None else 2, 0)  # a thin body has two by turns
         self._frames["keep_states"], self._frames["replay"] = 0, 0
         self._frames["keep_grids"] = span.kept is not None
         self._point("", start)
@@ -388,11 +410,10 @@ class NativeStepper:
             bar.zero_()
         self._settled = self._weight_bar = torch.zeros(())
 
-    def add_adjoints(self, x_bar: Tensor | None, v_bar: Tensor | None, F_bar: Tensor | None) -> None:
-        """Add derivatives of the loss by the state where the adjoint stands now, each [R, N, ...]."""
-        for name, bar in (("x_bar", x_bar), ("v_bar", v_bar), ("F_bar", F_bar)):
-            if bar is not None:
-                self._held[name] += bar
+    def add_adjoints(self, bars: dict[str, Tensor]) -> None:
+        """Add derivatives of the loss by the state where the adjoint stands now, each [R, N, ...], by name."""
+        for name, bar in bars.items():
+            self._held[f"{name}_bar"] += bar
 
     def backward(self, span: Span, start: State, led: bool) -> Tensor | None:
         """Adjoint of a frame; see `stepper.Stepper`."""
@@ -435,9 +456,15 @@ class NativeStepper:
         if self._elements is not None:
             elements = self._elements.gradients(self._parameters, held["element_bars"])
         self._settle_weight()
-        return self._rows.gradients(
+        found = self._rows.gradients(
             held["given_bars"], state_bars, *sums, networks, self._volume, self._weight_bar, elements
         )
+        if self._segments is not None:
+            given = self._parameters, self._start, held["mobility_bar"], held["director_bar"]
+            for name, bar in self._segments.adjoints(*given).items():
+                if name in found:
+                    found[name] = found[name] + bar
+        return found
 
 
 def _addresses(values: Tensor, shared: bool) -> int | np.ndarray:

@@ -2,11 +2,14 @@
 //
 // The vertices are particles and nodes at once: each carries its mass and its velocity, and ground, clamps and gravity act on it as on a
 // node of a volume's grid. In every substep the elements leave forces at their corners, and each vertex adds up what was left at it,
-// always in the same order, so that the result does not depend on the number of threads.
+// always in the same order, so that the result does not depend on the number of threads. Segments of framed rods have directors besides
+// (directors.h); a rollout of these is one thread's.
 #pragma once
 #include "barrier.h"
 #include "contacts.h"
+#include "directors.h"
 #include "elements.h"
+#include "framedrod.h"
 #include "frames.h"
 #include "hand.h"
 #include "nodes.h"
@@ -21,7 +24,11 @@ class ThinWorker : ParticleRows<S> {
     using V = Lanes<S>;
     using Rows = ParticleRows<S>;
     using Elastic = Element<V, V>;
-    static constexpr int X = 0, VELOCITY = 3, STATE_ROWS = 6, CORNERS = Elastic::CORNERS;
+    static constexpr int CORNERS = Elastic::CORNERS, FRAMES = Elastic::FRAMES;
+    static constexpr bool FRAMED = FRAMES > 0;
+    static constexpr int X = 0, VELOCITY = 3, DIRECTOR = 6, SPIN = 9, STATE_ROWS = FRAMED ? 10 : 6;
+    // Of frame.element_force: forces, and torques; or what an element adds to the adjoint of x, of directors, of v and of spins.
+    static constexpr int TORQUE = 3, OF_DIRECTOR = 3, OF_VELOCITY = 6, OF_SPIN = 9;
 
 public:
     // pass: 0 for a frame, 1 for its adjoint after it; each has a barrier of its own.
@@ -43,7 +50,7 @@ public:
         if (frame_.replay) return replay();
         barrier_.wait();
         for (Index s = 0; s < frame_.substeps; s++) {
-            const S* now = state(frame_.keep_states ? s : 0);
+            const S* now = state_at(s);
             if (contacts_.on()) {
                 contacts_.update(now, s - 1);
                 contacts_.leave_forces(now);
@@ -64,12 +71,13 @@ public:
         load_adjoint();
         barrier_.wait();
         for (Index s = frame_.substeps - 1; s >= 0; s--) {
+            if constexpr (FRAMED) turn_adjoint(s);
             move_adjoint(s);
             barrier_.wait();
             leave_adjoints(state(s));
             if (contacts_.on()) leave_contact_adjoints(s);
             barrier_.wait();
-            add_up(frame_.adjoint + X * frame_.stride);
+            add_up(frame_.adjoint);
             if (contacts_.on()) add_up_contacts();
         }
         store_adjoint();
@@ -94,6 +102,10 @@ private:
     S* particle_sums() const { return frame_.particle_sums + particle_sum::COUNT * thread_; }
     S* node_sums() const { return frame_.node_sums + node_sum::COUNT * thread_; }
     S* state(Index slot) const { return frame_.state + slot * STATE_ROWS * frame_.stride; }
+    // After s substeps: kept, or in one of two places by turns.
+    S* state_at(Index s) const { return state(frame_.keep_states ? s : s % 2); }
+    S* kept_spins(Index s) const { return frame_.free + (4 * frame_.substeps + s) * frame_.particles; }
+    bool damped() const { return TERMS && laws_.has(term::retardation); }
     S* kept(Index s) const { return frame_.free + 4 * s * frame_.particles; }
     Around<S> around(Index p) const { return {frame_.around[2 * p], frame_.around[2 * p + 1]}; }
 
@@ -149,6 +161,10 @@ private:
         gather_columns(s + X * frame_.stride, frame_.x, 3);
         for (Index p = first_; p < padded_end(); p++)
             put_at(s, VELOCITY, p, three(read(frame_.nodes + 4 * min_of(p, frame_.particles - 1))));
+        if constexpr (FRAMED) {
+            gather_columns(s + DIRECTOR * frame_.stride, frame_.director, 3);
+            gather_columns(s + SPIN * frame_.stride, frame_.spin, 1);
+        }
     }
 
     // Mass and volume of each vertex; what a clamp holds has no mass here.
@@ -170,12 +186,16 @@ private:
     }
 
     void store_state() const {
-        const S* s = state(0);
+        const S* s = state_at(frame_.substeps);
         scatter_columns(frame_.x_end, s + X * frame_.stride, 3);
         scatter_columns(frame_.v_end, s + VELOCITY * frame_.stride, 3);
         for (Index p = first_; p < last_; p++) {
             const Vec3<S> v = at(s, VELOCITY, p);
             store(frame_.nodes_end + 4 * p, Node{v[0], v[1], v[2], 0});
+        }
+        if constexpr (FRAMED) {
+            scatter_columns(frame_.director_end, s + DIRECTOR * frame_.stride, 3);
+            scatter_columns(frame_.spin_end, s + SPIN * frame_.stride, 1);
         }
     }
 
@@ -183,6 +203,10 @@ private:
         S* a = frame_.adjoint;
         gather_columns(a + X * frame_.stride, frame_.x_bar, 3);
         gather_columns(a + VELOCITY * frame_.stride, frame_.v_bar, 3);
+        if constexpr (FRAMED) {
+            gather_columns(a + DIRECTOR * frame_.stride, frame_.director_bar, 3);
+            gather_columns(a + SPIN * frame_.stride, frame_.spin_bar, 1);
+        }
         clear(frame_.bars, frame_.bar_rows);
         for (Index p = first_; p < last_; p++) {
             const Vec3<S> bar = three(read(frame_.nodes_bar + 4 * p)) + at(a, VELOCITY, p);
@@ -195,6 +219,10 @@ private:
         const S* a = frame_.adjoint;
         scatter_columns(frame_.x_bar, a + X * frame_.stride, 3);
         scatter_columns(frame_.v_bar, a + VELOCITY * frame_.stride, 3);
+        if constexpr (FRAMED) {
+            scatter_columns(frame_.director_bar, a + DIRECTOR * frame_.stride, 3);
+            scatter_columns(frame_.spin_bar, a + SPIN * frame_.stride, 1);
+        }
         add_rows(frame_.given_bars, frame_.bars, frame_.bar_rows);
         for (Index p = first_; p < last_; p++) store(frame_.nodes_bar + 4 * p, read(frame_.carry + 4 * p));
     }
@@ -218,8 +246,18 @@ private:
     // What all corners leave along an axis.
     S* element_row(int d) const { return frame_.element_force + d * CORNERS * frame_.element_stride; }
 
-    void leave(int corner, Index e, const Vec3<V>& value) const {
-        for (int d = 0; d < 3; d++) store(element_row(d) + corner * frame_.element_stride + e, value[d]);
+    V number_at(const S* row, int corner, Index e) const {
+        const int* places = frame_.corners + corner * frame_.element_stride + e;
+        V value;
+        for (int l = 0; l < LANES; l++) value[l] = row[places[l]];
+        return value;
+    }
+
+    void leave(int row, int corner, Index e, V value) const {
+        store(element_row(row) + corner * frame_.element_stride + e, value);
+    }
+    void leave(int row, int corner, Index e, const Vec3<V>& value) const {
+        for (int d = 0; d < 3; d++) leave(row + d, corner, e, value[d]);
     }
 
     void leave_forces(const S* now) const {
@@ -227,11 +265,30 @@ private:
             V constants[Elastic::CONSTANTS], stiffness[Elastic::STIFFNESS];
             rows_of(frame_.element_constants, e, constants);
             rows_of(frame_.element_stiffness, e, stiffness);
-            Vec3<V> x[CORNERS], f[CORNERS] = {};
-            for (int c = 0; c < CORNERS; c++) x[c] = at_corner(now + X * frame_.stride, c, e);
-            Elastic(x, constants).forces(stiffness, f);
-            for (int c = 0; c < CORNERS; c++) leave(c, e, f[c]);
+            if constexpr (FRAMED) {
+                const auto found = FramedRodForces<V>(constants, stiffness).forces(elements_at(now, e), damped());
+                for (int c = 0; c < CORNERS; c++) leave(0, c, e, found.force[c]);
+                for (int i = 0; i < FRAMES; i++) leave(TORQUE, i, e, found.torque[i]);
+            } else {
+                Vec3<V> x[CORNERS], f[CORNERS] = {};
+                for (int c = 0; c < CORNERS; c++) x[c] = at_corner(now + X * frame_.stride, c, e);
+                Elastic(x, constants).forces(stiffness, f);
+                for (int c = 0; c < CORNERS; c++) leave(0, c, e, f[c]);
+            }
         }
+    }
+
+    typename FramedRodForces<V>::State elements_at(const S* now, Index e) const {
+        typename FramedRodForces<V>::State found = {};
+        for (int c = 0; c < CORNERS; c++) {
+            found.x[c] = at_corner(now + X * frame_.stride, c, e);
+            if (damped()) found.v[c] = at_corner(now + VELOCITY * frame_.stride, c, e);
+        }
+        for (int i = 0; i < FRAMES; i++) {
+            found.director[i] = at_corner(now + DIRECTOR * frame_.stride, i, e);
+            if (damped()) found.spin[i] = number_at(now + SPIN * frame_.stride, i, e);
+        }
+        return found;
     }
 
     // In: frame.force_bar. Leaves what the elements add to the adjoint of x.
@@ -240,15 +297,20 @@ private:
             V constants[Elastic::CONSTANTS], stiffness[Elastic::STIFFNESS], bar[Elastic::STIFFNESS] = {};
             rows_of(frame_.element_constants, e, constants);
             rows_of(frame_.element_stiffness, e, stiffness);
-            Vec3<Dual<V>> x[CORNERS], f[CORNERS] = {};
-            for (int c = 0; c < CORNERS; c++) {
-                const Vec3<V> value = at_corner(now + X * frame_.stride, c, e), slope = at_corner(frame_.force_bar, c, e);
-                for (int d = 0; d < 3; d++) x[c][d] = {value[d], slope[d]};
+            if constexpr (FRAMED) {
+                leave_framed(FramedRodForces<V>(constants, stiffness), now, e, bar);
+            } else {
+                Vec3<Dual<V>> x[CORNERS], f[CORNERS] = {};
+                for (int c = 0; c < CORNERS; c++) {
+                    const Vec3<V> value = at_corner(now + X * frame_.stride, c, e), slope = at_corner(frame_.force_bar, c, e);
+                    for (int d = 0; d < 3; d++) x[c][d] = {value[d], slope[d]};
+                }
+                const Element<Dual<V>, V> element(x, constants);
+                element.forces(stiffness, f);
+                for (int c = 0; c < CORNERS; c++)
+                    leave(0, c, e, Vec3<V>{{f[c][0].slope, f[c][1].slope, f[c][2].slope}});
+                element.stiffness_adjoint(bar);
             }
-            const Element<Dual<V>, V> element(x, constants);
-            element.forces(stiffness, f);
-            for (int c = 0; c < CORNERS; c++) leave(c, e, {{f[c][0].slope, f[c][1].slope, f[c][2].slope}});
-            element.stiffness_adjoint(bar);
             for (int r = 0; r < Elastic::STIFFNESS; r++) {
                 S* row = frame_.element_bars + r * frame_.element_stride + e;
                 store(row, load<S, LANES>(row) + bar[r]);
@@ -256,16 +318,48 @@ private:
         }
     }
 
-    // What elements left at a vertex.
-    Vec3<S> left_at(Index p) const {
+    template <class Forces>
+    void leave_framed(const Forces& forces, const S* now, Index e, V (&bar)[Elastic::STIFFNESS]) const {
+        typename Forces::Forces of;
+        for (int c = 0; c < CORNERS; c++) of.force[c] = at_corner(frame_.force_bar, c, e);
+        for (int i = 0; i < FRAMES; i++) of.torque[i] = number_at(frame_.torque, i, e);
+        const auto found = forces.adjoint(elements_at(now, e), of, damped(), bar);
+        for (int c = 0; c < CORNERS; c++) leave(0, c, e, found.x[c]);
+        for (int i = 0; i < FRAMES; i++) leave(OF_DIRECTOR, i, e, found.director[i]);
+        if (!damped()) return;
+        for (int c = 0; c < CORNERS; c++) leave(OF_VELOCITY, c, e, found.v[c]);
+        for (int i = 0; i < FRAMES; i++) leave(OF_SPIN, i, e, found.spin[i]);
+    }
+
+    // What the first `count` corners of elements left at a vertex, in the three rows from `first` on.
+    Vec3<S> left_at(Index p, int first = 0, Index count = CORNERS) const {
         Vec3<S> sum = {};
+        for (Index i = frame_.incident_first[p]; i < frame_.incident_first[p + 1]; i++) {
+            if (count < CORNERS && frame_.incident[i] >= count * frame_.element_stride) continue;
+            for (int d = 0; d < 3; d++) sum[d] += element_row(first + d)[frame_.incident[i]];
+        }
+        return sum;
+    }
+    // What elements left in one row at the segment that begins at a vertex.
+    S left_at_segment(Index p, int row) const {
+        S sum = 0;
         for (Index i = frame_.incident_first[p]; i < frame_.incident_first[p + 1]; i++)
-            for (int d = 0; d < 3; d++) sum[d] += element_row(d)[frame_.incident[i]];
+            if (frame_.incident[i] < FRAMES * frame_.element_stride) sum += element_row(row)[frame_.incident[i]];
         return sum;
     }
 
-    void add_up(S* rows) const {
-        for (Index p = first_; p < last_; p++) put_at(rows, 0, p, at(rows, 0, p) + left_at(p));
+    void add_up(S* bar) const {
+        for (Index p = first_; p < last_; p++) put_at(bar, X, p, at(bar, X, p) + left_at(p));
+        if constexpr (FRAMED) {
+            Directors<S>(frame_).add_turned(bar, frame_.turned);
+            for (Index p = first_; p < last_; p++) {
+                put_at(bar, DIRECTOR, p, at(bar, DIRECTOR, p) + left_at(p, OF_DIRECTOR, FRAMES));
+                if (!damped()) continue;
+                bar[SPIN * frame_.stride + p] += left_at_segment(p, OF_SPIN);
+                const Vec3<S> sum = three(read(frame_.carry + 4 * p)) + left_at(p, OF_VELOCITY);
+                store(frame_.carry + 4 * p, Node{sum[0], sum[1], sum[2], 0});
+            }
+        }
     }
 
     // --- contact between layers
@@ -313,8 +407,8 @@ private:
     }
 
     void move(Index s) {
-        const S* now = state(frame_.keep_states ? s : 0);
-        S* next = state(frame_.keep_states ? s + 1 : 0);
+        const S* now = state_at(s);
+        S* next = state_at(s + 1);
         const NodePhase<S> phase = node_phase();
         apply_forces(s, now);
         if (contacts_.on()) add_up_contact_forces();
@@ -331,6 +425,14 @@ private:
             const Vec3<S> moving = three(phase.velocity(free, around(p)));
             fastest = max(fastest, contacts_.drifting(moving));
             step(next, p, x, moving);
+        }
+        if constexpr (FRAMED) {
+            for (Index p = first_; p < last_; p++) frame_.torque[p] = left_at_segment(p, TORQUE);
+            const Directors<S> directors(frame_);
+            directors.spin(now, next, frame_.torque);
+            directors.turn(now, next);
+            const S* spins = next + SPIN * frame_.stride;
+            for (Index p = first_; frame_.keep_grids && p < last_; p++) kept_spins(s)[p] = spins[p];
         }
         if (contacts_.on()) contacts_.note_speed(s, fastest);
     }
@@ -349,6 +451,11 @@ private:
                 const Vec3<S> moving = three(phase.velocity(read(kept(s) + 4 * p), around(p)));
                 fastest = max(fastest, contacts_.drifting(moving));
                 step(state(s + 1), p, at(state(s), X, p), moving);
+            }
+            if constexpr (FRAMED) {
+                S* spins = state(s + 1) + SPIN * frame_.stride;
+                for (Index p = first_; p < last_; p++) spins[p] = kept_spins(s)[p];
+                Directors<S>(frame_).turn(state(s), state(s + 1));
             }
             if (contacts_.on()) contacts_.note_speed(s, fastest);
         }
@@ -370,11 +477,16 @@ private:
     }
 
     void check_state() {
-        for (Index p = first_; p < last_; p++)
-            check(frame_.substeps, p, at(state(0), X, p), at(state(0), VELOCITY, p));
+        const S* s = state_at(frame_.substeps);
+        for (Index p = first_; p < last_; p++) check(frame_.substeps, p, at(s, X, p), at(s, VELOCITY, p));
     }
 
     // --- adjoint
+
+    // The adjoint of what the substep does to directors and spins, see `Directors::adjoint`.
+    void turn_adjoint(Index s) const {
+        Directors<S>(frame_).adjoint(state(s), state(s + 1), frame_.adjoint, frame_.torque, frame_.turned, frame_.mobility_bar);
+    }
 
     // In: the adjoint of x and, in frame.carry, that of the velocity after the substep; out: the same before it but for what the
     // elements add to that of x, and the adjoint of the forces in frame.force_bar.

@@ -4,7 +4,8 @@
 // linear. `Element<T, V>(x, constants)` holds its strains at positions x, T either V or Dual<V>:
 //     `forces(stiffness, f)`              subtracts the energy's derivative by x from f,
 //     `stiffness_adjoint(bar)`            with the slope of x the adjoint of f: adds that of the stiffness to bar.
-// The energy's second derivatives are symmetric, so the adjoint of x is the slope of the forces along the adjoint of f.
+// The energy's second derivatives are symmetric, so the adjoint of x is the slope of the forces along the adjoint of f. Of framed rods, whose
+// elements have FRAMES directors, see `FramedRodForces` (framedrod.h).
 #pragma once
 #include "dual.h"
 #include "matrix.h"

@@ -9,7 +9,7 @@ namespace physreal {
 template <class T, class V>
 class Shell {
 public:
-    static constexpr int FACE = 3, CORNERS = 6, CONSTANTS = shell::COUNT, STIFFNESS = shell_stiffness::COUNT;
+    static constexpr int FACE = 3, CORNERS = 6, FRAMES = 0, CONSTANTS = shell::COUNT, STIFFNESS = shell_stiffness::COUNT;
 
     // x: of a free edge's missing neighbour any vertex.
     Shell(const Vec3<T> (&x)[CORNERS], const V (&constants)[CONSTANTS]) {

@@ -47,6 +47,8 @@ class Shell:
     rest: Float[Array, "vertices 3"]
     warp: tuple[float, float, float] = (1.0, 0.0, 0.0)
     element = "Shell"
+    framed = False
+    terms = ("bending", "fabric")
     stiffness_rows = SHELL_STIFFNESS.count
 
     def __post_init__(self) -> None:
@@ -285,7 +287,9 @@ class Shell:
 
     # --- its motion ---------------------------------------------------------------------------------------------
 
-    def deformation(self, x: Float[Tensor, "*batch vertices 3"]) -> Float[Tensor, "*batch vertices 3 3"]:
+    def deformation(
+        self, x: Float[Tensor, "*batch vertices 3"], director: None = None
+    ) -> Float[Tensor, "*batch vertices 3 3"]:
         """Deformation gradients of the vertices at x [m], the mean of the triangles around each; a normal stays as long as it is."""
         first_axes = x.movedim((-2, -1), (0, 1)).flatten(2)  # [N, 3, all others]: rows of memory are gathered
         a, b, c = self._incidence.at_corners(first_axes)

@@ -3,7 +3,7 @@
 import numpy as np
 
 from benchmarks.thin_scenes import sheet
-from physreal_core.simulation import Body, rod_body, shell_body
+from physreal_core.simulation import Body, rod_body, shell_body, untwisted_directors
 
 
 def crumpled(cells: tuple[int, int] = (4, 3), seed: int = 0, height: float = 0.05) -> Body:
@@ -26,3 +26,10 @@ def ropes(counts: tuple[int, ...] = (9, 5), seed: int = 0, height: float = 0.05)
         places.append(rest + 0.002 * rng.normal(size=rest.shape))
         lengths.append(step)
     return rod_body(np.concatenate(places), 0.003, 600.0, np.concatenate(lengths), counts)
+
+
+def framed_ropes(counts: tuple[int, ...] = (9, 5), seed: int = 0, height: float = 0.05) -> Body:
+    """The same with directors, already twisted where they start."""
+    body = ropes(counts, seed, height)
+    directors = untwisted_directors(body.x0, counts) + 0.3 * np.random.default_rng(seed).normal(size=body.x0.shape)
+    return rod_body(body.x0, 0.003, 600.0, body.elements.rest_lengths, counts, directors=directors)

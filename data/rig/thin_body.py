@@ -60,15 +60,38 @@ def _on_border(fixed: Bool[Array, " V"], ends: Int[Array, "E 2"], sides: Int[Arr
     return fixed[ends].all(axis=1) & (sides >= 0).all(axis=1) & (fixed[sides].sum(axis=1) == 1)
 
 
-def directors(model, data, mesh: Line) -> Float[Array, "S 3"]:
-    """A unit vector across every segment that turns with it."""
-    count = len(mesh.elements)
-    frames = data.plastic[: _FRAME * count].reshape(count, 2, 3)
-    tangent, across = frames[:, 0], frames[:, 1]
-    if not across.any():  # no step has been taken
-        return mesh.directors()
-    angle = np.array([data.qpos[model.joint(twist_joint(mesh, s)).qposadr[0]] for s in range(count)])[:, None]
-    return np.cos(angle) * across + np.sin(angle) * np.cross(tangent, across)
+class Directors:
+    """Unit vectors across the segments of a rope that turn with them, from `Line.directors` on.
+
+    Args:
+        model: MuJoCo's.
+        mesh: the centre line.
+    """
+
+    def __init__(self, model, mesh: Line) -> None:
+        import mujoco
+
+        self._mesh, self._count = mesh, len(mesh.elements)
+        joints = [model.joint(twist_joint(mesh, segment)) for segment in range(self._count)]
+        self._twists = np.array([joint.qposadr[0] for joint in joints])
+        scratch = mujoco.MjData(model)
+        mujoco.mj_step(model, scratch)  # MuJoCo chooses its frames in the first step
+        tangent, across = self._frames(scratch)
+        wanted = mesh.directors()
+        self._start = np.arctan2((wanted * np.cross(tangent, across)).sum(axis=1), (wanted * across).sum(axis=1))
+
+    def __call__(self, data) -> Float[Array, "S 3"]:
+        """At the beginning of the last step."""
+        tangent, across = self._frames(data)
+        if not across.any():  # no step has been taken
+            return self._mesh.directors()
+        angle = (self._start + data.qpos[self._twists])[:, None]
+        return np.cos(angle) * across + np.sin(angle) * np.cross(tangent, across)
+
+    def _frames(self, data) -> tuple[Float[Array, "S 3"], Float[Array, "S 3"]]:
+        """Tangents, and MuJoCo's unit vectors across, which are carried along without twist."""
+        frames = data.plastic[: _FRAME * self._count].reshape(self._count, 2, 3)
+        return frames[:, 0], frames[:, 1]
 
 
 def stable_step(body: ThinBody) -> float:

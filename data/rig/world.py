@@ -11,7 +11,7 @@ import numpy as np
 from data.rig.mesh import TetMesh, mesh_shape
 from data.rig.rig_scene import RigScene
 from data.rig.rope import Line
-from data.rig.thin_body import MiddleMesh, ThinBody, directors, edges, end_hold_at_nodes, ends_at_nodes, held_twists
+from data.rig.thin_body import Directors, MiddleMesh, ThinBody, edges, end_hold_at_nodes, ends_at_nodes, held_twists
 from physreal_core.array_types import Array, Float, Int
 
 NODE_RADIUS = 0.0005  # [m] collision radius of a flex node
@@ -70,6 +70,7 @@ class World:
         self.dofs = self.model.body_dofadr[self.bodies][:, None] + np.arange(3)
         if ends_at_nodes(scene.body):
             end_hold_at_nodes(self.model, self.mesh, self.gripped)
+        self._directors = Directors(self.model, self.mesh) if isinstance(self.mesh, Line) else None
         self._origin = self.model.body_pos[self.bodies]  # slide joints along the world's axes: x = origin + q
         self._hand = np.zeros(3)
         self.model.body_mass[self.bodies] = self.mesh.lumped_mass(scene.material.density)
@@ -87,7 +88,7 @@ class World:
     @property
     def directors(self) -> Float[Array, "S 3"]:
         """Of a rope's segments: unit vectors that turn with them, at the last step's beginning; of other bodies none."""
-        return directors(self.model, self.data, self.mesh) if isinstance(self.mesh, Line) else np.zeros((0, 3))
+        return np.zeros((0, 3)) if self._directors is None else self._directors(self.data)
 
     @property
     def masses(self) -> Float[Array, " V"]:

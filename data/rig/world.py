@@ -167,9 +167,12 @@ def firmness(timestep: float) -> tuple[float, float]:
 
 
 def rigid(timestep: float) -> tuple[float, float]:
-    """Stiffness [1/s^2] and damping [1/s] of a hold that does not yield by a hundredth of what it holds: critically damped, as
-    stiff as the step bears. The end of a thin body weighs next to nothing, and all of the body pulls and bends it."""
-    return (0.45 / timestep) ** 2, 0.9 / timestep
+    """Stiffness [1/s^2] and damping [1/s] of a hold that is as stiff as the step bears, critically damped.
+
+    The end of a thin body weighs next to nothing, and all of the body pulls and bends it.
+    """
+    stiffness, damping = firmness(timestep)
+    return max(stiffness, (0.45 / timestep) ** 2), damping
 
 
 def firm(firmness: tuple[float, float], impedance: str = CONTACT_IMPEDANCE) -> str:

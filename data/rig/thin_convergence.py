@@ -4,9 +4,13 @@ A strip and a rope are held level at one end, as the hand holds them in the capt
 the closed form, in per cent.
 
     python -m data.rig.thin_convergence
+    python -m data.rig.thin_convergence --scenes
+
+The second prints how far a finer time step or finer segments move the captures.
 """
 
 import math
+import sys
 from collections.abc import Callable
 from dataclasses import replace
 
@@ -18,7 +22,7 @@ from data.rig.rope import Rope
 from data.rig.shapes import Block, Capsule, RoundedShape
 from data.rig.thin import Cloth
 from data.rig.thin_body import ThinBody, stable_step, twist_joint
-from data.rig.thin_scenes import CLOTH, PLATE_RATIO, ROPE
+from data.rig.thin_scenes import CLOTH, PLATE_RATIO, ROPE, THIN_SCENES, run
 from data.rig.world import World
 from physreal_core.array_types import Array, Float
 
@@ -254,7 +258,32 @@ def _print(title: str, measures: Measures, spacings: tuple[float, ...]) -> None:
     print()
 
 
+def moved(scene: RigScene, every: int = 1, share: float = 1.0) -> tuple[float, float]:
+    """How far the nodes move with elements 1 / `every` as long (of a rope) and a `share` of the step: mean, and mean of the worst
+    frame [m]."""
+    finer = replace(scene, body=replace(scene.body, spacing=scene.body.spacing / every))
+    before, after = run(scene).middle.vertices, run(finer, share).middle.vertices[:, ::every]
+    by_frame = np.linalg.norm(before - after, axis=-1).mean(axis=1)
+    return float(by_frame.mean()), float(by_frame.max())
+
+
+def _print_scenes() -> None:
+    lift, cloth = THIN_SCENES["rope_lift"](), THIN_SCENES["cloth_lift"]()
+    coarse = replace(cloth, body=replace(cloth.body, spacing=0.0125))
+    print("| | mean | worst frame |\n|---|--:|--:|")
+    cases = {
+        "`rope_lift`, half the time step": lambda: moved(lift, share=0.5),
+        "`rope_lift`, segments of half the length": lambda: moved(lift, every=2),
+        "`cloth_lift` in elements of 12.5 mm, half the time step": lambda: moved(coarse, share=0.5),
+    }
+    for name, measure in cases.items():
+        print(f"| {name} | " + " | ".join(f"{1e3 * way:.2f} mm" for way in measure()) + " |", flush=True)
+
+
 if __name__ == "__main__":
+    if "--scenes" in sys.argv[1:]:
+        _print_scenes()
+        sys.exit()
     _print("cloth", OF_CLOTH, SPACINGS["cloth"])
     _print("rope", OF_ROPE, SPACINGS["rope"])
     for name, body in {"cloth": strip(0.0125, NARROW), "rope": rope(0.01)}.items():

@@ -170,6 +170,17 @@ def test_pieces_given_are_checked():
             dataclasses.replace(body, pieces=wrong)
 
 
+def test_pieces_stay_apart_in_a_coarse_body():
+    from physreal_core.fitting.coarsening import _merged
+
+    body = slabs(0.004)
+    coarse, shares = _merged(body, 1.6)
+    assert len(coarse.x0) < 60
+    assert coarse.piece.max() == 1
+    for piece in (0, 1):
+        assert shares[coarse.piece == piece][:, body.piece == piece].sum() == pytest.approx(60)
+
+
 # --- too thin ---------------------------------------------------------------------------------------------------
 
 
@@ -209,3 +220,10 @@ def test_a_thick_body_with_a_thin_limb_is_not_refused():
     x = np.concatenate([thick.x0, limb])
     assert one_particle_thick(x, H)[-3:].all()
     Simulator(Body(x, np.full(len(x), H**3), np.full(len(x), 300.0), H), SimulationConfig(fps=30))
+
+
+def test_a_body_of_one_piece_lies_on_the_grid_where_it_is():
+    body = block((5, 4, 3), H, corner=(0.1, 0.2, 0.3))
+    lattice = lattice_of(body, ())
+    np.testing.assert_array_equal(lattice.place, body.x0)
+    assert not lattice.shift.any()

@@ -24,8 +24,8 @@ from physreal_core.array_types import Array, Float
 from physreal_core.errors import InputError
 
 ROOT = Path(__file__).resolve().parent.parent
-FITTED = 0
-STAGES = ((150, 12), (500, 30))
+FITTED = 2
+STAGES = ((150, 12), (300, 12), (500, 20))
 """Frames of the fitted recording and iterations on them: the first second and a half leads near, then all of it."""
 TARGETS = {"error_over_length": 0.02, "over_default": 0.7}
 Tell = Callable[[str], None]

@@ -1,7 +1,8 @@
 // Contact of a thin body with itself, one thread's share: which pairs may touch, their forces, and the adjoint.
 //
 // Pairs within the distance and a margin are found anew whenever the vertices may have moved by the margin against each other. So no pair
-// that touches is missed, and which pairs are listed does not change the result. A thread lists those of its own vertices and edges.
+// that touches is missed, and which pairs are listed does not change the result. A thread lists those of its own vertices and edges. A listed
+// pair sleeps until its vertices may have moved by the distance between them; only those awake are looked at.
 #pragma once
 #include "barrier.h"
 #include "contact.h"
@@ -46,28 +47,28 @@ public:
     }
 
     void leave_forces(const S* now) const {
-        leave_forces_of<FACES>(0, now);
-        leave_forces_of<EDGES>(1, now);
+        for_touching<FACES>(0, now, [&](auto pair) { leave_forces_of(pair, now); });
+        for_touching<EDGES>(1, now, [&](auto pair) { leave_forces_of(pair, now); });
     }
 
     // In: frame.force_bar. Leaves adjoints of x, v and Young's modulus at the corners; friction_bar grows.
     void leave_adjoints(const S* now, S& friction_bar) const {
-        leave_adjoints_of<FACES>(0, now, friction_bar);
-        leave_adjoints_of<EDGES>(1, now, friction_bar);
+        for_touching<FACES>(0, now, [&](auto pair) { leave_adjoints_of(pair, now, friction_bar); });
+        for_touching<EDGES>(1, now, [&](auto pair) { leave_adjoints_of(pair, now, friction_bar); });
     }
 
     // Calls visit(vertex, first of the rows that were left there for it, distance of rows, corner) for the thread's own vertices.
     template <class Visit>
     void for_left(Visit visit) const {
-        for (Index list = 0; list < 2 * frame_.threads; list++) {
-            const Index count = frame_.pair_counts[list];
-            const int *pairs = pairs_of(list), *touching = touching_of(list);
+        for (Index n = 0; n < 2 * frame_.threads; n++) {  // faces first, whoever listed them
+            const Index list = n < frame_.threads ? 2 * n : 2 * (n - frame_.threads) + 1, count = frame_.pairs_awake[list];
+            const int *pairs = pairs_of(list), *awake = awake_of(list), *touching = touching_of(list);
             const S* left = left_of(list);
             for (Index b = 0; b < count; b += LANES) {
                 if (!touching[b / LANES]) continue;
                 for (Index i = b; i < min_of(b + LANES, count); i++)
                     for (int c = 0; c < 4; c++) {
-                        const Index p = pairs[4 * i + c];
+                        const Index p = pairs[4 * awake[i] + c];
                         if (p >= first_ && p < last_) visit(p, left + i, frame_.pair_capacity, c);
                     }
             }
@@ -81,36 +82,95 @@ private:
     S moved_ = 0;
 
     int* pairs_of(Index list) const { return frame_.pairs + 4 * list * frame_.pair_capacity; }
+    int* awake_of(Index list) const { return frame_.awake + list * frame_.pair_capacity; }
+    S* wake_of(Index list) const { return frame_.pairs_wake + list * frame_.pair_capacity; }
+    S* by_modulus_of(Index list) const { return frame_.pairs_by_modulus + list * frame_.pair_capacity; }
     int* touching_of(Index list) const { return frame_.pairs_touch + list * (frame_.pair_capacity / LANES); }
     S* left_of(Index list) const { return frame_.pairs_left + LEFT * list * frame_.pair_capacity; }
 
     static Vec3<S> at(const S* rows, Index stride, Index p) { return {{rows[p], rows[stride + p], rows[2 * stride + p]}}; }
 
+    // --- which pairs are awake
+
+    // Numbers of the listed pairs that are, the last one filling the last block.
+    Index wake_up(Index list) const {
+        const Index count = frame_.pairs_listed[list];
+        const S* wake = wake_of(list);
+        int* awake = awake_of(list);
+        Index found = 0;
+        for (Index b = 0; b < count; b += LANES) {
+            if (!any(load<S, LANES>(wake + b) <= splat<V>(moved_))) continue;
+            for (Index i = b; i < min_of(b + LANES, count); i++)
+                if (wake[i] <= moved_) awake[found++] = int(i);
+        }
+        frame_.pairs_awake[list] = found;
+        for (Index i = found; i % LANES; i++) awake[i] = awake[found - 1];
+        return found;
+    }
+
+    // What the vertices may move before two things at a distance touch: each half of the way.
+    S sleep(S distance) const {
+        const S way = distance - frame_.contact_distance;
+        return way > 0 ? S(0.4999) * way : S(0);
+    }
+
+    // A block of pairs that touch; b is its place among those awake.
+    template <int KIND_>
+    struct Block {
+        static constexpr int KIND = KIND_;
+        Index list, b;
+        const int* corners[LANES];  // of each pair
+        Vec3<V> x[4];
+    };
+
+    // Calls visit(block) for the blocks with a pair that touches, and sends others to sleep.
+    template <int KIND, class Visit>
+    void for_touching(int which, const S* now, Visit visit) const {
+        Block<KIND> block;
+        block.list = 2 * thread_ + which;
+        const Index count = wake_up(block.list);
+        const int* awake = awake_of(block.list);
+        S* wake = wake_of(block.list);
+        for (Index b = 0; b < count; b += LANES) {
+            block.b = b;
+            for (int l = 0; l < LANES; l++) block.corners[l] = pairs_of(block.list) + 4 * awake[b + l];
+            for (int c = 0; c < 4; c++) block.x[c] = corner(now + X * frame_.stride, block, c);
+            const Contact<KIND, V, V> contact(block.x, block.x, splat<V>(frame_.contact_distance));
+            const auto touch = contact.touches();
+            touching_of(block.list)[b / LANES] = any(touch);
+            if (any(touch)) visit(block);
+            if (all(touch)) continue;
+            const V distance = KIND == EDGES ? sqrt(squared_distance_of_edges(block.x)) : contact.length();
+            for (int l = 0; l < LANES; l++)
+                if (!touch[l]) wake[awake[b + l]] = moved_ + sleep(distance[l]);
+        }
+    }
+
     // --- forces
 
-    Vec3<V> corner(const S* rows, const int* pairs, int c) const {
+    template <class Pairs>
+    Vec3<V> corner(const S* rows, const Pairs& block, int c) const {
         Vec3<V> value;
-        for (int d = 0; d < 3; d++)
-            for (int l = 0; l < LANES; l++) value[d][l] = rows[d * frame_.stride + pairs[4 * l + c]];
+        for (int l = 0; l < LANES; l++) {
+            const S* from = rows + block.corners[l][c];
+            for (int d = 0; d < 3; d++) value[d][l] = from[d * frame_.stride];
+        }
         return value;
     }
 
-    // A pair's stiffness [N/m] is this times the sum of its corners' Young's moduli.
-    template <int KIND>
-    V stiffness_by_modulus(const int* pairs) const {
-        V weight;
-        for (int l = 0; l < LANES; l++) {
-            weight[l] = frame_.contact_weight[pairs[4 * l]];
-            for (int c = 1; KIND == EDGES && c < 4; c++) weight[l] = min(weight[l], frame_.contact_weight[pairs[4 * l + c]]);
-        }
-        return (frame_.contact_size / (KIND == POINT_SEGMENT ? 3 : 4)) * weight;
+    // A pair's stiffness [N/m] is that by Young's modulus times the sum of its corners' moduli.
+    template <class Pairs>
+    V by_modulus(const Pairs& block) const {
+        V value;
+        for (int l = 0; l < LANES; l++) value[l] = by_modulus_of(block.list)[awake_of(block.list)[block.b + l]];
+        return value;
     }
-    template <int KIND>
-    V modulus_sum(const int* pairs) const {
+    template <class Pairs>
+    V modulus_sum(const Pairs& block) const {
         const S* E = frame_.constants + constant::youngs_modulus * frame_.stride;
         V sum = {};
         for (int l = 0; l < LANES; l++)
-            for (int c = 0; c < (KIND == POINT_SEGMENT ? 3 : 4); c++) sum[l] += E[pairs[4 * l + c]];
+            for (int c = 0; c < (Pairs::KIND == POINT_SEGMENT ? 3 : 4); c++) sum[l] += E[block.corners[l][c]];
         return sum;
     }
 
@@ -118,55 +178,41 @@ private:
         return {splat<V>(frame_.layer_friction), splat<V>(frame_.layer_speed), splat<V>(frame_.layer_softening * frame_.dt)};
     }
 
-    template <int KIND>
-    void leave_forces_of(int which, const S* now) const {
-        const Index list = 2 * thread_ + which, count = frame_.pair_counts[list];
-        S* left = left_of(list);
-        for (Index b = 0; b < count; b += LANES) {
-            const int* pairs = pairs_of(list) + 4 * b;
-            Vec3<V> x[4], v[4], f[4] = {};
-            for (int c = 0; c < 4; c++) x[c] = corner(now + X * frame_.stride, pairs, c);
-            const Contact<KIND, V, V> contact(x, x, splat<V>(frame_.contact_distance));
-            const bool touches = any(contact.touches());
-            touching_of(list)[b / LANES] = touches;
-            if (!touches) continue;
-            for (int c = 0; c < 4; c++) v[c] = corner(now + VELOCITY * frame_.stride, pairs, c);
-            const V k = stiffness_by_modulus<KIND>(pairs) * modulus_sum<KIND>(pairs);
-            contact.forces(k, f);
-            contact.friction(k, friction(), v, f);
-            for (int c = 0; c < 4; c++)
-                for (int d = 0; d < 3; d++) store(left + (3 * c + d) * frame_.pair_capacity + b, f[c][d]);
-        }
+    template <class Pairs>
+    void leave_forces_of(const Pairs& block, const S* now) const {
+        const Contact<Pairs::KIND, V, V> contact(block.x, block.x, splat<V>(frame_.contact_distance));
+        Vec3<V> v[4], f[4] = {};
+        for (int c = 0; c < 4; c++) v[c] = corner(now + VELOCITY * frame_.stride, block, c);
+        const V k = by_modulus(block) * modulus_sum(block);
+        contact.forces(k, f);
+        contact.friction(k, friction(), v, f);
+        S* left = left_of(block.list) + block.b;
+        for (int c = 0; c < 4; c++)
+            for (int d = 0; d < 3; d++) store(left + (3 * c + d) * frame_.pair_capacity, f[c][d]);
     }
 
-    template <int KIND>
-    void leave_adjoints_of(int which, const S* now, S& friction_bar) const {
-        const Index list = 2 * thread_ + which, count = frame_.pair_counts[list];
-        S* left = left_of(list);
-        for (Index b = 0; b < count; b += LANES) {
-            const int* pairs = pairs_of(list) + 4 * b;
-            Vec3<V> x[4], v[4], bar[4], x_bar[4] = {}, v_bar[4] = {};
-            for (int c = 0; c < 4; c++) x[c] = corner(now + X * frame_.stride, pairs, c);
-            const Contact<KIND, V, V> contact(x, x, splat<V>(frame_.contact_distance));
-            const bool touches = any(contact.touches());
-            touching_of(list)[b / LANES] = touches;
-            if (!touches) continue;
-            for (int c = 0; c < 4; c++) {
-                v[c] = corner(now + VELOCITY * frame_.stride, pairs, c);
-                bar[c] = corner(frame_.force_bar, pairs, c);
+    template <class Pairs>
+    void leave_adjoints_of(const Pairs& block, const S* now, S& friction_bar) const {
+        const Contact<Pairs::KIND, V, V> contact(block.x, block.x, splat<V>(frame_.contact_distance));
+        Vec3<V> v[4], bar[4], x_bar[4] = {}, v_bar[4] = {};
+        for (int c = 0; c < 4; c++) {
+            v[c] = corner(now + VELOCITY * frame_.stride, block, c);
+            bar[c] = corner(frame_.force_bar, block, c);
+        }
+        const V per_modulus = by_modulus(block), k = per_modulus * modulus_sum(block);
+        V k_bar = {}, coefficient_bar = {};
+        contact.friction_adjoint(k, friction(), v, bar, x_bar, v_bar, k_bar, coefficient_bar);
+        normal_adjoint<Pairs::KIND>(block.x, bar, k, x_bar, k_bar);
+        const Index lanes = min_of(LANES, frame_.pairs_awake[block.list] - block.b);
+        for (Index l = 0; l < lanes; l++) friction_bar += coefficient_bar[l];
+        S* left = left_of(block.list) + block.b;
+        const Index stride = frame_.pair_capacity;
+        for (int c = 0; c < 4; c++) {
+            for (int d = 0; d < 3; d++) {
+                store(left + (3 * c + d) * stride, x_bar[c][d]);
+                store(left + (12 + 3 * c + d) * stride, v_bar[c][d]);
             }
-            const V by_modulus = stiffness_by_modulus<KIND>(pairs), k = by_modulus * modulus_sum<KIND>(pairs);
-            V k_bar = {}, coefficient_bar = {};
-            contact.friction_adjoint(k, friction(), v, bar, x_bar, v_bar, k_bar, coefficient_bar);
-            normal_adjoint<KIND>(x, bar, k, x_bar, k_bar);
-            for (Index l = 0; l < min_of(LANES, count - b); l++) friction_bar += coefficient_bar[l];
-            for (int c = 0; c < 4; c++) {
-                for (int d = 0; d < 3; d++) {
-                    store(left + (3 * c + d) * frame_.pair_capacity + b, x_bar[c][d]);
-                    store(left + (12 + 3 * c + d) * frame_.pair_capacity + b, v_bar[c][d]);
-                }
-                store(left + (24 + c) * frame_.pair_capacity + b, KIND == POINT_SEGMENT && c == 3 ? V{} : by_modulus * k_bar);
-            }
+            store(left + (24 + c) * stride, Pairs::KIND == POINT_SEGMENT && c == 3 ? V{} : per_modulus * k_bar);
         }
     }
 
@@ -261,24 +307,23 @@ private:
         // Calls visit(item) for those whose balls come within reach of a ball.
         template <class Visit>
         void near(const S* point, S reach, Visit visit) const {
-            const S* b = box();
-            const Index cells = number(int(b[4]) - 1, int(b[5]) - 1, int(b[6]) - 1) + 1;
+            const S *b = box(), *balls = ball(0), x = point[0], y = point[1], z = point[2];
+            const int *begin = first(), *order = sorted();
+            const Index cells = number(int(b[4]) - 1, int(b[5]) - 1, int(b[6]) - 1) + 1, all = items();
             int low[3], high[3];
             for (int d = 0; d < 3; d++) {
-                const S place[2] = {(point[d] - reach - b[7] - b[d]) / b[3], (point[d] + reach + b[7] - b[d]) / b[3]};
-                low[d] = clamped(place[0], b[4 + d]);
-                high[d] = clamped(place[1], b[4 + d]);
+                low[d] = clamped((point[d] - reach - b[7] - b[d]) / b[3], b[4 + d]);
+                high[d] = clamped((point[d] + reach + b[7] - b[d]) / b[3], b[4 + d]);
             }
             for (int i = low[0]; i <= high[0]; i++)
                 for (int j = low[1]; j <= high[1]; j++)
                     for (int k = low[2]; k <= high[2]; k++) {
                         const Index c = number(i, j, k);
-                        const Index end = c + 2 <= cells ? Index(first()[c + 2]) : items();
-                        for (Index n = first()[c + 1]; n < end; n++) {
-                            const S* other = ball(sorted()[n]);
-                            const S x = point[0] - other[0], y = point[1] - other[1], z = point[2] - other[2];
-                            const S most = reach + other[3];
-                            if (x * x + y * y + z * z <= most * most) visit(Index(sorted()[n]));
+                        const Index end = c + 2 <= cells ? Index(begin[c + 2]) : all;
+                        for (Index n = begin[c + 1]; n < end; n++) {
+                            const S *other = balls + 4 * order[n], most = reach + other[3];
+                            const S dx = x - other[0], dy = y - other[1], dz = z - other[2];
+                            if (dx * dx + dy * dy + dz * dz <= most * most) visit(Index(order[n]));
                         }
                     }
         }
@@ -311,7 +356,7 @@ private:
                 Vec3<S> corners[4];
                 for (int c = 0; c < 4; c++) corners[c] = at(x, frame_.stride, pair[c]);
                 const Contact<FACES, S, S> contact(corners, corners, reach);
-                if (contact.touches()) put(list, count++, pair);
+                if (contact.touches()) put(list, count++, pair, contact.length(), frame_.contact_weight[p] / (FACE + 1));
             });
         }
         finish(list, count);
@@ -331,7 +376,11 @@ private:
                 if (neighbours(e[0], o[0]) || neighbours(e[0], o[1]) || neighbours(e[1], o[0]) || neighbours(e[1], o[1])) return;
                 Vec3<S> corners[4];
                 for (int c = 0; c < 4; c++) corners[c] = at(x, frame_.stride, pair[c]);
-                if (squared_distance_of_edges(corners) <= reach * reach) put(list, count++, pair);
+                const S squared = squared_distance_of_edges(corners);
+                if (squared > reach * reach) return;
+                S weight = frame_.contact_weight[pair[0]];
+                for (int c = 1; c < 4; c++) weight = min(weight, frame_.contact_weight[pair[c]]);
+                put(list, count++, pair, sqrt(squared), weight / 4);
             });
         }
         finish(list, count);
@@ -344,17 +393,16 @@ private:
         return false;
     }
 
-    void put(Index list, Index place, const int (&pair)[4]) const {
-        if (place < frame_.pair_capacity)
-            for (int c = 0; c < 4; c++) pairs_of(list)[4 * place + c] = pair[c];
+    // share: of the body's stiffness by modulus that falls to each corner.
+    void put(Index list, Index place, const int (&pair)[4], S distance, S share) const {
+        if (place >= frame_.pair_capacity) return;
+        for (int c = 0; c < 4; c++) pairs_of(list)[4 * place + c] = pair[c];
+        wake_of(list)[place] = sleep(distance);
+        by_modulus_of(list)[place] = frame_.contact_size * share;
     }
-    // The last pair fills the last block.
     void finish(Index list, Index count) const {
         if (count > frame_.pairs_needed[list]) frame_.pairs_needed[list] = count;
-        count = min_of(count, frame_.pair_capacity);
-        for (Index i = count; i % LANES; i++)
-            for (int c = 0; c < 4; c++) pairs_of(list)[4 * i + c] = pairs_of(list)[4 * (count - 1) + c];
-        frame_.pair_counts[list] = count;
+        frame_.pairs_listed[list] = min_of(count, frame_.pair_capacity);
     }
 };
 

@@ -71,7 +71,8 @@ class ContactArrays:
             "balls": torch.zeros(count, items, 4, dtype=self._dtype),
             "bin_boxes": torch.zeros(count, 2, 8, dtype=self._dtype),
             "bins": torch.zeros(count, 2 * (self._cells + 1) + 2 * items, dtype=torch.int32),
-            "pair_counts": torch.zeros(count, self._threads, 2, dtype=torch.int64),
+            "pairs_listed": torch.zeros(count, self._threads, 2, dtype=torch.int64),
+            "pairs_awake": torch.zeros(count, self._threads, 2, dtype=torch.int64),
         }
 
     def pairs(self, count: int) -> dict[str, Tensor]:
@@ -79,6 +80,9 @@ class ContactArrays:
         lists = (count, self._threads, 2)
         return {
             "pairs": torch.zeros(*lists, self.capacity, 4, dtype=torch.int32),
+            "pairs_wake": torch.zeros(*lists, self.capacity, dtype=self._dtype),
+            "pairs_by_modulus": torch.zeros(*lists, self.capacity, dtype=self._dtype),
+            "awake": torch.zeros(*lists, self.capacity, dtype=torch.int32),
             "pairs_touch": torch.zeros(*lists, self.capacity // 4, dtype=torch.int32),
             "pairs_left": torch.zeros(*lists, LEFT, self.capacity, dtype=self._dtype),
         }

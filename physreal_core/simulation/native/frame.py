@@ -37,8 +37,12 @@ WORKSPACE = Structure(
     S* contact_force  [3, stride]
     S* speeds  [substeps, threads] of the vertices against the drift, at most
     int* pairs  [threads, 2, pair_capacity, 4] vertices of pairs that may touch: of points and faces, of edges
-    Index* pair_counts  [threads, 2]
-    int* pairs_touch  [threads, 2, pair_capacity / lanes] whether one of a block does
+    Index* pairs_listed  [threads, 2]
+    Index* pairs_awake  [threads, 2]
+    S* pairs_wake  [threads, 2, pair_capacity] what the vertices may move before a pair may touch [m]
+    S* pairs_by_modulus  [threads, 2, pair_capacity] stiffness over the sum of the corners' Young's moduli [m]
+    int* awake  [threads, 2, pair_capacity] numbers of those that may touch
+    int* pairs_touch  [threads, 2, pair_capacity / lanes] whether one of a block of these does
     S* pairs_left  [threads, 2, 28, pair_capacity] forces, or adjoints of x, v and Young's modulus
     S* balls  [contact_faces + contact_edges, 4] centre and radius
     S* bin_boxes  [2, 8]

@@ -157,6 +157,9 @@ public:
     // Lanes in which there is a force.
     Mask<V> touches() const { return (depth_ > T{}) & (weight_ > T{}); }
 
+    // How far the nearest points are apart; of edges those of their lines.
+    T length() const { return length_; }
+
     // Energy over stiffness.
     T energy() const { return constant(S(0.5)) * weight_ * depth_ * depth_; }
 

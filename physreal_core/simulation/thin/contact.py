@@ -19,7 +19,7 @@ TOUCHING_PAIRS = 24
 """Pairs that act at a vertex between two others which lie right above and below it, each of six triangles."""
 LAYER_SPEED = 2e-3
 """Speed [m/s] below which friction between layers is smoothed."""
-FINDING = 0.25
+FINDING = 0.5
 """Of an edge's length: the margin within which pairs are listed."""
 PATH = 2.0
 """Contact distances along the body within which vertices never touch; nor do vertices that share an edge."""

@@ -25,7 +25,7 @@ from physreal_core.simulation.parameters import Parameters
 from physreal_core.simulation.thin.contact import SHARE, Surface
 from physreal_core.simulation.thin.incidence import Incidence
 from physreal_core.simulation.thin.rows import SHELL, SHELL_STIFFNESS
-from physreal_core.simulation.thin.stiffness import shell_frequency, shell_stiffness
+from physreal_core.simulation.thin.stiffness import PAIRS, pairs_of, shell_frequency, shell_stiffness
 
 SMALLEST_HEIGHT = 1e-3
 """Of a triangle over its longest edge, below which it has no plane."""
@@ -209,6 +209,46 @@ class Shell:
                 slopes[:, e, (e + 1) % 3] += (along[:, e] - 1.0) * own[:, e]
                 slopes[:, e, (e + 2) % 3] -= along[:, e] * own[:, e]
         return slopes
+
+    @cached_property
+    def plate_forms(self) -> Float[Array, "6 4 triangles"]:
+        """Of the six second derivatives of the bending energy by k_e (`stiffness.PAIRS`) by C11, C22, C12, C33 of the plate."""
+        d = np.moveaxis(self.curvatures, 0, -1)  # [edge, component, triangle]
+        products = [
+            [d[e, 0] * d[f, 0], d[e, 1] * d[f, 1], d[e, 0] * d[f, 1] + d[e, 1] * d[f, 0], d[e, 2] * d[f, 2]]
+            for e, f in PAIRS
+        ]
+        return np.array(products) * self.area
+
+    @cached_property
+    def _membrane_forms(self) -> Float[Array, "6 3 triangles"]:
+        """Of the membrane's flexibility by one over the mass per area of each corner."""
+        x, y = self.gradients.T  # [corner, triangle]
+        zero = np.zeros_like(x)
+        along_x, along_y = np.stack([x, zero, y], -1), np.stack([zero, y, x], -1)  # strains by a corner's way
+        return 3.0 * (pairs_of(along_x) + pairs_of(along_y))
+
+    @cached_property
+    def _bending_forms(self) -> Float[Array, "6 6 triangles"]:
+        """Of the flexibility of k_e by one over each corner's share of the mass."""
+        return pairs_of(self.angle_slopes.transpose(2, 0, 1))
+
+    def membrane_flexibility(self, mass: Float[Tensor, "*rollouts vertices"]) -> Float[Tensor, "*rollouts 6 triangles"]:
+        """Six numbers (`stiffness.PAIRS`) of each triangle's strains by forces that go with them; mass of the vertices [kg], shared out by area."""
+        return self._flexibility(
+            self._membrane_forms, torch.as_tensor(self.vertex_area).to(mass) / mass, self.triangles
+        )
+
+    def bending_flexibility(self, mass: Float[Tensor, "*rollouts vertices"]) -> Float[Tensor, "*rollouts 6 triangles"]:
+        """The same of k_e; mass of the vertices [kg], shared out among the elements at each."""
+        count = np.bincount(self.corners.ravel(), minlength=len(self.rest))
+        return self._flexibility(self._bending_forms, torch.as_tensor(count).to(mass) / mass, self.corners)
+
+    @staticmethod
+    def _flexibility(forms: Array, inverse_mass: Tensor, corners: Array) -> Tensor:
+        """The sum over corners of forms [6, C, M] times the inverse of each one's mass."""
+        at = inverse_mass[..., torch.as_tensor(corners.T, device=inverse_mass.device)]
+        return (torch.as_tensor(forms).to(at) * at[..., None, :, :]).sum(-2)
 
     # --- as the step sees it ------------------------------------------------------------------------------------
 

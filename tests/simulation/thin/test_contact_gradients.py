@@ -1,5 +1,7 @@
 """The adjoint through contact of layers against central differences in float64."""
 
+import dataclasses
+
 import pytest
 import torch
 
@@ -66,3 +68,16 @@ def test_every_parameter_through_contact(kind, slide):
     simulator, parameters, steps = scene(kind, slide, 0.4)
     assert touched(simulator, parameters) > 1e-5
     check(directional_errors(simulator, parameters, NO_POINTS, random_loss([1, 2, 3]), steps))
+
+
+def test_a_batch_equals_single_rollouts_with_gradients(kind):
+    simulator, parameters, _ = scene(kind, 0.3, 0.4)
+    frictions = torch.tensor([0.0, 0.3, 0.8], dtype=torch.float64, requires_grad=True)
+    batch = simulator.rollout_batch(dataclasses.replace(parameters, layer_friction=frictions), NO_POINTS)
+    batch.x[:, -1].square().sum().backward()
+    for row in range(3):
+        own = frictions.detach()[row].clone().requires_grad_()
+        alone = simulator.rollout(dataclasses.replace(parameters, layer_friction=own), NO_POINTS)
+        alone.x[-1].square().sum().backward()
+        assert torch.equal(batch.x[row], alone.x)
+        assert float(frictions.grad[row]) == pytest.approx(float(own.grad), rel=1e-9)

@@ -196,11 +196,11 @@ class Simulator:
 def _check_kind(body: Body, config: SimulationConfig) -> None:
     """Raise `InputError` for a term or a law that the body, a volume or thin, does not have."""
     thin = body.elements is not None
-    absent = (*STRESS_TERMS, "initial_deformation") if thin else THIN_TERMS
+    absent = {*STRESS_TERMS, "initial_deformation", *THIN_TERMS} - {*body.elements.terms} if thin else THIN_TERMS
     for term in config.terms:
         if term in absent:
-            kind = "thin bodies" if thin else "volumes"
-            raise InputError(f"{term!r}", where="SimulationConfig.terms", expected=f"a term that {kind} have")
+            kind = f"a {body.elements.element.lower()} has" if thin else "a volume has"
+            raise InputError(f"{term!r}", where="SimulationConfig.terms", expected=f"a term that {kind}")
     if thin and (config.plastic_law != "identity" or config.residual is not None):
         raise InputError(
             "plastic flow or a neural residual for a thin body",

@@ -29,7 +29,7 @@ WORKSPACE = Structure(
     S* carry  [nodes + 4, 4] adjoints of velocity and mass
     S* free  [substeps, nodes, 4] velocities before contact, if kept
     S* networks  [threads, network_numbers] for the networks' adjoints
-    S* element_force  [corners * 3, element_stride] of a thin body's elements, or in the adjoint what they add to that of x
+    S* element_force  [rows, element_stride] what a thin body's elements leave, or in the adjoint what they add to those of x and v
     int* shared  [128] barriers and stop
     """,
 )

@@ -67,8 +67,8 @@ class NativeStepper:
     ) -> None:
         self.dtype, self.config, self.rollouts = config.torch_dtype, config, rollouts
         self.particles, self.lattice = len(body.x0), lattice_of(body, clamps)
-        self.viscous = "viscosity" in config.terms
         thin = body.elements is not None
+        self.viscous = "viscosity" in config.terms
         self.state_shapes = state_shapes(config, thin)
         if rollouts == 1:
             self.threads = min(threads or torch.get_num_threads(), max(1, self.particles // PARTICLES_PER_THREAD))
@@ -159,7 +159,7 @@ class NativeStepper:
 
     def _set_elements(self, body: Body) -> ElementArrays:
         """Take over the elements of a thin body."""
-        arrays, frames = ElementArrays(body.elements, self.particles, BLOCK, self.dtype), self._frames
+        arrays, frames = ElementArrays(body.elements, self.particles, BLOCK, self.dtype, self.viscous), self._frames
         frames["elements"], frames["element_stride"] = arrays.count, arrays.stride
         for name in ("corners", "incident_first", "incident"):
             self._give(frames, name, torch.from_numpy(np.ascontiguousarray(getattr(arrays, name))), shared=True)
@@ -201,7 +201,8 @@ class NativeStepper:
             self._give(work, name, self._zeros(count, *shape))
         if self._elements is not None:
             corners = len(self._elements.corners)
-            self._give(work, "element_force", self._zeros(count, 3 * corners, self._elements.stride))
+            rows = 3 * corners * (1 + self.viscous)
+            self._give(work, "element_force", self._zeros(count, rows, self._elements.stride))
         for name, grids in (("scratch", self._sharing), *((name, 1) for name in NODE_ARRAYS)):
             self._give(work, name, self._zeros(count, grids, self.lattice.nodes + 4, 4))
         self._give(work, "around", self._zeros(count, self.lattice.nodes, 2))
@@ -255,7 +256,7 @@ class NativeStepper:
             if f"network_{kind}" in self.shapes:
                 self._give(frames, f"network_{kind}", getattr(parameters, f"network_{kind}").detach())
         frames["numbers"] = self._rows.numbers(parameters).numpy()
-        if self.viscous:
+        if self.viscous and self._elements is None:
             memory = [rate_memory(self._body, self.config, row_of(parameters, r)) for r in range(self.rollouts)]
             frames["remembered"] = np.array(memory) / (np.array(memory) + 1.0)
         if self._elements is not None:

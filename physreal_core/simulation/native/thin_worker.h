@@ -21,6 +21,8 @@ class ThinWorker : ParticleRows<S> {
     using Rows = ParticleRows<S>;
     using Elastic = Element<V, V>;
     static constexpr int X = 0, VELOCITY = 3, STATE_ROWS = 6, CORNERS = Elastic::CORNERS;
+    // Where elements leave what they add to the adjoint of v, behind that of x.
+    static constexpr int OF_VELOCITY = 3 * CORNERS;
 
 public:
     // pass: 0 for a frame, 1 for its adjoint after it; each has a barrier of its own.
@@ -60,7 +62,7 @@ public:
             barrier_.wait();
             leave_adjoints(state(s));
             barrier_.wait();
-            add_up(frame_.adjoint + X * frame_.stride);
+            add_up(frame_.adjoint);
         }
         store_adjoint();
     }
@@ -75,6 +77,7 @@ private:
     TermLaws<S> laws_;
     Barrier barrier_;
 
+    bool viscous() const { return TERMS && HasStrains<Elastic>::value && laws_.has(term::viscosity); }
     Index element_blocks() const { return frame_.element_stride / LANES; }
     const S* constants(int r) const { return frame_.constants + r * frame_.stride; }
     S constant_of(int r, Index p) const { return constants(r)[p]; }
@@ -208,10 +211,26 @@ private:
     void rows_of(const S* rows, Index e, V (&values)[COUNT]) const {
         for (int r = 0; r < COUNT; r++) values[r] = load<S, LANES>(rows + r * frame_.element_stride + e);
     }
-
-    void leave(int corner, Index e, const Vec3<V>& value) const {
-        for (int d = 0; d < 3; d++) store(frame_.element_force + (3 * corner + d) * frame_.element_stride + e, value[d]);
+    template <int COUNT>
+    void add_rows_of(S* rows, Index e, const V (&values)[COUNT]) const {
+        for (int r = 0; r < COUNT; r++) {
+            S* row = rows + r * frame_.element_stride + e;
+            store(row, load<S, LANES>(row) + values[r]);
+        }
     }
+    template <class Rows>
+    void at_corners(const Rows* rows, Index e, Vec3<V> (&values)[CORNERS]) const {
+        for (int c = 0; c < CORNERS; c++) values[c] = at_corner(rows, c, e);
+    }
+    // Three rows of each corner, from `first` on.
+    void leave(int first, Index e, const Vec3<V> (&values)[CORNERS]) const {
+        for (int c = 0; c < CORNERS; c++)
+            for (int d = 0; d < 3; d++)
+                store(frame_.element_force + (first + 3 * c + d) * frame_.element_stride + e, values[c][d]);
+    }
+    // Of the stiffness, then with viscosity of that.
+    S* viscosity_rows(S* rows) const { return rows + Elastic::STIFFNESS * frame_.element_stride; }
+    const S* viscosity_rows(const S* rows) const { return rows + Elastic::STIFFNESS * frame_.element_stride; }
 
     void leave_forces(const S* now) const {
         for (Index e = first_element_; e < last_element_; e += LANES) {
@@ -219,46 +238,84 @@ private:
             rows_of(frame_.element_constants, e, constants);
             rows_of(frame_.element_stiffness, e, stiffness);
             Vec3<V> x[CORNERS], f[CORNERS] = {};
-            for (int c = 0; c < CORNERS; c++) x[c] = at_corner(now + X * frame_.stride, c, e);
-            Elastic(x, constants).forces(stiffness, f);
-            for (int c = 0; c < CORNERS; c++) leave(c, e, f[c]);
+            at_corners(now + X * frame_.stride, e, x);
+            if constexpr (HasStrains<Elastic>::value) {
+                if (viscous()) {
+                    V viscosity[Elastic::STIFFNESS];
+                    rows_of(viscosity_rows(frame_.element_stiffness), e, viscosity);
+                    Vec3<V> v[CORNERS];
+                    at_corners(now + VELOCITY * frame_.stride, e, v);
+                    ViscousForces<Element, V>{constants, stiffness, viscosity}.forces(x, v, f);
+                } else {
+                    ElasticForces<Element, V>{constants, stiffness}.forces(x, f);
+                }
+            } else {
+                Elastic(x, constants).forces(stiffness, f);
+            }
+            leave(0, e, f);
         }
     }
 
-    // In: frame.force_bar. Leaves what the elements add to the adjoint of x.
+    // In: frame.force_bar. Leaves what the elements add to the adjoint of x, and with viscosity of v.
     void leave_adjoints(const S* now) const {
         for (Index e = first_element_; e < last_element_; e += LANES) {
             V constants[Elastic::CONSTANTS], stiffness[Elastic::STIFFNESS], bar[Elastic::STIFFNESS] = {};
             rows_of(frame_.element_constants, e, constants);
             rows_of(frame_.element_stiffness, e, stiffness);
-            Vec3<Dual<V>> x[CORNERS], f[CORNERS] = {};
-            for (int c = 0; c < CORNERS; c++) {
-                const Vec3<V> value = at_corner(now + X * frame_.stride, c, e), slope = at_corner(frame_.force_bar, c, e);
-                for (int d = 0; d < 3; d++) x[c][d] = {value[d], slope[d]};
+            Vec3<V> x[CORNERS], f_bar[CORNERS], x_bar[CORNERS] = {};
+            at_corners(now + X * frame_.stride, e, x);
+            at_corners(frame_.force_bar, e, f_bar);
+            if constexpr (HasStrains<Elastic>::value) {
+                if (viscous())
+                    leave_viscous_adjoint(ViscousRows{constants, stiffness}, now, e, x, f_bar, x_bar, bar);
+                else
+                    ElasticForces<Element, V>{constants, stiffness}.adjoint(x, f_bar, x_bar, bar);
+            } else {
+                Vec3<Dual<V>> along[CORNERS], f[CORNERS] = {};
+                move_along(x, f_bar, along);
+                const Element<Dual<V>, V> element(along, constants);
+                element.forces(stiffness, f);
+                for (int c = 0; c < CORNERS; c++) x_bar[c] = {{f[c][0].slope, f[c][1].slope, f[c][2].slope}};
+                element.stiffness_adjoint(bar);
             }
-            const Element<Dual<V>, V> element(x, constants);
-            element.forces(stiffness, f);
-            for (int c = 0; c < CORNERS; c++) leave(c, e, {{f[c][0].slope, f[c][1].slope, f[c][2].slope}});
-            element.stiffness_adjoint(bar);
-            for (int r = 0; r < Elastic::STIFFNESS; r++) {
-                S* row = frame_.element_bars + r * frame_.element_stride + e;
-                store(row, load<S, LANES>(row) + bar[r]);
-            }
+            leave(0, e, x_bar);
+            add_rows_of(frame_.element_bars, e, bar);
         }
     }
 
-    // What elements left at a vertex.
-    Vec3<S> left_at(Index p) const {
+    struct ViscousRows {
+        const V (&constants)[Elastic::CONSTANTS], (&stiffness)[Elastic::STIFFNESS];
+    };
+    void leave_viscous_adjoint(const ViscousRows& given, const S* now, Index e, const Vec3<V> (&x)[CORNERS],
+                               const Vec3<V> (&f_bar)[CORNERS], Vec3<V> (&x_bar)[CORNERS],
+                               V (&bar)[Elastic::STIFFNESS]) const {
+        V viscosity[Elastic::STIFFNESS], viscosity_bar[Elastic::STIFFNESS] = {};
+        rows_of(viscosity_rows(frame_.element_stiffness), e, viscosity);
+        Vec3<V> v[CORNERS], v_bar[CORNERS] = {};
+        at_corners(now + VELOCITY * frame_.stride, e, v);
+        ViscousForces<Element, V>{given.constants, given.stiffness, viscosity}.adjoint(x, v, f_bar, x_bar, v_bar, bar,
+                                                                                      viscosity_bar);
+        leave(OF_VELOCITY, e, v_bar);
+        add_rows_of(viscosity_rows(frame_.element_bars), e, viscosity_bar);
+    }
+
+    // What elements left at a vertex, in three rows of each corner from `first` on.
+    Vec3<S> left_at(Index p, Index first = 0) const {
         Vec3<S> sum = {};
         for (Index i = frame_.incident_first[p]; i < frame_.incident_first[p + 1]; i++) {
             const Index corner = frame_.incident[i] / frame_.element_stride, e = frame_.incident[i] % frame_.element_stride;
-            for (int d = 0; d < 3; d++) sum[d] += frame_.element_force[(3 * corner + d) * frame_.element_stride + e];
+            for (int d = 0; d < 3; d++) sum[d] += frame_.element_force[(first + 3 * corner + d) * frame_.element_stride + e];
         }
         return sum;
     }
 
-    void add_up(S* rows) const {
-        for (Index p = first_; p < last_; p++) put_at(rows, 0, p, at(rows, 0, p) + left_at(p));
+    void add_up(S* bar) const {
+        for (Index p = first_; p < last_; p++) {
+            put_at(bar, X, p, at(bar, X, p) + left_at(p));
+            if (!viscous()) continue;
+            const Vec3<S> sum = three(read(frame_.carry + 4 * p)) + left_at(p, OF_VELOCITY);
+            store(frame_.carry + 4 * p, Node{sum[0], sum[1], sum[2], 0});
+        }
     }
 
     // --- vertices

@@ -9,7 +9,7 @@ from physreal_core.array_types import Array, Float, Int, Tensor
 from physreal_core.simulation.parameters import Parameters
 from physreal_core.simulation.thin.elements import Elements
 
-BY_ELEMENTS = ("youngs_modulus", "poissons_ratio", "bending_ratio", "weft_ratio", "shear_ratio")
+BY_ELEMENTS = ("youngs_modulus", "poissons_ratio", "bending_ratio", "weft_ratio", "shear_ratio", "viscosity")
 """Parameters that act through the elements' stiffness."""
 
 
@@ -21,11 +21,14 @@ class ElementArrays:
         vertices: N.
         block: elements in a block.
         dtype: of the numbers.
+        viscous: whether rows of viscosity follow those of the stiffness.
     """
 
-    def __init__(self, elements: Elements, vertices: int, block: int, dtype: torch.dtype) -> None:
+    def __init__(
+        self, elements: Elements, vertices: int, block: int, dtype: torch.dtype, viscous: bool = False
+    ) -> None:
         self._elements, self._dtype = elements, dtype
-        self.count, self.rows = len(elements.corners), elements.stiffness_rows
+        self.count, self.rows = len(elements.corners), elements.stiffness_rows * (1 + viscous)
         self.stride = -(-self.count // block) * block
         self._filled = np.minimum(np.arange(self.stride), self.count - 1)
         self.corners: Int[Array, "corners stride"] = elements.corners[self._filled].T.astype(np.int32)
@@ -42,7 +45,7 @@ class ElementArrays:
         return torch.as_tensor(self._elements.constants()[:, self._filled]).to(self._dtype)
 
     def stiffness(self, parameters: Parameters) -> Float[Tensor, "rollouts stiffness stride"]:
-        """Numbers in which the energy is linear.
+        """Numbers in which the energy is linear, and as many of the viscosity.
 
         Args:
             parameters: complete, with an axis of rollouts.

@@ -36,6 +36,7 @@ class Rod:
     rest_lengths: Float[Array, " segments"]
     start: Float[Array, "vertices 3"]
     element = "Rod"
+    terms = ("bending",)
     stiffness_rows = ROD_STIFFNESS.count
 
     def __post_init__(self) -> None:

@@ -7,7 +7,7 @@ import pytest
 import torch
 
 from physreal_core.simulation import Grip, Parameters, SimulationConfig, Simulator
-from physreal_core.simulation.thin.reference import rod_energy, shell_energy
+from physreal_core.simulation.thin.reference import rod_energy, shell_dissipation, shell_energy
 from tests.simulation.scenes import directional_errors, random_loss
 from tests.simulation.thin.scenes import crumpled, ropes
 
@@ -28,6 +28,7 @@ STEPS = {
     "initial_position": 1e-9,
     "linear_drag": 1e-8,
     "quadratic_drag": 1e-8,
+    "viscosity": 1e-5,
 }
 
 
@@ -42,11 +43,15 @@ def parameters_of(kind: str, count: int, **others) -> Parameters:
     own["poissons_ratio"] = scattered(count, 0.25, 2)
     if kind == "shell":
         own |= {"weft_ratio": scattered(count, 0.7, 4), "shear_ratio": scattered(count, 0.4, 5)}
+        own |= {"viscosity": scattered(count, 100.0, 10, 2)}
     return Parameters(**own, **others)
 
 
-BODIES = {"shell": (crumpled, shell_energy, ("bending", "fabric")), "rod": (ropes, rod_energy, ("bending",))}
-ABSENT = {"shell": set(), "rod": {"poissons_ratio", "weft_ratio", "shear_ratio"}}
+BODIES = {
+    "shell": (crumpled, shell_energy, ("bending", "fabric", "viscosity")),
+    "rod": (ropes, rod_energy, ("bending",)),
+}
+ABSENT = {"shell": set(), "rod": {"poissons_ratio", "weft_ratio", "shear_ratio", "viscosity"}}
 
 
 @pytest.fixture(params=BODIES)
@@ -64,6 +69,21 @@ def test_forces_are_the_slope_of_the_energy(kind):
     energy(body.elements, x, body.elements.stiffness(parameters)).backward()
     force = states.v[1] * config.fps * torch.tensor(body.mass)[:, None]
     assert torch.allclose(force, -x.grad, rtol=0, atol=1e-9 * float(x.grad.abs().max()))
+
+
+def test_viscous_forces_are_the_slope_of_the_dissipation():
+    body = crumpled()
+    terms = BODIES["shell"][2]
+    config = SimulationConfig(fps=1e6, dtype="float64", ground_height=None, gravity=(0.0, 0.0, 0.0), terms=terms)
+    v = torch.randn(body.x0.shape, generator=torch.Generator().manual_seed(3), dtype=torch.float64).requires_grad_()
+    still = parameters_of("shell", len(body.x0))
+    moving = dataclasses.replace(still, initial_velocity=v.detach())
+    simulator = Simulator(body, config)
+    elastic, whole = (simulator.rollout(p, torch.zeros(2, 0, 3)).v[1] for p in (still, moving))
+    stiffness = body.elements.stiffness(still)
+    shell_dissipation(body.elements, torch.tensor(body.x0), v, stiffness).backward()
+    force = (whole - v.detach() - elastic) * config.fps * torch.tensor(body.mass)[:, None]
+    assert torch.allclose(force, -v.grad, rtol=0, atol=1e-9 * float(v.grad.abs().max()))
 
 
 def scene(kind: str, speed: tuple, friction: float):

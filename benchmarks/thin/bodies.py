@@ -43,7 +43,7 @@ class Sheet:
 
     def body(self, start: np.ndarray, triangles: np.ndarray, rest: np.ndarray | None = None) -> Body:
         """The shell."""
-        return shell_body(start, triangles, self.thickness, self.density, rest)
+        return shell_body(start, triangles, self.thickness, self.density, rest, stretch_limit=None)
 
 
 @dataclass(frozen=True)

@@ -27,6 +27,10 @@ from physreal_core.simulation.parameters import Parameters
 from physreal_core.simulation.thin.rows import SHELL, SHELL_STIFFNESS
 from physreal_core.simulation.thin.stiffness import shell_frequency, shell_stiffness
 
+STRETCH_LIMIT = 0.005
+"""Of a sheet that hangs by its longest side's width: by how much its own weight may stretch it where it is held, at least. A stiffer membrane
+counts as one that stretches so much, so that steps need not be shorter (docs/simulation.md, "Stiff fabric")."""
+STANDARD_GRAVITY = 9.81
 SMALLEST_HEIGHT = 1e-3
 """Of a triangle over its longest edge, below which it has no plane."""
 
@@ -41,6 +45,7 @@ class Shell:
         rest: where the vertices are without stress [m], shape [N, 3].
         warp: direction in which the fabric's first stiffness counts; it is laid into each triangle's plane.
         density: of the material [kg/m3], from which follows how much viscosity the membrane can bear; None for any.
+        largest_stiffness: of the membrane [N/m]; what is stiffer counts as that stiff. None for no limit. Bending has none.
     """
 
     triangles: Int[Array, "triangles 3"]
@@ -48,6 +53,7 @@ class Shell:
     rest: Float[Array, "vertices 3"]
     warp: tuple[float, float, float] = (1.0, 0.0, 0.0)
     density: float | None = None
+    largest_stiffness: float | None = None
     element = "Shell"
     terms = ("bending", "fabric", "viscosity")
     stiffness_rows = SHELL_STIFFNESS.count
@@ -272,6 +278,8 @@ def shell_body(
     density: float,
     rest: Float[Array, "vertices 3"] | None = None,
     warp: tuple[float, float, float] = (1.0, 0.0, 0.0),
+    *,
+    stretch_limit: float | None = STRETCH_LIMIT,
 ) -> Body:
     """A body that is a shell.
 
@@ -282,12 +290,18 @@ def shell_body(
         density: of the material [kg/m3]; the mass of a square metre is thickness times that.
         rest: where the vertices are without stress [m]; `vertices` by default.
         warp: direction of the first stiffness of a fabric.
+        stretch_limit: by how much its own weight may stretch the sheet, hung up along an edge across its longest side, where it is held; what
+            is stiffer counts as stretching so much. None for no limit: steps are then as short as the stiffness asks for.
 
     Raises:
         InputError: a vertex without a triangle, or triangles that are no surface.
     """
     vertices = np.asarray(vertices, dtype=np.float64)
-    shell = Shell(triangles, thickness, vertices if rest is None else rest, warp, float(density))
+    rest = vertices if rest is None else np.asarray(rest, dtype=np.float64)
+    if stretch_limit is not None and not stretch_limit > 0:
+        raise InputError(f"{stretch_limit}", where="shell_body.stretch_limit", expected="a positive share, or None")
+    largest = None if stretch_limit is None else _weight(rest, thickness, density) / stretch_limit
+    shell = Shell(triangles, thickness, rest, warp, float(density), largest)
     if len(shell.rest) != len(vertices):
         raise InputError(
             f"{len(shell.rest)} vertices", where="Shell.rest", expected=f"{len(vertices)}, as at the start"
@@ -300,3 +314,10 @@ def shell_body(
         )
     volume = shell.vertex_area * thickness
     return Body(vertices, volume, np.full(len(vertices), float(density)), shell.edge_length, shell)
+
+
+def _weight(rest: Float[Array, "vertices 3"], thickness: float, density: float) -> float:
+    """Of a strip of the sheet a metre wide and as long as its longest side [N/m]."""
+    centred = rest - rest.mean(0)
+    along = centred @ np.linalg.eigh(centred.T @ centred)[1]
+    return density * thickness * STANDARD_GRAVITY * float(np.ptp(along, axis=0).max())

@@ -7,6 +7,9 @@ With t the thickness, E and nu of a vertex averaged over the triangle's corners,
 and the plate `bending` t^2 / 12 times that: with all ratios one a homogeneous isotropic sheet. A fabric's threads slip over each other, so its
 shear and its bending are far softer than that.
 
+A membrane stiffer than `Shell.largest_stiffness` counts as that stiff: C11, C22 and C12 are scaled down to it, and C33 by itself to half of it. The
+plate is that of the given E.
+
 Viscosity, with eta the shear and zeta the volume viscosity of sigma = 2 eta D + zeta tr(D) 1, has under plane stress
 
     C11 = C22 = t (2 eta + c) ,  C12 = t c ,  C33 = t eta ,  c = 2 eta zeta / (2 eta + zeta) ,
@@ -47,11 +50,12 @@ def shell_stiffness(shell: Shell, parameters: Parameters) -> Float[Tensor, "*rol
     C, ratio = _plane_stress(shell, parameters), _of_triangles(shell, parameters.bending_ratio)
     plate = shell.thickness**2 / 12.0 * (torch.ones_like(C[..., 0, 0]) if ratio is None else ratio)[..., None, None]
     curvature = _curvature(shell, C)
-    elastic = _rows(C, _bending(shell, curvature, plate * C))
+    membrane = _limited(shell, C)
+    elastic = _rows(membrane, _bending(shell, curvature, plate * C))
     if parameters.viscosity is None:
         return elastic
     R = _viscous_plane_stress(shell, parameters)
-    viscous = _rows(_borne(shell, C, R)[..., None, None] * R, _bending(shell, curvature, plate * R))
+    viscous = _rows(_borne(shell, membrane, R)[..., None, None] * R, _bending(shell, curvature, plate * R))
     return torch.cat([elastic, viscous], -2)
 
 
@@ -92,6 +96,16 @@ def _plane_stress(shell: Shell, parameters: Parameters) -> Float[Tensor, "*rollo
 def _of_triangles(shell: Shell, values: Tensor | None) -> Tensor | None:
     """The mean over each triangle's corners."""
     return None if values is None else values[..., torch.as_tensor(shell.triangles, device=values.device)].mean(-1)
+
+
+def _limited(shell: Shell, C: Float[Tensor, "*rollouts triangles 3 3"]) -> Float[Tensor, "*rollouts triangles 3 3"]:
+    """C, scaled down where it is stiffer along warp or weft than the membrane may be; shear by itself, to half of that."""
+    if shell.largest_stiffness is None:
+        return C
+    stretch = (shell.largest_stiffness / torch.maximum(C[..., 0, 0], C[..., 1, 1])).clamp(max=1.0)
+    shear = (shell.largest_stiffness / 2.0 / C[..., 2, 2]).clamp(max=1.0)
+    root = torch.stack([stretch.sqrt(), stretch.sqrt(), shear.sqrt()], -1)
+    return root[..., :, None] * C * root[..., None, :]
 
 
 def _viscous_plane_stress(shell: Shell, parameters: Parameters) -> Float[Tensor, "*rollouts triangles 3 3"]:

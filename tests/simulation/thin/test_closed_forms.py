@@ -5,8 +5,7 @@ import pytest
 import torch
 from scipy.spatial.transform import Rotation
 
-from benchmarks.thin.bodies import free_motion
-from benchmarks.thin.bodies import Rope, Sheet
+from benchmarks.thin.bodies import Rope, Sheet, free_motion
 from benchmarks.thin.closed_forms import CASES
 from benchmarks.thin.dynamics import momentum
 from physreal_core.simulation import Parameters, SimulationConfig, Simulator

@@ -13,7 +13,7 @@ from tests.simulation.thin.scenes import crumpled, ropes
 
 FRAMES = 4
 STEPS = {
-    "youngs_modulus": 1e-2,
+    "youngs_modulus": 1e-1,
     "poissons_ratio": 1e-6,
     "bending_ratio": 1e-6,
     "weft_ratio": 1e-6,

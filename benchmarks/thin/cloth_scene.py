@@ -16,7 +16,7 @@ from physreal_core.simulation import Grip, Parameters, SimulationConfig, Simulat
 SIDE = 1.1222 / np.sqrt(2.0) / 3.06
 """Of the square cloth [m], as the published simulation has it (a diagonal of 1.1222 in the clouds' published scale)."""
 CELLS = 18
-THICKNESS, AREAL_DENSITY = 5e-4, 0.15
+THICKNESS, AREAL_DENSITY = 5e-4, 0.2
 """[m] and [kg/m2]. Only stiffness over mass shows in a motion under weight, so the mass is not fitted."""
 POINT_HEIGHT = 0.002
 """Of the controller points over the two vertices that they hold [m], which is the bonds' length."""

@@ -210,6 +210,10 @@ def _check_kind(body: Body, config: SimulationConfig) -> None:
             where="SimulationConfig.self_contact",
             expected="a shell or a rod on the CPU",
         )
+    if thin and "viscosity" in config.terms and config.device != "cpu":
+        raise InputError(
+            f"viscosity of a thin body on {config.device}", where="SimulationConfig.device", expected="cpu"
+        )
     if thin and body.elements.framed and config.device != "cpu":
         raise InputError(
             f"a rod with directors on {config.device}",

@@ -1,6 +1,7 @@
 """Substeps per frame from elastic waves, viscosity, and the stiffness of forces, with the configured Courant number."""
 
 import math
+from dataclasses import replace
 
 import torch
 
@@ -38,8 +39,8 @@ _USUAL = {"youngs_modulus": 1e6, "poissons_ratio": 0.3, "density": 300.0, "cell"
 def elastic_step(body: Body, config: SimulationConfig, parameters: Parameters) -> float:
     """Courant number times the time in which the fastest elastic wave crosses a cell [s].
 
-    Of a thin body that share of the longest stable step of its fastest vibration, where a volume's is at LARGEST_COURANT; contact of its
-    layers adds its own frequency, in squares.
+    Of a thin body that share of the longest stable step of its elements, viscous ones too, where a volume's is at LARGEST_COURANT; contact
+    of its layers adds its own frequency, in squares.
     The speed is sqrt((lambda + 2 mu) / rho), in a body that starts stretched as many times that as its largest stretch;
     neural residuals may add their bounded share to the stress, fibres, stiffening and Maxwell branches their tangent modulus
     at a moderate stretch.
@@ -66,7 +67,7 @@ def viscous_step(body: Body, config: SimulationConfig, parameters: Parameters) -
     (at the limit its amplification is -1). Of the fastest grid mode w dt = 2 at LARGEST_COURANT.
     """
     elastic = elastic_step(body, config, parameters)
-    if parameters.viscosity is None:
+    if parameters.viscosity is None or body.elements is not None:
         return elastic
     decay = _viscous_decay(body, parameters) / (2 * rate_memory(body, config, parameters) + 1)
     safety = config.courant / LARGEST_COURANT
@@ -174,12 +175,16 @@ def substeps_per_frame(body: Body, config: SimulationConfig, parameters: Paramet
     return max(1, math.ceil(count))
 
 
+def _inviscid_step(body: Body, config: SimulationConfig, parameters: Parameters) -> float:
+    return elastic_step(body, config, replace(parameters, viscosity=None))
+
+
 def _remedy(body: Body, config: SimulationConfig, parameters: Parameters) -> str:
     """What to change: the parameter that shortens the substep most, beside its usual value."""
     elastic = elastic_step(body, config, parameters)
     if force_step(body, config, parameters) < elastic:
         return "weaken the drag, adhesion or obstacle that acts on the particles"
-    if viscous_step(body, config, parameters) < 0.5 * elastic:
+    if viscous_step(body, config, parameters) < 0.5 * _inviscid_step(body, config, parameters):
         return "lower the viscosity"
     E, nu = float(parameters.youngs_modulus.max()), float(parameters.poissons_ratio.max())
     density = float(_density(body, parameters).min())

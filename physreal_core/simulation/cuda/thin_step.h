@@ -31,25 +31,21 @@ public:
     void forward(int slot) const {
         Vec3<S> x[CORNERS], force[CORNERS] = {};
         UNROLLED for (int c = 0; c < CORNERS; ++c) x[c] = place(slot, c);
-        Elastic(x, constants_).forces(stiffness_, force);
+        ElasticForces<Element, S>{constants_, stiffness_}.forces(x, force);
         UNROLLED for (int c = 0; c < CORNERS; ++c) leave(c, force[c]);
     }
 
     // Leaves what the forces' adjoint, which stands in node_bar, adds to that of the places.
     void backward(int slot) const {
-        Vec3<Dual<S>> x[CORNERS], force[CORNERS] = {};
+        Vec3<S> x[CORNERS], along[CORNERS], x_bar[CORNERS] = {};
         UNROLLED for (int c = 0; c < CORNERS; ++c) {
-            const Vec3<S> at = place(slot, c);
-            const Vec4<S>& along = reinterpret_cast<const Vec4<S>*>(f_.node_bar)[vertex(c)];
-            for (int d = 0; d < 3; ++d) x[c][d] = {at[d], along[d]};
+            x[c] = place(slot, c);
+            along[c] = three(reinterpret_cast<const Vec4<S>*>(f_.node_bar)[vertex(c)]);
         }
-        if (!(x[0][0].x - x[0][0].x == 0)) return;  // of a rollout that has failed
-        const Element<Dual<S>, S> element(x, constants_);
-        element.forces(stiffness_, force);
-        UNROLLED for (int c = 0; c < CORNERS; ++c)
-            leave(c, {{force[c][0].slope, force[c][1].slope, force[c][2].slope}});
+        if (!(x[0][0] - x[0][0] == 0)) return;  // of a rollout that has failed
         S bar[STIFFNESS] = {};
-        element.stiffness_adjoint(bar);
+        ElasticForces<Element, S>{constants_, stiffness_}.adjoint(x, along, x_bar, bar);
+        UNROLLED for (int c = 0; c < CORNERS; ++c) leave(c, x_bar[c]);
         UNROLLED for (int r = 0; r < STIFFNESS; ++r) f_.element_bars[stiffness_place(r)] += bar[r];
     }
 

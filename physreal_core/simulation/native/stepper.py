@@ -69,8 +69,8 @@ class NativeStepper:
     ) -> None:
         self.dtype, self.config, self.rollouts = config.torch_dtype, config, rollouts
         self.particles, self.lattice = len(body.x0), lattice_of(body, clamps)
-        self.viscous = "viscosity" in config.terms
         thin = body.elements is not None
+        self.viscous = "viscosity" in config.terms
         self.state_shapes = state_shapes(config, body.elements)
         framed = thin and body.elements.framed
         if framed and rollouts == 1:
@@ -206,7 +206,10 @@ class NativeStepper:
 
     def _set_elements(self, body: Body) -> ElementArrays:
         """Take over the elements of a thin body."""
-        arrays, frames = ElementArrays(body.elements, self.particles, BLOCK, self.dtype), self._frames
+        arrays, frames = (
+            ElementArrays(body.elements, self.particles, BLOCK, self.dtype, viscous=self.viscous),
+            self._frames,
+        )
         frames["elements"], frames["element_stride"] = arrays.count, arrays.stride
         for name in ("corners", "incident_first", "incident"):
             self._give(frames, name, getattr(arrays, name), shared=True)
@@ -260,7 +263,7 @@ class NativeStepper:
             self._give(work, name, self._zeros(count, *shape))
         if self._elements is not None:
             corners, framed = len(self._elements.corners), self._segments is not None
-            left = 10 if framed else 3  # adjoints of x, directors, v and spins
+            left = 10 if framed else 3 * (1 + self.viscous)  # adjoints of x, directors, v and spins
             self._give(work, "element_force", self._zeros(count, left, corners, self._elements.stride))
             for name, rows in (("torque", 1), ("turned", 3)) if framed else ():
                 self._give(work, name, self._zeros(count, rows, stride))
@@ -333,7 +336,7 @@ class NativeStepper:
             if f"network_{kind}" in self.shapes:
                 self._give(frames, f"network_{kind}", getattr(parameters, f"network_{kind}").detach())
         frames["numbers"] = self._rows.numbers(parameters).numpy()
-        if self.viscous:
+        if self.viscous and self._elements is None:
             memory = [rate_memory(self._body, self.config, row_of(parameters, r)) for r in range(self.rollouts)]
             frames["remembered"] = np.array(memory) / (np.array(memory) + 1.0)
         self._parameters, self._dt, self._acting = parameters, torch.from_numpy(dt), None

@@ -28,7 +28,7 @@ class ThinWorker : ParticleRows<S> {
     static constexpr bool FRAMED = FRAMES > 0;
     static constexpr int X = 0, VELOCITY = 3, DIRECTOR = 6, SPIN = 9, STATE_ROWS = FRAMED ? 10 : 6;
     // Of frame.element_force: forces, and torques; or what an element adds to the adjoint of x, of directors, of v and of spins.
-    static constexpr int TORQUE = 3, OF_DIRECTOR = 3, OF_VELOCITY = 6, OF_SPIN = 9;
+    static constexpr int TORQUE = 3, OF_DIRECTOR = 3, OF_VELOCITY = FRAMED ? 6 : 3, OF_SPIN = 9;
 
 public:
     // pass: 0 for a frame, 1 for its adjoint after it; each has a barrier of its own.
@@ -95,6 +95,7 @@ private:
     Barrier barrier_;
     Contacts<S, Elastic::FACE> contacts_;
 
+    bool viscous() const { return TERMS && HasStrains<Elastic>::value && laws_.has(term::viscosity); }
     Index element_blocks() const { return frame_.element_stride / LANES; }
     const S* constants(int r) const { return frame_.constants + r * frame_.stride; }
     S constant_of(int r, Index p) const { return constants(r)[p]; }
@@ -259,6 +260,23 @@ private:
     void leave(int row, int corner, Index e, const Vec3<V>& value) const {
         for (int d = 0; d < 3; d++) leave(row + d, corner, e, value[d]);
     }
+    template <int COUNT>
+    void add_rows_of(S* rows, Index e, const V (&values)[COUNT]) const {
+        for (int r = 0; r < COUNT; r++) {
+            S* row = rows + r * frame_.element_stride + e;
+            store(row, load<S, LANES>(row) + values[r]);
+        }
+    }
+    template <class Rows>
+    void at_corners(const Rows* rows, Index e, Vec3<V> (&values)[CORNERS]) const {
+        for (int c = 0; c < CORNERS; c++) values[c] = at_corner(rows, c, e);
+    }
+    void leave(int row, Index e, const Vec3<V> (&values)[CORNERS]) const {
+        for (int c = 0; c < CORNERS; c++) leave(row, c, e, values[c]);
+    }
+    // Of the stiffness, then with viscosity of that.
+    S* viscosity_rows(S* rows) const { return rows + Elastic::STIFFNESS * frame_.element_stride; }
+    const S* viscosity_rows(const S* rows) const { return rows + Elastic::STIFFNESS * frame_.element_stride; }
 
     void leave_forces(const S* now) const {
         for (Index e = first_element_; e < last_element_; e += LANES) {
@@ -271,9 +289,20 @@ private:
                 for (int i = 0; i < FRAMES; i++) leave(TORQUE, i, e, found.torque[i]);
             } else {
                 Vec3<V> x[CORNERS], f[CORNERS] = {};
-                for (int c = 0; c < CORNERS; c++) x[c] = at_corner(now + X * frame_.stride, c, e);
-                Elastic(x, constants).forces(stiffness, f);
-                for (int c = 0; c < CORNERS; c++) leave(0, c, e, f[c]);
+                at_corners(now + X * frame_.stride, e, x);
+                if constexpr (HasStrains<Elastic>::value) {
+                    if (viscous()) {
+                        V viscosity[Elastic::STIFFNESS];
+                        rows_of(viscosity_rows(frame_.element_stiffness), e, viscosity);
+                        Vec3<V> v[CORNERS];
+                        at_corners(now + VELOCITY * frame_.stride, e, v);
+                        ViscousForces<Element, V>{constants, stiffness, viscosity}.forces(x, v, f);
+                        leave(0, e, f);
+                        continue;
+                    }
+                }
+                ElasticForces<Element, V>{constants, stiffness}.forces(x, f);
+                leave(0, e, f);
             }
         }
     }
@@ -291,7 +320,7 @@ private:
         return found;
     }
 
-    // In: frame.force_bar. Leaves what the elements add to the adjoint of x.
+    // In: frame.force_bar. Leaves what the elements add to the adjoint of x, and with viscosity of v.
     void leave_adjoints(const S* now) const {
         for (Index e = first_element_; e < last_element_; e += LANES) {
             V constants[Elastic::CONSTANTS], stiffness[Elastic::STIFFNESS], bar[Elastic::STIFFNESS] = {};
@@ -300,21 +329,14 @@ private:
             if constexpr (FRAMED) {
                 leave_framed(FramedRodForces<V>(constants, stiffness), now, e, bar);
             } else {
-                Vec3<Dual<V>> x[CORNERS], f[CORNERS] = {};
-                for (int c = 0; c < CORNERS; c++) {
-                    const Vec3<V> value = at_corner(now + X * frame_.stride, c, e), slope = at_corner(frame_.force_bar, c, e);
-                    for (int d = 0; d < 3; d++) x[c][d] = {value[d], slope[d]};
-                }
-                const Element<Dual<V>, V> element(x, constants);
-                element.forces(stiffness, f);
-                for (int c = 0; c < CORNERS; c++)
-                    leave(0, c, e, Vec3<V>{{f[c][0].slope, f[c][1].slope, f[c][2].slope}});
-                element.stiffness_adjoint(bar);
+                Vec3<V> x[CORNERS], f_bar[CORNERS], x_bar[CORNERS] = {};
+                at_corners(now + X * frame_.stride, e, x);
+                at_corners(frame_.force_bar, e, f_bar);
+                if (!leave_viscous_adjoint(ViscousRows{constants, stiffness}, now, e, x, f_bar, x_bar, bar))
+                    ElasticForces<Element, V>{constants, stiffness}.adjoint(x, f_bar, x_bar, bar);
+                leave(0, e, x_bar);
             }
-            for (int r = 0; r < Elastic::STIFFNESS; r++) {
-                S* row = frame_.element_bars + r * frame_.element_stride + e;
-                store(row, load<S, LANES>(row) + bar[r]);
-            }
+            add_rows_of(frame_.element_bars, e, bar);
         }
     }
 
@@ -329,6 +351,28 @@ private:
         if (!damped()) return;
         for (int c = 0; c < CORNERS; c++) leave(OF_VELOCITY, c, e, found.v[c]);
         for (int i = 0; i < FRAMES; i++) leave(OF_SPIN, i, e, found.spin[i]);
+    }
+
+    struct ViscousRows {
+        const V (&constants)[Elastic::CONSTANTS], (&stiffness)[Elastic::STIFFNESS];
+    };
+    // Whether there is viscosity.
+    bool leave_viscous_adjoint(const ViscousRows& given, const S* now, Index e, const Vec3<V> (&x)[CORNERS],
+                               const Vec3<V> (&f_bar)[CORNERS], Vec3<V> (&x_bar)[CORNERS],
+                               V (&bar)[Elastic::STIFFNESS]) const {
+        if constexpr (HasStrains<Elastic>::value) {
+            if (!viscous()) return false;
+            V viscosity[Elastic::STIFFNESS], viscosity_bar[Elastic::STIFFNESS] = {};
+            rows_of(viscosity_rows(frame_.element_stiffness), e, viscosity);
+            Vec3<V> v[CORNERS], v_bar[CORNERS] = {};
+            at_corners(now + VELOCITY * frame_.stride, e, v);
+            ViscousForces<Element, V>{given.constants, given.stiffness, viscosity}.adjoint(x, v, f_bar, x_bar, v_bar,
+                                                                                          bar, viscosity_bar);
+            leave(OF_VELOCITY, e, v_bar);
+            add_rows_of(viscosity_rows(frame_.element_bars), e, viscosity_bar);
+            return true;
+        }
+        return false;
     }
 
     // What the first `count` corners of elements left at a vertex, in the three rows from `first` on.
@@ -350,16 +394,22 @@ private:
 
     void add_up(S* bar) const {
         for (Index p = first_; p < last_; p++) put_at(bar, X, p, at(bar, X, p) + left_at(p));
+        if (viscous())
+            for (Index p = first_; p < last_; p++) add_to_velocity(p, left_at(p, OF_VELOCITY));
         if constexpr (FRAMED) {
             Directors<S>(frame_).add_turned(bar, frame_.turned);
             for (Index p = first_; p < last_; p++) {
                 put_at(bar, DIRECTOR, p, at(bar, DIRECTOR, p) + left_at(p, OF_DIRECTOR, FRAMES));
                 if (!damped()) continue;
                 bar[SPIN * frame_.stride + p] += left_at_segment(p, OF_SPIN);
-                const Vec3<S> sum = three(read(frame_.carry + 4 * p)) + left_at(p, OF_VELOCITY);
-                store(frame_.carry + 4 * p, Node{sum[0], sum[1], sum[2], 0});
+                add_to_velocity(p, left_at(p, OF_VELOCITY));
             }
         }
+    }
+    // To the adjoint of the velocity.
+    void add_to_velocity(Index p, const Vec3<S>& bar) const {
+        const Vec3<S> sum = three(read(frame_.carry + 4 * p)) + bar;
+        store(frame_.carry + 4 * p, Node{sum[0], sum[1], sum[2], 0});
     }
 
     // --- contact between layers

@@ -18,6 +18,7 @@ BY_ELEMENTS = (
     "twisting_ratio",
     "rest_curvature",
     "retardation_time",
+    "viscosity",
 )
 """Parameters that act through the elements' stiffness."""
 
@@ -31,6 +32,7 @@ class ElementArrays:
         block: elements in a block.
         dtype: of the numbers.
         device: of the arrays.
+        viscous: whether rows of viscosity follow those of the stiffness.
 
     Attributes:
         count, stride: elements, and with those that fill the last block.
@@ -40,9 +42,17 @@ class ElementArrays:
         incident_first: where each vertex's begin, and the end of the last.
     """
 
-    def __init__(self, elements: Elements, vertices: int, block: int, dtype: torch.dtype, device: str = "cpu") -> None:
+    def __init__(
+        self,
+        elements: Elements,
+        vertices: int,
+        block: int,
+        dtype: torch.dtype,
+        device: str = "cpu",
+        viscous: bool = False,
+    ) -> None:
         self._elements, self._dtype, self._device = elements, dtype, device
-        self.count, self.rows = len(elements.corners), elements.stiffness_rows
+        self.count, self.rows = len(elements.corners), elements.stiffness_rows * (1 + viscous)
         self.stride = -(-self.count // block) * block
         filled = np.minimum(np.arange(self.stride), self.count - 1)
         self._filled = torch.as_tensor(filled, device=device)

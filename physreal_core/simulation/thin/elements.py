@@ -16,7 +16,7 @@ class Elements(Protocol):
         corners: vertices of each, shape [M, C].
         framed: whether segments have directors (`State.director`).
         terms: optional terms that only some bodies have and these do.
-        stiffness_rows: how many numbers of stiffness an element has.
+        stiffness_rows: how many numbers of stiffness an element has, and of viscosity.
         half_height: of the body over its middle [m], as it touches the ground.
         surface: with which it touches itself.
     """
@@ -39,7 +39,8 @@ class Elements(Protocol):
         """Numbers of the shape without stress."""
 
     def stiffness(self, parameters: Parameters) -> Float[Tensor, "*rollouts stiffness elements"]:
-        """Numbers that the forces follow from beside the shape, from complete parameters of the vertices; differentiable."""
+        """Numbers that the forces follow from beside the shape, from complete parameters of the vertices; differentiable. With viscosity, as
+        many of that follow."""
 
     def frequency(self, parameters: Parameters, mass: Float[Tensor, "*rollouts vertices"]) -> float:
         """2 over the longest stable substep at rest [rad/s]: without damping an upper bound of the fastest vibration. Of many

@@ -8,29 +8,56 @@ from physreal_core.simulation.thin.shell import Shell
 
 
 def shell_energy(
-    shell: Shell, x: Float[Tensor, "vertices 3"], stiffness: Float[Tensor, "10 triangles"]
+    shell: Shell, x: Float[Tensor, "vertices 3"], stiffness: Float[Tensor, "rows triangles"]
 ) -> Float[Tensor, ""]:
     """Elastic energy [J] of a shell with its vertices at x [m].
 
     Args:
         shell: the triangles.
         x: where the vertices are.
-        stiffness: as of `stiffness.shell_stiffness`.
+        stiffness: as of `stiffness.shell_stiffness`; its first ten rows count.
     """
+    return _half_square(shell, shell_strains(shell, x), stiffness[:10])
+
+
+def shell_dissipation(
+    shell: Shell,
+    x: Float[Tensor, "vertices 3"],
+    v: Float[Tensor, "vertices 3"],
+    stiffness: Float[Tensor, "rows triangles"],
+) -> Float[Tensor, ""]:
+    """Half of the power [W] that a shell's viscosity takes (Rayleigh), whose derivative by v are minus its forces.
+
+    Args:
+        shell: the triangles.
+        x, v: places [m] and velocities [m/s] of the vertices.
+        stiffness: as of `stiffness.shell_stiffness` with viscosity; its last ten rows count.
+    """
+    rates = torch.func.jvp(lambda x: shell_strains(shell, x), (x,), (v,))[1]
+    return _half_square(shell, rates, stiffness[10:])
+
+
+def shell_strains(shell: Shell, x: Float[Tensor, "vertices 3"]) -> Float[Tensor, "6 triangles"]:
+    """Green's strains 11, 22 and twice 12, and k_e of the three edges [1/m], of vertices at x [m]."""
     like = lambda array: torch.as_tensor(array).to(x)
     corners = x[torch.as_tensor(shell.corners)]
     edges = torch.stack([corners[:, 1] - corners[:, 0], corners[:, 2] - corners[:, 0]], -1)
     F = edges @ like(shell.inverse)
     green = 0.5 * (F.mT @ F - torch.eye(2).to(x))
-    e0, e1, e2 = green[:, 0, 0], green[:, 1, 1], 2.0 * green[:, 0, 1]
+    normal = torch.linalg.cross(edges[..., 0], edges[..., 1])
+    bent = [_bent(shell, corners, normal, e) for e in range(3)]
+    return torch.stack([green[:, 0, 0], green[:, 1, 1], 2.0 * green[:, 0, 1], *bent])
+
+
+def _half_square(shell: Shell, strains: Tensor, stiffness: Tensor) -> Float[Tensor, ""]:
+    e0, e1, e2 = strains[:3]
     C11, C22, C12, C33 = stiffness[:4]
     membrane = 0.5 * (C11 * e0**2 + C22 * e1**2 + C33 * e2**2) + C12 * e0 * e1
-    normal = torch.linalg.cross(edges[..., 0], edges[..., 1])
-    bent = torch.stack([_bent(shell, corners, normal, e) for e in range(3)])
+    bent = strains[3:]
     bending = 0.5 * (stiffness[4:7] * bent**2).sum()
     for e in range(3):
         bending = bending + (stiffness[7 + e] * bent[(e + 1) % 3] * bent[(e + 2) % 3]).sum()
-    return (like(shell.area) * membrane).sum() + bending
+    return (torch.as_tensor(shell.area).to(strains) * membrane).sum() + bending
 
 
 def _bent(shell: Shell, corners: Tensor, normal: Tensor, e: int) -> Float[Tensor, " triangles"]:

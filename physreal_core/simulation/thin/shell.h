@@ -9,7 +9,8 @@ namespace physreal {
 template <class T, class V>
 class Shell {
 public:
-    static constexpr int FACE = 3, CORNERS = 6, FRAMES = 0, CONSTANTS = shell::COUNT, STIFFNESS = shell_stiffness::COUNT;
+    static constexpr int FACE = 3, CORNERS = 6, FRAMES = 0, CONSTANTS = shell::COUNT, STRAINS = 6;
+    static constexpr int STIFFNESS = shell_stiffness::COUNT;
 
     // x: of a free edge's missing neighbour any vertex.
     Shell(const Vec3<T> (&x)[CORNERS], const V (&constants)[CONSTANTS]) {
@@ -30,24 +31,19 @@ public:
         }
     }
 
-    void forces(const V (&stiffness)[STIFFNESS], Vec3<T> (&f)[CORNERS]) const {
-        const auto k = [&](int row) { return lifted<T>(stiffness[row]); };
-        const T S00 = k(shell_stiffness::membrane) * strain_[0] + k(shell_stiffness::membrane + 2) * strain_[1];
-        const T S11 = k(shell_stiffness::membrane + 2) * strain_[0] + k(shell_stiffness::membrane + 1) * strain_[1];
-        const T S01 = k(shell_stiffness::membrane + 3) * strain_[2];
-        const Vec3<T> P[2] = {S00 * F_[0] + S01 * F_[1], S01 * F_[0] + S11 * F_[1]};
-        const Vec3<T> f1 = lifted<T>(area_ * inverse_[0]) * P[0] + lifted<T>(area_ * inverse_[1]) * P[1];
-        const Vec3<T> f2 = lifted<T>(area_ * inverse_[2]) * P[0] + lifted<T>(area_ * inverse_[3]) * P[1];
+    void strains(T (&e)[STRAINS]) const {
+        for (int i = 0; i < 3; ++i) e[i] = strain_[i], e[3 + i] = bent_[i];
+    }
+
+    void pull(const T (&s)[STRAINS], Vec3<T> (&f)[CORNERS]) const {
+        const Vec3<T> P[2] = {s[0] * F_[0] + s[2] * F_[1], s[2] * F_[0] + s[1] * F_[1]};
+        const Vec3<T> f1 = lifted<T>(inverse_[0]) * P[0] + lifted<T>(inverse_[1]) * P[1];
+        const Vec3<T> f2 = lifted<T>(inverse_[2]) * P[0] + lifted<T>(inverse_[3]) * P[1];
         f[0] = f[0] + (f1 + f2);
         f[1] = f[1] - f1;
         f[2] = f[2] - f2;
         for (int e = 0; e < 3; ++e) {
-            T moment = k(shell_stiffness::bending + e) * bent_[e];
-            for (int o = 1; o < 3; ++o) {  // row 3 + i couples the two edges beside edge i
-                const int other = (e + o) % 3;
-                moment = moment + k(shell_stiffness::bending + 3 + (3 - e - other)) * bent_[other];
-            }
-            moment = lifted<T>(width_[e]) * moment;
+            const T moment = lifted<T>(width_[e]) * s[3 + e];
             f[e] = f[e] - moment * own_[e];
             f[3 + e] = f[3 + e] - moment * opposite_[e];
             f[(e + 1) % 3] = f[(e + 1) % 3] - moment * start_[e];
@@ -55,23 +51,38 @@ public:
         }
     }
 
-    // For T = Dual<V>.
-    void stiffness_adjoint(V (&bar)[STIFFNESS]) const {
-        bar[shell_stiffness::membrane] -= area_ * strain_[0].x * strain_[0].slope;
-        bar[shell_stiffness::membrane + 1] -= area_ * strain_[1].x * strain_[1].slope;
-        bar[shell_stiffness::membrane + 2] -= area_ * (strain_[0].x * strain_[1].slope + strain_[1].x * strain_[0].slope);
-        bar[shell_stiffness::membrane + 3] -= area_ * strain_[2].x * strain_[2].slope;
-        for (int e = 0; e < 3; ++e) {
-            const int a = (e + 1) % 3, b = (e + 2) % 3;
-            bar[shell_stiffness::bending + e] -= bent_[e].x * bent_[e].slope;
-            bar[shell_stiffness::bending + 3 + e] -= bent_[a].x * bent_[b].slope + bent_[b].x * bent_[a].slope;
+    template <class U>
+    void stress(const V (&stiffness)[STIFFNESS], const U (&e)[STRAINS], U (&s)[STRAINS]) const {
+        const auto k = [&](int row) { return lifted<U>(stiffness[row]); };
+        const U area = lifted<U>(area_);
+        s[0] = area * (k(shell_stiffness::membrane) * e[0] + k(shell_stiffness::membrane + 2) * e[1]);
+        s[1] = area * (k(shell_stiffness::membrane + 2) * e[0] + k(shell_stiffness::membrane + 1) * e[1]);
+        s[2] = area * k(shell_stiffness::membrane + 3) * e[2];
+        for (int i = 0; i < 3; ++i) {
+            s[3 + i] = k(shell_stiffness::bending + i) * e[3 + i];
+            for (int o = 1; o < 3; ++o) {  // row 3 + i couples the two edges beside edge i
+                const int other = (i + o) % 3;
+                s[3 + i] = s[3 + i] + k(shell_stiffness::bending + 3 + (3 - i - other)) * e[3 + other];
+            }
+        }
+    }
+
+    void stiffness_adjoint(const V (&e)[STRAINS], const V (&e_bar)[STRAINS], V (&bar)[STIFFNESS]) const {
+        bar[shell_stiffness::membrane] -= area_ * e[0] * e_bar[0];
+        bar[shell_stiffness::membrane + 1] -= area_ * e[1] * e_bar[1];
+        bar[shell_stiffness::membrane + 2] -= area_ * (e[0] * e_bar[1] + e[1] * e_bar[0]);
+        bar[shell_stiffness::membrane + 3] -= area_ * e[2] * e_bar[2];
+        for (int i = 0; i < 3; ++i) {
+            const int a = 3 + (i + 1) % 3, b = 3 + (i + 2) % 3;
+            bar[shell_stiffness::bending + i] -= e[3 + i] * e_bar[3 + i];
+            bar[shell_stiffness::bending + 3 + i] -= e[a] * e_bar[b] + e[b] * e_bar[a];
         }
     }
 
 private:
     V inverse_[4], area_, width_[3];
     Vec3<T> F_[2];           // columns of the deformation gradient
-    T strain_[3], bent_[3];  // Green's, the last one twice; of each edge the angle over a width
+    T strain_[3], bent_[3];  // Green's, the last one twice; of each edge the angle by its width
     Vec3<T> own_[3], start_[3], end_[3], opposite_[3];  // derivatives of the angles
 
     // The angle between the normals over edge a b, and its derivatives; c: the own corner opposite to it, d: the neighbour's;

@@ -6,8 +6,10 @@ both sides of edge e, h and h' the heights of its two triangles over it and n_e 
 
     kappa = sum_e k_e n_e n_e^T ,   k_e = 2 (theta_e - rest angle) / (h + h') ,
 
-that of the normals which go linearly from centre to centre; on a regular mesh it is exact for every quadratic surface. At a free edge k_e
-is what leaves no moment across it.
+that of the normals which go linearly from centre to centre. At a free edge k_e is what leaves no moment across it. Where all triangles are
+alike (equilateral, or cells cut along diagonals of one direction) it is exact for every quadratic surface. On other meshes it depends on them:
+moving the vertices of such a mesh by a fifth of a cell makes it a few per cent too stiff, and where diagonals alternate it is 2.5 times too stiff
+against twisting (docs/simulation.md).
 """
 
 from __future__ import annotations
@@ -27,6 +29,10 @@ from physreal_core.simulation.thin.incidence import Incidence
 from physreal_core.simulation.thin.rows import SHELL, SHELL_STIFFNESS
 from physreal_core.simulation.thin.stiffness import PAIRS, pairs_of, shell_frequency, shell_stiffness
 
+STRETCH_LIMIT = 0.005
+"""Of a sheet that hangs by its longest side's width: by how much its own weight may stretch it where it is held, at least. A stiffer membrane
+counts as one that stretches so much, so that steps need not be shorter (docs/simulation.md, "Stiff fabric")."""
+STANDARD_GRAVITY = 9.81
 SMALLEST_HEIGHT = 1e-3
 """Of a triangle over its longest edge, below which it has no plane."""
 
@@ -40,15 +46,19 @@ class Shell:
         thickness: [m].
         rest: where the vertices are without stress [m], shape [N, 3].
         warp: direction in which the fabric's first stiffness counts; it is laid into each triangle's plane.
+        density: of the material [kg/m3], from which follows how much viscosity the membrane can bear; None for any.
+        largest_stiffness: of the membrane [N/m]; what is stiffer counts as that stiff. None for no limit. Bending has none.
     """
 
     triangles: Int[Array, "triangles 3"]
     thickness: float
     rest: Float[Array, "vertices 3"]
     warp: tuple[float, float, float] = (1.0, 0.0, 0.0)
+    density: float | None = None
+    largest_stiffness: float | None = None
     element = "Shell"
     framed = False
-    terms = ("bending", "fabric")
+    terms = ("bending", "fabric", "viscosity")
     stiffness_rows = SHELL_STIFFNESS.count
 
     def __post_init__(self) -> None:
@@ -186,6 +196,17 @@ class Shell:
         return np.where(self.free_edges, 0.0, angle)
 
     @cached_property
+    def flexibility_alone(self) -> Float[Array, " triangles"]:
+        """Of the membrane of every triangle by itself, whose corners have a third of its mass each: squared frequency over the membrane's stiffness, for a
+        density and a thickness of one [1/m2]."""
+        gradients = self.gradients
+        B = np.zeros((len(gradients), 3, 3, 2))  # of the strains by the corners' places in the plane
+        B[:, 0, :, 0], B[:, 1, :, 1] = gradients[..., 0], gradients[..., 1]
+        B[:, 2, :, 0], B[:, 2, :, 1] = gradients[..., 1], gradients[..., 0]
+        flat = B.reshape(len(gradients), 3, 6)
+        return 3.0 * np.linalg.eigvalsh(flat @ flat.swapaxes(1, 2))[:, -1]
+
+    @cached_property
     def curvatures(self) -> Float[Array, "triangles 3 3"]:
         """n_e n_e^T of each edge by warp and weft, as (11, 22, twice 12)."""
         outward = -self.gradients / np.linalg.norm(self.gradients, axis=-1, keepdims=True)
@@ -321,6 +342,8 @@ def shell_body(
     density: float,
     rest: Float[Array, "vertices 3"] | None = None,
     warp: tuple[float, float, float] = (1.0, 0.0, 0.0),
+    *,
+    stretch_limit: float | None = STRETCH_LIMIT,
 ) -> Body:
     """A body that is a shell.
 
@@ -331,12 +354,18 @@ def shell_body(
         density: of the material [kg/m3]; the mass of a square metre is thickness times that.
         rest: where the vertices are without stress [m]; `vertices` by default.
         warp: direction of the first stiffness of a fabric.
+        stretch_limit: by how much its own weight may stretch the sheet, hung up along an edge across its longest side, where it is held; what
+            is stiffer counts as stretching so much. None for no limit: steps are then as short as the stiffness asks for.
 
     Raises:
         InputError: a vertex without a triangle, or triangles that are no surface.
     """
     vertices = np.asarray(vertices, dtype=np.float64)
-    shell = Shell(triangles, thickness, vertices if rest is None else rest, warp)
+    rest = vertices if rest is None else np.asarray(rest, dtype=np.float64)
+    if stretch_limit is not None and not stretch_limit > 0:
+        raise InputError(f"{stretch_limit}", where="shell_body.stretch_limit", expected="a positive share, or None")
+    largest = None if stretch_limit is None else _weight(rest, thickness, density) / stretch_limit
+    shell = Shell(triangles, thickness, rest, warp, float(density), largest)
     if len(shell.rest) != len(vertices):
         raise InputError(
             f"{len(shell.rest)} vertices", where="Shell.rest", expected=f"{len(vertices)}, as at the start"
@@ -349,3 +378,10 @@ def shell_body(
         )
     volume = shell.vertex_area * thickness
     return Body(vertices, volume, np.full(len(vertices), float(density)), shell.edge_length, shell)
+
+
+def _weight(rest: Float[Array, "vertices 3"], thickness: float, density: float) -> float:
+    """Of a strip of the sheet a metre wide and as long as its longest side [N/m]."""
+    centred = rest - rest.mean(0)
+    along = centred @ np.linalg.eigh(centred.T @ centred)[1]
+    return density * thickness * STANDARD_GRAVITY * float(np.ptp(along, axis=0).max())

@@ -6,6 +6,15 @@ With t the thickness, E and nu of a vertex averaged over the triangle's corners,
 
 and the plate `bending` t^2 / 12 times that: with all ratios one a homogeneous isotropic sheet. A fabric's threads slip over each other, so its
 shear and its bending are far softer than that.
+
+A membrane stiffer than `Shell.largest_stiffness` counts as that stiff: C11, C22 and C12 are scaled down to it, and C33 by itself to half of it. The
+plate is that of the given E.
+
+Viscosity, with eta the shear and zeta the volume viscosity of sigma = 2 eta D + zeta tr(D) 1, has under plane stress
+
+    C11 = C22 = t (2 eta + c) ,  C12 = t c ,  C33 = t eta ,  c = 2 eta zeta / (2 eta + zeta) ,
+
+and bending again `bending` t^2 / 12 times that. The membrane's acts as far as the substep of its elastic waves can bear it (`MEMBRANE_DECAY`).
 """
 
 from __future__ import annotations
@@ -17,6 +26,7 @@ import torch
 
 from physreal_core.array_types import Array, Float, Tensor
 from physreal_core.simulation.parameters import Parameters
+from physreal_core.simulation.thin.rows import SHELL_STIFFNESS
 
 if TYPE_CHECKING:
     from physreal_core.simulation.thin.shell import Shell
@@ -27,25 +37,39 @@ PLACES = [[0, 5, 4], [5, 1, 3], [4, 3, 2]]
 """Where among these each entry of the matrix is."""
 
 
-def shell_stiffness(shell: Shell, parameters: Parameters) -> Float[Tensor, "*rollouts 10 triangles"]:
+ROWS = SHELL_STIFFNESS.count
+MEMBRANE_DECAY = 0.7
+"""Of the frequency of a triangle's membrane: how fast its viscosity may let it decay. Up to it steps are 0.7 of those without viscosity.
+A membrane's waves are far faster than the swings of a sheet, in which it hardly takes part; all of its viscosity would ask for steps that are
+tens of times shorter."""
+
+
+def shell_stiffness(shell: Shell, parameters: Parameters) -> Float[Tensor, "*rollouts stiffness triangles"]:
     """Rows as `shell_stiffness` of the layout: C11, C22, C12, C33 [N/m], then the bending energy's second derivatives by the curvatures k_e of
-    the three edges (shell.py) and by those of edges 1 and 2, 2 and 0, 0 and 1 [N m3].
+    the three edges (shell.py) and by those of edges 1 and 2, 2 and 0, 0 and 1 [N m3]. With viscosity the same ten of it follow,
+    [N s/m] and [N s m3].
 
     Args:
         shell: the triangles.
         parameters: complete, of its vertices.
     """
-    C = _plane_stress(shell, parameters)
-    ratio = _of_triangles(shell, parameters.bending_ratio)
-    plate = shell.thickness**2 / 12.0 * (C if ratio is None else ratio[..., None, :] * C)
-    return torch.cat([C, _bending(shell, plate)], -2)
+    C, ratio = _plane_stress(shell, parameters), _of_triangles(shell, parameters.bending_ratio)
+    plate = shell.thickness**2 / 12.0 * (torch.ones_like(C[..., :1, :]) if ratio is None else ratio[..., None, :])
+    curvature, membrane = _outer_curvature(shell, C), _limited(shell, C)
+    elastic = torch.cat([membrane, _bending(shell, curvature, plate * C)], -2)
+    if parameters.viscosity is None:
+        return elastic
+    R = _viscous_plane_stress(shell, parameters)
+    viscous = [_borne(shell, membrane, R)[..., None, :] * R, _bending(shell, curvature, plate * R)]
+    return torch.cat([elastic, *viscous], -2)
 
 
 def shell_frequency(shell: Shell, parameters: Parameters, mass: Float[Tensor, "*rollouts vertices"]) -> float:
-    """Upper bound of the fastest vibration at rest [rad/s], of many rollouts the largest.
+    """2 over the longest stable substep at rest [rad/s], of many rollouts the largest; without viscosity an upper bound of the fastest vibration.
 
     No vibration of a body is faster than the fastest of one of its elements by itself (Irons and Treharne 1971), with the vertices' mass shared
-    out among elements; those of membrane and plate add up in squares, each with all of the mass.
+    out among elements; those of membrane and plate add up in squares, each with all of the mass. So do decays. A mode of frequency w that decays
+    with g is stable while (w dt)^2 + 2 g dt < 4.
 
     Args:
         shell: the triangles.
@@ -54,12 +78,20 @@ def shell_frequency(shell: Shell, parameters: Parameters, mass: Float[Tensor, "*
     """
     with torch.no_grad():
         rows = shell_stiffness(shell, parameters).double()
+        squared = _largest_square(shell, rows[..., :ROWS, :], mass)
+        if parameters.viscosity is None:
+            return float(squared) ** 0.5
+        decay = _largest_square(shell, rows[..., ROWS:, :], mass)
+    return float(decay + (decay**2 + 4.0 * squared).sqrt()) / 2.0
+
+
+def _largest_square(shell: Shell, rows: Float[Tensor, "*rollouts 10 triangles"], mass: Tensor) -> Float[Tensor, ""]:
+    """Upper bound of the squared frequencies with these rows [1/s2]."""
     C11, C22, C12, C33 = rows[..., :4, :].unbind(-2)
     zero = torch.zeros_like(C12)
     membrane = torch.stack([C11, C22, C33, zero, zero, C12], -2)
     squared = _largest(membrane, shell.membrane_flexibility(mass.to(rows)))
-    squared = squared + _largest(rows[..., 4:, :], shell.bending_flexibility(mass.to(rows)))
-    return float(squared) ** 0.5
+    return squared + _largest(rows[..., 4:, :], shell.bending_flexibility(mass.to(rows)))
 
 
 def pairs_of(vectors: Float[Array, "*batch 3"]) -> Array:
@@ -82,19 +114,67 @@ def _of_triangles(shell: Shell, values: Tensor | None) -> Tensor | None:
     return None if values is None else values[..., torch.as_tensor(shell.triangles, device=values.device)].mean(-1)
 
 
-def _bending(shell: Shell, plate: Float[Tensor, "*rollouts 4 triangles"]) -> Float[Tensor, "*rollouts 6 triangles"]:
-    """Second derivatives of the bending energy by k_e; those of free edges are such that it is smallest, and have none left."""
-    G = (torch.as_tensor(shell.plate_forms).to(plate) * plate[..., None, :, :]).sum(-2)
+def _limited(shell: Shell, C: Float[Tensor, "*rollouts 4 triangles"]) -> Float[Tensor, "*rollouts 4 triangles"]:
+    """C, scaled down where it is stiffer along warp or weft than the membrane may be; shear by itself, to half of that."""
+    if shell.largest_stiffness is None:
+        return C
+    stretch = (shell.largest_stiffness / torch.maximum(C[..., 0, :], C[..., 1, :])).clamp(max=1.0)
+    shear = (shell.largest_stiffness / 2.0 / C[..., 3, :]).clamp(max=1.0)
+    return C * torch.stack([stretch, stretch, stretch, shear], -2)
+
+
+def _viscous_plane_stress(shell: Shell, parameters: Parameters) -> Float[Tensor, "*rollouts 4 triangles"]:
+    shear, volume = (_of_triangles(shell, value) for value in parameters.viscosity.unbind(-1))
+    sum_ = 2.0 * shear + volume
+    across = torch.where(sum_ != 0.0, 2.0 * shear * volume / torch.where(sum_ != 0.0, sum_, 1.0), 0.0)
+    along = 2.0 * shear + across
+    return shell.thickness * torch.stack([along, along, across, shear], -2)
+
+
+def _borne(shell: Shell, C: Tensor, R: Tensor) -> Float[Tensor, "*rollouts triangles"]:
+    """Share of the membrane's viscosity that acts, see `MEMBRANE_DECAY`."""
+    if shell.density is None:
+        return torch.ones_like(R[..., 0, :])
+    largest = lambda rows: torch.maximum(rows[..., 0, :], rows[..., 1, :]) + rows[..., 2, :]
+    flexibility = torch.as_tensor(shell.flexibility_alone / (shell.density * shell.thickness)).to(C)
+    allowed, decay = MEMBRANE_DECAY * (flexibility * largest(C)).sqrt(), flexibility * largest(R)
+    return torch.where(decay > allowed, allowed / torch.where(decay > allowed, decay, 1.0), 1.0)
+
+
+def _outer_curvature(shell: Shell, C: Float[Tensor, "*rollouts 4 triangles"]) -> Float[Tensor, "*rollouts n 3 3"]:
+    """Of the n triangles with free edges the curvature (11, 22, twice 12) by the k_e, such that no moment acts across free edges."""
     outer = np.flatnonzero(shell.free_edges.any(1))
-    if len(outer) == 0:
-        return G
-    free, outer = (torch.as_tensor(array, device=plate.device) for array in (shell.free_edges[outer], outer))
-    own = _matrices(G.index_select(-1, outer)).movedim(-1, -3)
+    free, directions = (torch.as_tensor(a[outer], device=C.device) for a in (shell.free_edges, shell.curvatures))
+    directions = directions.to(C)
+    plate = _plates((C / C[..., :1, :]).index_select(-1, torch.as_tensor(outer, device=C.device)))
+    G = directions @ plate @ directions.mT
     inside = torch.diag_embed((~free).to(G))
-    among = torch.where(free[:, :, None] & free[:, None, :], own, inside)
-    towards = torch.where(free[:, :, None] & ~free[:, None, :], own, 0.0)
-    left = own - towards.mT @ torch.linalg.solve(among, towards)
-    left = torch.where(~free[:, :, None] & ~free[:, None, :], left, 0.0)
+    among = torch.where(free[:, :, None] & free[:, None, :], G, inside)
+    towards = torch.where(free[:, :, None] & ~free[:, None, :], G, 0.0)
+    return directions.mT @ (inside - torch.linalg.solve(among, towards))
+
+
+def _plates(rows: Float[Tensor, "*rollouts 4 n"]) -> Float[Tensor, "*rollouts n 3 3"]:
+    """C11, C22, C12, C33 as matrices."""
+    C11, C22, C12, C33 = rows.unbind(-2)
+    zero = torch.zeros_like(C11)
+    return torch.stack([torch.stack(r, -1) for r in ([C11, C12, zero], [C12, C22, zero], [zero, zero, C33])], -2)
+
+
+def _bending(
+    shell: Shell, curvature: Float[Tensor, "*rollouts n 3 3"], plate: Float[Tensor, "*rollouts 4 triangles"]
+) -> Float[Tensor, "*rollouts 6 triangles"]:
+    """Second derivatives of the bending energy by k_e.
+
+    Args:
+        shell: the triangles.
+        curvature: of those with free edges, see `_outer_curvature`.
+        plate: C11, C22, C12, C33 of the plate [N m].
+    """
+    G = (torch.as_tensor(shell.plate_forms).to(plate) * plate[..., None, :, :]).sum(-2)
+    numbers = np.flatnonzero(shell.free_edges.any(1))
+    outer, area = (torch.as_tensor(array, device=plate.device) for array in (numbers, shell.area[numbers]))
+    left = area.to(G)[:, None, None] * curvature.mT @ _plates(plate.index_select(-1, outer)) @ curvature
     return G.index_copy(-1, outer, torch.stack([left[..., i, j] for i, j in PAIRS], -2))
 
 

@@ -6,13 +6,15 @@ from benchmarks.thin_scenes import sheet
 from physreal_core.simulation import Body, rod_body, shell_body, untwisted_directors
 
 
-def crumpled(cells: tuple[int, int] = (4, 3), seed: int = 0, height: float = 0.05) -> Body:
+def crumpled(
+    cells: tuple[int, int] = (4, 3), seed: int = 0, height: float = 0.05, stretch_limit: float | None = None
+) -> Body:
     """A sheet of unequal triangles, already bent and stretched where it starts."""
     vertices, triangles = sheet(cells, (0.012 * cells[0], 0.012 * cells[1]))
     rng = np.random.default_rng(seed)
     rest = vertices + np.r_[0.002, 0.002, 0.0] * rng.normal(size=vertices.shape)
     start = rest + np.r_[0.0005, 0.0005, 0.002] * rng.normal(size=vertices.shape) + np.r_[0.0, 0.0, height]
-    return shell_body(start, triangles, 0.002, 300.0, rest, warp=(1.0, 0.3, 0.0))
+    return shell_body(start, triangles, 0.002, 300.0, rest, warp=(1.0, 0.3, 0.0), stretch_limit=stretch_limit)
 
 
 def ropes(counts: tuple[int, ...] = (9, 5), seed: int = 0, height: float = 0.05) -> Body:

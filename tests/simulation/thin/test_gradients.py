@@ -7,7 +7,7 @@ import pytest
 import torch
 
 from physreal_core.simulation import Grip, Parameters, SimulationConfig, Simulator
-from physreal_core.simulation.thin.reference import framed_rod_energy, rod_energy, shell_energy
+from physreal_core.simulation.thin.reference import framed_rod_energy, rod_energy, shell_dissipation, shell_energy
 from physreal_core.simulation.thin.rod import FRAMED_TERMS, Rod
 from tests.simulation.conftest import FUSED
 from tests.simulation.scenes import directional_errors, random_loss
@@ -15,7 +15,7 @@ from tests.simulation.thin.scenes import crumpled, framed_ropes, ropes
 
 FRAMES = 4
 STEPS = {
-    "youngs_modulus": 1e-2,
+    "youngs_modulus": 1e-1,
     "poissons_ratio": 1e-5,
     "bending_ratio": 1e-6,
     "weft_ratio": 1e-6,
@@ -34,6 +34,7 @@ STEPS = {
     "initial_position": 1e-9,
     "linear_drag": 1e-8,
     "quadratic_drag": 1e-8,
+    "viscosity": 1e-5,
 }
 
 
@@ -46,8 +47,10 @@ def scattered(count: int, value: float, seed: int, *axes: int) -> torch.Tensor:
 def parameters_of(kind: str, count: int, **others) -> Parameters:
     own = {"youngs_modulus": scattered(count, 2e5, 1), "bending_ratio": scattered(count, 0.5, 3)}
     own["poissons_ratio"] = scattered(count, 0.25, 2)
-    if kind == "shell":
+    if kind in ("shell", "viscous"):
         own |= {"weft_ratio": scattered(count, 0.7, 4), "shear_ratio": scattered(count, 0.4, 5)}
+    if kind == "viscous":
+        own |= {"viscosity": scattered(count, 100.0, 10, 2)}
     elif kind == "framed":
         generator = torch.Generator().manual_seed(10)
         own["twisting_ratio"] = scattered(count, 0.8, 4)
@@ -62,21 +65,24 @@ def framed_energy(rod: Rod, x: torch.Tensor, stiffness: torch.Tensor) -> torch.T
 
 BODIES = {
     "shell": (crumpled, shell_energy, ("bending", "fabric")),
+    "viscous": (crumpled, shell_energy, ("bending", "fabric", "viscosity")),
     "rod": (ropes, rod_energy, ("bending",)),
     "framed": (framed_ropes, framed_energy, ("bending", *FRAMED_TERMS)),
 }
 OF_FRAMES = {"twisting_ratio", "rest_curvature", "retardation_time", "initial_director"}
 ABSENT = {
-    "shell": OF_FRAMES,
-    "rod": {"poissons_ratio", "weft_ratio", "shear_ratio", *OF_FRAMES},
-    "framed": {"weft_ratio", "shear_ratio"},
+    "shell": {"viscosity", *OF_FRAMES},
+    "viscous": OF_FRAMES,
+    "rod": {"poissons_ratio", "weft_ratio", "shear_ratio", "viscosity", *OF_FRAMES},
+    "framed": {"weft_ratio", "shear_ratio", "viscosity"},
 }
 
 
 @pytest.fixture(params=BODIES)
 def kind(request) -> str:
-    if request.param == "framed" and "form" in request.fixturenames and request.getfixturevalue("form") == FUSED:
-        pytest.skip("rods with directors have the native form alone")
+    fused = "form" in request.fixturenames and request.getfixturevalue("form") == FUSED
+    if fused and request.param in ("framed", "viscous"):
+        pytest.skip("rods with directors and viscous shells have the native form alone")
     return request.param
 
 
@@ -108,6 +114,21 @@ def test_spins_follow_the_slope_of_the_energy_by_a_turn_of_directors():
     spin = player.step(torch.zeros(0, 3)).spin * config.fps
     expected = (torque * rod.mobility(torch.tensor(body.density)))[begins]
     assert torch.allclose(spin[begins], expected, rtol=0, atol=1e-9 * float(expected.abs().max()))
+
+
+def test_viscous_forces_are_the_slope_of_the_dissipation():
+    body = crumpled()
+    terms = BODIES["viscous"][2]
+    config = SimulationConfig(fps=1e6, dtype="float64", ground_height=None, gravity=(0.0, 0.0, 0.0), terms=terms)
+    v = torch.randn(body.x0.shape, generator=torch.Generator().manual_seed(3), dtype=torch.float64).requires_grad_()
+    still = parameters_of("viscous", len(body.x0))
+    moving = dataclasses.replace(still, initial_velocity=v.detach())
+    simulator = Simulator(body, config)
+    elastic, whole = (simulator.rollout(p, torch.zeros(2, 0, 3)).v[1] for p in (still, moving))
+    stiffness = body.elements.stiffness(still)
+    shell_dissipation(body.elements, torch.tensor(body.x0), v, stiffness).backward()
+    force = (whole - v.detach() - elastic) * config.fps * torch.tensor(body.mass)[:, None]
+    assert torch.allclose(force, -v.grad, rtol=0, atol=1e-9 * float(v.grad.abs().max()))
 
 
 def scene(kind: str, speed: tuple, friction: float):

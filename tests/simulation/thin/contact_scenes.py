@@ -19,7 +19,7 @@ def stacked_sheets(seed: int = 0, height: float = 0.05, gap: float = 0.95) -> Bo
     return shell_body(start, np.concatenate([first, second + len(lower)]), thickness, 300.0, rest)
 
 
-def crossing_ropes(seed: int = 0, height: float = 0.05, gap: float = 0.98) -> Body:
+def crossing_ropes(seed: int = 0, height: float = 0.05, gap: float = 0.98, frames: bool = False) -> Body:
     """A rope across two that lie nearly beside each other, in touch where `gap` diameters are less than one, bent and stretched."""
     rng, count = np.random.default_rng(seed), 8
     along = np.linspace(-0.045, 0.045, count)
@@ -32,7 +32,7 @@ def crossing_ropes(seed: int = 0, height: float = 0.05, gap: float = 0.98) -> Bo
     rest = np.concatenate(rows)
     lengths = np.concatenate([np.linalg.norm(np.diff(row, axis=0), axis=1) for row in rows])
     start = rest + 3e-4 * rng.normal(size=rest.shape) + [0.0, 0.0, height]
-    return rod_body(start, 0.005, 600.0, lengths, (count,) * 3)
+    return rod_body(start, 0.005, 600.0, lengths, (count,) * 3, frames)
 
 
 def folded(

@@ -1,17 +1,22 @@
 """The adjoint through contact of layers against central differences in float64."""
 
 import dataclasses
+import functools
 
 import pytest
 import torch
 
 from physreal_core.simulation import Body, Parameters, SimulationConfig, Simulator
+from physreal_core.simulation.thin.rod import FRAMED_TERMS
 from tests.simulation.scenes import directional_errors, random_loss
 from tests.simulation.thin.contact_scenes import crossing_ropes, stacked_sheets
 from tests.simulation.thin.test_gradients import ABSENT, STEPS, check, parameters_of, scattered
 
-BODIES = {"shell": (stacked_sheets, ("bending", "fabric")), "rod": (crossing_ropes, ("bending",))}
-
+BODIES = {
+    "shell": (stacked_sheets, ("bending", "fabric")),
+    "rod": (crossing_ropes, ("bending",)),
+    "framed": (functools.partial(crossing_ropes, frames=True), ("bending", *FRAMED_TERMS)),
+}
 NO_POINTS = torch.zeros(4, 0, 3, dtype=torch.float64)
 
 
@@ -36,9 +41,11 @@ def scene(kind: str, slide: float, friction: float, **others):
     terms = (*own_terms, "gravity", "density", "force", "initial_position", "drag")
     config = SimulationConfig(fps=200, dtype="float64", terms=terms, self_contact=True, ground_height=None, **others)
     count = len(body.x0)
+    others = {"initial_director": torch.tensor(body.elements.directors)} if kind == "framed" else {}
     parameters = parameters_of(
         kind,
         count,
+        **others,
         layer_friction=torch.tensor(friction, dtype=torch.float64),
         initial_velocity=velocities(body, slide),
         gravity=torch.tensor([0.5, 0.0, -9.0], dtype=torch.float64),

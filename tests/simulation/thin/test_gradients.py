@@ -30,10 +30,10 @@ STEPS = {
     "initial_velocity": 1e-7,
     "gravity": 1e-5,
     "density": 1e-4,
-    "force": 1e-9,
+    "force": 1e-8,
     "initial_position": 1e-9,
     "linear_drag": 1e-8,
-    "quadratic_drag": 1e-8,
+    "quadratic_drag": 1e-7,
     "viscosity": 1e-5,
 }
 

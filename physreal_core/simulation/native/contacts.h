@@ -47,14 +47,18 @@ public:
     }
 
     void leave_forces(const S* now) const {
-        for_touching<FACES>(0, now, [&](auto pair) { leave_forces_of(pair, now); });
-        for_touching<EDGES>(1, now, [&](auto pair) { leave_forces_of(pair, now); });
+        for_touching<FACES>(0, now, [&](const auto& block, const auto& contact) { leave_forces_of(block, contact, now); });
+        for_touching<EDGES>(1, now, [&](const auto& block, const auto& contact) { leave_forces_of(block, contact, now); });
     }
 
     // In: frame.force_bar. Leaves adjoints of x, v and Young's modulus at the corners; friction_bar grows.
     void leave_adjoints(const S* now, S& friction_bar) const {
-        for_touching<FACES>(0, now, [&](auto pair) { leave_adjoints_of(pair, now, friction_bar); });
-        for_touching<EDGES>(1, now, [&](auto pair) { leave_adjoints_of(pair, now, friction_bar); });
+        for_touching<FACES>(0, now, [&](const auto& block, const auto& contact) {
+            leave_adjoints_of(block, contact, now, friction_bar);
+        });
+        for_touching<EDGES>(1, now, [&](const auto& block, const auto& contact) {
+            leave_adjoints_of(block, contact, now, friction_bar);
+        });
     }
 
     // Calls visit(vertex, first of the rows that were left there for it, distance of rows, corner) for the thread's own vertices.
@@ -84,6 +88,7 @@ private:
     int* pairs_of(Index list) const { return frame_.pairs + 4 * list * frame_.pair_capacity; }
     int* awake_of(Index list) const { return frame_.awake + list * frame_.pair_capacity; }
     S* wake_of(Index list) const { return frame_.pairs_wake + list * frame_.pair_capacity; }
+    S* stiffness_of(Index list) const { return frame_.pairs_stiffness + list * frame_.pair_capacity; }
     S* by_modulus_of(Index list) const { return frame_.pairs_by_modulus + list * frame_.pair_capacity; }
     int* touching_of(Index list) const { return frame_.pairs_touch + list * (frame_.pair_capacity / LANES); }
     S* left_of(Index list) const { return frame_.pairs_left + LEFT * list * frame_.pair_capacity; }
@@ -99,9 +104,9 @@ private:
         int* awake = awake_of(list);
         Index found = 0;
         for (Index b = 0; b < count; b += LANES) {
-            if (!any(load<S, LANES>(wake + b) <= splat<V>(moved_))) continue;
-            for (Index i = b; i < min_of(b + LANES, count); i++)
-                if (wake[i] <= moved_) awake[found++] = int(i);
+            unsigned left = bits(load<S, LANES>(wake + b) <= splat<V>(moved_));
+            if (count - b < LANES) left &= (1u << (count - b)) - 1;
+            for (; left; left &= left - 1) awake[found++] = int(b) + __builtin_ctz(left);
         }
         frame_.pairs_awake[list] = found;
         for (Index i = found; i % LANES; i++) awake[i] = awake[found - 1];
@@ -123,7 +128,7 @@ private:
         Vec3<V> x[4];
     };
 
-    // Calls visit(block) for the blocks with a pair that touches, and sends others to sleep.
+    // Calls visit(block, its contact) for the blocks with a pair that touches, and sends others to sleep.
     template <int KIND, class Visit>
     void for_touching(int which, const S* now, Visit visit) const {
         Block<KIND> block;
@@ -138,7 +143,7 @@ private:
             const Contact<KIND, V, V> contact(block.x, block.x, splat<V>(frame_.contact_distance));
             const auto touch = contact.touches();
             touching_of(block.list)[b / LANES] = any(touch);
-            if (any(touch)) visit(block);
+            if (any(touch)) visit(block, contact);
             if (all(touch)) continue;
             const V distance = KIND == EDGES ? sqrt(squared_distance_of_edges(block.x)) : contact.length();
             for (int l = 0; l < LANES; l++)
@@ -150,28 +155,23 @@ private:
 
     template <class Pairs>
     Vec3<V> corner(const S* rows, const Pairs& block, int c) const {
-        Vec3<V> value;
+        S values[3][LANES];
         for (int l = 0; l < LANES; l++) {
             const S* from = rows + block.corners[l][c];
-            for (int d = 0; d < 3; d++) value[d][l] = from[d * frame_.stride];
+            for (int d = 0; d < 3; d++) values[d][l] = from[d * frame_.stride];
         }
-        return value;
+        return {{load<S, LANES>(values[0]), load<S, LANES>(values[1]), load<S, LANES>(values[2])}};
     }
 
-    // A pair's stiffness [N/m] is that by Young's modulus times the sum of its corners' moduli.
-    template <class Pairs>
-    V by_modulus(const Pairs& block) const {
-        V value;
-        for (int l = 0; l < LANES; l++) value[l] = by_modulus_of(block.list)[awake_of(block.list)[block.b + l]];
-        return value;
+    // Of each pair of a block its number in `rows`.
+    V of_pairs(const S* rows, const int* awake) const {
+        S values[LANES];
+        for (int l = 0; l < LANES; l++) values[l] = rows[awake[l]];
+        return load<S, LANES>(values);
     }
     template <class Pairs>
-    V modulus_sum(const Pairs& block) const {
-        const S* E = frame_.constants + constant::youngs_modulus * frame_.stride;
-        V sum = {};
-        for (int l = 0; l < LANES; l++)
-            for (int c = 0; c < (Pairs::KIND == POINT_SEGMENT ? 3 : 4); c++) sum[l] += E[block.corners[l][c]];
-        return sum;
+    V stiffness(const Pairs& block) const {
+        return of_pairs(stiffness_of(block.list), awake_of(block.list) + block.b);
     }
 
     LayerFriction<V> friction() const {
@@ -179,11 +179,10 @@ private:
     }
 
     template <class Pairs>
-    void leave_forces_of(const Pairs& block, const S* now) const {
-        const Contact<Pairs::KIND, V, V> contact(block.x, block.x, splat<V>(frame_.contact_distance));
+    void leave_forces_of(const Pairs& block, const Contact<Pairs::KIND, V, V>& contact, const S* now) const {
         Vec3<V> v[4], f[4] = {};
         for (int c = 0; c < 4; c++) v[c] = corner(now + VELOCITY * frame_.stride, block, c);
-        const V k = by_modulus(block) * modulus_sum(block);
+        const V k = stiffness(block);
         contact.forces(k, f);
         contact.friction(k, friction(), v, f);
         S* left = left_of(block.list) + block.b;
@@ -192,14 +191,13 @@ private:
     }
 
     template <class Pairs>
-    void leave_adjoints_of(const Pairs& block, const S* now, S& friction_bar) const {
-        const Contact<Pairs::KIND, V, V> contact(block.x, block.x, splat<V>(frame_.contact_distance));
+    void leave_adjoints_of(const Pairs& block, const Contact<Pairs::KIND, V, V>& contact, const S* now, S& friction_bar) const {
         Vec3<V> v[4], bar[4], x_bar[4] = {}, v_bar[4] = {};
         for (int c = 0; c < 4; c++) {
             v[c] = corner(now + VELOCITY * frame_.stride, block, c);
             bar[c] = corner(frame_.force_bar, block, c);
         }
-        const V per_modulus = by_modulus(block), k = per_modulus * modulus_sum(block);
+        const V k = stiffness(block), by_modulus = of_pairs(by_modulus_of(block.list), awake_of(block.list) + block.b);
         V k_bar = {}, coefficient_bar = {};
         contact.friction_adjoint(k, friction(), v, bar, x_bar, v_bar, k_bar, coefficient_bar);
         normal_adjoint<Pairs::KIND>(block.x, bar, k, x_bar, k_bar);
@@ -212,7 +210,7 @@ private:
                 store(left + (3 * c + d) * stride, x_bar[c][d]);
                 store(left + (12 + 3 * c + d) * stride, v_bar[c][d]);
             }
-            store(left + (24 + c) * stride, Pairs::KIND == POINT_SEGMENT && c == 3 ? V{} : per_modulus * k_bar);
+            store(left + (24 + c) * stride, Pairs::KIND == POINT_SEGMENT && c == 3 ? V{} : by_modulus * k_bar);
         }
     }
 
@@ -348,16 +346,18 @@ private:
         Index count = 0;
         for (Index p = first_; p < last_; p++) {
             const Vec3<S> point = at(x, frame_.stride, p);
+            mark(p, 1);
             faces.near(point.v, reach, [&](Index face) {
                 const int* f = faces.item(face);
                 int pair[4] = {int(p), f[0], f[1], f[FACE - 1]};
                 for (int c = 0; c < FACE; c++)
-                    if (neighbours(p, f[c])) return;
+                    if (marked()[f[c]]) return;
                 Vec3<S> corners[4];
                 for (int c = 0; c < 4; c++) corners[c] = at(x, frame_.stride, pair[c]);
                 const Contact<FACES, S, S> contact(corners, corners, reach);
-                if (contact.touches()) put(list, count++, pair, contact.length(), frame_.contact_weight[p] / (FACE + 1));
+                if (contact.touches()) put(list, count++, pair, FACE + 1, contact.length(), frame_.contact_weight[p]);
             });
+            mark(p, 0);
         }
         finish(list, count);
     }
@@ -369,36 +369,45 @@ private:
         for (Index own = share_of(frame_.contact_edges, thread_, frame_.threads); own < end; own++) {
             const int* e = edges.item(own);
             const S* ball = edges.ball(own);
+            mark(e[0], 1);
+            mark(e[1], 1);
             edges.near(ball, reach + ball[3], [&](Index other) {
                 if (other <= own) return;
                 const int* o = edges.item(other);
+                if (marked()[o[0]] || marked()[o[1]]) return;
                 int pair[4] = {e[0], e[1], o[0], o[1]};
-                if (neighbours(e[0], o[0]) || neighbours(e[0], o[1]) || neighbours(e[1], o[0]) || neighbours(e[1], o[1])) return;
                 Vec3<S> corners[4];
                 for (int c = 0; c < 4; c++) corners[c] = at(x, frame_.stride, pair[c]);
                 const S squared = squared_distance_of_edges(corners);
                 if (squared > reach * reach) return;
                 S weight = frame_.contact_weight[pair[0]];
                 for (int c = 1; c < 4; c++) weight = min(weight, frame_.contact_weight[pair[c]]);
-                put(list, count++, pair, sqrt(squared), weight / 4);
+                put(list, count++, pair, 4, sqrt(squared), weight);
             });
+            mark(e[0], 0);
+            mark(e[1], 0);
         }
         finish(list, count);
     }
 
-    // Whether vertices hang together so closely that they may always be near each other.
-    bool neighbours(Index p, Index q) const {
-        for (Index n = frame_.near_first[p]; n < frame_.near_first[p + 1]; n++)
-            if (frame_.near[n] == q) return true;
-        return false;
+    // Vertices that hang together so closely with a thing that they may always be near it.
+    int* marked() const { return frame_.marks + thread_ * frame_.particles; }
+    void mark(Index p, int value) const {
+        for (Index n = frame_.near_first[p]; n < frame_.near_first[p + 1]; n++) marked()[frame_.near[n]] = value;
     }
 
-    // share: of the body's stiffness by modulus that falls to each corner.
-    void put(Index list, Index place, const int (&pair)[4], S distance, S share) const {
+    // A pair's stiffness [N/m] is that by Young's modulus [m] times the sum over its corners. weight: see contact.py.
+    void put(Index list, Index place, const int (&pair)[4], int corners, S distance, S weight) const {
         if (place >= frame_.pair_capacity) return;
-        for (int c = 0; c < 4; c++) pairs_of(list)[4 * place + c] = pair[c];
+        const S* E = frame_.constants + constant::youngs_modulus * frame_.stride;
+        S sum = 0;
+        for (int c = 0; c < 4; c++) {
+            pairs_of(list)[4 * place + c] = pair[c];
+            if (c < corners) sum += E[pair[c]];
+        }
         wake_of(list)[place] = sleep(distance);
-        by_modulus_of(list)[place] = frame_.contact_size * share;
+        by_modulus_of(list)[place] = frame_.contact_size * weight / corners;
+        stiffness_of(list)[place] = by_modulus_of(list)[place] * sum;
     }
     void finish(Index list, Index count) const {
         if (count > frame_.pairs_needed[list]) frame_.pairs_needed[list] = count;

@@ -68,6 +68,7 @@ class ContactArrays:
         """What `count` frames at once work on, but for the pairs."""
         items = len(self._surface.faces) + len(self._surface.edges)
         return {
+            "marks": torch.zeros(count, self._threads, len(self._body.x0), dtype=torch.int32),
             "balls": torch.zeros(count, items, 4, dtype=self._dtype),
             "bin_boxes": torch.zeros(count, 2, 8, dtype=self._dtype),
             "bins": torch.zeros(count, 2 * (self._cells + 1) + 2 * items, dtype=torch.int32),
@@ -81,6 +82,7 @@ class ContactArrays:
         return {
             "pairs": torch.zeros(*lists, self.capacity, 4, dtype=torch.int32),
             "pairs_wake": torch.zeros(*lists, self.capacity, dtype=self._dtype),
+            "pairs_stiffness": torch.zeros(*lists, self.capacity, dtype=self._dtype),
             "pairs_by_modulus": torch.zeros(*lists, self.capacity, dtype=self._dtype),
             "awake": torch.zeros(*lists, self.capacity, dtype=torch.int32),
             "pairs_touch": torch.zeros(*lists, self.capacity // 4, dtype=torch.int32),

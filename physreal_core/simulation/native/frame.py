@@ -40,10 +40,12 @@ WORKSPACE = Structure(
     Index* pairs_listed  [threads, 2]
     Index* pairs_awake  [threads, 2]
     S* pairs_wake  [threads, 2, pair_capacity] what the vertices may move before a pair may touch [m]
+    S* pairs_stiffness  [threads, 2, pair_capacity] [N/m]
     S* pairs_by_modulus  [threads, 2, pair_capacity] stiffness over the sum of the corners' Young's moduli [m]
     int* awake  [threads, 2, pair_capacity] numbers of those that may touch
     int* pairs_touch  [threads, 2, pair_capacity / lanes] whether one of a block of these does
     S* pairs_left  [threads, 2, 28, pair_capacity] forces, or adjoints of x, v and Young's modulus
+    int* marks  [threads, N] 0
     S* balls  [contact_faces + contact_edges, 4] centre and radius
     S* bin_boxes  [2, 8]
     int* bins  [2 (bin_cells + 1) + 2 (contact_faces + contact_edges)]

@@ -1,0 +1,89 @@
+"""What contact of layers costs: a cloth of 2000 triangles, level and folded in half at rest, and a rope, with and without it.
+
+    python -m benchmarks.layers [threads]
+
+It prints substeps a frame and the time of one frame, forward and with the gradient, at the median of the last frames.
+"""
+
+import statistics
+import sys
+import time
+
+import numpy as np
+import torch
+
+from physreal_core.simulation import Body, Parameters, SimulationConfig, Simulator, rod_body, shell_body
+
+THICKNESS = 0.002
+CELLS, SIZE = (50, 20), (0.4, 0.16)
+FRAMES, TIMED = 24, 8
+
+
+def cloth(radius: float | None, turn: float = 0.0) -> Body:
+    """A rectangle of 2000 triangles on the ground, folded in half with this radius [m], or level.
+
+    Args:
+        radius: of the fold.
+        turn: of the fold's line against the mesh [rad], so that the layers' vertices do not lie on each other.
+    """
+    u, v = np.meshgrid(*(np.linspace(-s / 2, s / 2, n + 1) for s, n in zip(SIZE, CELLS, strict=True)), indexing="ij")
+    number = np.arange(u.size).reshape(u.shape)
+    a, b, c, d = number[:-1, :-1], number[1:, :-1], number[1:, 1:], number[:-1, 1:]
+    triangles = np.concatenate([np.stack([a, b, c], -1).reshape(-1, 3), np.stack([a, c, d], -1).reshape(-1, 3)])
+    rest = np.stack([u.ravel(), v.ravel(), np.full(u.size, THICKNESS / 2)], 1)
+    if radius is None:
+        return shell_body(rest, triangles, THICKNESS, 300.0)
+    along = np.array([np.cos(turn), np.sin(turn), 0.0])
+    s = rest @ along
+    angle = np.clip(s / radius + np.pi / 2, 0.0, np.pi)
+    beyond = s - np.clip(s, -np.pi * radius / 2, np.pi * radius / 2)
+    start = rest + (radius * np.sin(angle) - np.abs(beyond) - s)[:, None] * along
+    start[:, 2] += radius * (1 - np.cos(angle))
+    return shell_body(start, triangles, THICKNESS, 300.0, rest)
+
+
+def rope() -> Body:
+    """Two hundred segments in a coil whose turns lie beside each other."""
+    turn = np.linspace(0.0, 10 * np.pi, 201)
+    radius = 0.02 + 0.0105 * turn / (2 * np.pi)
+    x = np.stack([radius * np.cos(turn), radius * np.sin(turn), np.full(201, 0.005)], 1)
+    return rod_body(x, 0.005, 600.0)
+
+
+def run(body: Body, contact: bool) -> tuple[int, float, float]:
+    """Substeps a frame, and milliseconds of a frame forward and with the gradient."""
+    simulator = Simulator(body, SimulationConfig(fps=30, self_contact=contact, terms=("drag", "bending")))
+    parameters = Parameters(
+        torch.tensor(1e5, requires_grad=True), torch.tensor(0.3), torch.tensor(0.4),
+        linear_drag=torch.tensor(3.0) * torch.tensor(body.mass).float(), bending_ratio=torch.tensor(0.05),
+        layer_friction=torch.tensor(0.4) if contact else None,
+    )  # fmt: skip
+    stamps: list[float] = []
+    states = simulator.rollout(
+        parameters, torch.zeros(FRAMES + 1, 0, 3), progress=lambda *_: stamps.append(time.perf_counter())
+    )
+    forward = statistics.median(np.diff(stamps)[-TIMED:])
+    stamps.clear()
+    states.x[-1].square().sum().backward()
+    backward = statistics.median(np.diff(stamps)[:TIMED])
+    return simulator.substeps(parameters), 1e3 * forward, 1e3 * (forward + backward)
+
+
+def main() -> None:
+    """Print the table."""
+    torch.set_num_threads(int(sys.argv[1]) if len(sys.argv) > 1 else 1)
+    bodies = {
+        "cloth, level": cloth(None),
+        "cloth, folded, layers' vertices on each other": cloth(0.0012),
+        "cloth, folded askew": cloth(0.0012, 0.3),
+        "rope, coiled": rope(),
+    }
+    print("| body | substeps | ms a frame | ms with the gradient |\n|---|---|---|---|")
+    for name, body in bodies.items():
+        without, touching = run(body, False), run(body, True)
+        cells = (f"{a:.3g} → {b:.3g} ({b / a:.2f})" for a, b in zip(without, touching, strict=True))
+        print(f"| {name} | {' | '.join(cells)} |", flush=True)
+
+
+if __name__ == "__main__":
+    main()

@@ -120,7 +120,7 @@ def _cloth(name: str, motion: Motion) -> RigScene:
         grasp=Block((-0.03, 0.1045, -1.0), (0.03, 0.14, 1.0)),
         motion=motion,
         material=Material(friction_coefficient=0.4),
-        view=View(eye=(0.18, -0.66, 0.43), target=(0.0, 0.03, 0.12)),
+        view=View(eye=(0.22, -0.80, 0.52), target=(0.0, 0.02, 0.107), focal=500.0),
         look=Look(body="print"),
     )
 
@@ -136,10 +136,10 @@ def cloth_swing() -> RigScene:
         "cloth_swing",
         Motion(
             (
-                (0.1, 0.75, (0.0, 0.0, 0.25)),
-                (0.75, 1.1, (0.0, -0.06, 0.0)),
-                (1.1, 1.5, (0.01, 0.07, 0.0)),
-                (1.5, 1.85, (0.0, -0.04, 0.0)),
+                (0.1, 0.85, (0.0, -0.06, 0.23)),
+                (0.9, 1.25, (0.0, 0.06, 0.0)),
+                (1.25, 1.6, (0.01, -0.05, 0.01)),
+                (1.65, 1.95, (0.0, 0.04, 0.0)),
             )
         ),
     )

@@ -19,7 +19,7 @@ from data.rig.raycast import Raycaster
 from data.rig.rig_scene import Motion
 from data.rig.rope import Rope
 from data.rig.thin import Cloth, mesh_cloth
-from data.rig.thin_scenes import CLOTH, MEASURED, ROPE, THIN_SCENES
+from data.rig.thin_scenes import CLOTH, MEASURED, ROPE, THIN_SCENES, run
 from data.rig.truth import load_truth
 from physreal_core.errors import InputError
 from pipeline.capture import capture_of, read_capture
@@ -231,6 +231,17 @@ def test_pictures_show_the_thin_body(capture):
         points = lift(depth, body & (depth > 0), described.K, described.T_world_camera)
         gap = np.linalg.norm(truth.follow(truth.attach(points, frame))[frame] - points, axis=1)
         assert len(points) > 50 and np.median(gap) < 0.002  # noise of 1.5 to 2.2 mm along the ray
+
+
+@pytest.mark.slow
+@pytest.mark.parametrize("name", ["cloth_lift", "cloth_swing"])
+def test_cloth_does_not_fold_onto_itself(name):
+    """MuJoCo lets its layers pass through one another, so they must not meet: nodes 6 cm apart at rest stay 4 cm apart."""
+    scene = THIN_SCENES[name]()
+    middle = run(replace(scene, body=replace(scene.body, spacing=0.02))).middle
+    apart = np.linalg.norm(middle.rest[:, None] - middle.rest, axis=-1) > 0.06
+    nearest = [np.linalg.norm(nodes[:, None] - nodes, axis=-1)[apart].min() for nodes in middle.vertices]
+    assert min(nearest) > 0.04
 
 
 def test_scenes_of_one_object_are_of_one_material():

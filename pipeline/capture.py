@@ -143,6 +143,10 @@ class Capture(_Checked):
     description: str = Field("", description='the object in words, e.g. "a stuffed sloth"')
     controller: str = Field("", description='what moves it, e.g. "hand"')
     density: float | None = Field(None, gt=0, description="weighed [kg/m3]")
+    geometry: Literal["linear", "planar", "volumetric"] = Field(
+        "volumetric", description="a rope, a cloth, or a body that is thick everywhere"
+    )
+    thickness: float | None = Field(None, gt=0, description="of a cloth, or the diameter of a rope [m]")
     frame_count: int | None = Field(None, gt=0, description="number of frames")
     split: Split | None = Field(None, description="default: the first 70 % are observed")
     hints: dict[Literal["object", "controller"], Hint] = Field(default_factory=dict)
@@ -156,6 +160,12 @@ class Capture(_Checked):
         for key in ("width", "height", "K"):
             if self.kind == "video" and getattr(self, key) is None:
                 raise ValueError(f"a video capture has the key {key}")
+        return self
+
+    @model_validator(mode="after")
+    def _thin_has_a_thickness(self) -> "Capture":
+        if (self.thickness is None) != (self.geometry == "volumetric"):
+            raise ValueError("a linear or planar object has the key thickness, and no other has it")
         return self
 
     def observed(self, frame_count: int) -> Split:

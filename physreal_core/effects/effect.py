@@ -7,6 +7,7 @@ from typing import ClassVar, Literal
 from physreal_core.array_types import Array, Float, Tensor
 from physreal_core.errors import InputError
 from physreal_core.simulation import Body, Clamp, Grip, Parameters, SimulationConfig, States
+from physreal_core.simulation.terms import absent_terms
 
 Family = Literal["around", "material", "mass", "contact", "grip", "measurement"]
 Values = Mapping[str, Tensor]
@@ -193,6 +194,14 @@ class Effect:
 def fits(effect: Effect, config: SimulationConfig) -> bool:
     """Whether the laws that an effect needs are free in this configuration: the identity, or its own already."""
     return all(getattr(config, key) in ("identity", law) for key, law in effect.laws.items())
+
+
+def lacking(effect: Effect, body: Body) -> str:
+    """Why an effect does not act on a body, in words; empty where it does."""
+    kind = "a thin body" if body.elements is not None else "a volume"
+    if terms := [term for term in effect.terms if term in absent_terms(body)]:
+        return f"{kind} has no {' and no '.join(term.replace('_', ' ') for term in terms)}"
+    return f"{kind} does not flow" if body.elements is not None and "plastic_law" in effect.laws else ""
 
 
 def configured(config: SimulationConfig, effects: tuple[Effect, ...]) -> SimulationConfig:

@@ -21,12 +21,19 @@ TRANSFORMS: dict[str, Transform] = {
     "friction_coefficient": "log",
     "grip_stiffness": "log",
     "grip_damping": "log",
+    "bending_ratio": "log",
+    "weft_ratio": "log",
+    "shear_ratio": "log",
     "latent_elastic": "identity",
     "latent_plastic": "identity",
     "network_elastic": "identity",
     "network_plastic": "identity",
 }
 """How the stages move each field of a model."""
+
+RATIOS = {"bending_ratio": "youngs_modulus"}
+"""Fields that are ratios to another one, and which: the free coordinate of such a field is that of its product with the other over where the
+other starts. So a step of Young's modulus changes how a thin body stretches and leaves how it bends, which shows far more."""
 
 _EDGE = 1e-6
 """A value on the edge of its range starts this fraction of the range inside, where the logit is finite."""
@@ -82,6 +89,17 @@ class Variable:
         if self.transform == "logit":
             return self.lower + (self.upper - self.lower) * torch.sigmoid(free)
         return free
+
+    def of(self, values: dict[str, Tensor], starts: dict[str, Tensor]) -> Tensor:
+        """The field's value among those of all variables, `value` of each; another than its own of `RATIOS` alone.
+
+        Args:
+            values, starts: of all variables by name, now and where they started.
+        """
+        other = RATIOS.get(self.name)
+        if other not in values:
+            return values[self.name]
+        return values[self.name] * (starts[other] / values[other])
 
     def project(self, free: Tensor) -> Tensor:
         """`free` moved back into the range; only the logarithm and the identity can leave it."""

@@ -21,7 +21,7 @@ from physreal_core.simulation.native import NativeStepper
 from physreal_core.simulation.parameters import PARAMETER_NAMES, BatchStates, Parameters, States, complete
 from physreal_core.simulation.play import Player
 from physreal_core.simulation.stepper import Stepper
-from physreal_core.simulation.terms import STRESS_TERMS, THIN_TERMS, dormant_values
+from physreal_core.simulation.terms import absent_terms, dormant_values
 from physreal_core.simulation.timestep import substeps_per_frame
 
 
@@ -196,9 +196,8 @@ class Simulator:
 def _check_kind(body: Body, config: SimulationConfig) -> None:
     """Raise `InputError` for a term or a law that the body, a volume or thin, does not have."""
     thin = body.elements is not None
-    absent = (*STRESS_TERMS, "initial_deformation") if thin else THIN_TERMS
     for term in config.terms:
-        if term in absent:
+        if term in absent_terms(body):
             kind = "thin bodies" if thin else "volumes"
             raise InputError(f"{term!r}", where="SimulationConfig.terms", expected=f"a term that {kind} have")
     if thin and (config.plastic_law != "identity" or config.residual is not None):

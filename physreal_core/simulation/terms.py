@@ -80,6 +80,14 @@ BRANCH_TERMS = ("relaxation", "hysteresis")
 STRESS_TERMS = ("viscosity", "stiffening", "fibres", *BRANCH_TERMS)
 """Terms whose law is a stress in particles. `friction_law` acts on nodes; the others replace what the step is given."""
 
+_ABSENT = {True: (*STRESS_TERMS, "initial_deformation"), False: THIN_TERMS}
+
+
+def absent_terms(body: Body) -> tuple[str, ...]:
+    """Terms that a body, thin or a volume, does not have."""
+    return _ABSENT[body.elements is not None]
+
+
 TERM_OF = {name: term for term, parameters in TERMS.items() for name in parameters}
 """The term that a parameter belongs to; parameters that every simulation has are not here."""
 

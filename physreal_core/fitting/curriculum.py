@@ -30,7 +30,8 @@ NETWORK_FIELDS = ("latent_elastic", "latent_plastic", "network_elastic", "networ
 class ScanConfig:
     """Forward rollouts before Stage 1's descent, at `count` Young's moduli, each `factor` times the one before, with the grip
     `grips` times as stiff as it starts: of an object that slips from the hand the objective has no slope to a firmer one. Of a thin body
-    as many bending ratios come first, each `bending` times the one before."""
+    as many bending ratios come first, each `bending` times the one before, and then as many around the best of them, each a third of that
+    apart: how a body stretches shows only once it bends right."""
 
     count: int = 5
     factor: float = 2.5
@@ -86,11 +87,11 @@ def start_from_scan(
     objective.require_evidence()
     bent = []
     if "bending_ratio" in moved:
-        scanned = _scanned(objective, model, moved["bending_ratio"], config.count, config.bending)
         held = {name: model.fields[name].mean().item() for name in ("youngs_modulus", "grip_stiffness")}
-        bent = [{"bending_ratio": ratio, **held, "objective": total} for ratio, total in scanned]
-        best = _best(bent, "bending ratio")
-        model = model.with_fields(**everywhere({"bending_ratio": best["bending_ratio"]}))
+        for factor in (config.bending, config.bending ** (1 / 3)):
+            scanned = _scanned(objective, model, moved["bending_ratio"], config.count, factor)
+            bent += [{"bending_ratio": ratio, **held, "objective": total} for ratio, total in scanned]
+            model = model.with_fields(**everywhere({"bending_ratio": _best(bent, "bending ratio")["bending_ratio"]}))
     found = []
     for grip in _grips(model, moved.get("grip_stiffness"), config):
         held = model.with_fields(grip_stiffness=torch.tensor(grip, dtype=torch.float64))

@@ -13,7 +13,7 @@ from physreal_core.effects import configured
 from physreal_core.errors import InputError
 from physreal_core.fitting.model_file import RECORD, TENSORS, read_model_file, write_model_file
 from physreal_core.fitting.named_effects import registered
-from physreal_core.simulation import Parameters, SimulationConfig
+from physreal_core.simulation import Body, Parameters, SimulationConfig
 from physreal_core.simulation.laws.residual_config import ResidualConfig
 from physreal_core.simulation.terms import TERM_OF
 
@@ -76,12 +76,12 @@ class Model:
         """Number of patches K."""
         return self.fields["patch_positions"].shape[0]
 
-    def simulation_config(self, fps: float, device: str = "cpu") -> SimulationConfig:
-        """The simulator's configuration for a sequence of `fps` frames per second, with what the effects need."""
+    def simulation_config(self, fps: float, device: str = "cpu", body: Body | None = None) -> SimulationConfig:
+        """The simulator's configuration for a sequence of `fps` frames per second, with what the effects need on a body; None: a volume."""
         laws = {"elastic_law": self.elastic_law, "plastic_law": self.plastic_law, "residual": self.residual}
         terms = tuple(sorted({TERM_OF[name] for name in THIN_FIELDS if name in self.fields}))
         config = SimulationConfig(fps=fps, device=device, terms=terms, **laws, **self.simulation)
-        return configured(config, registered(self.effects))
+        return configured(config, registered(self.effects), body)
 
     def with_fields(self, **fields: Tensor) -> "Model":
         """This model with some tensors replaced; patch fields of one row are given to all patches."""

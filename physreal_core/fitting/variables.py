@@ -38,6 +38,9 @@ other starts. So a step of Young's modulus changes how a thin body stretches and
 _EDGE = 1e-6
 """A value on the edge of its range starts this fraction of the range inside, where the logit is finite."""
 
+_ROUNDING = 1e-9
+"""By which a value at the end of its range may be off after it went through a logarithm."""
+
 
 @dataclass(frozen=True)
 class Variable:
@@ -68,13 +71,15 @@ class Variable:
             )
 
     def free(self, value: Tensor) -> Tensor:
-        """The unconstrained coordinate of `value` (same shape). Raises InputError outside the range."""
-        if not bool(torch.isfinite(value).all()) or bool((value < self.lower).any() | (value > self.upper).any()):
+        """The unconstrained coordinate of `value` (same shape). Raises InputError outside the range by more than rounding."""
+        lower, upper = (bound - side * _ROUNDING * abs(bound) for bound, side in ((self.lower, 1), (self.upper, -1)))
+        if not bool(torch.isfinite(value).all()) or bool((value < lower).any() | (value > upper).any()):
             raise InputError(
                 f"{self.name} starts at {value.min().item():g} ... {value.max().item():g}",
                 expected=f"a value in [{self.lower:g}, {self.upper:g}]",
                 remedy=f"change the initial {self.name} or its range in params.yaml",
             )
+        value = value.clamp(self.lower, self.upper)
         if self.transform == "log":
             return value.log()
         if self.transform == "logit":

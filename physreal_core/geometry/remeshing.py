@@ -20,6 +20,10 @@ FINER = (1 / 3, 1 / 5)
 """Longest edges of the finer mesh [spacings]; the second where the first gives cells that are no discs."""
 FAR = 1e3
 """How much longer a way from cell to cell counts than one within a cell."""
+FLAT = 0.25
+"""How far a flat surface may lie off its plane, and its finer mesh off a seed [spacings]."""
+CLEAR = 0.75
+"""How far seeds inside are from those of the rim [spacings]."""
 CORNER = np.cos(np.deg2rad(40.0))
 """Cosine of the least turn of the rim over a spacing on either side that is a corner."""
 
@@ -38,9 +42,10 @@ def remesh(
     """
     for finer in FINER:
         fine, faces = refined(vertices, triangles, finer * spacing)
-        new, cells = _dual(fine, faces, spacing)
-        if len(cells) and _same_surface(faces, cells):
-            return new, cells
+        for regular in (True, False):
+            new, cells, on_rim = _dual(fine, faces, spacing, regular)
+            if len(cells) and _same_surface(faces, cells) and sum(map(len, rims_of(cells))) == on_rim:
+                return new, cells
     raise InputError(
         f"no triangles of {spacing:g} m cover the surface",
         where="remeshing",
@@ -82,13 +87,14 @@ def _split(faces: Int[Array, "faces 3"], middle: Int[Array, "faces 3"]) -> list[
     return parts
 
 
-def _dual(x: Array, faces: Array, spacing: float) -> tuple[Array, Array]:
-    """Vertices and triangles that join the cells' middles."""
+def _dual(x: Array, faces: Array, spacing: float, regular: bool) -> tuple[Array, Array, int]:
+    """Vertices and triangles that join the cells' middles, and how many of the vertices lie on the rim."""
     weight, normals = _shares(x, faces), _normals(x, faces)
     sided = np.concatenate([x, spacing * normals], axis=1)
     rim, places = _rim_seeds(x, faces, spacing)
     count = round(weight.sum() / (np.sqrt(3.0) / 2.0 * spacing**2) + len(rim) / 2) + 1
-    seeds = _spread(sided, rim, max(count, len(rim)))
+    lattice = _lattice(x, rim, spacing) if regular else None
+    seeds = _spread(sided, rim, max(count, len(rim))) if lattice is None else lattice
     for _ in range(ROUNDS):
         _, cell = cKDTree(sided[seeds]).query(sided)
         middle = _middles(x, weight, cell, len(seeds))
@@ -102,7 +108,7 @@ def _dual(x: Array, faces: Array, spacing: float) -> tuple[Array, Array]:
     corners = corners[(corners != np.roll(corners, 1, axis=1)).all(axis=1)]
     _, first = np.unique(np.sort(corners, axis=1), axis=0, return_index=True)
     used, cells = np.unique(corners[np.sort(first)], return_inverse=True)
-    return new[used], cells.reshape(-1, 3)
+    return new[used], cells.reshape(-1, 3), len(rim)
 
 
 def _same_surface(faces: Array, cells: Array) -> bool:
@@ -162,6 +168,27 @@ def _spread(x: Array, first: Array, count: int) -> Array:
         seeds.append(int(np.argmax(nearest)) if seeds else 0)
         nearest = np.minimum(nearest, ((x - x[seeds[-1]]) ** 2).sum(axis=1))
     return np.array(seeds)
+
+
+def _lattice(x: Array, rim: Array, spacing: float) -> Array | None:
+    """Vertices nearest to a lattice of equal-sided triangles, those of the rim first, where the surface is flat; elsewhere None.
+
+    Lloyd's iteration leaves such seeds where they are, and from others it comes to triangles that are less regular.
+    """
+    centre = x.mean(axis=0)
+    axes = np.linalg.svd(x - centre, full_matrices=False)[2]
+    place = (x - centre) @ axes.T
+    if np.abs(place[:, 2]).max() > FLAT * spacing:
+        return None
+    low, high = place[:, :2].min(axis=0), place[:, :2].max(axis=0)
+    counts = np.maximum(np.round((high - low) / spacing / [1.0, np.sqrt(0.75)]).astype(int), 1)
+    step = (high - low) / counts
+    i, j = np.meshgrid(np.arange(-1, counts[0] + 2), np.arange(counts[1] + 1), indexing="ij")
+    nodes = low + step * np.stack([i + 0.5 * (j % 2), j], axis=-1).reshape(-1, 2)
+    distance, nearest = cKDTree(place[:, :2]).query(nodes)
+    free = cKDTree(place[rim, :2]).query(nodes)[0] > CLEAR * spacing if len(rim) else np.ones(len(nodes), bool)
+    inside = np.setdiff1d(nearest[(distance < FLAT * spacing) & free], rim)
+    return np.concatenate([rim, inside])
 
 
 # --- the rim ----------------------------------------------------------------------------------------------------

@@ -27,7 +27,7 @@ class Particles(ArrayFile):
         grip_particles, grip_controllers: [B], a held particle and the controller point that holds it.
         grip_weights: [B], those of one particle sum to 1.
         grip_rest_lengths: [B] m.
-        triangles: [M, 3], of a shell: vertices, which the particles are, counter-clockwise from one side; thickness [m]; warp [3], the
+        triangles: [E, 3], of a shell: vertices, which the particles are, counter-clockwise from one side; thickness [m]; warp [3], the
             direction of a fabric's first threads. None, all three, for any other body.
         rows: [R], of rods: number of vertices of each, which follow one another; radius [m]. None, both, for any other body.
     """
@@ -52,7 +52,7 @@ class Particles(ArrayFile):
     grip_controllers: Int[Array, " B"]
     grip_weights: Float[Array, " B"]
     grip_rest_lengths: Float[Array, " B"]
-    triangles: Int[Array, "M 3"] | None = None
+    triangles: Int[Array, "E 3"] | None = None
     thickness: float | None = None
     warp: Float[Array, "3"] | None = None
     rows: Int[Array, " R"] | None = None

@@ -104,7 +104,7 @@ class Variable:
         other = RATIOS.get(self.name)
         if other not in values:
             return values[self.name]
-        return values[self.name] * (starts[other] / values[other])
+        return (values[self.name] * (starts[other] / values[other])).clamp(self.lower, self.upper)
 
     def project(self, free: Tensor) -> Tensor:
         """`free` moved back into the range; only the logarithm and the identity can leave it."""

@@ -35,9 +35,10 @@ def bind_to_cells(
     corners = x0[cells]
     count = min(CANDIDATES, len(cells))
     _, near = cKDTree(corners.mean(axis=1)).query(points, k=np.arange(1, count + 1))
-    weights = (_in_segment if cells.shape[1] == 2 else _in_triangle)(points[:, None], corners[near])
+    asked = np.repeat(points[:, None], count, axis=1)
+    weights = (_in_segment if cells.shape[1] == 2 else _in_triangle)(asked, corners[near])
     places = np.einsum("gnc,gnck->gnk", weights, corners[near])
-    best = ((places - points[:, None]) ** 2).sum(-1).argmin(axis=1)
+    best = ((places - asked) ** 2).sum(-1).argmin(axis=1)
     row = np.arange(len(points))
     return Binding(cells[near[row, best]], weights[row, best].astype(np.float32))
 
@@ -60,7 +61,7 @@ def _in_triangle(points: Float[Array, "*batch 3"], corners: Float[Array, "*batch
     best, least = inside, np.where((inside >= 0.0).all(-1), 0.0, np.inf)
     for e in range(3):
         i, j = (e + 1) % 3, (e + 2) % 3
-        along = _in_segment(np.broadcast_to(points, a.shape), corners[..., [i, j], :])
+        along = _in_segment(points, corners[..., [i, j], :])
         weights = np.zeros_like(inside)
         weights[..., i], weights[..., j] = along[..., 0], along[..., 1]
         off = ((np.einsum("...c,...ck->...k", weights, corners) - points) ** 2).sum(-1)

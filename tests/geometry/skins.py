@@ -45,7 +45,10 @@ def tube(path: np.ndarray, radius: float, around: int = 12) -> Mesh:
     k1 = (k + 1) % around
     first = around * np.arange(count - 1)[:, None]
     a, b, c, d = (
-        (first + k).ravel(), (first + k1).ravel(), (first + around + k).ravel(), (first + around + k1).ravel()
+        (first + k).ravel(),
+        (first + k1).ravel(),
+        (first + around + k).ravel(),
+        (first + around + k1).ravel(),
     )
     caps = [
         np.stack([np.full(around, around * count), k1, k], 1),

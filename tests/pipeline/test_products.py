@@ -240,8 +240,6 @@ FOREIGN = {
 
 
 def test_the_elements_of_a_thin_body_are_whole_or_absent(tmp_path):
-    import dataclasses
-
     plain = Particles(**_three_particles())
     shell = {"triangles": np.array([[0, 1, 2]]), "thickness": 0.001, "warp": np.array([1.0, 0.0, 0.0])}
     rod = {"rows": np.array([3]), "radius": 0.005}

@@ -49,7 +49,7 @@ from tests.simulation.thin.scenes import sheet
 
 pytest.importorskip("open3d")
 
-FPS, FRAMES, OBSERVED, NOISE = 40.0, 28, 20, 1e-4
+FPS, FRAMES, OBSERVED, NOISE = 40.0, 26, 18, 1e-4
 GRIP = {"radius": 0.009, "per_particle": 8}
 HOLD = {"grip_stiffness": 300.0, "grip_damping": 0.05}
 HEIGHT = 0.25
@@ -173,7 +173,7 @@ def parameters() -> dict:
         },
         "fit_patches": {"losses": losses, "planar": patches, "linear": patches, "descent": {"iterations": 3}},
         "find_gap": {"candidates": ["gravity", "kelvin_voigt"], "shortlist": 1, "seconds": 0, "iterations": 1, "grip_fitted": False},
-        "evaluate": {"surface_points": 4000},
+        "evaluate": {"surface_points": 3000},
     }  # fmt: skip
 
 

@@ -211,14 +211,15 @@ def check_prior(folder: Path, capture: Capture, purpose: Purpose, found: Finding
             )
         return
     with found.catching():
-        points = _prior_points(glb, ply, purpose)
+        points = _prior_points(glb, ply, purpose, capture.geometry)
         placed = capture.kind == "tracks" or capture.T_world_object is not None
         if placed and not any(fault.what.startswith("T_world_object") for fault in found.faults):
             _judge_placed(folder, capture, points, found)
 
 
-def _prior_points(glb: Path, ply: Path, purpose: Purpose) -> Array:
-    """Vertices of the mesh, else centres of the Gaussians, in the prior's own frame; InputError for what is no body."""
+def _prior_points(glb: Path, ply: Path, purpose: Purpose, geometry: str) -> Array:
+    """Vertices of the mesh, else centres of the Gaussians, in the prior's own frame; InputError for what is no body, nor the middle
+    surface of a cloth."""
     if ply.exists():
         from physreal_core.rendering import load_gaussians
 
@@ -232,7 +233,8 @@ def _prior_points(glb: Path, ply: Path, purpose: Purpose) -> Array:
         if not np.isfinite(mesh.vertices).all():
             raise InputError("a vertex is not finite", where=str(glb), remedy="mend the mesh")
         mesh = close_mesh(mesh) if purpose.close_holes else mesh
-        require_closed(mesh, where=str(glb), remedy="mend the mesh, or set build_object.close_holes: true")
+        if geometry != "planar":
+            require_closed(mesh, where=str(glb), remedy="mend the mesh, or set build_object.close_holes: true")
         points = mesh.vertices
     return points
 

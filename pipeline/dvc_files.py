@@ -103,6 +103,7 @@ def _entry(stage: Stage, role: str, code: list[str]) -> dict[str, Any]:
     """
     home = "clips" if role == "clips" else "sequences"
     told = [f"{role}.{SEQUENCE}"] if stage.of_model or stage.of_companion else []
+    told += [f"{home}.{SEQUENCE}.geometry"] if stage.reads_geometry else []
     output = f"data/captures/{SEQUENCE}" if stage.makes_capture else f"data/artifacts/{stage.name}/{SEQUENCE}"
     body = {
         "wdir": "../..",

@@ -45,7 +45,12 @@ class GapSummary:
         """Where, what, what became of it, and what to film next."""
         where = [f"{name}: {w['sentence']}" for name, w in zip(self.interactions, self.gap.where, strict=True)]
         what_next = self.verdict.next_motion
-        return [*where, self.verdict.sentence, self._adopted(), *([f"Next: {what_next}."] if what_next else [])]
+        absent = self.gap.settings.get("left_out", {})
+        left_out = (
+            [f"Not tried: {'; '.join(f'{name}, for {reason}' for name, reason in absent.items())}."] if absent else []
+        )
+        following = [f"Next: {what_next}."] if what_next else []
+        return [*where, self.verdict.sentence, *left_out, self._adopted(), *following]
 
     def _adopted(self) -> str:
         if self.after.adopted:

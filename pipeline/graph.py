@@ -23,6 +23,7 @@ class Stage:
         of_companion: what it reads of the sequence's `companion`, where there is one.
         reads_capture: whether it reads the capture folder.
         makes_capture: whether its output is the capture folder.
+        reads_geometry: whether it does something else for a rope or a cloth (`geometry` of the sequence in params.yaml).
         files: what else it reads, as paths from the project's root.
         piecewise: keys of capture.json that only parts of its work depend on. Parts that a change there leaves as they
             are outlive the run (`Project.kept`).
@@ -38,6 +39,7 @@ class Stage:
     of_companion: Files = field(default_factory=dict)
     reads_capture: bool = False
     makes_capture: bool = False
+    reads_geometry: bool = False
     files: tuple[str, ...] = ()
     piecewise: tuple[str, ...] = ()
     roles: tuple[str, ...] = ("sequences",)
@@ -100,9 +102,14 @@ STAGES: Graph = graph_of(
         piecewise=("hints", "corrections"),
         roles=_PERCEIVED,
     ),
-    Stage("build_object", ("parse_video", "segment_and_track"), reads_capture=True),
+    Stage("build_object", ("parse_video", "segment_and_track"), reads_capture=True, reads_geometry=True),
     Stage("fit_pose", ("parse_video", "segment_and_track", "build_object")),
-    Stage("sample_particles", ("parse_video", "segment_and_track", "fit_pose")),
+    Stage(
+        "sample_particles",
+        ("parse_video", "segment_and_track", "fit_pose"),
+        reads_capture=True,
+        reads_geometry=True,
+    ),
     Stage("fit_global", _OBSERVED, roles=("fits",)),
     Stage("fit_patches", (*_OBSERVED, "fit_global"), roles=("fits",)),
     Stage("find_gap", (*_TRACKED, "fit_patches"), of_companion=_TRACKED_FILES, roles=("fits",)),

@@ -114,15 +114,19 @@ def _told(name: str, role: str, found: str, entered: str) -> str:
 
 
 def _enter(name: str, role: str, project: Project) -> str:
+    from pipeline.capture import read_capture
     from pipeline.parameters_file import enter_names, parameters_lock
 
+    geometry = read_capture(project.capture(name)).geometry
     with parameters_lock(project):
-        enter_names(project, _entry(load_parameters(project.parameters), name, role))
+        enter_names(project, _entry(load_parameters(project.parameters), name, role, geometry))
     return f"entered {name} in params.yaml under {role}"
 
 
-def _entry(parameters: Parameters, name: str, role: str) -> dict[str, dict[str, dict[str, Any]]]:
-    """What params.yaml lacks for `name` to have the role: block → name → what is to stand there.
+def _entry(
+    parameters: Parameters, name: str, role: str, geometry: str = "volumetric"
+) -> dict[str, dict[str, dict[str, Any]]]:
+    """What params.yaml lacks for `name` to have the role: block → name → what is to stand there; a new sequence has the capture's geometry.
 
     Raises:
         InputError: it lacks nothing, or the name has a role that excludes this one.
@@ -144,7 +148,8 @@ def _entry(parameters: Parameters, name: str, role: str) -> dict[str, dict[str, 
             remedy=f"take {name} out of {hindrance[0]} in {parameters.file}, then add it",
         )
     model = typing.get_args(type(values).model_fields[home].annotation)[1]
-    missing = {} if home in having else {home: {name: model().model_dump(mode="json")}}
+    own = {} if home == "clips" else {"geometry": geometry}
+    missing = {} if home in having else {home: {name: model(**own).model_dump(mode="json")}}
     return missing if role == home else missing | {role: {name: {"companion": name}}}
 
 

@@ -41,7 +41,6 @@ class StageContext:
     Attributes:
         stage, sequence: their names.
         params: the stage's parameters for this sequence (an instance of its class in pipeline/config).
-        sequence_params: the sequence's block in params.yaml (`geometry`).
         seed: the seed in params.yaml.
         output: folder to write to; put in place whole when the stage returns.
     """
@@ -49,7 +48,6 @@ class StageContext:
     def __init__(self, stage: str, sequence: str, project: Project, parameters: Parameters, code: str) -> None:
         self.stage, self.sequence = stage, sequence
         self.params = parameters.stage(stage, sequence)
-        self.sequence_params = parameters.sequence(sequence)
         self.seed = parameters.seed
         self.output = project.partial(stage, sequence)
         self.code = code
@@ -69,6 +67,13 @@ class StageContext:
                 remedy=f"put it there, or take {self.sequence} out of params.yaml",
             )
         return folder
+
+    @property
+    def geometry(self) -> str:
+        """linear, planar or volumetric; only for stages whose `reads_geometry` is set in pipeline/graph.py."""
+        if not self._spec.reads_geometry:
+            raise AssertionError(f"{self.stage} does not declare that it reads the geometry (pipeline/graph.py)")
+        return self._parameters.sequence(self.sequence).geometry
 
     def input(self, stage: str) -> Path:
         """Folder of an upstream stage's output for this sequence.
@@ -176,7 +181,14 @@ class StageContext:
         return {"stage": self.stage, "sequence": self.sequence, "code": self.code, **self._timings.record()}
 
     def _parameters_used(self) -> dict[str, Any]:
-        return {"parameters": self.params.model_dump(mode="json"), "seed": self.seed}
+        return _parameters_of(self._parameters, self.stage, self.sequence)
+
+
+def _parameters_of(parameters: Parameters, stage: str, sequence: str) -> dict[str, Any]:
+    """What a stage's output depends on of params.yaml, as provenance.json has it."""
+    used = {"parameters": parameters.stage(stage, sequence).model_dump(mode="json"), "seed": parameters.seed}
+    geometry = {"geometry": parameters.sequence(sequence).geometry} if parameters.graph[stage].reads_geometry else {}
+    return used | geometry
 
 
 def checked_artifact(project: Project, parameters: Parameters, stage: str, sequence: str) -> Path:
@@ -192,11 +204,11 @@ def checked_artifact(project: Project, parameters: Parameters, stage: str, seque
     if not folder.is_dir():
         raise InputError(f"its output {folder} is missing", where=where, remedy=f"run `dvc repro` or {rerun}")
     record = read_provenance(folder)
-    wanted = {"parameters": parameters.stage(stage, sequence).model_dump(mode="json"), "seed": parameters.seed}
-    for key, value in wanted.items():
-        if record[key] != value:
+    made = {"geometry": "volumetric", **record}  # there was none when all bodies were volumes
+    for key, value in _parameters_of(parameters, stage, sequence).items():
+        if made[key] != value:
             raise InputError(
-                f"its output was made with {_first_difference(key, record[key], value)}, params.yaml says otherwise",
+                f"its output was made with {_first_difference(key, made[key], value)}, params.yaml says otherwise",
                 where=where,
                 remedy=rerun,
             )

@@ -9,9 +9,10 @@ import torch
 from physreal_core.errors import InputError
 from physreal_core.evidence import require_pixels, require_tracks
 from physreal_core.fitting.model_file import read_model_file
+from physreal_core.fitting.thin import bind_to_body
 from physreal_core.geometry.mesh import Mesh
 from physreal_core.geometry.surface import scatter
-from physreal_core.rendering import Binding, Camera, Gaussians, bind, carry_points, render_carried
+from physreal_core.rendering import Binding, Camera, Gaussians, carry_points, render_carried
 from pipeline.capture import Capture, read_capture
 from pipeline.products.images import FrameImages
 from pipeline.products.masks import Masks
@@ -21,6 +22,7 @@ from pipeline.products.rollout import Rollout
 from pipeline.products.tracks import MeasuredTracks
 from pipeline.products.truth import CaptureTruth
 from pipeline.stage import StageContext
+from stages._body import body_of
 from stages._camera import load_camera
 
 Array = np.ndarray
@@ -152,7 +154,7 @@ class Replay:
                 remedy=rollout.REMEDY,
             )
         self.sequence, self.device, self.x, self.F, self.seen = sequence, device, x, F, seen
-        self.x0 = torch.from_numpy(particles.x0).double()
+        self.x0, self.body = torch.from_numpy(particles.x0).double(), body_of(particles)
         self.surface = self.bind(sequence.surface)
         self.tracks = Binding(particles.track_neighbours, particles.track_weights)
         drawn = Binding(particles.gaussian_neighbours, particles.gaussian_weights)
@@ -160,7 +162,7 @@ class Replay:
 
     def bind(self, points: Array) -> Binding:
         """Points [m] of frame 0 bound to the particles around them."""
-        return bind(points, self.x0, self.sequence.particles.gaussian_neighbours.shape[1] or 8)
+        return bind_to_body(points, self.body, self.sequence.particles.gaussian_neighbours.shape[1] or 8)
 
     def carry(self, frame: int, points0: Array, binding: Binding) -> Array:
         """Where points [m] of frame 0 are seen at `frame` [m]."""

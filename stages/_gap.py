@@ -7,6 +7,7 @@ import torch
 
 from physreal_core.fitting.model import Model
 from physreal_core.fitting.rollouts import Rollouts
+from physreal_core.fitting.thin import ways_along
 from physreal_core.fitting.transfer import register, transfer_model
 from physreal_core.gap.interactions.experiment import Experiment
 from physreal_core.gap.settings import GapSettings
@@ -24,7 +25,8 @@ def interactions(context: StageContext, model: Model) -> list[Experiment]:
     if context.companion:
         other = load_problem(context, read=context.companion_input)
         source, target = own.body.x0, other.body.x0
-        moved, neighbours, weights = transfer_model(model, source, target, own.patch_neighbours.shape[1])
+        near, ways = own.patch_neighbours.shape[1], ways_along(other.body)
+        moved, neighbours, weights = transfer_model(model, source, target, near, ways)
         near = {"patch_neighbours": torch.from_numpy(neighbours), "patch_weights": torch.from_numpy(weights)}
         other = dataclasses.replace(other, **near)
         found.append(Experiment(other, moved, context.params.device, placement=register(source, target)))

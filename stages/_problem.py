@@ -20,6 +20,7 @@ from pipeline.products.masks import Masks
 from pipeline.products.particles import Particles
 from pipeline.products.tracks import MeasuredTracks
 from pipeline.stage import StageContext
+from stages._body import body_of
 from stages._camera import load_camera
 
 
@@ -49,7 +50,7 @@ def load_problem(
             expected="the same number of frames",
             remedy="rerun segment_and_track",
         )
-    body, loads = carry_payloads(_body(particles), capture)
+    body, loads = carry_payloads(body_of(particles), capture)
     camera = load_camera(video) if capture.kind == "video" else None
     observed = capture.observed(frame_count).train[1]
     hand = estimate_hand(controllers, capture.fps)
@@ -90,12 +91,6 @@ def carry_payloads(body: Body, capture: Capture) -> tuple[Body, tuple[PointLoad,
         if payload.force.any():
             loads.append(PointLoad(near.astype(np.int32), body.mass[near], payload.force))
     return dataclasses.replace(body, density=density), tuple(loads)
-
-
-def _body(particles: Particles) -> Body:
-    one = np.zeros(len(particles.x0), dtype=np.int64)
-    pieces = one if particles.pieces is None else particles.pieces
-    return Body(particles.x0, particles.volume, particles.density, particles.spacing, pieces=pieces)
 
 
 def _grip(particles: Particles) -> Grip | None:

@@ -28,12 +28,13 @@ def run(context: StageContext) -> None:
     """Import shape_prior.glb and / or shape_prior.ply, or build a mesh from frame 0; write object.glb, gaussians.ply.
 
     Where both are given they share one frame. A prior is moved into a canonical frame (centroid at the origin, longest
-    side of its box 1; `T_object_prior`); what is built from frame 0 stays in the world frame.
+    side of its box 1; `T_object_prior`); what is built from frame 0 stays in the world frame. The prior of a cloth may be its
+    middle surface, an open mesh; any other is closed.
     """
     glb, ply = context.capture / "shape_prior.glb", context.capture / "shape_prior.ply"
     gaussians = load_gaussians(ply) if ply.exists() else None
     if glb.exists():
-        mesh, source = _closed(load_mesh(glb), glb, context.params.close_holes), "prior mesh"
+        mesh, source = _whole(load_mesh(glb), glb, context.params.close_holes, context.geometry), "prior mesh"
     elif gaussians is not None:
         mesh, source = mesh_from_gaussians(gaussians, context.params.voxels_across), "prior Gaussians"
     else:
@@ -55,12 +56,19 @@ def canonical_frame(mesh: Mesh) -> np.ndarray:
     scale = 1.0 / np.ptp(mesh.vertices, axis=0).max()
     T = np.eye(4)
     T[:3, :3] *= scale
-    T[:3, 3] = -scale * mesh.centroid
+    T[:3, 3] = -scale * (_middle_of_surface(mesh) if mesh.open_edges() else mesh.centroid)
     return T
 
 
-def _closed(mesh: Mesh, path: Path, close_holes: bool) -> Mesh:
+def _middle_of_surface(mesh: Mesh) -> np.ndarray:
+    area = np.linalg.norm(mesh.area_vectors, axis=1)
+    return np.average(mesh.corners.mean(axis=1), axis=0, weights=area)
+
+
+def _whole(mesh: Mesh, path: Path, close_holes: bool, geometry: str) -> Mesh:
     mesh = close_mesh(mesh) if close_holes else mesh
+    if geometry == "planar":
+        return mesh
     return require_closed(mesh, where=str(path), remedy="mend the mesh, or set build_object.close_holes: true")
 
 

@@ -1,19 +1,19 @@
 """Stage 3: the residual networks and the patches' latent codes (Theta_3), from the model with the named effect, the experts held.
 
-Where an effect was named, the networks are fitted once more without it, to say how much less it leaves them to do.
+Of a thin body the model stays as it is. Where an effect was named, the networks are fitted once more without it, to say how much less it leaves them to do.
 """
 
 from physreal_core.fitting.curriculum import NETWORK_FIELDS, patch_start, with_residual
 from physreal_core.fitting.descent import DescentResult
-from physreal_core.fitting.model import Model, load_model
+from physreal_core.fitting.model import Model, load_model, save_model
 from physreal_core.fitting.objective import Objective
 from physreal_core.fitting.problem import Problem
 from physreal_core.fitting.share import residual_share
 from physreal_core.simulation.laws.residual_config import ResidualConfig
 from pipeline.config.fit_residual import FitResidual, Rate
-from pipeline.products.fit import ResidualShare
+from pipeline.products.fit import Fit, ResidualShare
 from pipeline.stage import StageContext, main
-from stages._fit import descend, finite_or_none, objective_of, variables_of, write_fit
+from stages._fit import descend, finite_or_none, objective_of, roll_out, summary, variables_of, write_fit
 from stages._problem import load_problem
 from stages._substeps import tell_substeps
 
@@ -23,12 +23,25 @@ def run(context: StageContext) -> None:
     params: FitResidual = context.params
     problem = load_problem(context, params.masks if params.losses.mask > 0 else None)
     named = load_model(context.input("add_effect"))
+    if problem.body.elements is not None:
+        _leave(context, problem, named)
+        return
     objective, model, result = _fit(context, problem, named)
     share, share_without = _share(objective, model, result), None
     if named.effects and params.compare:
         without = load_model(context.input("fit_patches"))
         share_without = _share(*_fit(context, problem, without, "fit without the effect"))
     write_fit(context, objective, model, result, residual=share, residual_without_effect=share_without)
+
+
+def _leave(context: StageContext, problem: Problem, model: Model) -> None:
+    """The model as it is, for a thin body: the networks add to the stress of a volume."""
+    save_model(context.output, model)
+    with context.timed("rollout"):
+        roll_out(objective_of(context, problem, model), model).save(context.output)
+    Fit(summary(model), left_out="no networks: they add to the stress of a volume, and this body is thin").save(
+        context.output
+    )
 
 
 def _fit(

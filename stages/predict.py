@@ -9,6 +9,7 @@ from physreal_core.checkpoints import remembered
 from physreal_core.fitting.losses import LossConfig
 from physreal_core.fitting.model import Model, load_model, save_model
 from physreal_core.fitting.objective import Objective
+from physreal_core.fitting.thin import ways_along
 from physreal_core.fitting.transfer import transfer_model
 from pipeline.graph import FIT_STAGES
 from pipeline.products.particles import Particles
@@ -23,9 +24,11 @@ def run(context: StageContext) -> None:
     """Rolls this sequence out with each fitted model of the sequence under `model_from`."""
     problem = load_problem(context)
     source = Particles.load(context.model_input("sample_particles")).x0.astype(np.float64)
+    ways = ways_along(problem.body)
     for stage in FIT_STAGES:
         model = load_model(context.model_input(stage))
-        model, neighbours, weights = transfer_model(model, source, problem.body.x0, problem.patch_neighbours.shape[1])
+        near = problem.patch_neighbours.shape[1]
+        model, neighbours, weights = transfer_model(model, source, problem.body.x0, near, ways)
         placed = dataclasses.replace(
             problem, patch_neighbours=torch.from_numpy(neighbours), patch_weights=torch.from_numpy(weights)
         )

@@ -151,6 +151,7 @@ def _gap(results: Results, name: str) -> dict[str, Any] | None:
         "tables": summary.tables(),
         "figures": {title: embed(path) for title, path in figures.items() if path.is_file()},
         "residual": results.residual(name),
+        "no_residual": results.fit("fit_residual", name).left_out,
     }
 
 

@@ -1,41 +1,46 @@
 """sample_particles: material particles, patches of the material field, and what is bound to them (eqs.
-particle_initialization, gs_binding, patch_to_particle, interaction_force)."""
+particle_initialization, gs_binding, patch_to_particle, interaction_force).
+
+The particles fill a volume; those of a cloth or a rope are the vertices of a shell in its middle surface or of a rod in its
+centre line.
+"""
 
 import numpy as np
 
-from physreal_core.geometry import Mesh, bind_grip, farthest_points, fill_pieces, patch_weights, sample_surface
-from physreal_core.rendering import bind
-from physreal_core.simulation.pieces import require_thickness
+from physreal_core.fitting.thin import bind_to_body, cells_of, ways_along
+from physreal_core.geometry import Mesh, bind_grip, farthest_points, patch_weights, sample_surface
 from pipeline.capture import read_capture
 from pipeline.products.controllers import Controllers
 from pipeline.products.particles import Particles
 from pipeline.products.placed_object import PlacedObject
 from pipeline.products.tracks import MeasuredTracks
 from pipeline.stage import StageContext, main
+from stages._body import Material, elements_of, make_body, require_geometry, say_pieces
 
 
 def run(context: StageContext) -> None:
-    """Fill the aligned mesh, choose patches, bind Gaussians, tracks and controller; write particles.npz."""
+    """Make the body in the aligned mesh, choose patches, bind Gaussians, tracks and controller; write particles.npz."""
     params, placed = context.params, PlacedObject.load(context.input("fit_pose"))
     perceived = context.input("segment_and_track")
     capture = read_capture(context.input("parse_video"))
-    x0, volume, pieces = fill_pieces(placed.mesh, params.spacing, jitter=params.jitter, seed=context.seed)
-    thin = require_thickness(x0, volume, params.spacing, where="sample_particles.spacing")
-    density = params.density if capture.density is None else capture.density
-    patches = farthest_points(x0, params.patches)
-    patch_neighbours, weights = patch_weights(x0, patches, params.patch_neighbours)
-    gaussians = bind(placed.gaussians.means, x0, params.binding_neighbours)
+    require_geometry(capture, context.geometry, context.sequence)
+    material = Material.of(capture, params)
+    body = make_body(context.geometry, placed, context.capture, material, params, context.seed)
+    ways = ways_along(body)
+    patches = farthest_points(body.x0, params.patches, ways=ways)
+    patch_neighbours, weights = patch_weights(body.x0, patches, params.patch_neighbours, ways)
+    gaussians = bind_to_body(placed.gaussians.means, body, params.binding_neighbours)
     controllers = Controllers.load(perceived).points
-    grip = bind_grip(x0, controllers, spacing=params.spacing, **params.grip.model_dump())
+    grip = bind_grip(body.x0, controllers, spacing=body.spacing, **params.grip.model_dump())
     measured = MeasuredTracks.load(perceived)
     ids = tracks_on(placed.mesh, measured.points3d[0], measured.valid3d[0], params.track_distance)
     points0 = measured.points3d[0, ids].astype(float)
-    tracks = bind(points0, x0, params.binding_neighbours)
+    tracks = bind_to_body(points0, body, params.binding_neighbours)
     Particles(
-        x0=x0,
-        volume=volume,
-        spacing=params.spacing,
-        density=np.full(len(x0), density),
+        x0=body.x0,
+        volume=body.volume,
+        spacing=body.spacing,
+        density=body.density,
         patches=patches,
         patch_neighbours=patch_neighbours,
         patch_weights=weights,
@@ -49,14 +54,12 @@ def run(context: StageContext) -> None:
         grip_controllers=grip.controllers,
         grip_weights=grip.weights,
         grip_rest_lengths=grip.rest_lengths,
-        pieces=pieces if pieces.any() else None,
+        **elements_of(body),
     ).save(context.output)
-    held = len(np.unique(grip.particles))
-    print(f"{len(x0)} particles, {len(ids)} tracks, {held} particles held by {len(grip.weights)} bonds")
-    if pieces.any():
-        print(f"the mesh has {pieces.max() + 1} pieces that do not hang together and move apart")
-    if thin > 0.02:
-        print(f"{100 * thin:.0f} % of the volume is one particle thick, and bends too easily: a smaller spacing helps")
+    held, cells = len(np.unique(grip.particles)), cells_of(body)
+    kind = "" if cells is None else f" of {len(cells)} {'triangles' if cells.shape[1] == 3 else 'segments'}"
+    print(f"{len(body.x0)} particles{kind}, {len(ids)} tracks, {held} particles held by {len(grip.weights)} bonds")
+    say_pieces(body, params.spacing)
 
 
 def tracks_on(mesh: Mesh, points0: np.ndarray, valid: np.ndarray, reach: float) -> np.ndarray:

@@ -7,6 +7,7 @@ from typing import ClassVar, Literal
 from physreal_core.array_types import Array, Float, Tensor
 from physreal_core.errors import InputError
 from physreal_core.simulation import Body, Clamp, Grip, Parameters, SimulationConfig, States
+from physreal_core.simulation.terms import absent_terms
 
 Family = Literal["around", "material", "mass", "contact", "grip", "measurement"]
 Values = Mapping[str, Tensor]
@@ -95,6 +96,7 @@ class Effect:
         distinguished_by: the motion that shows it best, and distinguishes it from similar effects.
         coefficients: in the order in which they are reported.
         terms: of `SimulationConfig.terms`, those that `act` fills.
+        volume_terms: further ones for a volume, which a thin body does without: its deformation follows from its vertices.
         laws: fields of `SimulationConfig` that it replaces, e.g. {"plastic_law": "von_mises"}.
         same_as: number of the model that it only changes: where that is not known, it cannot be told from the effect.
     """
@@ -107,6 +109,7 @@ class Effect:
     distinguished_by: ClassVar[str]
     coefficients: ClassVar[tuple[Coefficient, ...]]
     terms: ClassVar[tuple[str, ...]] = ()
+    volume_terms: ClassVar[tuple[str, ...]] = ()
     laws: ClassVar[dict[str, str]] = {}
     same_as: ClassVar[str | None] = None
 
@@ -195,8 +198,21 @@ def fits(effect: Effect, config: SimulationConfig) -> bool:
     return all(getattr(config, key) in ("identity", law) for key, law in effect.laws.items())
 
 
-def configured(config: SimulationConfig, effects: tuple[Effect, ...]) -> SimulationConfig:
+def lacking(effect: Effect, body: Body) -> str:
+    """Why an effect does not act on a body, in words; empty where it does."""
+    kind = "a thin body" if body.elements is not None else "a volume"
+    if terms := [term for term in effect.terms if term in absent_terms(body)]:
+        return f"{kind} has no {' and no '.join(term.replace('_', ' ') for term in terms)}"
+    return f"{kind} does not flow" if body.elements is not None and "plastic_law" in effect.laws else ""
+
+
+def configured(config: SimulationConfig, effects: tuple[Effect, ...], body: Body | None = None) -> SimulationConfig:
     """The configuration with the terms and laws that these effects need.
+
+    Args:
+        config: without them.
+        effects: which.
+        body: on which they act; None for a volume.
 
     Raises:
         InputError: an effect needs a law where the configuration has another one.
@@ -209,6 +225,8 @@ def configured(config: SimulationConfig, effects: tuple[Effect, ...]) -> Simulat
                 expected="the identity there, which the effect replaces",
                 remedy="leave the effect out for this material",
             )
-    terms = tuple(sorted({*config.terms, *(term for effect in effects for term in effect.terms)}))
+    volume = body is None or body.elements is None
+    needed = (term for effect in effects for term in (*effect.terms, *(effect.volume_terms if volume else ())))
+    terms = tuple(sorted({*config.terms, *needed}))
     laws = {key: law for effect in effects for key, law in effect.laws.items()}
     return replace(config, terms=terms, **laws)

@@ -57,7 +57,12 @@ def underside(body: Body) -> tuple[float, float, float] | None:
 
 
 def exposure(body: Body) -> Float[Array, " particles"]:
-    """Share of the surface that each particle carries, by how many of its neighbours are missing; sums to one."""
+    """Share of the surface that each particle carries, by how many of its neighbours are missing; sums to one.
+
+    Of a thin body its share of the whole, for every vertex lies open.
+    """
+    if body.elements is not None:
+        return body.volume / body.volume.sum()
     neighbours = cKDTree(body.x0).query_ball_point(body.x0, REACH * body.spacing, return_length=True)
     missing = np.maximum(1.0 - neighbours / neighbours.max(), 0.0) * body.volume
     return missing / missing.sum() if missing.any() else body.volume / body.volume.sum()

@@ -17,8 +17,8 @@ from physreal_core.checkpoints import remembered
 from physreal_core.errors import InputError, SimulationError
 from physreal_core.fitting.descent import Descent, DescentConfig, DescentResult, Fields
 from physreal_core.fitting.model import PATCH_FIELDS, Model
-from physreal_core.fitting.objective import Objective
-from physreal_core.fitting.variables import Variable
+from physreal_core.fitting.objective import Objective, everywhere
+from physreal_core.fitting.variables import RATIOS, Variable
 from physreal_core.simulation.laws.residual_config import ResidualConfig, initial_weights
 from physreal_core.simulation.timestep import LARGEST_COURANT
 
@@ -29,11 +29,14 @@ NETWORK_FIELDS = ("latent_elastic", "latent_plastic", "network_elastic", "networ
 @dataclass(frozen=True)
 class ScanConfig:
     """Forward rollouts before Stage 1's descent, at `count` Young's moduli, each `factor` times the one before, with the grip
-    `grips` times as stiff as it starts: of an object that slips from the hand the objective has no slope to a firmer one."""
+    `grips` times as stiff as it starts: of an object that slips from the hand the objective has no slope to a firmer one. Of a thin body
+    as many bending ratios come first, each `bending` times the one before, and then as many around the best of them, each a third of that
+    apart: how a body stretches shows only once it bends right."""
 
     count: int = 5
     factor: float = 2.5
     grips: tuple[float, ...] = (1.0,)
+    bending: float = 4.0
 
 
 def fit_material(
@@ -72,7 +75,8 @@ def fit_material(
 def start_from_scan(
     objective: Objective, model: Model, variables: list[Variable], config: ScanConfig
 ) -> tuple[Model, list[dict[str, float]]]:
-    """Stage 1's model with the best Young's modulus and grip of the scan, and what was scanned: both, and the objective.
+    """Stage 1's model with the best Young's modulus and grip of the scan, and what was scanned: both, and the objective. Of a thin body it
+    has the best bending ratio, too, and moduli are compared at the same bending stiffness.
 
     Without a scan, where `variables` hold Young's modulus or fewer than two are asked for, it is `model` as given. A grip that
     is held stays as it starts.
@@ -81,16 +85,29 @@ def start_from_scan(
     if config.count < 2 or "youngs_modulus" not in moved:
         return model, []
     objective.require_evidence()
+    bent = []
+    if "bending_ratio" in moved:
+        held = {name: model.fields[name].mean().item() for name in ("youngs_modulus", "grip_stiffness")}
+        for factor in (config.bending, config.bending ** (1 / 3)):
+            scanned = _scanned(objective, model, moved["bending_ratio"], config.count, factor)
+            bent += [{"bending_ratio": ratio, **held, "objective": total} for ratio, total in scanned]
+            model = model.with_fields(**everywhere({"bending_ratio": _best(bent, "bending ratio")["bending_ratio"]}))
     found = []
     for grip in _grips(model, moved.get("grip_stiffness"), config):
         held = model.with_fields(grip_stiffness=torch.tensor(grip, dtype=torch.float64))
         totals = scan_youngs_modulus(objective, held, moved["youngs_modulus"], config)
         found += [{"youngs_modulus": E, "grip_stiffness": grip, "objective": total} for E, total in totals]
+    best = _best(found, "Young's modulus")
+    point = _at(model, "youngs_modulus", best["youngs_modulus"])
+    start = {n: min(max(v, moved[n].lower), moved[n].upper) if n in moved else v for n, v in point.items()}
+    return model.with_fields(**everywhere({**start, "grip_stiffness": best["grip_stiffness"]})), bent + found
+
+
+def _best(found: list[dict[str, float]], what: str) -> dict[str, float]:
     best = min(found, key=lambda entry: entry["objective"])
     if math.isinf(best["objective"]):
-        raise SimulationError("no Young's modulus of the scan gives a finite loss", frame=0, substep=0, particle=0)
-    stiffness = torch.tensor(best["grip_stiffness"], dtype=torch.float64)
-    return model.with_fields(youngs_modulus=torch.full((1,), best["youngs_modulus"]), grip_stiffness=stiffness), found
+        raise SimulationError(f"no {what} of the scan gives a finite loss", frame=0, substep=0, particle=0)
+    return best
 
 
 def _grips(model: Model, variable: Variable | None, config: ScanConfig) -> list[float]:
@@ -109,16 +126,35 @@ def scan_youngs_modulus(
     The objective has several minima in E (a swing in phase with the measured one, or a period off); the descent starts at the
     lowest. A rollout that fails counts as infinite.
     """
-    centre = model.fields["youngs_modulus"].mean().item()
-    steps = [config.factor ** (i - (config.count - 1) / 2) for i in range(config.count)]
-    moduli = sorted({min(max(centre * step, variable.lower), variable.upper) for step in steps})
+    return _scanned(objective, model, variable, config.count, config.factor)
+
+
+def _scanned(
+    objective: Objective, model: Model, variable: Variable, count: int, factor: float
+) -> list[tuple[float, float]]:
+    """(value, objective) at a geometric series of a field's values around the model's, cut to the variable's range."""
+    centre = model.fields[variable.name].mean().item()
+    steps = [factor ** (i - (count - 1) / 2) for i in range(count)]
+    values = sorted({min(max(centre * step, variable.lower), variable.upper) for step in steps})
+    points = [_at(model, variable.name, value) for value in values]
     found = remembered(
         "scan",
-        lambda: [moduli, *(part for name in sorted(model.fields) for part in (name, model.fields[name]))],
-        {"totals": (len(moduli),)},
-        lambda: {"totals": np.array(objective.totals_at(model.fields, "youngs_modulus", moduli), np.float64)},
+        lambda: [
+            variable.name,
+            values,
+            *(part for name in sorted(model.fields) for part in (name, model.fields[name])),
+        ],
+        {"totals": (len(values),)},
+        lambda: {"totals": np.array(objective.totals_at(model.fields, points), np.float64)},
     )
-    return list(zip(moduli, found["totals"].tolist(), strict=True))
+    return list(zip(values, found["totals"].tolist(), strict=True))
+
+
+def _at(model: Model, name: str, value: float) -> dict[str, float]:
+    """A field at a value, and those that are ratios to it (`variables.RATIOS`) such that the products stay."""
+    ratios = [ratio for ratio, other in RATIOS.items() if other == name and ratio in model.fields]
+    kept = {ratio: (model.fields[ratio] * model.fields[name]).mean().item() / value for ratio in ratios}
+    return {name: value, **kept}
 
 
 def uniform_start(model: Model, variables: list[Variable]) -> Fields:

@@ -98,6 +98,7 @@ class Descent:
         self.variables, self.config = variables, config
         self._evaluate, self._full_horizon = evaluate, full_horizon
         self._free = {v.name: v.free(start[v.name].double()).requires_grad_() for v in variables}
+        self._starts = {v.name: start[v.name].double() for v in variables}
         self._anchor = {name: free.detach().clone() for name, free in self._free.items()}
         self._previous = {name: free.detach().clone() for name, free in self._free.items()}
         self._best = {name: free.detach().clone() for name, free in self._free.items()}
@@ -109,7 +110,11 @@ class Descent:
 
     def values(self) -> Fields:
         """The variables' current values, differentiable with respect to the free coordinates."""
-        return {v.name: v.value(self._free[v.name]) for v in self.variables}
+        return self._values(self._free)
+
+    def _values(self, free: Fields) -> Fields:
+        own = {v.name: v.value(free[v.name]) for v in self.variables}
+        return {v.name: v.of(own, self._starts) for v in self.variables}
 
     def run(self, *, on_iteration: Callable[[list[dict[str, Any]]], None] = lambda history: None) -> DescentResult:
         """Runs to the last iteration, from the checkpoint if there is one (`physreal_core.checkpoints`).
@@ -127,7 +132,7 @@ class Descent:
             on_iteration(self.history)
             if kept.folder and (self.iteration % self.config.checkpoint_every == 0 or kept.due(CHECKPOINT)):
                 kept.put(CHECKPOINT, self._snapshot())
-        values = {v.name: v.value(self._best[v.name]) for v in self.variables}
+        values = self._values(self._best)
         return DescentResult(values, self._best_total, self.history, ended_early)
 
     def _iterate(self) -> bool:

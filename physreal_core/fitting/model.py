@@ -13,8 +13,9 @@ from physreal_core.effects import configured
 from physreal_core.errors import InputError
 from physreal_core.fitting.model_file import RECORD, TENSORS, read_model_file, write_model_file
 from physreal_core.fitting.named_effects import registered
-from physreal_core.simulation import Parameters, SimulationConfig
+from physreal_core.simulation import Body, Parameters, SimulationConfig
 from physreal_core.simulation.laws.residual_config import ResidualConfig
+from physreal_core.simulation.terms import TERM_OF
 
 UNITS = {
     "youngs_modulus": "Pa",
@@ -22,6 +23,9 @@ UNITS = {
     "friction_coefficient": "1",
     "grip_stiffness": "N",
     "grip_damping": "N s/m",
+    "bending_ratio": "1",
+    "weft_ratio": "1",
+    "shear_ratio": "1",
     "patch_positions": "m",
     "plastic": "von_mises: Pa, Pa s; drucker_prager: rad, Pa",
     "latent_elastic": "1",
@@ -31,7 +35,10 @@ UNITS = {
 }
 """Every tensor a model file can hold, with its unit."""
 
-PATCH_FIELDS = ("youngs_modulus", "poissons_ratio", "plastic", "latent_elastic", "latent_plastic")
+THIN_FIELDS = ("bending_ratio", "weft_ratio", "shear_ratio")
+"""Tensors that only the model of a thin body has."""
+
+PATCH_FIELDS = ("youngs_modulus", "poissons_ratio", "plastic", "latent_elastic", "latent_plastic", *THIN_FIELDS)
 """Tensors with one row per patch; the others hold for the whole object."""
 
 
@@ -43,7 +50,8 @@ class Model:
         elastic_law, plastic_law: names of the expert laws.
         fields: youngs_modulus [K], poissons_ratio [K], friction_coefficient [], grip_stiffness [], grip_damping [],
             patch_positions [K,3] (world frame, frame 0), and where they apply plastic [K,2], latent_elastic [K,L],
-            latent_plastic [K,L], network_elastic [W], network_plastic [W].
+            latent_plastic [K,L], network_elastic [W], network_plastic [W]. Of a thin body bending_ratio [K], of a fabric weft_ratio and
+            shear_ratio [K]; Young's modulus is then that of stretching.
         residual: sizes and bounds of the residual networks, None before Stage 3.
         simulation: what else the parameters hold for, as `SimulationConfig` takes it: `gravity`, `ground_height`, `courant`,
             `dtype`.
@@ -68,11 +76,12 @@ class Model:
         """Number of patches K."""
         return self.fields["patch_positions"].shape[0]
 
-    def simulation_config(self, fps: float, device: str = "cpu") -> SimulationConfig:
-        """The simulator's configuration for a sequence of `fps` frames per second, with what the effects need."""
+    def simulation_config(self, fps: float, device: str = "cpu", body: Body | None = None) -> SimulationConfig:
+        """The simulator's configuration for a sequence of `fps` frames per second, with what the effects need on a body; None: a volume."""
         laws = {"elastic_law": self.elastic_law, "plastic_law": self.plastic_law, "residual": self.residual}
-        config = SimulationConfig(fps=fps, device=device, **laws, **self.simulation)
-        return configured(config, registered(self.effects))
+        terms = tuple(sorted({TERM_OF[name] for name in THIN_FIELDS if name in self.fields}))
+        config = SimulationConfig(fps=fps, device=device, terms=terms, **laws, **self.simulation)
+        return configured(config, registered(self.effects), body)
 
     def with_fields(self, **fields: Tensor) -> "Model":
         """This model with some tensors replaced; patch fields of one row are given to all patches."""
@@ -99,7 +108,8 @@ def uniform_model(
 
     Args:
         patch_positions: [m], world frame at frame 0.
-        values: youngs_modulus [Pa], poissons_ratio, friction_coefficient, grip_stiffness [N], grip_damping [N s/m].
+        values: youngs_modulus [Pa], poissons_ratio, friction_coefficient, grip_stiffness [N], grip_damping [N s/m], and of a thin body
+            those of `THIN_FIELDS` that differ from 1 or may.
         plastic: the plastic law's two parameters; None for `identity`.
         simulation: see `Model`.
     """

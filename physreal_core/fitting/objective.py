@@ -100,16 +100,14 @@ class Objective:
         """
         return self._measure(self.rollout(fields, horizon), horizon)
 
-    def totals_at(self, fields: Fields, name: str, values: list[float]) -> list[float]:
-        """The total over the full horizon with `name` set to each value everywhere, from rollouts at once, no gradient.
+    def totals_at(self, fields: Fields, points: list[dict[str, float]]) -> list[float]:
+        """The total over the full horizon at each point, which sets some fields to one value everywhere, from rollouts at once, no gradient.
 
         Infinite where a rollout fails or the total is not finite.
         """
         with torch.no_grad():
-            shape = (1,) if name in PATCH_FIELDS else ()
-            own = [torch.full(shape, value, dtype=torch.float64) for value in values]
             frames = self.rollouts.frames_needed(self.full_horizon)
-            inputs = [self.rollouts.inputs({**fields, name: value}, frames=frames) for value in own]
+            inputs = [self.rollouts.inputs({**fields, **everywhere(point)}, frames=frames) for point in points]
             self.stopwatch.lap("simulation, forward")
             batch = self.rollouts.simulate_batch(inputs)
             totals = []
@@ -157,6 +155,11 @@ class Objective:
         seen = self.rollouts.seen(states.x)[:horizon]
         mask = losses.mask_loss(self.problem.masks, self._x0, seen, states.F[:horizon])
         return self.config.mask * mask.double(), {"mask": mask}
+
+
+def everywhere(point: dict[str, float]) -> Fields:
+    """Fields with one value everywhere."""
+    return {n: torch.full((1,) if n in PATCH_FIELDS else (), v, dtype=torch.float64) for n, v in point.items()}
 
 
 def _first_known_frame(problem: Problem) -> int:

@@ -51,7 +51,7 @@ class Rollouts:
 
     def __init__(self, problem: Problem, model: Model, *, device: str = "cpu") -> None:
         self.problem, self.device = problem.to(device), device
-        self.config = model.simulation_config(problem.fps, device)
+        self.config = model.simulation_config(problem.fps, device, problem.body)
         self.dtype = torch.float64 if self.config.dtype == "float64" else torch.float32
         self.values: dict[str, dict[str, Tensor]] = {
             record["name"]: self._numbers(record["values"]) for record in model.effects
@@ -65,7 +65,7 @@ class Rollouts:
         Raises:
             InputError: an effect needs a law where the model has another one.
         """
-        return configured(self.config, tuple(EFFECTS[name] for name in names))
+        return configured(self.config, tuple(EFFECTS[name] for name in names), self.problem.body)
 
     def frames_needed(self, frames: int, values: EffectValues | None = None) -> int:
         """Number of frames of the rollout that `seen` needs for the first `frames` frames of the measurement."""

@@ -12,7 +12,8 @@ from physreal_core.array_types import Array, Float, Int
 from physreal_core.effects import EFFECTS
 from physreal_core.fitting.model import Model
 from physreal_core.fitting.named_effects import effect_record
-from physreal_core.geometry.patches import patch_weights
+from physreal_core.geometry.patches import patch_weights, weights_at
+from physreal_core.geometry.ways import distances_along
 
 _TIE = (1.05, 1e-4)
 """A larger turn must beat a smaller one by this factor, and by this share of the target's variance: a symmetric object keeps the
@@ -20,7 +21,11 @@ orientation it is seen in."""
 
 
 def transfer_model(
-    model: Model, source: Float[Array, "n 3"], target: Float[Array, "m 3"], neighbours: int = 4
+    model: Model,
+    source: Float[Array, "n 3"],
+    target: Float[Array, "m 3"],
+    neighbours: int = 4,
+    ways: Int[Array, "ways 2"] | None = None,
 ) -> tuple[Model, Int[Array, "m k"], Float[Array, "m k"]]:
     """`model` with patches and effects where they lie on the target's geometry, and the target particles' interpolation weights.
 
@@ -29,11 +34,15 @@ def transfer_model(
         source: [m], shape [n, 3], particles at frame 0 of the sequence it was fitted on, world frame.
         target: [m], shape [m, 3], particles at frame 0 of the other sequence.
         neighbours: patches each particle takes its material from.
+        ways: of a thin target (`geometry.ways`): the patches lie at the vertices nearest to them, and distances are along the body.
     """
     rotation, translation = register(source, target)
     patches = model.fields["patch_positions"].numpy() @ rotation.T + translation
-    points = np.concatenate([target, patches])
-    indices, weights = patch_weights(points, np.arange(len(target), len(points)), neighbours)
+    if ways is None:
+        points = np.concatenate([target, patches])
+        indices, weights = patch_weights(points, np.arange(len(target), len(points)), neighbours)
+    else:
+        indices, weights = weights_at(distances_along(target, ways, cKDTree(target).query(patches)[1]), neighbours)
     fields = {**model.fields, "patch_positions": torch.from_numpy(patches)}
     effects = [_carried(record, rotation, translation) for record in model.effects]
     moved = dataclasses.replace(model, fields=fields, effects=effects)

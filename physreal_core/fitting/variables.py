@@ -21,6 +21,9 @@ TRANSFORMS: dict[str, Transform] = {
     "friction_coefficient": "log",
     "grip_stiffness": "log",
     "grip_damping": "log",
+    "bending_ratio": "log",
+    "weft_ratio": "log",
+    "shear_ratio": "log",
     "latent_elastic": "identity",
     "latent_plastic": "identity",
     "network_elastic": "identity",
@@ -28,8 +31,15 @@ TRANSFORMS: dict[str, Transform] = {
 }
 """How the stages move each field of a model."""
 
+RATIOS = {"bending_ratio": "youngs_modulus"}
+"""Fields that are ratios to another one, and which: the free coordinate of such a field is that of its product with the other over where the
+other starts. So a step of Young's modulus changes how a thin body stretches and leaves how it bends, which shows far more."""
+
 _EDGE = 1e-6
 """A value on the edge of its range starts this fraction of the range inside, where the logit is finite."""
+
+_ROUNDING = 1e-9
+"""By which a value at the end of its range may be off after it went through a logarithm."""
 
 
 @dataclass(frozen=True)
@@ -61,13 +71,15 @@ class Variable:
             )
 
     def free(self, value: Tensor) -> Tensor:
-        """The unconstrained coordinate of `value` (same shape). Raises InputError outside the range."""
-        if not bool(torch.isfinite(value).all()) or bool((value < self.lower).any() | (value > self.upper).any()):
+        """The unconstrained coordinate of `value` (same shape). Raises InputError outside the range by more than rounding."""
+        lower, upper = (bound - side * _ROUNDING * abs(bound) for bound, side in ((self.lower, 1), (self.upper, -1)))
+        if not bool(torch.isfinite(value).all()) or bool((value < lower).any() | (value > upper).any()):
             raise InputError(
                 f"{self.name} starts at {value.min().item():g} ... {value.max().item():g}",
                 expected=f"a value in [{self.lower:g}, {self.upper:g}]",
                 remedy=f"change the initial {self.name} or its range in params.yaml",
             )
+        value = value.clamp(self.lower, self.upper)
         if self.transform == "log":
             return value.log()
         if self.transform == "logit":
@@ -82,6 +94,17 @@ class Variable:
         if self.transform == "logit":
             return self.lower + (self.upper - self.lower) * torch.sigmoid(free)
         return free
+
+    def of(self, values: dict[str, Tensor], starts: dict[str, Tensor]) -> Tensor:
+        """The field's value among those of all variables, `value` of each; another than its own of `RATIOS` alone.
+
+        Args:
+            values, starts: of all variables by name, now and where they started.
+        """
+        other = RATIOS.get(self.name)
+        if other not in values:
+            return values[self.name]
+        return (values[self.name] * (starts[other] / values[other])).clamp(self.lower, self.upper)
 
     def project(self, free: Tensor) -> Tensor:
         """`free` moved back into the range; only the logarithm and the identity can leave it."""

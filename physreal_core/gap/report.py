@@ -161,7 +161,7 @@ class GapReport:
         information: per interaction and effect, the whitened change by the effect at its scale that the baseline cannot
             imitate.
         numerical_floor: root mean square of the baseline's numerical error [m], per interaction.
-        settings: candidates and seed of the search.
+        settings: candidates and seed of the search, and effects that were left out with the reason.
         lead: for an unknown effect, the record of a `Lead`: the disagreement as a force field and a formula. Else None.
         next_motions: motions that would tell the members of the verdict apart, the most informative first; empty where
             there are less than two.

@@ -8,7 +8,7 @@ from dataclasses import dataclass, replace
 import numpy as np
 
 from physreal_core.array_types import Array, Float
-from physreal_core.effects import EFFECTS, fits
+from physreal_core.effects import EFFECTS, fits, lacking
 from physreal_core.errors import InputError
 from physreal_core.gap.answers.answer import Answer, answer_of, candidates_of
 from physreal_core.gap.answers.disagreement import disagreements
@@ -73,7 +73,14 @@ def candidates(experiment: Interaction, settings: GapSettings) -> tuple[str, ...
         and effect.same_as not in unknown_numbers
         and all(compatible(name, other) for other in known)
         and fits(effect, experiment.config)
+        and not lacking(effect, experiment.setting.body)
     )
+
+
+def left_out(experiment: Interaction, settings: GapSettings) -> dict[str, str]:
+    """Effects asked for that do not act on the body, and why."""
+    reasons = {name: lacking(EFFECTS[name], experiment.setting.body) for name in settings.candidates or EFFECTS}
+    return {name: reason for name, reason in reasons.items() if reason}
 
 
 class Search:
@@ -104,6 +111,8 @@ class Search:
         """Fit the baseline and screen the candidates."""
         names = candidates(self.experiments[0], self.settings)
         baseline, measurements = fit_baseline(self.experiments, self.settings, self.progress)
+        if absent := left_out(self.experiments[0], self.settings):
+            self.progress("not tried: " + ", ".join(f"{name} ({reason})" for name, reason in absent.items()))
         self.progress(f"screening {len(names)} candidates")
         candidate_fits = CandidateFits.beside(baseline, measurements.train, names, self.settings)
         gains = candidate_fits.screens[0].null_gains(self.settings.seed)
@@ -191,7 +200,11 @@ class SearchResult:
             fields=self.baseline.unknowns.baseline_fields(self.baseline.vector),
             information=tuple(self.strategy.candidate_fits.screens[0].information()),
             numerical_floor=self.measurements.numerical_errors,
-            settings={"candidates": list(names), "seed": settings.seed},
+            settings={
+                "candidates": list(names),
+                "left_out": left_out(self.search.experiments[0], settings),
+                "seed": settings.seed,
+            },
             lead=None if lead is None else lead.as_record(),
             next_motions=proposed,
             elastic_law=self.baseline.unknowns.elastic_law,

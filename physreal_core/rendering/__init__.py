@@ -2,6 +2,7 @@
 
 from physreal_core.rendering.binding import Binding, bind, carried_rotations, carry_gaussians, carry_points
 from physreal_core.rendering.camera import Camera
+from physreal_core.rendering.cells import bind_to_cells
 from physreal_core.rendering.gaussians import Gaussians, quaternion_from_matrix, rotation_matrices
 from physreal_core.rendering.harmonics import colours_from_harmonics, harmonics_from_colours
 from physreal_core.rendering.ply import load_gaussians, save_gaussians
@@ -13,6 +14,7 @@ __all__ = [
     "Gaussians",
     "Rendering",
     "bind",
+    "bind_to_cells",
     "carried_rotations",
     "carry_gaussians",
     "carry_points",

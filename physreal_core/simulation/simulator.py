@@ -22,7 +22,7 @@ from physreal_core.simulation.parameters import PARAMETER_NAMES, BatchStates, Pa
 from physreal_core.simulation.pieces import require_thickness
 from physreal_core.simulation.play import Player
 from physreal_core.simulation.stepper import Stepper
-from physreal_core.simulation.terms import STRESS_TERMS, THIN_TERMS, dormant_values
+from physreal_core.simulation.terms import absent_terms, dormant_values
 from physreal_core.simulation.timestep import substeps_per_frame
 
 
@@ -220,9 +220,8 @@ def _check_kind(body: Body, config: SimulationConfig) -> None:
             where="SimulationConfig.device",
             expected="cpu, or rod_body(..., frames=False)",
         )
-    absent = {*STRESS_TERMS, "initial_deformation", *THIN_TERMS} - {*body.elements.terms} if thin else THIN_TERMS
     for term in config.terms:
-        if term in absent:
+        if term in absent_terms(body):
             kind = f"a {body.elements.element.lower()} has" if thin else "a volume has"
             raise InputError(f"{term!r}", where="SimulationConfig.terms", expected=f"a term that {kind}")
     if thin and (config.plastic_law != "identity" or config.residual is not None):

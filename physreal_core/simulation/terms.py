@@ -84,6 +84,14 @@ BRANCH_TERMS = ("relaxation", "hysteresis")
 STRESS_TERMS = ("viscosity", "stiffening", "fibres", *BRANCH_TERMS)
 """Terms whose law is a stress in particles. `friction_law` acts on nodes; the others replace what the step is given."""
 
+
+def absent_terms(body: Body) -> tuple[str, ...]:
+    """Terms that a body, thin or a volume, does not have."""
+    if body.elements is None:
+        return THIN_TERMS
+    return tuple(t for t in (*STRESS_TERMS, "initial_deformation", *THIN_TERMS) if t not in body.elements.terms)
+
+
 TERM_OF = {name: term for term, parameters in TERMS.items() for name in parameters}
 """The term that a parameter belongs to; parameters that every simulation has are not here."""
 

@@ -41,7 +41,8 @@ class _Member(StageParameters):
 
 class _SequenceBase(StageParameters):
     geometry: Literal["linear", "planar", "volumetric"] = Field(
-        "volumetric", description="class of the object in the tables: linear (rope), planar (cloth), volumetric (plush)"
+        "volumetric",
+        description="kind of the body: linear, a rod (rope); planar, a shell (cloth); volumetric, filled with particles (plush)",
     )
 
 

@@ -7,6 +7,8 @@ from pydantic import Field, model_validator
 from pipeline.config._base import StageParameters
 from pipeline.config._fitting import Descent, Device, Losses, Masks, Variable, device_field
 
+_MATERIAL = ("youngs_modulus", "poissons_ratio", "bending_ratio", "weft_ratio", "shear_ratio")
+_CONTACT = ("friction_coefficient", "grip_stiffness", "grip_damping")
 _RATE = "Adam's step in its {} per iteration; 0: held at the start"
 
 
@@ -22,6 +24,68 @@ class PoissonsRatio(Variable):
     lower: float = Field(0.05, ge=0, lt=0.5, description="")
     upper: float = Field(0.45, gt=0, lt=0.5, description="the time step goes to zero at 0.5")
     rate: float = Field(0.1, ge=0, description=_RATE.format("logit"))
+
+
+class SheetYoungsModulus(YoungsModulus):
+    initial: float = Field(
+        1e6, gt=0, description="start, middle of the scan; a fabric's is 50 to 5000 N/m over its thickness [Pa]"
+    )
+    lower: float = Field(2e4, gt=0, description="[Pa]")
+    upper: float = Field(2e7, gt=0, description="[Pa]; the time step shrinks with its root")
+
+
+class RopeYoungsModulus(YoungsModulus):
+    initial: float = Field(1e7, gt=0, description="start, middle of the scan; of the section as if it were solid [Pa]")
+    lower: float = Field(1e5, gt=0, description="[Pa]; an elastic cord")
+    upper: float = Field(3e8, gt=0, description="[Pa]; the time step shrinks with its root")
+
+
+class SheetPoissonsRatio(PoissonsRatio):
+    rate: float = Field(0.05, ge=0, description=_RATE.format("logit"))
+
+
+class BendingRatio(Variable):
+    initial: float = Field(
+        0.3, gt=0, description="start, middle of the scan; 1: as a solid sheet or bar of its modulus"
+    )
+    lower: float = Field(1e-3, gt=0, description="threads or fibres that slip on each other")
+    upper: float = Field(10.0, gt=0, description="a coated fabric, a stiff core")
+    rate: float = Field(
+        0.15, ge=0, description=f"{_RATE.format('logarithm')}; the modulus' steps leave the bending stiffness"
+    )
+
+
+class WeftRatio(Variable):
+    initial: float = Field(1.0, gt=0, description="start; 1: as stiff as along `sample_particles.warp`")
+    lower: float = Field(0.1, gt=0, description="")
+    upper: float = Field(10.0, gt=0, description="")
+    rate: float = Field(0.0, ge=0, description=_RATE.format("logarithm"))
+
+
+class ShearRatio(Variable):
+    initial: float = Field(1.0, gt=0, description="start; 1: as an isotropic sheet, a woven fabric's is 0.01 to 0.3")
+    lower: float = Field(1e-3, gt=0, description="")
+    upper: float = Field(2.0, gt=0, description="")
+    rate: float = Field(0.0, ge=0, description=_RATE.format("logarithm"))
+
+
+class Sheet(StageParameters):
+    """Material of a planar body, in place of E and nu above."""
+
+    youngs_modulus: SheetYoungsModulus = Field(SheetYoungsModulus(), description="E of stretching along the warp")
+    poissons_ratio: SheetPoissonsRatio = Field(SheetPoissonsRatio(), description="nu")
+    bending_ratio: BendingRatio = Field(BendingRatio(), description="bending stiffness over that of a solid sheet")
+    weft_ratio: WeftRatio = Field(WeftRatio(), description="E across the warp over that along it")
+    shear_ratio: ShearRatio = Field(ShearRatio(), description="shear stiffness over that of an isotropic sheet")
+
+
+class Rope(StageParameters):
+    """Material of a linear body, in place of E and nu above."""
+
+    youngs_modulus: RopeYoungsModulus = Field(RopeYoungsModulus(), description="E of stretching")
+    bending_ratio: BendingRatio = Field(
+        BendingRatio(initial=0.1), description="bending stiffness over that of a solid bar"
+    )
 
 
 class FrictionCoefficient(Variable):
@@ -89,6 +153,7 @@ class Scan(StageParameters):
 
     count: int = Field(5, ge=1, description="how many; 1: none but the start itself")
     factor: float = Field(2.0, gt=1, description="each modulus relative to the one before")
+    bending: float = Field(4.0, gt=1, description="each bending ratio of a thin body relative to the one before")
     grips: tuple[Annotated[float, Field(gt=0)], ...] = Field(
         (1.0, 8.0),
         min_length=1,
@@ -102,6 +167,8 @@ class FitGlobal(StageParameters):
     material: Material = Field(Material(), description="")
     youngs_modulus: YoungsModulus = Field(YoungsModulus(), description="E")
     poissons_ratio: PoissonsRatio = Field(PoissonsRatio(), description="nu")
+    planar: Sheet = Field(Sheet(), description="a cloth's, in place of youngs_modulus and poissons_ratio")
+    linear: Rope = Field(Rope(), description="a rope's, in place of youngs_modulus and poissons_ratio")
     friction_coefficient: FrictionCoefficient = Field(FrictionCoefficient(), description="mu_f of the ground")
     grip_stiffness: GripStiffness = Field(GripStiffness(), description="k_f (eq. interaction_force)")
     grip_damping: GripDamping = Field(GripDamping(), description="")
@@ -114,8 +181,17 @@ class FitGlobal(StageParameters):
 
     @model_validator(mode="after")
     def _starts_in_range(self) -> "FitGlobal":
-        for name in ("youngs_modulus", "poissons_ratio", "friction_coefficient", "grip_stiffness", "grip_damping"):
-            variable = getattr(self, name)
-            if variable.rate > 0 and not variable.lower <= variable.initial <= variable.upper:
-                raise ValueError(f"{name}.initial = {variable.initial} within [{variable.lower}, {variable.upper}]")
+        for geometry in ("volumetric", "planar", "linear"):
+            for name, variable in self.variables(geometry).items():
+                if variable.rate > 0 and not variable.lower <= variable.initial <= variable.upper:
+                    where = name if geometry == "volumetric" else f"{geometry}.{name}"
+                    raise ValueError(
+                        f"{where}.initial = {variable.initial} within [{variable.lower}, {variable.upper}]"
+                    )
         return self
+
+    def variables(self, geometry: str) -> dict[str, Variable]:
+        """What may move of the model of a body of this geometry, by the model's field."""
+        block = self if geometry == "volumetric" else getattr(self, geometry)
+        material = [name for name in _MATERIAL if hasattr(block, name)]
+        return {name: getattr(block, name) for name in material} | {name: getattr(self, name) for name in _CONTACT}

@@ -10,7 +10,7 @@ from pipeline.reading.text import read_record, understood
 
 FILE = "fit.json"
 _SHARES = ("residual", "residual_without_effect")
-_FURTHER = ("scan", *_SHARES)
+_FURTHER = ("scan", *_SHARES, "left_out")
 
 
 @dataclass(frozen=True)
@@ -58,6 +58,7 @@ class Fit:
         scan: objectives of the scan before Stage 1's descent, in its order; None for the other stages.
         residual: of Stage 3's networks; None for the other stages.
         residual_without_effect: the same of networks fitted without the named effect, where that was done.
+        left_out: why the stage fitted nothing and passed the model on; None where it did fit.
     """
 
     values: dict[str, dict[str, Any]]
@@ -65,6 +66,7 @@ class Fit:
     scan: list[dict[str, Any]] | None = None
     residual: ResidualShare | None = None
     residual_without_effect: ResidualShare | None = None
+    left_out: str | None = None
 
     def save(self, folder: Path) -> None:
         """Write fit.json, leaving out what does not apply."""
@@ -81,4 +83,4 @@ class Fit:
         with understood(folder / FILE, remedy):
             descent = Descent(**{name: record[name] for name in names}) if names[0] in record else None
             shares = {name: ResidualShare(**record[name]) for name in _SHARES if name in record}
-            return cls(record["values"], descent, record.get("scan"), **shares)
+            return cls(record["values"], descent, record.get("scan"), **shares, left_out=record.get("left_out"))

@@ -3,6 +3,7 @@
 from dataclasses import dataclass
 
 from physreal_core.array_types import Array, Float, Int
+from physreal_core.errors import InputError
 from pipeline.products._files import ArrayFile, run_again
 
 
@@ -27,6 +28,9 @@ class Particles(ArrayFile):
         grip_weights: [B], those of one particle sum to 1.
         grip_rest_lengths: [B] m.
         pieces: [N], number from 0 of each particle's piece, which move apart; None where the mesh is one.
+        triangles: [E, 3], of a shell: vertices, which the particles are, counter-clockwise from one side; thickness [m]; warp [3], the
+            direction of a fabric's first threads. None, all three, for any other body.
+        rows: [R], of rods: number of vertices of each, which follow one another; radius [m]. None, both, for any other body.
     """
 
     FILE = "particles.npz"
@@ -50,6 +54,28 @@ class Particles(ArrayFile):
     grip_weights: Float[Array, " B"]
     grip_rest_lengths: Float[Array, " B"]
     pieces: Int[Array, " N"] | None = None
+    triangles: Int[Array, "E 3"] | None = None
+    thickness: float | None = None
+    warp: Float[Array, "3"] | None = None
+    rows: Int[Array, " R"] | None = None
+    radius: float | None = None
+
+    def __post_init__(self) -> None:
+        shell, rod = (self.triangles, self.thickness, self.warp), (self.rows, self.radius)
+        given = [sum(value is not None for value in group) for group in (shell, rod)]
+        if given not in ([0, 0], [len(shell), 0], [0, len(rod)]):
+            raise InputError(
+                "elements of a thin body that are not whole",
+                where=self.FILE,
+                expected="triangles with thickness and warp, or rows with radius, or none of them",
+                remedy=self.REMEDY,
+            )
+
+    @property
+    def geometry(self) -> str:
+        """The kind of the body: volumetric, planar (a shell) or linear (rods)."""
+        thin = "linear" if self.triangles is None else "planar"
+        return "volumetric" if self.triangles is None and self.rows is None else thin
 
     @property
     def patch_positions(self) -> Float[Array, "K 3"]:

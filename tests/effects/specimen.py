@@ -58,7 +58,7 @@ class Specimen:
 
     def config(self, *names: str) -> SimulationConfig:
         plain = SimulationConfig(self.fps, ground_height=self.ground_height, gravity=self.gravity, dtype="float64")
-        return configured(plain, tuple(EFFECTS[name] for name in names))
+        return configured(plain, tuple(EFFECTS[name] for name in names), self.body)
 
     def simulator(self, *names: str) -> Simulator:
         return Simulator(self.body, self.config(*names), self.grip, self.clamps)

@@ -33,6 +33,27 @@ def test_a_logit_variable_may_start_on_its_bound_and_still_move():
     assert torch.isfinite(free) and free.grad > 0.0
 
 
+def test_a_ratio_keeps_its_product_with_the_field_that_it_is_a_ratio_to():
+    """A step of Young's modulus alone leaves the bending stiffness, as far as the ratio's range allows."""
+    ratio, modulus = Variable("bending_ratio", "log", 0.1, 0.01, 10.0), Variable("youngs_modulus", "log", 0.1, 1e3, 1e7)
+    starts = {"bending_ratio": torch.tensor([0.5]), "youngs_modulus": torch.tensor([1e5])}
+    values = {"bending_ratio": torch.tensor([0.6]), "youngs_modulus": torch.tensor([2e5])}
+    assert ratio.of(values, starts).item() == pytest.approx(0.3)
+    assert modulus.of(values, starts).item() == 2e5
+    assert ratio.of({"bending_ratio": values["bending_ratio"]}, starts).item() == pytest.approx(0.6), "E is held"
+    far = {"bending_ratio": torch.tensor([0.6]), "youngs_modulus": torch.tensor([1e7])}
+    assert ratio.of(far, starts).item() == pytest.approx(0.01)
+
+
+def test_a_value_at_its_bound_may_start_there_after_it_went_through_a_logarithm():
+    variable = Variable("youngs_modulus", "log", 0.1, 1e3, 5e6)
+    rounded = torch.tensor(1e3, dtype=torch.float64).log().exp()
+    assert rounded < 1e3
+    assert variable.free(rounded) == torch.tensor(1e3, dtype=torch.float64).log()
+    with pytest.raises(InputError, match="starts at 999"):
+        variable.free(torch.tensor(999.0, dtype=torch.float64))
+
+
 def test_project_puts_a_logarithm_back_into_its_range():
     variable = Variable("friction_coefficient", "log", 0.1, 0.01, 2.0)
     moved = variable.project(torch.tensor([-20.0, 0.0, 20.0], dtype=torch.float64)).exp()

@@ -34,7 +34,7 @@ pytest.importorskip("skimage")
 class Context:
     """What a stage is given, on folders of its own."""
 
-    sequence, seed = "tiny", 0
+    sequence, seed, geometry = "tiny", 0, "volumetric"
 
     def __init__(self, root: Path, stage: str, params) -> None:
         self.root, self.params, self.capture, self.output = root, params, root / "capture", root / stage

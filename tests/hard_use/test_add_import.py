@@ -181,6 +181,14 @@ def test_add_to_the_composed_file_costs_no_line_of_it(project, capture, capsys):
     assert len(text) == len(composed.splitlines()) + 17, "15 stages and geometry under sequences, two lines under fits"
 
 
+def test_add_enters_the_geometry_that_the_capture_states(project, capture, capsys):
+    shutil.copytree(capture, project.capture("towel"))
+    path = project.capture("towel") / "capture.json"
+    path.write_text(json.dumps(json.loads(path.read_text()) | {"geometry": "planar", "thickness": 0.001}))
+    assert run(capsys, "add", "towel")[0] == 0
+    assert load_parameters(project.parameters).sequence("towel").geometry == "planar"
+
+
 def test_composing_says_which_entered_names_it_drops(project, capsys):
     code, said, _ = run(capsys, "compose", "seed=3")
     assert code == 0 and "warning: no longer in params.yaml: jug, mug" in said

@@ -239,6 +239,32 @@ FOREIGN = {
 }
 
 
+def test_the_elements_of_a_thin_body_are_whole_or_absent(tmp_path):
+    plain = Particles(**_three_particles())
+    shell = {"triangles": np.array([[0, 1, 2]]), "thickness": 0.001, "warp": np.array([1.0, 0.0, 0.0])}
+    rod = {"rows": np.array([3]), "radius": 0.005}
+    for given, geometry in (({}, "volumetric"), (shell, "planar"), (rod, "linear")):
+        dataclasses.replace(plain, **given).save(tmp_path)
+        found = Particles.load(tmp_path)
+        assert found.geometry == geometry
+        for name in (*shell, *rod):
+            assert (getattr(found, name) is None) == (name not in given)
+    for partial in ({**shell, "thickness": None}, {"radius": 0.005}, {**shell, **rod}):
+        with pytest.raises(InputError, match="not whole.*run sample_particles again"):
+            dataclasses.replace(plain, **partial)
+
+
+def _three_particles() -> dict:
+    whole, numbers, none = np.zeros((3, 1), int), np.ones((3, 1)), np.zeros(0, int)
+    return {
+        "x0": np.eye(3), "volume": np.ones(3), "spacing": 1.0, "density": np.ones(3), "patches": np.zeros(1, int),
+        "patch_neighbours": whole, "patch_weights": numbers, "gaussian_neighbours": whole, "gaussian_weights": numbers,
+        "track_ids": none, "track_points0": np.zeros((0, 3)), "track_neighbours": np.zeros((0, 1), int),
+        "track_weights": np.zeros((0, 1)), "grip_particles": none, "grip_controllers": none,
+        "grip_weights": np.zeros(0), "grip_rest_lengths": np.zeros(0),
+    }  # fmt: skip
+
+
 def test_arrays_are_opened_in_products_alone():
     for folder in ("physreal_core", "pipeline", "stages"):
         for file in (CODE_ROOT / folder).rglob("*.py"):

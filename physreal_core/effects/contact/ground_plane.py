@@ -32,7 +32,8 @@ class GroundPlane(Effect):
     )
     shows = "only while it touches the ground: it lies too high or too low, slides downhill"
     distinguished_by = "letting it lie, then pushing it to either side (tilted gravity acts in the air, too)"
-    terms = ("initial_position", "initial_deformation", "gravity")
+    terms = ("initial_position", "gravity")
+    volume_terms = ("initial_deformation",)
     coefficients = (
         Coefficient("height", "m", "below the body's middle", 0.0, -0.1, 0.1, 0.01),
         Coefficient("slope_x", "1", "rise along x", 0.0, -0.5, 0.5, 0.1),
@@ -48,8 +49,10 @@ class GroundPlane(Effect):
 
         present = {name: getattr(inputs.parameters, name) for name in ("force", "initial_velocity")}
         vectors = {name: value @ turn.T for name, value in present.items() if value is not None}
-        gravity, start = (turn @ field(inputs, name, setting) for name in ("gravity", "initial_deformation"))
-        given = changed(inputs, initial_position=moved(place), initial_deformation=start, gravity=gravity, **vectors)
+        if setting.body.elements is None:
+            vectors["initial_deformation"] = turn @ field(inputs, "initial_deformation", setting)
+        gravity = turn @ field(inputs, "gravity", setting)
+        given = changed(inputs, initial_position=moved(place), gravity=gravity, **vectors)
         if inputs.parameters.obstacle is not None:
             centre, half, rest = inputs.parameters.obstacle.split([3, 3, 2])
             given = changed(given, obstacle=torch.cat([moved(centre), turn @ half, rest]))

@@ -81,6 +81,7 @@ def unknown_scalars(experiment: Interaction, settings: GapSettings) -> tuple[str
     acting = {
         "friction_coefficient": experiment.setting.ground_height is not None,
         "grip_stiffness": settings.grip_fitted and experiment.setting.grip is not None,
+        "bending_ratio": "bending_ratio" in experiment.model.fields,
     }
     return tuple(name for name, acts in acting.items() if acts)
 

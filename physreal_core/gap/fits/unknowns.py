@@ -35,6 +35,7 @@ class Priors:
         poisson: of the logit of Poisson's ratio.
         friction: of log mu_f.
         grip: of log k_f.
+        bending: of the logarithm of a thin body's bending ratio.
         coefficient: of an effect's coefficients, in units of their scales.
     """
 
@@ -43,6 +44,7 @@ class Priors:
     poisson: float = 0.7
     friction: float = 0.7
     grip: float = 0.7
+    bending: float = 0.7
     coefficient: float = 1.0
 
 
@@ -67,8 +69,10 @@ class Scalar:
 SCALARS = {
     "friction_coefficient": Scalar("friction", 0.15, lower=1e-3, upper=3.0),
     "grip_stiffness": Scalar("grip", 0.15, factor=5.0),
+    "bending_ratio": Scalar("bending", 0.08, factor=20.0),
 }
-"""Fields of the model that may be unknown beside the moduli and Poisson's ratio."""
+"""Fields of the model that may be unknown beside the moduli and Poisson's ratio; of one with a value for every patch it is the geometric mean,
+which scales them all."""
 
 
 @dataclass(frozen=True)
@@ -154,7 +158,7 @@ class Unknowns:
 
     def _scalar(self, name: str) -> tuple[float, ...]:
         """Mean, standard deviation, bounds and step of the logarithm."""
-        scalar, value = SCALARS[name], self.fields[name].item()
+        scalar, value = SCALARS[name], _mean(self.fields[name])
         lower, upper = max(scalar.lower, value / scalar.factor), min(scalar.upper, value * scalar.factor)
         mean = np.log(np.clip(value, lower, upper))
         return float(mean), getattr(self.priors, scalar.prior), np.log(lower), np.log(upper), scalar.step
@@ -243,7 +247,7 @@ class Unknowns:
         fields["youngs_modulus"] = torch.from_numpy(np.exp(vector[:K]))
         fields["poissons_ratio"] = torch.full((K,), _ratio(vector[K]), dtype=torch.float64)
         for name in self.scalars:
-            fields[name] = torch.tensor(float(np.exp(vector[self.place(name)])), dtype=torch.float64)
+            fields[name] = _with_mean(self.fields[name], float(np.exp(vector[self.place(name)])))
         return fields
 
     def trial(self, vector: Float[Array, " unknowns"]) -> Trial:
@@ -254,6 +258,15 @@ class Unknowns:
         """Minus the logarithm of the prior, up to its normalisation [nat]."""
         d = vector - self.block.mean
         return 0.5 * float(d @ self.block.precision @ d)
+
+
+def _mean(values: Tensor) -> float:
+    """The geometric one, of a number itself."""
+    return values.log().mean().exp().item() if values.ndim else values.item()
+
+
+def _with_mean(values: Tensor, mean: float) -> Tensor:
+    return values * (mean / _mean(values)) if values.ndim else torch.tensor(mean, dtype=torch.float64)
 
 
 def _logit(ratio: float) -> float:

@@ -10,6 +10,7 @@ import torch
 
 from physreal_core.array_types import Float, Tensor
 from physreal_core.effects import Inputs
+from physreal_core.errors import InputError
 from physreal_core.fitting.problem import Problem
 from physreal_core.simulation import Body, SimulationConfig
 
@@ -54,11 +55,15 @@ class DiscretisedProblem:
         body, given = problem.body, discretisation
         c, s = np.cos(given.turn), np.sin(given.turn)
         self._turn = torch.tensor([[c, -s, 0.0], [s, c, 0.0], [0.0, 0.0, 1.0]], dtype=torch.float32)
-        spacing = body.spacing * given.cell
         self._centre = torch.as_tensor(body.x0.mean(0), dtype=torch.float32) * torch.tensor([1.0, 1.0, 0.0])
         self._turns = given.turn != 0.0
         x0 = self._turned(torch.as_tensor(body.x0, dtype=torch.float32)).double().numpy() if self._turns else body.x0
-        self.body = Body(x0, body.volume, body.density, spacing, pieces=body.piece)
+        thin = body.elements is not None
+        if thin and (self._turns or given.cell != 1.0):
+            raise InputError(
+                f"the discretisation {given.name!r} of a thin body", where="DiscretisedProblem", expected="its own mesh"
+            )
+        self.body = body if thin else Body(x0, body.volume, body.density, body.spacing * given.cell, pieces=body.piece)
         gravity = tuple((self._turn.double() @ torch.tensor(config.gravity, dtype=torch.float64)).tolist())
         changed = {
             "courant": config.courant * given.courant,

@@ -159,9 +159,15 @@ class Experiment:
         return States(x, v, F)
 
     def coarsened(self, factor: float) -> tuple[Experiment, dict[str, float]] | None:
-        """As of `Interaction`; None where too few particles would be left, or something is fastened to places of the body."""
+        """As of `Interaction`; None where too few particles would be left, something is fastened to places of the body, or it is thin:
+        half as many vertices bend by another error."""
         problem = self.problem
-        if len(problem.body.x0) < FEWEST * factor**3 or problem.loads or problem.clamps:
+        if (
+            problem.body.elements is not None
+            or len(problem.body.x0) < FEWEST * factor**3
+            or problem.loads
+            or problem.clamps
+        ):
             return None
         coarse = coarsened(problem, factor)
         held = held_share(problem, coarse)

@@ -175,9 +175,11 @@ class Measurements:
 
 
 def possible_laws(experiment: Interaction, settings: GapSettings) -> tuple[str, ...]:
-    """Elastic laws that an answer may have, the model's own first: with plastic flow or a neural residual that one alone."""
+    """Elastic laws that an answer may have, the model's own first: with plastic flow or a neural residual, and for a thin body, which has a
+    law of its own, that one alone."""
     config = experiment.config
     fixed = config.plastic_law != "identity" or config.residual is not None
+    fixed = fixed or experiment.setting.body.elements is not None
     others = () if fixed else settings.elastic_laws
     return tuple(dict.fromkeys((config.elastic_law, *others)))
 

@@ -1,7 +1,8 @@
 """What a rollout is differentiated by, and what it returns: torch tensors in SI units."""
 
-from collections.abc import Mapping
+from collections.abc import Callable, Mapping
 from dataclasses import dataclass, fields
+from functools import cached_property
 
 import torch
 
@@ -111,6 +112,11 @@ class States:
     v: Float[Tensor, "*rollouts frames particles 3"]
     F: Float[Tensor, "*rollouts frames particles 3 3"]
 
+    @classmethod
+    def of(cls, x: Tensor, v: Tensor, F: Tensor | Callable[[], Tensor]) -> "States":
+        """States of a body; F may be computed where it is asked for first."""
+        return ThinStates(x, v, F) if callable(F) else cls(x, v, F)
+
 
 @dataclass
 class BatchStates(States):
@@ -122,6 +128,43 @@ class BatchStates(States):
     """
 
     failures: tuple[SimulationError | None, ...] = ()
+
+    @classmethod
+    def of(
+        cls,
+        x: Tensor,
+        v: Tensor,
+        F: Tensor | Callable[[], Tensor],
+        failures: tuple[SimulationError | None, ...] = (),
+    ) -> "BatchStates":
+        """As of `States`."""
+        return ThinBatchStates(x, v, F, failures) if callable(F) else cls(x, v, F, failures)
+
+
+class _OfPlaces:
+    """F of a thin body, which follows from the rest of the state: computed where it is asked for first, differentiable as x is."""
+
+    @cached_property
+    def F(self) -> Float[Tensor, "*rollouts frames particles 3 3"]:
+        """Deformation gradients of the vertices."""
+        with torch.set_grad_enabled(self.x.requires_grad):
+            return self._F()
+
+
+class ThinStates(_OfPlaces, States):
+    """States of a thin body."""
+
+    def __init__(self, x: Tensor, v: Tensor, F: Callable[[], Tensor]) -> None:
+        self.x, self.v, self._F = x, v, F
+
+
+class ThinBatchStates(_OfPlaces, BatchStates):
+    """States of rollouts of a thin body."""
+
+    def __init__(
+        self, x: Tensor, v: Tensor, F: Callable[[], Tensor], failures: tuple[SimulationError | None, ...]
+    ) -> None:
+        self.x, self.v, self._F, self.failures = x, v, F, failures
 
 
 REQUIRED = ("youngs_modulus", "poissons_ratio", "plastic", "network_elastic", "network_plastic")

@@ -3,7 +3,7 @@
 The backward pass is the exact adjoint of the discrete step (`frames`).
 """
 
-from collections.abc import Iterator
+from collections.abc import Callable, Iterator
 from contextlib import AbstractContextManager, contextmanager
 
 import torch
@@ -85,10 +85,11 @@ class Simulator:
             SimulationError: where a state turns non-finite.
         """
         points = self._check_controllers(controllers).to(self.config.device)
-        states, failures = self._run(self._loop, self._complete(parameters, 1), points[:, None], progress, frames)
+        one = lambda state: state.squeeze(1)
+        states, failures = self._run(self._loop, self._complete(parameters, 1), points[:, None], progress, frames, one)
         if failures[0] is not None:
             raise failures[0]
-        return States(*(s.squeeze(1) for s in states))
+        return States.of(*states)
 
     def rollout_batch(
         self,
@@ -114,8 +115,9 @@ class Simulator:
         rollouts = self._rollouts(parameters, controllers)
         own = controllers if controllers.ndim == 4 else controllers.expand(rollouts, *controllers.shape)
         points = torch.stack([self._check_controllers(c) for c in own], 1).to(self.config.device)
-        states, failures = self._run(self._many(rollouts), self._complete(parameters, rollouts), points, None, frames)
-        return BatchStates(*(s.transpose(0, 1) for s in states), tuple(failures))
+        given, first = self._complete(parameters, rollouts), lambda state: state.transpose(0, 1)
+        states, failures = self._run(self._many(rollouts), given, points, None, frames, first)
+        return BatchStates.of(*states, tuple(failures))
 
     def play(self, parameters: Parameters, controllers: Float[Tensor, "points 3"]) -> Player:
         """Start a rollout that is stepped frame by frame; it has a form of the step of its own.
@@ -154,15 +156,23 @@ class Simulator:
         return one_torch_thread() if device.type == "cpu" else on_side_stream(device)
 
     def _run(
-        self, loop: Frames, parameters: Parameters, points: Tensor, progress: Progress | None, frames: int | None
-    ) -> tuple[list[Tensor], list]:
-        """States x, v, F of a loop as differentiable functions of parameters and points, and its failures."""
+        self,
+        loop: Frames,
+        parameters: Parameters,
+        points: Tensor,
+        progress: Progress | None,
+        frames: int | None,
+        arrange: Callable[[Tensor], Tensor],
+    ) -> tuple[tuple[Tensor, Tensor, Tensor | Callable[[], Tensor]], list]:
+        """States x, v, F of a loop as differentiable functions of parameters and points, and its failures; that of a thin body's F is
+        yet to be called. arrange: brings an array [T, R, ...] into the caller's shape."""
         tensors = [getattr(parameters, name) for name in PARAMETER_NAMES]
         keep = torch.is_grad_enabled() and any(t is not None and t.requires_grad for t in (points, *tensors))
         failures: list = []
         path = with_neighbours(points)[: (frames or len(points)) + 2]
         x, v, F, director = _Rollout.apply(self._stream, loop, path, progress, keep, failures, *tensors)
-        return [x, v, self.body.elements.deformation(x, director) if F is None else F], failures
+        later = lambda: arrange(self.body.elements.deformation(x, director))
+        return (arrange(x), arrange(v), later if F is None else arrange(F)), failures
 
     # --- checks -------------------------------------------------------------------------------------------------
 

@@ -186,6 +186,20 @@ def test_every_parameter_while_it_sticks_to_the_ground(kind, form):
     check(results)
 
 
+def test_a_deformation_gradient_first_seen_without_gradients_has_them(kind):
+    """F follows from the rest of the state where it is asked for first, which may be under `no_grad`."""
+    simulator, parameters, controllers, _ = scene(kind, (0.5, 0.2, -0.2), 0.3)
+    E = parameters.youngs_modulus.clone().requires_grad_()
+    states = simulator.rollout(dataclasses.replace(parameters, youngs_modulus=E), controllers)
+    with torch.no_grad():
+        assert states.F.shape == (*states.x.shape, 3) and torch.isfinite(states.F).all()
+    states.F[-1].square().sum().backward()
+    assert E.grad.any()
+    with torch.no_grad():
+        states = simulator.rollout(parameters, controllers)
+    assert not states.F.requires_grad
+
+
 def test_controller_points_have_a_gradient(kind, form):
     simulator, parameters, controllers, _ = scene(kind, (0.5, 0.2, -0.2), 0.3)
     loss = random_loss([1, 2, 3])

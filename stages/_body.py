@@ -148,9 +148,9 @@ def body_of(particles: Particles) -> Body:
     x0, density = particles.x0, particles.density
     if particles.triangles is not None:
         warp = tuple(map(float, particles.warp))
-        body = shell_body(x0, particles.triangles, particles.thickness, 1.0, warp=warp)
+        body = shell_body(x0, particles.triangles, particles.thickness, float(density.mean()), warp=warp)
     elif particles.rows is not None:
-        body = rod_body(x0, particles.radius, 1.0, rows=tuple(particles.rows.tolist()))
+        body = rod_body(x0, particles.radius, float(density.mean()), rows=tuple(particles.rows.tolist()))
     else:
         one = np.zeros(len(x0), dtype=np.int64)
         pieces = one if particles.pieces is None else particles.pieces

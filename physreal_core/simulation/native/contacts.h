@@ -64,18 +64,19 @@ public:
     // Calls visit(vertex, first of the rows that were left there for it, distance of rows, corner) for the thread's own vertices.
     template <class Visit>
     void for_left(Visit visit) const {
+        const Index first = first_, last = last_, stride = frame_.pair_capacity;
         for (Index n = 0; n < 2 * frame_.threads; n++) {  // faces first, whoever listed them
             const Index list = n < frame_.threads ? 2 * n : 2 * (n - frame_.threads) + 1, count = frame_.pairs_awake[list];
             const int *pairs = pairs_of(list), *awake = awake_of(list), *touching = touching_of(list);
             const S* left = left_of(list);
-            for (Index b = 0; b < count; b += LANES) {
-                if (!touching[b / LANES]) continue;
-                for (Index i = b; i < min_of(b + LANES, count); i++)
-                    for (int c = 0; c < 4; c++) {
-                        const Index p = pairs[4 * awake[i] + c];
-                        if (p >= first_ && p < last_) visit(p, left + i, frame_.pair_capacity, c);
-                    }
-            }
+            for (Index b = 0; b < count; b += LANES)
+                for (unsigned touch = unsigned(touching[b / LANES]); touch; touch &= touch - 1) {
+                    const Index i = b + __builtin_ctz(touch);
+                    if (i >= count) break;
+                    const int* pair = pairs + 4 * awake[i];
+                    for (int c = 0; c < 4; c++)
+                        if (pair[c] >= first && pair[c] < last) visit(Index(pair[c]), left + i, stride, c);
+                }
         }
     }
 
@@ -142,7 +143,7 @@ private:
             for (int c = 0; c < 4; c++) block.x[c] = corner(now + X * frame_.stride, block, c);
             const Contact<KIND, V, V> contact(block.x, block.x, splat<V>(frame_.contact_distance));
             const auto touch = contact.touches();
-            touching_of(block.list)[b / LANES] = any(touch);
+            touching_of(block.list)[b / LANES] = int(bits(touch));
             if (any(touch)) visit(block, contact);
             if (all(touch)) continue;
             const V distance = KIND == EDGES ? sqrt(squared_distance_of_edges(block.x)) : contact.length();

@@ -43,7 +43,7 @@ WORKSPACE = Structure(
     S* pairs_stiffness  [threads, 2, pair_capacity] [N/m]
     S* pairs_by_modulus  [threads, 2, pair_capacity] stiffness over the sum of the corners' Young's moduli [m]
     int* awake  [threads, 2, pair_capacity] numbers of those that may touch
-    int* pairs_touch  [threads, 2, pair_capacity / lanes] whether one of a block of these does
+    int* pairs_touch  [threads, 2, pair_capacity / lanes] bits of those that do in each block of them
     S* pairs_left  [threads, 2, 28, pair_capacity] forces, or adjoints of x, v and Young's modulus
     int* marks  [threads, N] 0
     S* balls  [contact_faces + contact_edges, 4] centre and radius

@@ -417,8 +417,12 @@ private:
     // Adds the forces of a substep to those in frame.contact_force, of the thread's vertices.
     void add_up_contact_forces() const {
         clear(frame_.contact_force, 3);
-        contacts_.for_left([&](Index p, const S* left, Index stride, int corner) {
-            for (int d = 0; d < 3; d++) frame_.contact_force[d * frame_.stride + p] += left[(3 * corner + d) * stride];
+        S *x = frame_.contact_force, *y = x + frame_.stride, *z = y + frame_.stride;
+        contacts_.for_left([=](Index p, const S* left, Index stride, int corner) {
+            const S* from = left + 3 * corner * stride;
+            x[p] += from[0];
+            y[p] += from[stride];
+            z[p] += from[2 * stride];
         });
     }
 

@@ -15,9 +15,10 @@ from pathlib import Path
 import numpy as np
 import torch
 
+from benchmarks.thin_scenes import wavy_ropes, wavy_sheet
 from physreal_core.simulation import Body, Clamp, Grip, Parameters, PointLoad, SimulationConfig, Simulator, States
 from physreal_core.simulation.laws import ResidualConfig, initial_weights
-from physreal_core.simulation.terms import BRANCH_TERMS, TERMS, THIN_TERMS, term_shapes
+from physreal_core.simulation.terms import BRANCH_TERMS, STRESS_TERMS, TERMS, THIN_TERMS, term_shapes
 
 REFERENCE = Path(__file__).parent / "results" / "agreement_cpu.npz"
 # Sums over threads come in another order on a GPU: rounding (1e-16, 6e-8) grows over some fifty substeps, and float32
@@ -25,11 +26,23 @@ REFERENCE = Path(__file__).parent / "results" / "agreement_cpu.npz"
 TOLERANCES = {"float64": 1e-8, "float32": 5e-3}
 FRAMES = 4
 VOLUME_TERMS = tuple(term for term in TERMS if term not in THIN_TERMS)
+SHELL_TERMS = tuple(term for term in TERMS if term not in (*STRESS_TERMS, "initial_deformation"))
+ROD_TERMS = tuple(term for term in SHELL_TERMS if term != "fabric")
+
+
+def soft_block() -> Body:
+    """120 particles on the ground."""
+    index = np.stack(np.meshgrid(np.arange(5), np.arange(6), np.arange(4), indexing="ij"), -1).reshape(-1, 3)
+    return Body((index + 0.5) * 0.01, np.full(len(index), 1e-6), np.full(len(index), 300.0), 0.01)
+
+
+BODIES = {"block": soft_block, "shell": wavy_sheet, "rod": wavy_ropes}
+MODULI = {"block": 2e3, "shell": 3e4, "rod": 3e4}  # Pa
 
 
 @dataclass(frozen=True)
 class Case:
-    """A material of the little scene."""
+    """A body and its material in the little scene."""
 
     elastic_law: str = "fixed_corotated"
     plastic_law: str = "identity"
@@ -37,6 +50,7 @@ class Case:
     held: bool = False  # by a clamp at one side, pulled by a load at another
     terms: tuple[str, ...] = ()
     led: bool = False  # whether the controller points have a gradient, too
+    body: str = "block"
 
 
 CASES = {
@@ -50,17 +64,18 @@ CASES = {
     "all terms": Case(terms=tuple(term for term in VOLUME_TERMS if term not in BRANCH_TERMS), led=True),
     "all terms, branches": Case(terms=VOLUME_TERMS, led=True),
     "drag, density": Case(terms=("drag", "density")),
+    "shell": Case(body="shell", held=True, terms=SHELL_TERMS, led=True),
+    "rod": Case(body="rod", held=True, terms=ROD_TERMS, led=True),
 }
 PLASTIC = {"identity": (0.0, 0.0), "von_mises": (20.0, 1.0), "drucker_prager": (0.4, 5.0)}
 
 
 def scene(case: Case, device: str, dtype: str) -> tuple[Simulator, dict, torch.Tensor]:
-    """A soft block thrown over the ground and pulled at: simulator, parameters' leaves by name, controller points."""
-    index = np.stack(np.meshgrid(np.arange(5), np.arange(6), np.arange(4), indexing="ij"), -1).reshape(-1, 3)
-    x0, count = (index + 0.5) * 0.01, len(index)
-    body = Body(x0, np.full(count, 1e-6), np.full(count, 300.0), 0.01)
+    """A soft body thrown over the ground and pulled at: simulator, parameters' leaves by name, controller points."""
+    body = BODIES[case.body]()
+    x0, count = body.x0, len(body.x0)
     points = np.array([[0.0, 0.0, 0.06], [0.02, 0.0, 0.06]])
-    particles = np.arange(10)
+    particles = np.arange(min(10, count // 3))
     lengths = np.linalg.norm(x0[particles] - points[particles % 2], axis=1)
     config = SimulationConfig(
         fps=60.0, elastic_law=case.elastic_law, plastic_law=case.plastic_law, residual=case.residual, terms=case.terms,
@@ -71,14 +86,17 @@ def scene(case: Case, device: str, dtype: str) -> tuple[Simulator, dict, torch.T
         clamps = (Clamp((-1.0, 0.045, -1.0), (1.0, 1.0, 1.0)),)
         tip = np.flatnonzero(x0[:, 0] > 0.04)
         loads = (PointLoad(tip, np.ones(len(tip)), (0.001, 0.0, 0.002)),)
-    simulator = Simulator(body, config, Grip(particles, particles % 2, np.ones(10), lengths), clamps, loads)
+    grip = Grip(particles, particles % 2, np.ones(len(particles)), lengths)
+    simulator = Simulator(body, config, grip, clamps, loads)
     generator = torch.Generator().manual_seed(0)
 
     def leaf(value) -> torch.Tensor:
         return torch.as_tensor(value, dtype=torch.float64).clone().requires_grad_()
 
     leaves = {
-        "youngs_modulus": leaf(2e3 * (1 + 0.2 * torch.rand(count, generator=generator, dtype=torch.float64))),
+        "youngs_modulus": leaf(
+            MODULI[case.body] * (1 + 0.2 * torch.rand(count, generator=generator, dtype=torch.float64))
+        ),
         "poissons_ratio": leaf(torch.full((count,), 0.3)),
         "friction_coefficient": leaf(0.3),
         "grip_stiffness": leaf(0.3),
@@ -92,6 +110,8 @@ def scene(case: Case, device: str, dtype: str) -> tuple[Simulator, dict, torch.T
             noise = torch.randn(weights.shape, generator=generator, dtype=torch.float64)
             leaves[f"network_{name}"] = leaf(weights + 0.3 * noise)
             leaves[f"latent_{name}"] = leaf(torch.randn(count, 2, generator=generator, dtype=torch.float64))
+    if case.body == "rod":
+        leaves["poissons_ratio"].requires_grad_(False)  # a rod does not feel it
     given = term_values(x0)
     leaves |= {name: leaf(given[name]) for term in case.terms for name in TERMS[term]}
     time = torch.linspace(0, 1, FRAMES, dtype=torch.float64)[:, None, None]
@@ -99,7 +119,7 @@ def scene(case: Case, device: str, dtype: str) -> tuple[Simulator, dict, torch.T
 
 
 def term_values(x0: np.ndarray) -> dict[str, torch.Tensor]:
-    """Parameters of all optional terms for a block that starts at x0 [N, 3] and runs into a post."""
+    """Parameters of all optional terms for a body that starts at x0 [N, 3] and runs into a post."""
     count, generator = len(x0), torch.Generator().manual_seed(3)
 
     def random(*shape: int) -> torch.Tensor:
@@ -120,7 +140,8 @@ def term_values(x0: np.ndarray) -> dict[str, torch.Tensor]:
     named = {name: field for term in VOLUME_TERMS for name, field in TERMS[term].items()}
     fields = {name: field for name, field in named.items() if name not in own}
     shapes = term_shapes(VOLUME_TERMS, count)
-    return own | {name: field.visible * random(*shapes[name]) for name, field in fields.items()}
+    own |= {name: field.visible * random(*shapes[name]) for name, field in fields.items()}
+    return own | {name: random(count) for term in THIN_TERMS for name in TERMS[term]}
 
 
 def run(case: Case, device: str, dtype: str) -> dict[str, np.ndarray]:
@@ -131,7 +152,7 @@ def run(case: Case, device: str, dtype: str) -> dict[str, np.ndarray]:
     random_loss(states).backward()
     leaves |= {"controllers": points} if case.led else {}
     numbers = {"x": states.x[-1], "v": states.v[-1], "F": states.F[-1]}
-    numbers |= {f"gradient {name}": tensor.grad for name, tensor in leaves.items()}
+    numbers |= {f"gradient {name}": tensor.grad for name, tensor in leaves.items() if tensor.requires_grad}
     return {name: tensor.detach().double().cpu().numpy() for name, tensor in numbers.items()}
 
 

@@ -10,7 +10,7 @@ import numpy as np
 from physreal_core.errors import InputError
 from physreal_core.geometry import (
     centre_line,
-    fill_mesh,
+    fill_pieces,
     load_centre_line,
     load_middle_surface,
     middle_surface,
@@ -19,6 +19,7 @@ from physreal_core.geometry import (
 )
 from physreal_core.geometry.thin_files import MIDDLES
 from physreal_core.simulation import Body, rod_body, shell_body
+from physreal_core.simulation.pieces import require_thickness
 from physreal_core.simulation.thin import Shell
 from pipeline.capture import Capture
 from pipeline.config.sample_particles import SampleParticles
@@ -62,11 +63,20 @@ def make_body(
         InputError: the mesh is not of this kind, or an open surface comes without a thickness.
     """
     if geometry == "volumetric":
-        x0, volume = fill_mesh(placed.mesh, params.spacing, jitter=params.jitter, seed=seed)
-        return Body(x0, volume, np.full(len(x0), material.density), params.spacing)
+        return _volume(placed, material, params, seed)
     given = folder / MIDDLES[geometry]
     make = _shell if geometry == "planar" else _rod
     return make(placed, given if given.exists() else None, material, params)
+
+
+def _volume(placed: PlacedObject, material: Material, params: SampleParticles, seed: int) -> Body:
+    x0, volume, pieces = fill_pieces(placed.mesh, params.spacing, jitter=params.jitter, seed=seed)
+    thin = require_thickness(x0, volume, params.spacing, where="sample_particles.spacing")
+    if pieces.any():
+        print(f"the mesh has {pieces.max() + 1} pieces that do not hang together and move apart")
+    if thin > 0.02:
+        print(f"{100 * thin:.0f} % of the volume is one particle thick, and bends too easily: a smaller spacing helps")
+    return Body(x0, volume, np.full(len(x0), material.density), params.spacing, pieces=pieces)
 
 
 def _shell(placed: PlacedObject, given: Path | None, material: Material, params: SampleParticles) -> Body:
@@ -121,9 +131,9 @@ def require_geometry(capture: Capture, geometry: str, sequence: str) -> None:
 
 
 def elements_of(body: Body) -> dict[str, Any]:
-    """The elements of a thin body as `Particles` takes them; nothing for a volume."""
+    """The elements of a thin body, or the pieces of a volume, as `Particles` takes them."""
     if body.elements is None:
-        return {}
+        return {"pieces": body.piece if body.piece.any() else None}
     if isinstance(body.elements, Shell):
         shell = body.elements
         return {"triangles": shell.triangles, "thickness": shell.thickness, "warp": np.asarray(shell.warp, float)}
@@ -139,5 +149,6 @@ def body_of(particles: Particles) -> Body:
     elif particles.rows is not None:
         body = rod_body(x0, particles.radius, 1.0, rows=tuple(particles.rows.tolist()))
     else:
-        return Body(x0, particles.volume, density, particles.spacing)
+        pieces = np.zeros(len(x0), np.int64) if particles.pieces is None else particles.pieces
+        return Body(x0, particles.volume, density, particles.spacing, pieces=pieces)
     return dataclasses.replace(body, density=density)

@@ -5,17 +5,18 @@ from pathlib import Path
 from typing import get_args
 
 from data.rig.bars import BARS
-from data.rig.capture import make_capture, make_sequence
+from data.rig.capture import make_capture, make_sequence, make_thin_capture
 from data.rig.case import record_motion
 from data.rig.parameters import Rig, build_scene
 from data.rig.rig_scene import SCENES
 from data.rig.sequences import SEQUENCES
+from data.rig.thin_scenes import THIN_SCENES
 
 
 def main() -> None:
     """Reads the command line; every knob of `Rig` is an option of the scenes that are no sequences for perception."""
     parser = argparse.ArgumentParser(prog="python -m data.rig", description=__doc__)
-    parser.add_argument("scene", choices=sorted({**SCENES, **SEQUENCES, **BARS}))
+    parser.add_argument("scene", choices=sorted({**SCENES, **THIN_SCENES, **SEQUENCES, **BARS}))
     parser.add_argument("--seed", type=int, default=0)
     parser.add_argument("--out", type=Path, help="capture folder; default data/captures/<scene>")
     for name, field in Rig.model_fields.items():
@@ -31,6 +32,8 @@ def main() -> None:
         record_motion(BARS[name].case(parameters, seed), BARS[name].motion, destination, video=False)
     elif name in SEQUENCES:
         make_sequence(name, seed, destination)
+    elif name in THIN_SCENES:
+        make_thin_capture(build_scene(name, parameters), destination, seed=seed)
     else:
         make_capture(build_scene(name, parameters), destination, seed=seed, timestep=parameters.timestep)
     print(f"wrote {destination}")

@@ -18,6 +18,9 @@ from data.rig.rig_scene import Look, RigScene
 from data.rig.sensor import read_colour, read_depth
 from data.rig.sequences import SEQUENCES, SETTLE, TIMESTEP
 from data.rig.simulate import simulate
+from data.rig.thin_body import ThinBody
+from data.rig.thin_files import material_truth, middle_truth, write_middle
+from data.rig.thin_scenes import run
 from data.rig.trajectory import Trajectory
 from physreal_core.array_types import Array, Float
 from physreal_core.checkpoints import remembered
@@ -77,10 +80,22 @@ def film(
     (draft / "capture.json").write_text(json.dumps(describe(scene, hints), indent=1) + "\n")
     T_world_prior = random_similarity(random)
     _write_prior(draft / "shape_prior.glb", trajectory, T_world_prior, scene.look)
+    write_middle(draft, trajectory, scene.body, T_world_prior)
     truth = simulated_truth(scene, trajectory, stage.hand, T_world_prior)
     replace(truth, **_further_hands(stage, trajectory), **further_truth).save(draft)
     shutil.rmtree(destination, ignore_errors=True)
     draft.rename(destination)
+
+
+def make_thin_capture(scene: RigScene, destination: Path, *, seed: int = 0) -> None:
+    """Simulates and films one of `thin_scenes.THIN_SCENES` into `destination`, which is replaced as a whole.
+
+    Args:
+        scene: what to film.
+        destination: capture folder.
+        seed: seeds sensor noise and the prior's pose.
+    """
+    film(scene, run(scene), destination, seed=seed)
 
 
 def make_sequence(name: str, seed: int, destination: Path) -> None:
@@ -144,7 +159,8 @@ def _further_hands(stage: Stage, trajectory: Trajectory) -> dict[str, Array]:
 
 def describe(scene: RigScene, hints: dict) -> dict:
     """The contents of capture.json."""
-    view = scene.view
+    view, body = scene.view, scene.body
+    thin = {"geometry": body.geometry, "thickness": body.thickness} if isinstance(body, ThinBody) else {}
     return {
         "description": scene.description,
         "controller": "hand",
@@ -153,7 +169,8 @@ def describe(scene: RigScene, hints: dict) -> dict:
         "height": view.height,
         "K": view.intrinsics().tolist(),
         "T_world_camera": view.pose().tolist(),
-        "density": scene.material.density,
+        "density": body.density if thin else scene.material.density,
+        **thin,
         "hints": hints,
         "split": {"train": [0, scene.observed], "test": [scene.observed, scene.frames]},
     }
@@ -210,13 +227,10 @@ def simulated_truth(
     scene: RigScene, trajectory: Trajectory, hand: TetMesh, T_world_prior: Float[Array, "4 4"]
 ) -> CaptureTruth:
     """What the simulation knows; `hand` is the hand's mesh at frame 0."""
-    material = scene.material
     return CaptureTruth(
-        youngs_modulus=material.youngs_modulus,
-        poissons_ratio=material.poissons_ratio,
-        density=material.density,
-        friction_coefficient=material.friction_coefficient,
-        damping=material.damping,
+        **material_truth(scene),
+        **middle_truth(trajectory),
+        friction_coefficient=scene.material.friction_coefficient,
         rest_vertices=trajectory.mesh.vertices.astype(np.float32),
         tets=trajectory.mesh.tets.astype(np.int32),
         faces=trajectory.mesh.faces.astype(np.int32),

@@ -6,7 +6,7 @@ from itertools import pairwise
 import numpy as np
 
 from data.rig.shapes import Block, Capsule, RoundedShape, Solid
-from data.rig.thin import Cloth
+from data.rig.thin_body import ThinBody
 from physreal_core.array_types import Array, Float
 
 
@@ -129,7 +129,7 @@ class RigScene:
 
     name: str
     description: str
-    body: Solid | Cloth
+    body: Solid | ThinBody
     hand: RoundedShape
     motion: Motion
     material: Material = Material()

@@ -9,9 +9,10 @@ from functools import partial
 import numpy as np
 
 from data.rig.hidden.effect import NOTHING, Hidden
+from data.rig.mesh import TetMesh
 from data.rig.rig_scene import RigScene
-from data.rig.thin import Sheet
-from data.rig.trajectory import Trajectory
+from data.rig.rope import Line
+from data.rig.trajectory import Middle, Trajectory
 from data.rig.world import World
 from physreal_core.array_types import Array, Float
 from physreal_core.checkpoints import Checkpoints, checkpoints
@@ -88,11 +89,19 @@ def simulate(
         raise RuntimeError(
             f"the truth of {scene.name} turned non-finite; a smaller timestep than {timestep} s may help"
         )
-    mesh = world.mesh
-    if isinstance(mesh, Sheet):
-        mesh, vertices = mesh.skin(), mesh.thickened(vertices)
     further = {} if others is None else {"others": others[:: world.steps]}
-    return Trajectory(mesh, vertices, hand[:: world.steps], world.gripped, **further)
+    if isinstance(world.mesh, TetMesh):
+        return Trajectory(world.mesh, vertices, hand[:: world.steps], world.gripped, **further)
+    middle = _middle(world, vertices)
+    skin = world.mesh.thickened(middle.vertices, *([middle.directors] if isinstance(world.mesh, Line) else []))
+    gripped = world.mesh.skin_nodes(world.gripped)
+    return Trajectory(world.mesh.skin(), skin, hand[:: world.steps], gripped, **further, middle=middle)
+
+
+def _middle(world: World, recorded: Float[Array, "T R 3"]) -> Middle:
+    """What `_recorded` gave, of a thin body."""
+    nodes, directors = np.split(recorded, [len(world.mesh.vertices)], axis=1)
+    return Middle(world.mesh.vertices, world.mesh.elements, nodes, directors, world.gripped)
 
 
 def _state(world: World) -> Float[Array, " S"]:
@@ -109,7 +118,7 @@ def _resumed(world: World, kept: Checkpoints, held: Float[Array, "S 3"]) -> list
     """Puts the world where a simulation that was killed had come to, and gives the frames so far; none without one."""
     import mujoco
 
-    shapes = {"state": _state(world).shape, "frames": (None, len(world.mesh.vertices), 3)}
+    shapes = {"state": _state(world).shape, "frames": (None, *_recorded(world, punctual=True).shape)}
     known = kept.get(CHECKPOINT, shapes)
     if known is None:
         return []
@@ -118,8 +127,9 @@ def _resumed(world: World, kept: Checkpoints, held: Float[Array, "S 3"]) -> list
     return [*known["frames"]]
 
 
-def _recorded(world: World, punctual: bool) -> Float[Array, "V 3"]:
-    return world.positions if punctual else world.data.flexvert_xpos.copy()
+def _recorded(world: World, punctual: bool) -> Float[Array, "R 3"]:
+    """The nodes [m]; of a rope also its segments' directors."""
+    return np.concatenate([world.positions if punctual else world.data.flexvert_xpos, world.directors])
 
 
 def _as_it_lies(

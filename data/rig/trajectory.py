@@ -11,15 +11,35 @@ CRUSHED = 0.3  # of its volume; St. Venant-Kirchhoff resists compression no more
 
 
 @dataclass(frozen=True)
+class Middle:
+    """How the middle surface or the centre line of a thin body moved.
+
+    Attributes:
+        rest: [M, 3] m, stress-free.
+        elements: [E, 3] vertex indices of triangles, or [E, 2] of segments.
+        vertices: [T, M, 3] m, at frame times.
+        directors: [T, E, 3], of a rope's segments: unit vectors across them that turn with them; none of a cloth.
+        gripped: indices of the nodes that the hand holds.
+    """
+
+    rest: Float[Array, "M 3"]
+    elements: Int[Array, "E N"]
+    vertices: Float[Array, "T M 3"]
+    directors: Float[Array, "T S 3"]
+    gripped: Int[Array, " B"]
+
+
+@dataclass(frozen=True)
 class Trajectory:
     """What truly happened.
 
     Attributes:
-        mesh: the body, stress-free.
+        mesh: the body, stress-free; of a thin body its closed skin.
         vertices: [T, V, 3] m, node positions at frame times.
         hand: [T, 3] m, displacement of the hand since frame 0.
         gripped: indices of the nodes that the hand holds.
         others: [T, A, 3] m, displacement of every further hand since frame 0.
+        middle: of a thin body, what was simulated.
     """
 
     mesh: TetMesh
@@ -27,6 +47,7 @@ class Trajectory:
     hand: Float[Array, "T 3"]
     gripped: Int[Array, " B"]
     others: Float[Array, "T A 3"] = field(default_factory=lambda: np.zeros((0, 0, 3)))
+    middle: Middle | None = None
 
     def crushed(self) -> float:
         """Largest share of the body's volume that is crushed in one frame."""

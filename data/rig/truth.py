@@ -10,9 +10,10 @@ from physreal_core.array_types import Array, Bool, Float, Int
 from physreal_core.errors import InputError
 from pipeline.products.truth import CaptureTruth
 
+SOLID = ("youngs_modulus", "poissons_ratio")
+"""What the rig knows of a solid body's material alone, as of `CaptureTruth`."""
+
 SIMULATED = (
-    "youngs_modulus",
-    "poissons_ratio",
     "density",
     "friction_coefficient",
     "damping",
@@ -88,7 +89,8 @@ def load_truth(capture: Path) -> Truth:
         InputError: there is none, or it lacks what the rig writes.
     """
     truth = Truth.load(Path(capture))
-    if missing := [name for name in SIMULATED if getattr(truth, name) is None]:
+    expected = SIMULATED if truth.geometry else SOLID + SIMULATED
+    if missing := [name for name in expected if getattr(truth, name) is None]:
         key = truth.key(missing[0])
         raise InputError(
             f"no field {key!r}", where=str(capture / truth.FILE), remedy="make the capture again with the rig"

@@ -10,7 +10,8 @@ import numpy as np
 
 from data.rig.mesh import TetMesh, mesh_shape
 from data.rig.rig_scene import RigScene
-from data.rig.thin import Cloth, Sheet, mesh_cloth
+from data.rig.rope import Line
+from data.rig.thin_body import Directors, MiddleMesh, ThinBody, edges, end_hold_at_nodes, ends_at_nodes, held_twists
 from physreal_core.array_types import Array, Float, Int
 
 NODE_RADIUS = 0.0005  # [m] collision radius of a flex node
@@ -32,7 +33,7 @@ class World:
         place: where the body lies, from where it would lie on a level table at z = 0.
 
     Attributes:
-        mesh: the body, stress-free; of a cloth, its middle surface.
+        mesh: the body, stress-free; of a thin body, its middle surface or centre line.
         model, data: MuJoCo's.
         gripped: nodes that the hand holds, [B].
         held_by_others: for every further hand, the nodes that it holds.
@@ -62,10 +63,14 @@ class World:
         self.mesh.vertices[:] = place(self.mesh.vertices)
         self.steps = int(np.ceil(1 / (scene.fps * timestep)))
         self.timestep = 1 / (scene.fps * self.steps)
+        self._hold = rigid(self.timestep) if ends_at_nodes(scene.body) else firmness(self.timestep)
         self.model = mujoco.MjModel.from_xml_string(self._describe(integrator, further, flex))
         self.data = mujoco.MjData(self.model)
         self.bodies = np.array([self.model.body(f"s_{i}").id for i in range(len(self.mesh.vertices))])
         self.dofs = self.model.body_dofadr[self.bodies][:, None] + np.arange(3)
+        if ends_at_nodes(scene.body):
+            end_hold_at_nodes(self.model, self.mesh, self.gripped)
+        self._directors = Directors(self.model, self.mesh) if isinstance(self.mesh, Line) else None
         self._origin = self.model.body_pos[self.bodies]  # slide joints along the world's axes: x = origin + q
         self._hand = np.zeros(3)
         self.model.body_mass[self.bodies] = self.mesh.lumped_mass(scene.material.density)
@@ -79,6 +84,11 @@ class World:
     def velocities(self) -> Float[Array, "V 3"]:
         """Of the nodes [m/s]."""
         return self.data.qvel[self.dofs]
+
+    @property
+    def directors(self) -> Float[Array, "S 3"]:
+        """Of a rope's segments: unit vectors that turn with them, at the last step's beginning; of other bodies none."""
+        return np.zeros((0, 3)) if self._directors is None else self._directors(self.data)
 
     @property
     def masses(self) -> Float[Array, " V"]:
@@ -95,7 +105,7 @@ class World:
         MuJoCo damps what is held against the world, not against the hand, whose velocity it does not know: it follows by
         damping over stiffness late, a millisecond, unless the hand is put `ahead` by as much.
         """
-        stiffness, damping = firmness(self.timestep)
+        stiffness, damping = self._hold
         velocity = (displacement - self._hand) / self.timestep
         self._hand = np.array(displacement)
         self.data.mocap_pos[0] = displacement + ahead * damping / stiffness * velocity
@@ -106,7 +116,7 @@ class World:
 
     def _describe(self, integrator: str, further: str, flex: str) -> str:
         """The MuJoCo model as XML; a hand is a mocap body at the origin that carries its displacement."""
-        scene, stiff, held_fast = self.scene, firm(self.timestep), firm(self.timestep, HOLD_IMPEDANCE)
+        scene, stiff, held_fast = self.scene, firm(firmness(self.timestep)), firm(self._hold, HOLD_IMPEDANCE)
         friction = f'friction="{scene.material.friction_coefficient} .001 .0001"'
         holds = [("hand", self.gripped), *((f"hand_{n}", nodes) for n, nodes in enumerate(self.held_by_others, 1))]
         held = "".join(
@@ -114,6 +124,7 @@ class World:
             for hand, nodes in holds
             for i in nodes
         )
+        held += held_twists(self.mesh, self.gripped, held_fast)
         hands = "".join(f'<body name="{hand}" mocap="true"/>' for hand, _ in holds)
         return f"""<mujoco>
       <option timestep="{self.timestep}" gravity="{_numbers(scene.gravity)}" solver="Newton" tolerance="1e-8"
@@ -124,6 +135,7 @@ class World:
         {hands}
         <flexcomp name="s" type="direct" {self._elements()} point="{_numbers(self.mesh.vertices)}" radius="{self._radius}"
                   mass="{self.mesh.lumped_mass(scene.material.density).sum()}">
+          {edges(self.mesh, scene.body)}
           <elasticity {self._elasticity()} {flex}/>
           <contact selfcollide="none" condim="3" {friction} {stiff}/>
         </flexcomp>
@@ -134,16 +146,15 @@ class World:
 
     def _elements(self) -> str:
         """Attributes of the flex that say what it is made of."""
-        flat = isinstance(self.mesh, Sheet)
-        corners = self.mesh.triangles if flat else self.mesh.tets
-        return f'dim="{2 if flat else 3}" element="{" ".join(map(str, corners.ravel()))}"'
+        corners = self.mesh.tets if isinstance(self.mesh, TetMesh) else self.mesh.elements
+        return f'dim="{corners.shape[1] - 1}" element="{" ".join(map(str, corners.ravel()))}"'
 
     def _elasticity(self) -> str:
-        """Attributes of the flex's elasticity: of the cloth's own material, or of the scene's."""
-        flat = isinstance(self.scene.body, Cloth)
-        stuff = self.scene.body if flat else self.scene.material
-        solid = f'young="{stuff.youngs_modulus}" poisson="{stuff.poissons_ratio}" damping="{stuff.damping}"'
-        return solid + (f' thickness="{stuff.thickness}" elastic2d="both"' if flat else "")
+        """Attributes of the flex's elasticity: of the thin body's own material, or of the scene's."""
+        body, stuff = self.scene.body, self.scene.material
+        if isinstance(body, ThinBody):
+            return f'{body.elasticity()} damping="{body.damping}"'
+        return f'young="{stuff.youngs_modulus}" poisson="{stuff.poissons_ratio}" damping="{stuff.damping}"'
 
 
 def firmness(timestep: float) -> tuple[float, float]:
@@ -155,21 +166,30 @@ def firmness(timestep: float) -> tuple[float, float]:
     return 2e6, max(2e3, 0.9 / timestep)
 
 
-def firm(timestep: float, impedance: str = CONTACT_IMPEDANCE) -> str:
-    """Attributes of contact or grip: `firmness` as MuJoCo reads a negative `solref`, and its impedance."""
+def rigid(timestep: float) -> tuple[float, float]:
+    """Stiffness [1/s^2] and damping [1/s] of a hold that is as stiff as the step bears, critically damped.
+
+    The end of a thin body weighs next to nothing, and all of the body pulls and bends it.
+    """
     stiffness, damping = firmness(timestep)
+    return max(stiffness, (0.45 / timestep) ** 2), damping
+
+
+def firm(firmness: tuple[float, float], impedance: str = CONTACT_IMPEDANCE) -> str:
+    """Attributes of contact or grip: stiffness and damping as MuJoCo reads a negative `solref`, and its impedance."""
+    stiffness, damping = firmness
     return f'solref="-{stiffness:.9g} -{damping:.9g}" solimp="{impedance}"'
 
 
-def _mesh(scene: RigScene) -> TetMesh | Sheet:
-    if isinstance(scene.body, Cloth):
-        return mesh_cloth(scene.body)
+def _mesh(scene: RigScene) -> TetMesh | MiddleMesh:
+    if isinstance(scene.body, ThinBody):
+        return scene.body.mesh()
     return mesh_shape(scene.body, scene.mesh_spacing, scene.grasp)
 
 
 def _radius(scene: RigScene) -> float:
-    """Collision radius of the nodes [m]; a cloth's skin lies on the table, not in it."""
-    return max(NODE_RADIUS, scene.body.thickness / 2) if isinstance(scene.body, Cloth) else NODE_RADIUS
+    """Collision radius of the nodes [m]; a thin body's skin lies on the table, not in it."""
+    return max(NODE_RADIUS, scene.body.thickness / 2) if isinstance(scene.body, ThinBody) else NODE_RADIUS
 
 
 def _held(scene: RigScene, vertices: Float[Array, "V 3"]) -> Int[Array, " B"]:

@@ -13,6 +13,7 @@ from physreal_core.fitting.problem import Problem, TrackObservations
 from physreal_core.geometry.grip import springs
 from physreal_core.rendering import bind
 from physreal_core.simulation import Body, Grip
+from physreal_core.simulation.pieces import numbered
 
 SIDE = 4
 """Points along the side of a particle's cube."""
@@ -54,7 +55,7 @@ def _merged(body: Body, factor: float) -> tuple[Body, Float[Array, "coarse parti
     """The coarse body, and the share of every old particle's volume that is in each new one.
 
     An old particle is a cube of its volume, cut into SIDE^3 points. The cells of a coarse lattice gather them; what is in
-    a cell of less than SLIVER of a full one joins the nearest fuller cell.
+    a cell of less than SLIVER of a full one joins the nearest fuller cell. Pieces stay apart.
     """
     side = np.cbrt(body.volume)
     cut = (np.arange(SIDE) + 0.5) / SIDE - 0.5
@@ -64,18 +65,20 @@ def _merged(body: Body, factor: float) -> tuple[Body, Float[Array, "coarse parti
     lower, upper = points.min((0, 1)), points.max((0, 1))
     counts = np.maximum(np.round((upper - lower) / (factor * body.spacing)), 1)
     cells = np.minimum((points.reshape(-1, 3) - lower) / (upper - lower) * counts, counts - 1e-9).astype(int)
-    _, label = np.unique(cells, axis=0, return_inverse=True)
+    found, label = np.unique(np.c_[cells, body.piece[owner]], axis=0, return_inverse=True)
+    piece = found[:, 3]
     weight = body.volume[owner] / len(offsets)
     volume, centre = np.bincount(label, weight), _mean(points.reshape(-1, 3), weight, label)
     full = volume >= SLIVER * (factor * body.spacing) ** 3
-    nearest = np.flatnonzero(full)[cKDTree(centre[full]).query(centre)[1]]
-    label = np.unique(np.where(full, np.arange(len(full)), nearest)[label], return_inverse=True)[1]
+    apart = np.c_[centre, 10.0 * np.linalg.norm(upper - lower) * piece]  # within its piece, where that has a full cell
+    nearest = np.flatnonzero(full)[cKDTree(apart[full]).query(apart)[1]]
+    cell, label = np.unique(np.where(full, np.arange(len(full)), nearest)[label], return_inverse=True)
     shares = np.zeros((label.max() + 1, len(body.x0)))
     np.add.at(shares, (label, owner), 1.0 / len(offsets))
     mass = shares @ (body.volume * body.density)
     volume = shares @ body.volume
     x0 = _mean(points.reshape(-1, 3), weight * body.density[owner], label)
-    return Body(x0, volume, mass / volume, factor * body.spacing), shares
+    return Body(x0, volume, mass / volume, factor * body.spacing, pieces=numbered(piece[cell])), shares
 
 
 def _mean(values: Float[Array, "points axes"], weights: Float[Array, " points"], labels: Array) -> Array:

@@ -179,10 +179,11 @@ class SearchResult:
         settings, names = self.search.settings, self.strategy.candidate_fits.names
         chances = self._probabilities()
         candidates = candidates_of(self.answers, chances, settings) + self._not_fitted()
-        explained = self._explained(self.answers[int(np.argmax(chances))].fit)
-        test = self._test() | {"threshold": self.strategy.threshold, "explained": explained}
-        significant = test["p_value"] < SIGNIFICANT
-        verdict = verdict_of(candidates, self.strategy.threshold, significant, explained, settings)
+        best = self.answers[int(np.argmax(chances))].fit
+        explained = self._explained(best)
+        test = self._test(self.baseline) | {"threshold": self.strategy.threshold, "explained": explained}
+        significant, left = (self._test(fit)["p_value"] < SIGNIFICANT for fit in (self.baseline, best))
+        verdict = verdict_of(candidates, self.strategy.threshold, significant, left, explained, settings)
         lead = self._lead() if verdict.kind == "unknown" else None
         if lead is not None:
             verdict = replace(verdict, sentence=f"{verdict.sentence} {lead.sentence}")
@@ -263,9 +264,9 @@ class SearchResult:
         rest = [scores[0] for scores in self.strategy.ranked if (scores[0].start.effect,) not in fitted]
         return tuple(Candidate((_unfitted(score),), score.gain) for score in rest)
 
-    def _test(self) -> dict[str, float]:
-        """Whether the baseline leaves a larger error than a correct model would."""
-        prior, evidence = self.search.settings.error_prior, self.strategy.evidences.of(self.baseline)
+    def _test(self, fit: Fit) -> dict[str, float]:
+        """Whether a fit leaves a larger error than a correct model would."""
+        prior, evidence = self.search.settings.error_prior, self.strategy.evidences.of(fit)
         left = evidence.size * self.search.settings.model_error.rms
         return {"left": left, "p_value": prior.p_value(evidence.size)}
 

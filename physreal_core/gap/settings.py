@@ -45,7 +45,7 @@ class GapSettings:
         class_size: largest number of members of the class.
         false_alarms: allowed share of captures without a missing effect in which one is named.
         unexplained: least share of the disagreement beyond noise and numerical error that an answer must explain; below
-            it the effect is `unknown`.
+            it, and where the answer leaves such a disagreement itself, the effect is `unknown`.
         seed: of the bootstrap.
     """
 

@@ -2,7 +2,7 @@
 
 from physreal_core.geometry.alignment import Alignment, AlignmentSettings, align
 from physreal_core.geometry.centre_line import centre_line, resampled
-from physreal_core.geometry.filling import fill_mesh
+from physreal_core.geometry.filling import fill_mesh, fill_pieces
 from physreal_core.geometry.grip import GripPairs, bind_grip, bind_within
 from physreal_core.geometry.mesh import Mesh, close_mesh, load_mesh, require_closed, save_mesh
 from physreal_core.geometry.middle_surface import middle_surface
@@ -37,6 +37,7 @@ __all__ = [
     "edge_inset",
     "farthest_points",
     "fill_mesh",
+    "fill_pieces",
     "fit_plane",
     "load_centre_line",
     "load_mesh",

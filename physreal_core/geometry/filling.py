@@ -3,8 +3,9 @@
 
 import numpy as np
 
-from physreal_core.array_types import Array, Float
+from physreal_core.array_types import Array, Float, Int
 from physreal_core.geometry.mesh import Mesh, require_closed
+from physreal_core.geometry.separation import separate_pieces
 
 COLUMNS_PER_CELL = 8  # along x and y; along z the filled length is exact
 SMALLEST_SHARE = 0.1  # cells filled less than this give their volume to the nearest particle ...
@@ -14,11 +15,19 @@ NEAR = 0.9  # ... within this many spacings, else they are particles themselves 
 def fill_mesh(
     mesh: Mesh, spacing: float, *, jitter: float = 0.0, seed: int = 0
 ) -> tuple[Float[Array, "particles 3"], Float[Array, " particles"]]:
+    """Positions and volumes of `fill_pieces`."""
+    return fill_pieces(mesh, spacing, jitter=jitter, seed=seed)[:2]
+
+
+def fill_pieces(
+    mesh: Mesh, spacing: float, *, jitter: float = 0.0, seed: int = 0
+) -> tuple[Float[Array, "particles 3"], Float[Array, " particles"], Int[Array, " particles"]]:
     """Fills a closed mesh with particles on a lattice of the given spacing, centred on the mesh's box.
 
     Each cell that the mesh fills by at least a tenth gives one particle, at the centroid of the filled part and with
     that part's volume; a smaller sliver is added to the particle beside it (volume and first moment) or, where there is
-    none, is one. So volume and centre of mass are kept, and limbs thinner than the spacing are not lost.
+    none, is one. So volume and centre of mass are kept, and limbs thinner than the spacing are not lost. Pieces of the mesh that do
+    not hang together (`separate_pieces`) share no particle.
 
     Args:
         mesh: closed, [m].
@@ -26,7 +35,8 @@ def fill_mesh(
         jitter: uniform displacement of each particle, as a fraction of the spacing; 0 keeps the lattice.
 
     Returns:
-        Positions [m], shape [particles, 3], and volumes [m3], shape [particles]; the volumes sum to the mesh's.
+        Positions [m], shape [particles, 3], volumes [m3], shape [particles], which sum to the mesh's, and the number of the piece
+        that each particle belongs to, shape [particles].
 
     Raises:
         InputError: the mesh is open.
@@ -35,13 +45,23 @@ def fill_mesh(
     lower, upper = mesh.bounds
     cells = np.maximum(np.ceil((upper - lower) / spacing - 1e-6).astype(int), 1)
     origin = (lower + upper - cells * spacing) / 2
-    share, centroid = _filled_cells(mesh, origin, spacing, cells)
-    filled = share > 0
-    positions, volumes = _give_slivers(centroid[filled], share[filled], spacing)
+    found = [_fill_piece(piece, origin, spacing, cells) for piece in separate_pieces(mesh, spacing)]
+    found = [piece for piece in found if len(piece[1])]
+    positions, volumes = (np.concatenate(parts) for parts in zip(*found, strict=True))
+    pieces = np.repeat(np.arange(len(found)), [len(piece[1]) for piece in found])
     volumes *= mesh.volume / volumes.sum()  # the columns' own sum is within a percent of it
     if jitter:
         positions = positions + np.random.default_rng(seed).uniform(-0.5, 0.5, positions.shape) * jitter * spacing
-    return positions, volumes
+    return positions, volumes, pieces
+
+
+def _fill_piece(mesh: Mesh, origin: Array, spacing: float, cells: Array) -> tuple[Array, Array]:
+    """Positions [m] and volumes [m3] of one piece's particles."""
+    share, centroid = _filled_cells(mesh, origin, spacing, cells)
+    filled = share > 0
+    if not filled.any():
+        return np.empty((0, 3)), np.empty(0)
+    return _give_slivers(centroid[filled], share[filled], spacing)
 
 
 def _filled_cells(mesh: Mesh, origin: Array, spacing: float, cells: Array) -> tuple[Array, Array]:

@@ -4,14 +4,16 @@
 // Nothing here hides a NaN: it goes through every function.
 #pragma once
 
-// A loop that a GPU's compiler leaves as one, where unrolled it would be thousands of lines; and one that it must
-// unroll, so that what it indexes stays in registers.
+// A loop that a GPU's compiler leaves as one, where unrolled it would be thousands of lines; one that it must unroll, so
+// that what it indexes stays in registers; and one of which it waits for the memory of four turns at once.
 #if defined(__CUDA_ARCH__)
 #define ONE_AT_A_TIME _Pragma("unroll 1")
 #define UNROLLED _Pragma("unroll")
+#define FOUR_AT_A_TIME _Pragma("unroll 4")
 #else
 #define ONE_AT_A_TIME
 #define UNROLLED
+#define FOUR_AT_A_TIME
 #endif
 
 namespace physreal {

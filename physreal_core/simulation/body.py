@@ -3,12 +3,14 @@
 from __future__ import annotations
 
 from dataclasses import dataclass
+from functools import cached_property
 from typing import TYPE_CHECKING
 
 import numpy as np
 
-from physreal_core.array_types import Array, Float, Int
+from physreal_core.array_types import Array, Bool, Float, Int
 from physreal_core.errors import InputError
+from physreal_core.simulation.pieces import pieces_of
 
 if TYPE_CHECKING:
     from physreal_core.simulation.thin.elements import Elements
@@ -24,6 +26,8 @@ class Body:
         density: mass densities [kg/m3], shape [N].
         spacing: particle spacing h [m]; the grid's cell is dx = 2 h (8 particles per cell).
         elements: of a thin body, whose vertices the particles are (`thin`); None for a volume.
+        pieces: of a volume, number from 0 of the piece that each particle belongs to, shape [N]; None where nearness tells
+            (`pieces.pieces_of`). Pieces move apart.
     """
 
     x0: Float[Array, "particles 3"]
@@ -31,6 +35,7 @@ class Body:
     density: Float[Array, " particles"]
     spacing: float
     elements: Elements | None = None
+    pieces: Int[Array, " particles"] | None = None
 
     def __post_init__(self) -> None:
         count = len(self.x0)
@@ -45,6 +50,23 @@ class Body:
             object.__setattr__(self, name, array)
         if not self.spacing > 0:
             raise InputError(f"spacing is {self.spacing}", where="Body.spacing", expected="a positive length [m]")
+        if self.pieces is not None:
+            self._check_pieces(count)
+
+    def _check_pieces(self, count: int) -> None:
+        pieces = np.ascontiguousarray(self.pieces, dtype=np.int64)
+        if pieces.shape != (count,) or pieces.min() < 0 or np.bincount(pieces).min() == 0:
+            raise InputError(
+                f"shape {pieces.shape}, numbers {pieces.min(initial=0)} to {pieces.max(initial=0)}",
+                where="Body.pieces",
+                expected=f"({count},), numbers from 0 without a gap",
+            )
+        object.__setattr__(self, "pieces", pieces)
+
+    @cached_property
+    def piece(self) -> Int[Array, " particles"]:
+        """Number from 0 of each particle's piece, shape [N]."""
+        return pieces_of(self.x0, self.spacing) if self.pieces is None else self.pieces
 
     @property
     def mass(self) -> Float[Array, " particles"]:
@@ -52,34 +74,51 @@ class Body:
         return self.volume * self.density
 
     @property
+    def reach(self) -> Float[Array, " particles"]:
+        """Half of a particle's size [m], shape [N]: of a cube of its volume, or of the thickness of a thin body."""
+        return np.cbrt(self.volume) / 2 if self.elements is None else np.full(len(self.x0), self.elements.half_height)
+
+    @property
     def cell(self) -> float:
         """Edge of a grid cell dx = 2 h [m]."""
         return 2.0 * self.spacing
 
 
+NEVER = np.iinfo(np.int64).max
+"""Frame time at which a bond is released that is not released."""
+
+
 @dataclass(frozen=True)
 class Grip:
-    """Compliant bonds between controller points and particles (paper, eq. interaction_force).
+    """Compliant bonds between controller points and particles (paper, eq. interaction_force), which a hand may take and let go.
 
     Args:
         particles: bound particle of each bond, shape [B].
         controllers: controller point of each bond, shape [B].
         weights: bond weights w, shape [B].
-        rest_lengths: initial distances l0 [m], shape [B].
+        rest_lengths: distances l0 without force [m], shape [B]; not a number for a bond that is as long as it is when taken.
+        taken: frame time from which each bond acts, shape [B]; all from the first by default.
+        released: frame time from which it acts no more, shape [B]; never by default.
     """
 
     particles: Int[Array, " bonds"]
     controllers: Int[Array, " bonds"]
     weights: Float[Array, " bonds"]
     rest_lengths: Float[Array, " bonds"]
+    taken: Int[Array, " bonds"] | None = None
+    released: Int[Array, " bonds"] | None = None
 
     def __post_init__(self) -> None:
         count = len(self.particles)
+        object.__setattr__(self, "taken", np.zeros(count) if self.taken is None else self.taken)
+        object.__setattr__(self, "released", np.full(count, NEVER) if self.released is None else self.released)
         for name, kind in (
             ("particles", np.int32),
             ("controllers", np.int32),
             ("weights", float),
             ("rest_lengths", float),
+            ("taken", np.int64),
+            ("released", np.int64),
         ):
             array = np.ascontiguousarray(getattr(self, name), dtype=kind)
             if array.shape != (count,):
@@ -87,6 +126,15 @@ class Grip:
                     f"shape {array.shape}", where=f"Grip.{name}", expected=f"({count},), one entry per bond"
                 )
             object.__setattr__(self, name, array)
+
+    @property
+    def steady(self) -> bool:
+        """Whether all bonds act all the time, with lengths that are given."""
+        return bool((self.taken <= 0).all() and (self.released == NEVER).all() and np.isfinite(self.rest_lengths).all())
+
+    def acting(self, frame: int) -> Bool[Array, " bonds"]:
+        """Which bonds act from this frame time to the next."""
+        return (self.taken <= frame) & (frame < self.released)
 
     def by_particle(self) -> tuple[Int[Array, " gripped"], Int[Array, " starts"], Int[Array, " bonds"]]:
         """Bonds grouped by particle: gripped particles [Q], first bond of each [Q + 1], order of the bonds [B]."""
@@ -106,14 +154,39 @@ class Grip:
             raise InputError("a bond names a negative controller", where="Grip.controllers")
         if self.weights.min() < 0 or not np.isfinite(self.weights).all():
             raise InputError("a bond weight is negative or not finite", where="Grip.weights", expected="weights >= 0")
-        shortest = 0.05 * body.spacing
-        if not self.rest_lengths.min() >= shortest:
+        shortest = shortest_bond(body)
+        if (self.rest_lengths < shortest).any():
             raise InputError(
-                f"shortest rest length is {self.rest_lengths.min():g} m",
+                f"shortest rest length is {np.nanmin(self.rest_lengths):g} m",
                 where="Grip.rest_lengths",
                 expected=f"at least {shortest:g} m (a bond's stiffness grows with 1 / l0)",
                 remedy="leave out bonds to particles at the controller point itself, or lengthen them",
             )
+
+
+@dataclass(frozen=True)
+class Tool:
+    """A tool, or a hand, that pushes without holding: capsules between controller points.
+
+    Args:
+        ends: the two controller points of each capsule, shape [K, 2]; twice the same one for a ball.
+        radius: of each capsule [m], shape [K].
+    """
+
+    ends: Int[Array, "capsules 2"]
+    radius: Float[Array, " capsules"]
+
+    def __post_init__(self) -> None:
+        ends = np.ascontiguousarray(self.ends, dtype=np.int32).reshape(-1, 2)
+        radius = np.ascontiguousarray(self.radius, dtype=np.float64)
+        if radius.shape != (len(ends),) or len(ends) == 0:
+            raise InputError(f"shape {radius.shape}", where="Tool.radius", expected=f"({max(len(ends), 1)},)")
+        if ends.min() < 0:
+            raise InputError("a capsule names a negative controller", where="Tool.ends")
+        if not radius.min() > 0:
+            raise InputError(f"smallest radius is {radius.min():g} m", where="Tool.radius", expected="positive lengths")
+        object.__setattr__(self, "ends", ends)
+        object.__setattr__(self, "radius", radius)
 
 
 @dataclass(frozen=True)
@@ -135,6 +208,18 @@ class PointLoad:
     particles: Int[Array, " loaded"]
     weights: Float[Array, " loaded"]
     force: Float[Array, 3] | tuple[float, float, float]
+
+
+def shortest_bond(body: Body) -> float:
+    """Least length of a bond [m]: its stiffness grows with one over that."""
+    return 0.05 * body.spacing
+
+
+def controller_count(grip: Grip | None, tool: Tool | None) -> int:
+    """Controller points that a grip and a tool need."""
+    named = [] if grip is None else [grip.controllers]
+    named += [] if tool is None else [tool.ends.ravel()]
+    return max((int(numbers.max()) + 1 for numbers in named if len(numbers)), default=0)
 
 
 def load_forces(body: Body, loads: tuple[PointLoad, ...]) -> Float[Array, "particles 3"]:

@@ -23,6 +23,7 @@ class SimulationConfig:
             (tests/simulation/test_stability.py).
         residual: neural residuals beside the expert laws; None for none. A bound beta of zero leaves that one out.
         terms: optional terms in use, of `terms.TERMS`; each switches parameters of `Parameters` on.
+        self_contact: whether layers of a thin body touch each other (`thin/contact.py`).
         dtype: "float32", or "float64" for gradient proofs.
         device: "cpu" or "cuda:0".
     """
@@ -35,6 +36,7 @@ class SimulationConfig:
     courant: float = 0.4
     residual: ResidualConfig | None = None
     terms: tuple[str, ...] = ()
+    self_contact: bool = False
     dtype: str = "float32"
     device: str = "cpu"
 

@@ -15,7 +15,8 @@ import torch
 
 from physreal_core.array_types import Array, Bool, Int, Tensor
 from physreal_core.errors import InputError, SimulationError
-from physreal_core.simulation.body import Body
+from physreal_core.simulation.body import Body, Grip
+from physreal_core.simulation.bonds import Bonds
 from physreal_core.simulation.config import SimulationConfig
 from physreal_core.simulation.hand_path import steered
 from physreal_core.simulation.parameters import Parameters, row_of
@@ -24,21 +25,24 @@ from physreal_core.simulation.stepper import NOT_FAILED, Span, State, Stepper
 from physreal_core.simulation.timestep import LARGEST_SUBSTEPS, needed_substeps, substeps_per_frame
 
 Progress = Callable[[int, int], None]
-Bars = tuple[Tensor | None, Tensor | None, Tensor | None]
-"""Derivatives of the loss by x, v and F at frame times."""
+SHOWN = ("x", "v", "F", "director")
+"""What a rollout shows of its states at frame times, as far as they have it."""
+Bars = dict[str, Tensor]
+"""Derivatives of the loss by what is shown, by name."""
 TORN = 10.0
 """Cells by which a controller point moves within a frame where it may have torn the body."""
 
 
 @dataclass
 class Record:
-    """What a backward pass needs beside the states x, v, F at frame times.
+    """What a backward pass needs beside what is shown of the states at frame times.
 
     Attributes:
         substeps: per frame, of each rollout.
         further: what else there is of the states (`stepper.State`) at frame times by name, each [T, R, ...].
         ran: number of frames that ran.
         failures: what ended each rollout early.
+        lengths: of the bonds without force [m], shape [R, B]; None without a grip.
         kept: leading frames of which the stepper keeps something, while its `holder` is this record.
     """
 
@@ -47,6 +51,7 @@ class Record:
     ran: int = 0
     failures: list[SimulationError | None] = field(default_factory=list)
     kept: int = 0
+    lengths: Tensor | None = None
 
     def carried(self, frame: int) -> dict[str, Tensor]:
         """What else there is of a frame's state."""
@@ -60,8 +65,11 @@ class Record:
 class Frames:
     """The frame loop of a stepper's rollouts."""
 
-    def __init__(self, body: Body, config: SimulationConfig, stepper: Stepper) -> None:
+    def __init__(self, body: Body, config: SimulationConfig, stepper: Stepper, grip: Grip | None = None) -> None:
         self.config, self.stepper, self._scene = config, stepper, (body, config)
+        self._bonds = (
+            None if grip is None or len(grip.particles) == 0 else Bonds(body, grip, stepper.rollouts, config.device)
+        )
         self._x0 = torch.tensor(body.x0, dtype=stepper.dtype, device=config.device)
 
     @cached_property
@@ -75,8 +83,8 @@ class Frames:
 
     def forward(
         self, parameters: Parameters, points: Tensor, progress: Progress | None, keep: bool
-    ) -> tuple[Tensor, Tensor, Tensor | None, Record]:
-        """States x, v, F [T, R, N, ...] at frame times, F None of a thin body, and what `backward` needs.
+    ) -> tuple[dict[str, Tensor], Record]:
+        """What is shown of the states [T, R, N, ...] at frame times, by name, and what `backward` needs.
 
         A rollout that fails has states that are not numbers from the end of the failing frame on; the others go on.
 
@@ -88,15 +96,13 @@ class Frames:
         """
         frames = len(points) - 2
         sizes = self._sizes()
-        x, v, F = (self._zeros(frames, sizes.pop(name)) if name in sizes else None for name in ("x", "v", "F"))
+        shown = {name: self._zeros(frames, sizes.pop(name)) for name in SHOWN if name in sizes}
         further = {name: self._zeros(frames if keep else 2, size) for name, size in sizes.items()}
         substeps, failures = self._substeps(parameters)
-        record = Record(substeps, further, failures=failures)
+        record = Record(substeps, further, failures=failures, lengths=self._given_lengths())
 
         def state(frame: int) -> State:
-            return State(
-                x[frame], v[frame], None if F is None else F[frame], **record.carried(frame if keep else frame % 2)
-            )
+            return _state(shown, frame, record.carried(frame if keep else frame % 2))
 
         self._start(parameters, record.substeps, state(0))
         if keep and frames > 1:
@@ -110,10 +116,9 @@ class Frames:
         for rollout, failure in enumerate(record.failures):
             if failure is not None:
                 record.failures[rollout] = _with_hand(failure, points[1:-1, rollout], self.stepper.lattice.cell)
-                for values in (x, v, F):
-                    if values is not None:
-                        values[failure.frame + 1 :, rollout] = torch.nan
-        return x, v, F, record
+                for values in shown.values():
+                    values[failure.frame + 1 :, rollout] = torch.nan
+        return shown, record
 
     def play(self, parameters: Parameters, points: Tensor) -> Generator[State, Tensor, None]:
         """Yields the state of the one rollout and takes the controller points [C, 3] of the next frame time."""
@@ -121,16 +126,20 @@ class Frames:
         states = [State(**{"F": None} | {name: values[turn] for name, values in arrays.items()}) for turn in range(2)]
         substeps, _ = self._substeps(parameters)
         self._start(parameters, substeps, states[0])
-        frame, before = 0, None
+        frame, before, lengths = 0, None, self._given_lengths()
         while True:
             start, end = states[frame % 2], states[(frame + 1) % 2]
             following = yield start
             around = steered(points, following, before)[:, None]
-            record = Record(substeps, {}, failures=[None])
+            record = Record(substeps, {}, failures=[None], lengths=lengths)
             self._advance(frame, start, end, around.to(self._x0), record)
             if record.failures[0] is not None:
                 raise _with_hand(record.failures[0], around[1:3, 0], self.stepper.lattice.cell, frame)
             before, points, frame = points, following, frame + 1
+
+    def _given_lengths(self) -> Tensor | None:
+        """Lengths of the bonds [R, B], not a number for those that are as long as they are when taken."""
+        return None if self._bonds is None else self._bonds.given()
 
     def _sizes(self) -> dict[str, tuple[int, ...]]:
         """Shape of what a rollout's state has, by name."""
@@ -168,6 +177,9 @@ class Frames:
             state.F.copy_(torch.eye(3).to(state.F) if F is None else F)
         if state.shape is not None:
             state.shape.copy_(state.F)
+        if state.director is not None:
+            state.director.copy_(self._scene[0].elements.directors_at(state.x, parameters.initial_director))
+            state.spin.zero_()
 
     def _advance(self, frame: int, start: State, end: State, points: Tensor, record: Record) -> None:
         """Run one frame of all rollouts.
@@ -180,7 +192,10 @@ class Frames:
         """
         alive = record.alive(frame)
         kept = frame if frame < record.kept and self.stepper.holder is record else None
-        failures = self.stepper.forward(Span(frame, points, alive, kept), start, end, carries_on=frame > 0)
+        if self._bonds is not None:
+            self._bonds.take(frame, start.x, points[1], record.lengths)
+        span = Span(frame, points, alive, record.lengths, kept)
+        failures = self.stepper.forward(span, start, end, carries_on=frame > 0)
         self._judge(frame, failures, alive, record)
         record.ran = frame + 1
 
@@ -201,7 +216,7 @@ class Frames:
         parameters: Parameters,
         record: Record,
         points: Tensor,
-        states: tuple[Tensor, Tensor, Tensor | None],
+        shown: dict[str, Tensor],
         bars: Bars,
         progress: Progress | None,
     ) -> dict[str, Tensor]:
@@ -219,12 +234,16 @@ class Frames:
         led, points_bar = points.requires_grad, torch.zeros_like(points)
         for frame in reversed(range(last)):
             kept = frame if held and frame < record.kept else None
-            span = Span(frame, points[frame : frame + 4], record.alive(frame), kept)
-            start = State(*(None if state is None else state[frame] for state in states), **record.carried(frame))
+            span = Span(frame, points[frame : frame + 4], record.alive(frame), record.lengths, kept)
+            start = _state(shown, frame, record.carried(frame))
             bar = stepper.backward(span, start, led)
             if led:
                 count = min(points.shape[2], bar.shape[2])
                 points_bar[frame : frame + 4, :, :count] += bar[:, :, :count]
+            if self._bonds is not None and self._bonds.takes(frame):
+                bars_taken = self._bonds.take_adjoint(frame, start.x, points[frame + 1], stepper.lengths_adjoint())
+                stepper.add_adjoints({"x": bars_taken[0]})
+                points_bar[frame + 1] += bars_taken[1]
             self._inject(bars, frame)
             if progress is not None:
                 progress(frames - 1 - frame, frames - 1)
@@ -236,7 +255,12 @@ class Frames:
         return gradients
 
     def _inject(self, bars: Bars, frame: int) -> None:
-        self.stepper.add_adjoints(*(None if bar is None else bar[frame] for bar in bars))
+        self.stepper.add_adjoints({name: bar[frame] for name, bar in bars.items()})
+
+
+def _state(shown: dict[str, Tensor], frame: int, carried: dict[str, Tensor]) -> State:
+    """A frame's state from what is shown of all frames and what else there is of this one."""
+    return State(**{"F": None} | {name: values[frame] for name, values in shown.items()}, **carried)
 
 
 def _with_hand(failure: SimulationError, points: Tensor, cell: float, first: int = 0) -> SimulationError:
@@ -266,20 +290,18 @@ def _before_failures(bars: Bars, record: Record) -> Bars:
     """The derivatives, zero where a state is not a number."""
     if not any(record.failures):
         return bars
-    cleared = []
-    for bar in bars:
-        bar = None if bar is None else bar.clone()
+    cleared = {name: bar.clone() for name, bar in bars.items()}
+    for bar in cleared.values():
         for rollout, failure in enumerate(record.failures):
-            if bar is not None and failure is not None:
+            if failure is not None:
                 bar[failure.frame + 1 :, rollout] = 0.0
-        cleared.append(bar)
-    return tuple(cleared)
+    return cleared
 
 
 def last_frame(bars: Bars) -> int:
     """Last frame at which a loss acts; frames after it have no adjoint."""
-    acting = [bar.flatten(1).any(1) for bar in bars if bar is not None]
-    if not acting:
+    if not bars:
         return 0
+    acting = [bar.flatten(1).any(1) for bar in bars.values()]
     frames = torch.stack(acting).any(0).nonzero().flatten()
     return int(frames[-1]) if len(frames) else 0

@@ -16,13 +16,13 @@ a is taken at the powers of two above stiffness and damping: like the number of 
 import numpy as np
 import torch
 
-from physreal_core.array_types import Float, Tensor
+from physreal_core.array_types import Array, Bool, Float, Tensor
 from physreal_core.simulation.body import Body, Grip
 from physreal_core.simulation.parameters import Parameters
 
 
 class GripInertia:
-    """The added mass of one body in one grip, for one rollout or for many.
+    """The added mass of one body in one grip, for one rollout or for many; of bonds that act now.
 
     Args:
         body, grip: as for `Simulator`.
@@ -30,11 +30,29 @@ class GripInertia:
     """
 
     def __init__(self, body: Body, grip: Grip, device: str = "cpu") -> None:
-        count = len(body.x0)
-        stiffness = np.bincount(grip.particles, grip.weights / grip.rest_lengths, count)
-        damping = np.bincount(grip.particles, grip.weights, count)
-        self._per_unit = torch.as_tensor(np.stack([stiffness, damping]), device=device)
-        self._added = torch.zeros(count)
+        self._count, self._grip = len(body.x0), grip
+        self._particles = torch.as_tensor(grip.particles, dtype=torch.int64, device=device)
+        self._added = torch.zeros(self._count)
+        if grip.steady:
+            stiffness = np.bincount(grip.particles, grip.weights / grip.rest_lengths, self._count)
+            damping = np.bincount(grip.particles, grip.weights, self._count)
+            self._per_unit = tuple(torch.as_tensor(values, device=device) for values in (stiffness, damping))
+        else:
+            self._per_unit = (torch.zeros(self._count, dtype=torch.float64, device=device),) * 2
+
+    def hold(self, acting: Bool[Array, " bonds"], lengths: Float[Tensor, "*rollouts bonds"]) -> None:
+        """Count these bonds from now on, of a grip that takes and lets go.
+
+        Args:
+            acting: which bonds.
+            lengths: of all bonds without force [m]; taken at the powers of two below, since the mass is not differentiated.
+        """
+        weights = torch.as_tensor(np.where(acting, self._grip.weights, 0.0), device=self._particles.device)
+        stiffness = weights * _power_above(1.0 / lengths)
+        self._per_unit = tuple(
+            values.new_zeros(*values.shape[:-1], self._count).index_add(-1, self._particles, values)
+            for values in (stiffness, weights)
+        )
 
     def add(
         self,

@@ -1,4 +1,9 @@
-"""The grid: a lattice of nodes that lies in the body at rest, and stays there while the body moves."""
+"""The grid: a lattice of nodes that lies in the body at rest, and stays there while the body moves.
+
+Pieces of a body that are not connected (`pieces.py`) have nodes of their own, so that they move apart: each lies in a lattice as if it were
+alone, and these lattices stand one behind another along an axis. So a place on the grid is a place in the body at rest but for its piece's
+shift.
+"""
 
 from dataclasses import dataclass
 
@@ -26,41 +31,76 @@ class Lattice:
         offset: place of node (0, 0, 0) [m], shape [3].
         count: nodes along each axis.
         cell: edge of a cell [m].
+        place: where each particle lies on the grid [m], shape [N, 3].
+        piece: of each particle, shape [N].
+        shift: by which each of the K pieces is laid aside [m], shape [K, 3].
+        axis: along which the pieces' lattices stand one behind another.
+        begin: first layer of each along that axis, and the end, shape [K + 1].
     """
 
     offset: Float[Array, "3"]
     count: tuple[int, int, int]
     cell: float
+    place: Float[Array, "particles 3"]
+    piece: Int[Array, " particles"]
+    shift: Float[Array, "pieces 3"]
+    axis: int
+    begin: Int[Array, " bounds"]
 
-    def order(self, x0: Float[Array, "particles 3"]) -> Int[Array, " particles"]:
-        """Particles at x0 [m] in the order of their cells: those whose 27 nodes are the same follow one another."""
-        return np.lexsort(base_nodes(x0, self).T[::-1])
+    def order(self, place: Float[Array, "particles 3"]) -> Int[Array, " particles"]:
+        """Particles at `place` [m] in the order of their cells: those whose 27 nodes are the same follow one another."""
+        return np.lexsort(base_nodes(place, self).T[::-1])
 
     @property
     def nodes(self) -> int:
         """All of them."""
         return int(np.prod(self.count))
 
+    def nodes_of_pieces(self) -> tuple[Int[Array, " nodes"], Float[Array, "nodes 3"]]:
+        """The piece of each node, and where the node lies in the body at rest [m]."""
+        index = np.stack(np.meshgrid(*map(np.arange, self.count), indexing="ij"), -1).reshape(-1, 3)
+        piece = np.searchsorted(self.begin, index[:, self.axis], side="right") - 1
+        return piece, self.offset + self.cell * index - self.shift[piece]
+
 
 def lattice_of(body: Body, clamps: tuple[Clamp, ...]) -> Lattice:
     """The lattice of a body; the vertices of a thin body are its nodes, in a row.
-
-    Along an axis, whole cells of the splines, as few as hold the body, have its middle in theirs: a cell at its edge that holds a
-    single layer of particles would hardly feel how it bends, and a body that is turned over has the same lattice. Where a clamp's
-    face cuts the body nodes lie where that asks for them, along the first such face; other faces are rounded to the nearest layer of
-    nodes, so they lie up to half a cell off.
 
     Args:
         body: at rest.
         clamps: boxes in which nodes are held.
     """
     if body.elements is not None:
-        return Lattice(body.x0.min(0), (len(body.x0), 1, 1), body.cell)
-    lower, upper = body.x0.min(0) - body.spacing / 2, body.x0.max(0) + body.spacing / 2
+        first, count, pieces = body.x0.min(0), len(body.x0), np.zeros(len(body.x0), dtype=np.int64)
+        return Lattice(first, (count, 1, 1), body.cell, body.x0, pieces, np.zeros((1, 3)), 0, np.array([0, count]))
+    piece = body.piece
+    alone = [_lattice_of_piece(body.x0[piece == k], body, clamps) for k in range(piece.max() + 1)]
+    offsets, counts = (np.array([found[n] for found in alone]) for n in (0, 1))
+    largest, total = counts.max(0), counts.sum(0)
+    axis = int(np.argmin(total / largest))  # where they stand in the fewest nodes
+    begin = np.concatenate([[0], np.cumsum(counts[:, axis])])
+    stands = np.zeros_like(offsets)
+    stands[:, axis] = body.cell * begin[:-1]
+    shift = offsets[0] + stands - offsets
+    count = tuple(int(total[a] if a == axis else largest[a]) for a in range(3))
+    return Lattice(offsets[0], count, body.cell, body.x0 + shift[piece], piece, shift, axis, begin)
+
+
+def _lattice_of_piece(
+    x0: Float[Array, "particles 3"], body: Body, clamps: tuple[Clamp, ...]
+) -> tuple[Float[Array, "3"], Int[Array, "3"]]:
+    """Place of the first node [m] of a piece at x0, and how many there are along each axis.
+
+    Along an axis, whole cells of the splines, as few as hold the piece, have its middle in theirs: a cell at its edge that holds a
+    single layer of particles would hardly feel how it bends, and a body that is turned over has the same lattice. Where a clamp's
+    face cuts the piece nodes lie where that asks for them, along the first such face; other faces are rounded to the nearest layer of
+    nodes, so they lie up to half a cell off.
+    """
+    lower, upper = x0.min(0) - body.spacing / 2, x0.max(0) + body.spacing / 2
     cells = np.ceil((upper - lower) / body.cell - ROUNDING)
     anchor = (lower + upper) / 2 - (cells + 1) * body.cell / 2  # nodes lie in the middle of the splines' cells
     for axis in range(3):
-        low, high = body.x0[:, axis].min(), body.x0[:, axis].max()
+        low, high = x0[:, axis].min(), x0[:, axis].max()
         faces = [(clamp.lower[axis], -CLAMP_DEPTH) for clamp in clamps] + [
             (clamp.upper[axis], CLAMP_DEPTH) for clamp in clamps
         ]
@@ -68,14 +108,14 @@ def lattice_of(body: Body, clamps: tuple[Clamp, ...]) -> Lattice:
         if cutting:
             anchor[axis] = cutting[0]
     # a particle has a share in three nodes along an axis; one more on either side is for rounding
-    first = np.floor((body.x0.min(0) - anchor) / body.cell - 0.5) - 1
-    last = np.floor((body.x0.max(0) - anchor) / body.cell - 0.5) + 3
-    return Lattice(anchor + body.cell * first, tuple(int(n) for n in last - first + 1), body.cell)
+    first = np.floor((x0.min(0) - anchor) / body.cell - 0.5) - 1
+    last = np.floor((x0.max(0) - anchor) / body.cell - 0.5) + 3
+    return anchor + body.cell * first, (last - first + 1).astype(np.int64)
 
 
-def base_nodes(x0: Float[Array, "particles 3"], lattice: Lattice) -> Int[Array, "particles 3"]:
-    """The lowest of the 27 nodes in which a particle at x0 [m] has a share."""
-    return np.floor((x0 - lattice.offset) / lattice.cell - 0.5).astype(np.int64)
+def base_nodes(place: Float[Array, "particles 3"], lattice: Lattice) -> Int[Array, "particles 3"]:
+    """The lowest of the 27 nodes in which a particle at a place on the grid [m] has a share."""
+    return np.floor((place - lattice.offset) / lattice.cell - 0.5).astype(np.int64)
 
 
 def nodes_around(lowest: Int[Array, "particles 3"], lattice: Lattice) -> Int[Array, "particles 27"]:
@@ -85,9 +125,28 @@ def nodes_around(lowest: Int[Array, "particles 3"], lattice: Lattice) -> Int[Arr
     return (i * ny + j) * nz + k
 
 
-def held_boxes(clamps: tuple[Clamp, ...], cell: float) -> tuple[Float[Array, "clamps 3"], Float[Array, "clamps 3"]]:
-    """Corners of the boxes whose nodes are held [m], each [number of clamps, 3]: to the nearest layer of nodes."""
-    reach = (CLAMP_DEPTH + 0.5) * cell
-    lower = np.array([clamp.lower for clamp in clamps], dtype=np.float64).reshape(-1, 3)
-    upper = np.array([clamp.upper for clamp in clamps], dtype=np.float64).reshape(-1, 3)
-    return lower - reach, upper + reach
+def held_boxes(
+    clamps: tuple[Clamp, ...], lattice: Lattice, thin: bool
+) -> tuple[Float[Array, "boxes 3"], Float[Array, "boxes 3"]]:
+    """Corners of the boxes on the grid whose nodes are held [m]: to the nearest layer of nodes. Of several pieces a clamp holds those that
+    reach into it.
+
+    Args:
+        clamps: in the body at rest.
+        lattice: its grid.
+        thin: whether the nodes are vertices, held where the clamps say.
+    """
+    reach = 0.0 if thin else (CLAMP_DEPTH + 0.5) * lattice.cell
+    lower = np.array([clamp.lower for clamp in clamps], dtype=np.float64).reshape(-1, 3) - reach
+    upper = np.array([clamp.upper for clamp in clamps], dtype=np.float64).reshape(-1, 3) + reach
+    if len(lattice.shift) == 1:
+        return lower, upper
+    x0, half = lattice.place - lattice.shift[lattice.piece], (0.25 + ROUNDING) * lattice.cell  # of a particle's cube
+    inside = (x0[:, None] + half >= lower + reach) & (x0[:, None] - half <= upper - reach)  # [N, clamps, 3]
+    particle, clamp = np.nonzero(inside.all(-1))
+    piece, clamp = np.unique(np.stack([lattice.piece[particle], clamp]), axis=1)
+    lower, upper = (corner[clamp] + lattice.shift[piece] for corner in (lower, upper))
+    ends = lattice.offset[lattice.axis] + lattice.cell * (lattice.begin - 0.5)  # between the pieces' nodes
+    lower[:, lattice.axis] = np.maximum(lower[:, lattice.axis], ends[piece])
+    upper[:, lattice.axis] = np.minimum(upper[:, lattice.axis], ends[piece + 1])
+    return lower, upper

@@ -22,6 +22,8 @@ class Parameters:
         friction_coefficient: Coulomb's mu_f of the ground, shape [].
         grip_stiffness: k_f [N] (force at unit strain of a bond of weight one), shape [].
         grip_damping: dashpot along the bond [N s/m], shape [].
+        tool_stiffness: of the push of a tool, per mass and depth [1/s2], shape [].
+        tool_friction: Coulomb's mu of a tool, shape [].
         plastic: the plastic law's own two numbers (`laws.PLASTIC_LAWS`), shape [N, 2] (or [2]): von Mises
             yield stress [Pa] and viscosity [Pa s]; Drucker-Prager friction angle [rad] and cohesion [Pa].
         latent_elastic, latent_plastic: latent codes of the neural residuals, shape [N, L].
@@ -46,6 +48,12 @@ class Parameters:
         bending_ratio: bending stiffness of a thin body over that of a homogeneous one, shape [N].
         weft_ratio: a fabric's Young's modulus across `Shell.warp` over that along it, shape [N].
         shear_ratio: its shear modulus over that of an isotropic sheet, shape [N].
+        layer_friction: Coulomb's coefficient between layers of a thin body (`SimulationConfig.self_contact`), shape [].
+        twisting_ratio: twisting stiffness of a framed rod over that of a homogeneous round one, G J with G = E / (2 (1 + nu)),
+            shape [N].
+        rest_curvature: curvature without stress of a framed rod by its two directors (`thin.rod`) [1/m], shape [N, 2].
+        initial_director: directors of its segments where the rollout starts, shape [N, 3]; instead of the body's.
+        retardation_time: Kelvin-Voigt's, by which its bending and its twisting lag behind their moments [s], shape [N, 2].
         hysteresis_modulus: shear moduli of three Maxwell branches [Pa], shape [N, 3].
         hysteresis_time: of these branches [s], shape [3].
     """
@@ -55,6 +63,8 @@ class Parameters:
     friction_coefficient: Float[Tensor, "..."] | None = None
     grip_stiffness: Float[Tensor, "..."] | None = None
     grip_damping: Float[Tensor, "..."] | None = None
+    tool_stiffness: Float[Tensor, "..."] | None = None
+    tool_friction: Float[Tensor, "..."] | None = None
     plastic: Float[Tensor, "... 2"] | None = None
     latent_elastic: Float[Tensor, "... particles latent"] | None = None
     latent_plastic: Float[Tensor, "... particles latent"] | None = None
@@ -83,6 +93,11 @@ class Parameters:
     bending_ratio: Float[Tensor, "..."] | None = None
     weft_ratio: Float[Tensor, "..."] | None = None
     shear_ratio: Float[Tensor, "..."] | None = None
+    twisting_ratio: Float[Tensor, "..."] | None = None
+    rest_curvature: Float[Tensor, "... 2"] | None = None
+    initial_director: Float[Tensor, "... 3"] | None = None
+    retardation_time: Float[Tensor, "... 2"] | None = None
+    layer_friction: Float[Tensor, "..."] | None = None
 
 
 PARAMETER_NAMES = tuple(field.name for field in fields(Parameters))
@@ -162,10 +177,19 @@ def _check_terms(parameters: Parameters, shapes: Mapping[str, tuple[int, ...]]) 
 def _check_ranges(tensors: dict[str, Tensor]) -> None:
     _check_range("youngs_modulus", tensors, lambda E: E > 0, "positive values [Pa]")
     _check_range("poissons_ratio", tensors, lambda nu: (nu > -1) & (nu < 0.5), "values in (-1, 1/2)")
-    for name in ("friction_coefficient", "grip_stiffness", "grip_damping"):
+    own = (
+        "friction_coefficient",
+        "layer_friction",
+        "grip_stiffness",
+        "grip_damping",
+        "tool_stiffness",
+        "tool_friction",
+        "retardation_time",
+    )
+    for name in own:
         _check_range(name, tensors, lambda value: value >= 0, "a value >= 0")
     positive = {"density", "adhesion_range", "relaxation_time", "hysteresis_time"}
-    positive |= {"bending_ratio", "weft_ratio", "shear_ratio"}
+    positive |= {"bending_ratio", "weft_ratio", "shear_ratio", "twisting_ratio"}
     for name in sorted(positive):
         _check_range(name, tensors, lambda value: value > 0, "positive values")
     for name in TERM_OF.keys() - positive:

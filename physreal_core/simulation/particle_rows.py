@@ -5,9 +5,10 @@ adjoints: `BARS`, with optional terms `INPUTS` and `TERM_ROWS`, then the latent 
 its adjoint among `SUMS`.
 """
 
+import torch
+
 from physreal_core.array_types import Float, Tensor
 from physreal_core.simulation.config import SimulationConfig
-from physreal_core.simulation.grip_inertia import GripInertia
 from physreal_core.simulation.layout import Rows
 from physreal_core.simulation.parameters import Parameters
 from physreal_core.simulation.terms import FORCE_TERMS, PARTICLES, STRESS_TERMS, TERMS, term_shapes
@@ -16,6 +17,7 @@ CONSTANTS = Rows(
     "constant",
     (
         ("place", 3),  # on the grid [m]
+        ("reach", 1),  # half of the particle's size [m]
         ("touch_height", 1),  # z below which the particle touches the ground [m]
         ("mass", 1),
         ("volume", 1),
@@ -38,8 +40,17 @@ TERM_ROWS = Rows(
 """Parameters of optional laws that each particle has."""
 NUMBERS = Rows("number", tuple((name, p.size) for name, p in _PARTICLE_LAWS if PARTICLES not in p.shape))
 """Parameters of optional laws that all particles share."""
-PARTICLE_SUMS = Rows("particle_sum", (("grip_stiffness", 1), ("grip_damping", 1), ("numbers", NUMBERS.count)))
-NODE_SUMS = Rows("node_sum", (("friction_coefficient", 1), ("gravity", 3), ("friction_law", 3)))
+PARTICLE_SUMS = Rows(
+    "particle_sum",
+    (
+        ("grip_stiffness", 1),
+        ("grip_damping", 1),
+        ("tool_stiffness", 1),
+        ("tool_friction", 1),
+        ("numbers", NUMBERS.count),
+    ),
+)
+NODE_SUMS = Rows("node_sum", (("friction_coefficient", 1), ("gravity", 3), ("friction_law", 3), ("layer_friction", 1)))
 
 
 class ParticleRows:
@@ -49,6 +60,7 @@ class ParticleRows:
         config: of the simulation.
         particles: N.
         gripped: whether there are bonds to controller points.
+        pushed: whether there is a tool.
 
     Attributes:
         shapes: full shape of every parameter in use by name, without the axis of rollouts.
@@ -56,7 +68,7 @@ class ParticleRows:
         constant_count, bar_count: all rows.
     """
 
-    def __init__(self, config: SimulationConfig, particles: int, gripped: bool) -> None:
+    def __init__(self, config: SimulationConfig, particles: int, gripped: bool, pushed: bool = False) -> None:
         self._terms = config.terms
         latent = {kind: 0 if residual is None else residual.latent_size for kind, residual in _residuals(config)}
         codes = tuple((f"latent_{kind}", size) for kind, size in latent.items())
@@ -66,12 +78,13 @@ class ParticleRows:
         bars = Rows("", BARS.sizes + inputs + optional + codes)
         self.constants, self.constant_count = constants.places(), constants.count
         self.bars, self.bar_count = bars.places(), bars.count
-        self.shapes = _shapes(config, particles, gripped)
+        self.shapes = _shapes(config, particles, gripped, pushed)
 
     def fill_body(
         self,
         rows: Float[Tensor, "rollouts rows particles"],
         place: Float[Tensor, "particles 3"],
+        reach: Float[Tensor, " particles"],
         touch_height: Float[Tensor, " particles"],
         volume: Float[Tensor, " particles"],
     ) -> None:
@@ -80,10 +93,11 @@ class ParticleRows:
         Args:
             rows: constants of R rollouts.
             place: of the particles on the grid [m].
+            reach: half of a particle's size [m].
             touch_height: z below which a particle touches the ground [m].
             volume: [m3].
         """
-        for name, value in (("place", place), ("touch_height", touch_height), ("volume", volume)):
+        for name, value in (("place", place), ("reach", reach), ("touch_height", touch_height), ("volume", volume)):
             self._put(rows, name, value.expand(len(rows), *value.shape))
 
     def fill(
@@ -134,7 +148,7 @@ class ParticleRows:
         node_sums: Float[Tensor, "rollouts node_sums"],
         networks: dict[str, Tensor],
         volume: Float[Tensor, " particles"],
-        inertia: GripInertia | None,
+        weight_bar: Float[Tensor, "..."],
         elements: dict[str, Tensor] | None = None,
     ) -> dict[str, Tensor]:
         """Adjoints of the parameters in use by name, with an axis of rollouts.
@@ -145,10 +159,12 @@ class ParticleRows:
             particle_sums, node_sums: of what particles or nodes share.
             networks: weights' adjoints by "elastic" and "plastic", each [R, W].
             volume: of the particles [m3].
-            inertia: of the grip.
+            weight_bar: of gravity through what takes the weight off added mass, shape [R, 3] or one zero.
             elements: adjoints of parameters through the elements of a thin body, by name.
         """
         found = {"initial_velocity": state_bars["v"], "initial_position": state_bars["x"].clone()}
+        if "initial_director" in self.shapes:
+            found["initial_director"] = torch.zeros_like(state_bars["x"])  # the elements' to add to
         if "shape" in state_bars:
             found["initial_deformation"] = state_bars["F"] + state_bars["shape"]
         found |= {name: bars[:, place].movedim(1, -1) for name, place in self.bars.items()}
@@ -158,9 +174,9 @@ class ParticleRows:
         if self._terms:
             found["density"], found["force"] = volume * found["mass"][..., 0], found["load"]
             found["initial_position"][..., 2] += found["start_height"][..., 0]
-            if inertia is not None:
-                found["gravity"] = found["gravity"] + inertia.gravity_adjoint(found["load"])
-        found |= elements or {}
+            found["gravity"] = found["gravity"] + weight_bar
+        for name, bar in (elements or {}).items():
+            found[name] = found[name].reshape(bar.shape) + bar if name in found else bar
         return {name: found[name].reshape(len(bars), *shape).clone() for name, shape in self.shapes.items()}
 
 
@@ -172,13 +188,17 @@ def _residuals(config: SimulationConfig) -> list[tuple]:
     return [("elastic", config.elastic_residual), ("plastic", config.plastic_residual)]
 
 
-def _shapes(config: SimulationConfig, particles: int, gripped: bool) -> dict[str, tuple[int, ...]]:
+def _shapes(config: SimulationConfig, particles: int, gripped: bool, pushed: bool) -> dict[str, tuple[int, ...]]:
     n = particles
     shapes = {"youngs_modulus": (n,), "poissons_ratio": (n,), "initial_velocity": (n, 3)}
     if config.ground_height is not None:
         shapes["friction_coefficient"] = ()
+    if config.self_contact:
+        shapes["layer_friction"] = ()
     if gripped:
         shapes |= {"grip_stiffness": (), "grip_damping": ()}
+    if pushed:
+        shapes |= {"tool_stiffness": (), "tool_friction": ()}
     if config.plastic_law != "identity":
         shapes["plastic"] = (n, 2)
     for kind, residual in _residuals(config):

@@ -12,11 +12,14 @@ from physreal_core.simulation.stepper import State
 
 @dataclass
 class FrameState:
-    """State at one frame time: x [N, 3] m, v [N, 3] m/s, F [N, 3, 3]; its arrays are valid until the step after next."""
+    """State at one frame time: x [N, 3] m, v [N, 3] m/s, F [N, 3, 3], of framed rods the segments' directors [N, 3] and
+    spins [N] rad/s (`stepper.State`); its arrays are valid until the step after next."""
 
     x: Float[Tensor, "particles 3"]
     v: Float[Tensor, "particles 3"]
     F: Float[Tensor, "particles 3 3"]
+    director: Float[Tensor, "particles 3"] | None = None
+    spin: Float[Tensor, " particles"] | None = None
 
 
 class Player:
@@ -32,11 +35,12 @@ class Player:
         frames: Generator[State, Tensor, None],
         stream: Callable[[], AbstractContextManager],
         check: Callable[[Tensor], Tensor],
+        deformation: Callable[[Tensor, Tensor | None], Tensor] | None = None,
     ) -> None:
-        self._frames, self._stream, self._check = frames, stream, check
+        self._frames, self._stream, self._check, self._deformation = frames, stream, check, deformation
         self.frame = 0
         with torch.no_grad(), stream():
-            self.state = _alone(next(frames))
+            self.state = self._alone(next(frames))
 
     def step(self, controllers: Float[Tensor, "points 3"]) -> FrameState:
         """Go on by one frame, in which the controller points move to `controllers` [m], shape [C, 3], smoothly (`hand_path`).
@@ -47,11 +51,12 @@ class Player:
         """
         points = self._check(controllers.detach().cpu()[None])[0]  # checked on the host
         with torch.no_grad(), self._stream():
-            self.state = _alone(self._frames.send(points))
+            self.state = self._alone(self._frames.send(points))
         self.frame += 1
         return self.state
 
-
-def _alone(state: State) -> FrameState:
-    """The one rollout's."""
-    return FrameState(state.x[0], state.v[0], state.F[0])
+    def _alone(self, state: State) -> FrameState:
+        """The one rollout's, with the F of a thin body from its places and directors."""
+        F = self._deformation(state.x, state.director) if state.F is None else state.F
+        frames = () if state.director is None else (state.director[0], state.spin[0])
+        return FrameState(state.x[0], state.v[0], F[0], *frames)

@@ -12,13 +12,14 @@ from torch.autograd.function import once_differentiable
 from physreal_core.array_types import Float, Tensor
 from physreal_core.errors import InputError
 from physreal_core.native import on_side_stream
-from physreal_core.simulation.body import Body, Clamp, Grip, PointLoad
+from physreal_core.simulation.body import Body, Clamp, Grip, PointLoad, Tool, controller_count
 from physreal_core.simulation.config import SimulationConfig
 from physreal_core.simulation.cuda import CudaStepper
-from physreal_core.simulation.frames import Frames, Progress
+from physreal_core.simulation.frames import SHOWN, Frames, Progress
 from physreal_core.simulation.hand_path import with_neighbours
 from physreal_core.simulation.native import NativeStepper
 from physreal_core.simulation.parameters import PARAMETER_NAMES, BatchStates, Parameters, States, complete
+from physreal_core.simulation.pieces import require_thickness
 from physreal_core.simulation.play import Player
 from physreal_core.simulation.stepper import Stepper
 from physreal_core.simulation.terms import absent_terms, dormant_values
@@ -34,6 +35,7 @@ class Simulator:
         grip: bonds to controller points.
         clamps: boxes in which the grid is held.
         loads: constant forces.
+        tool: what pushes without holding.
     """
 
     def __init__(
@@ -43,12 +45,14 @@ class Simulator:
         grip: Grip | None = None,
         clamps: tuple[Clamp, ...] = (),
         loads: tuple[PointLoad, ...] = (),
+        tool: Tool | None = None,
     ) -> None:
         if grip is not None:
             grip.check(body)
         _check_kind(body, config)
         self.body, self.config, self.grip = body, config, grip
-        self._scene = (body, config, grip, tuple(clamps), tuple(loads))
+        self._scene = (body, config, grip, tuple(clamps), tuple(loads), tool)
+        self._needed_points = controller_count(grip, tool)
         self._dormant = dormant_values(config.terms, body, config.gravity)
         self._threads = torch.get_num_threads()
         self._batch: Frames | None = None
@@ -124,7 +128,10 @@ class Simulator:
             points = self._check_controllers(controllers.cpu()[None])[0].detach()
             with self._stream():
                 loop = self._frames()
-            return Player(loop.play(self._complete(parameters, 1), points), self._stream, self._check_controllers)
+            frames = loop.play(self._complete(parameters, 1), points)
+            elements = self.body.elements
+            deformation = None if elements is None else elements.deformation
+            return Player(frames, self._stream, self._check_controllers, deformation)
 
     # --- forms of the step --------------------------------------------------------------------------------------
 
@@ -139,7 +146,7 @@ class Simulator:
     def _frames(self, rollouts: int = 1) -> Frames:
         """A frame loop on a form of the step of its own."""
         stepper = make_stepper(*self._scene, rollouts=rollouts, threads=self._threads if rollouts == 1 else None)
-        return Frames(self.body, self.config, stepper)
+        return Frames(self.body, self.config, stepper, self.grip)
 
     def _stream(self) -> AbstractContextManager:
         """Where a loop runs: on a GPU on a stream that allows graphs."""
@@ -154,9 +161,8 @@ class Simulator:
         keep = torch.is_grad_enabled() and any(t is not None and t.requires_grad for t in (points, *tensors))
         failures: list = []
         path = with_neighbours(points)[: (frames or len(points)) + 2]
-        states = _Rollout.apply(self._stream, loop, path, progress, keep, failures, *tensors)
-        x, v, F = states
-        return [x, v, self.body.elements.deformation(x) if F is None else F], failures
+        x, v, F, director = _Rollout.apply(self._stream, loop, path, progress, keep, failures, *tensors)
+        return [x, v, self.body.elements.deformation(x, director) if F is None else F], failures
 
     # --- checks -------------------------------------------------------------------------------------------------
 
@@ -183,7 +189,7 @@ class Simulator:
         return next(iter(found.values()))
 
     def _check_controllers(self, controllers: Tensor) -> Tensor:
-        needed = 0 if self.grip is None or len(self.grip.particles) == 0 else int(self.grip.controllers.max()) + 1
+        needed = self._needed_points
         points = torch.as_tensor(controllers).to(self._stepper.dtype)
         if points.ndim != 3 or points.shape[0] < 1 or points.shape[1] < needed or points.shape[2] != 3:
             raise InputError(f"shape {tuple(points.shape)}", where="controllers", expected=f"(T, at least {needed}, 3)")
@@ -194,12 +200,26 @@ class Simulator:
 
 
 def _check_kind(body: Body, config: SimulationConfig) -> None:
-    """Raise `InputError` for a term or a law that the body, a volume or thin, does not have."""
+    """Raise `InputError` for a term or a law that the body, a volume or thin, does not have, and for a volume without thickness."""
     thin = body.elements is not None
+    if not thin:
+        require_thickness(body.x0, body.volume, body.spacing, where="Body.spacing")
+    if config.self_contact and (not thin or config.device != "cpu"):
+        raise InputError(
+            f"self_contact of a {'thin body' if thin else 'volume'} on {config.device}",
+            where="SimulationConfig.self_contact",
+            expected="a shell or a rod on the CPU",
+        )
+    if thin and body.elements.framed and config.device != "cpu":
+        raise InputError(
+            f"a rod with directors on {config.device}",
+            where="SimulationConfig.device",
+            expected="cpu, or rod_body(..., frames=False)",
+        )
     for term in config.terms:
         if term in absent_terms(body):
-            kind = "thin bodies" if thin else "volumes"
-            raise InputError(f"{term!r}", where="SimulationConfig.terms", expected=f"a term that {kind} have")
+            kind = f"a {body.elements.element.lower()} has" if thin else "a volume has"
+            raise InputError(f"{term!r}", where="SimulationConfig.terms", expected=f"a term that {kind}")
     if thin and (config.plastic_law != "identity" or config.residual is not None):
         raise InputError(
             "plastic flow or a neural residual for a thin body",
@@ -214,19 +234,20 @@ def make_stepper(
     grip: Grip | None,
     clamps: tuple[Clamp, ...],
     loads: tuple[PointLoad, ...],
+    tool: Tool | None = None,
     rollouts: int = 1,
     threads: int | None = None,
 ) -> Stepper:
     """The form of the step that suits the device.
 
     Args:
-        body, config, grip, clamps, loads: as for `Simulator`.
+        body, config, grip, clamps, loads, tool: as for `Simulator`.
         rollouts: how many at once.
         threads: on the CPU; None for the form's own choice.
     """
     if config.device == "cpu":
-        return NativeStepper(body, config, grip, clamps, loads, rollouts, threads)
-    return CudaStepper(body, config, grip, clamps, loads, rollouts)
+        return NativeStepper(body, config, grip, clamps, loads, tool, rollouts, threads)
+    return CudaStepper(body, config, grip, clamps, loads, tool, rollouts)
 
 
 @contextmanager
@@ -248,24 +269,24 @@ class _Rollout(torch.autograd.Function):
         ctx, stream, loop: Frames, points: Tensor, progress: Progress | None, keep: bool, failures: list, *tensors
     ):
         with stream():
-            x, v, F, record = loop.forward(Parameters(*tensors), points, progress, keep)
+            shown, record = loop.forward(Parameters(*tensors), points, progress, keep)
         failures.extend(record.failures)
         ctx.set_materialize_grads(False)
         if keep:
-            ctx.save_for_backward(points, *(t for t in (x, v, F, *tensors) if t is not None))
-            ctx.present = [t is not None for t in (x, v, F, *tensors)]
-            ctx.rest = (stream, loop, progress, record)
-        return x, v, F
+            ctx.save_for_backward(points, *shown.values(), *(t for t in tensors if t is not None))
+            ctx.present = [t is not None for t in tensors]
+            ctx.rest = (stream, loop, progress, record, tuple(shown))
+        return tuple(shown.get(name) for name in SHOWN)
 
     @staticmethod
     @once_differentiable
-    def backward(ctx, x_bar: Tensor | None, v_bar: Tensor | None, F_bar: Tensor | None):
-        stream, loop, progress, record = ctx.rest
+    def backward(ctx, *shown_bars: Tensor | None):
+        stream, loop, progress, record, names = ctx.rest
         points, *saved = ctx.saved_tensors
-        given = iter(saved)
-        x, v, F, *tensors = (next(given) if present else None for present in ctx.present)
-        parameters = Parameters(*tensors)
+        shown, given = dict(zip(names, saved, strict=False)), iter(saved[len(names) :])
+        parameters = Parameters(*(next(given) if present else None for present in ctx.present))
+        bars = {name: bar for name, bar in zip(SHOWN, shown_bars, strict=True) if bar is not None}
         with stream():
-            gradients = loop.backward(parameters, record, points, (x, v, F), (x_bar, v_bar, F_bar), progress)
+            gradients = loop.backward(parameters, record, points, shown, bars, progress)
         others = [None, None, gradients.get("controllers"), None, None, None]
         return (*others, *(gradients.get(name) for name in PARAMETER_NAMES))

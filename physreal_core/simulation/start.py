@@ -28,8 +28,8 @@ class VertexStart:
 class NodeStart:
     """The linear map from the velocities of the particles to those of the nodes.
 
-    The affine field nearest to the velocities is given exactly. With W the weights [N, nodes], M the body's masses and D those of the
-    nodes (lumped), the rest v gives u = a + c of the lumped average a = D^-1 W^T M v and the correction
+    Of every piece (`pieces.py`) the affine field nearest to the velocities is given exactly. With W the weights [N, nodes], M the body's
+    masses and D those of the nodes (lumped), the rest v gives u = a + c of the lumped average a = D^-1 W^T M v and the correction
 
         (W^T M W + RIDGE D) c = W^T M (v - W a) ,
 
@@ -43,40 +43,35 @@ class NodeStart:
     """
 
     def __init__(self, body: Body, lattice: Lattice, dtype: torch.dtype, device: str) -> None:
-        nodes, weights = stencils(body.x0, lattice)
+        nodes, weights = stencils(lattice.place, lattice)
         self._nodes = torch.as_tensor(nodes, device=device)
         self._weights = torch.as_tensor(weights, dtype=dtype, device=device)[..., None]
         self._count = lattice.nodes
         self._mass = torch.as_tensor(body.mass, dtype=dtype, device=device)[:, None]
         lumped = self._to_nodes(self._mass)
-        centre = np.average(body.x0, axis=0, weights=body.mass)
-        index = np.stack(np.meshgrid(*map(np.arange, lattice.count), indexing="ij"), -1).reshape(-1, 3)
-        of_particles, of_nodes = (
-            torch.as_tensor(np.c_[np.ones(len(places)), (places - centre) / lattice.cell]).to(self._mass)
-            for places in (body.x0, lattice.offset + lattice.cell * index)
-        )
-        weighed = self._mass * of_particles
-        # rank-deficient for a body in one plane or line of particles, of which there is no gradient across
-        self._affine = of_particles, of_nodes, torch.linalg.pinv(weighed.T @ of_particles, hermitian=True) @ weighed.T
+        self._affine = [_AffineField(body, lattice, k, self._mass) for k in range(len(lattice.shift))]
         self._inverse = torch.where(lumped > 0, 1.0 / lumped.clamp(min=torch.finfo(dtype).tiny), 0.0)
 
     def nodes(self, velocity: Float[Tensor, "rollouts particles 3"]) -> Float[Tensor, "rollouts nodes 4"]:
         """Velocities of the nodes [m/s], a fourth number to fill up, from the particles' [m/s]; rollout by rollout, so that one of
         many is one alone to the last digit."""
         found = velocity.new_zeros(len(velocity), self._count, 4)
-        of_particles, of_nodes, fit = self._affine
         for u, v in zip(found, velocity, strict=True):
-            affine = fit @ v
-            u[:, :3] = of_nodes @ affine + self._solve(self._to_nodes(self._mass * (v - of_particles @ affine)))
+            rest = v.clone()
+            for field in self._affine:
+                field.give(v, u, rest)
+            u[:, :3] += self._solve(self._to_nodes(self._mass * rest))
         return found
 
     def particles(self, nodes_bar: Float[Tensor, "rollouts nodes 4"]) -> Float[Tensor, "rollouts particles 3"]:
         """Adjoint of `nodes`."""
-        of_particles, of_nodes, fit = self._affine
         found = []
         for u_bar in nodes_bar[..., :3]:
             rest = self._mass * self._to_particles(self._solve(u_bar))
-            found.append(rest + fit.T @ (of_nodes.T @ u_bar - of_particles.T @ rest))
+            bar = rest.clone()
+            for field in self._affine:
+                field.give_adjoint(u_bar, rest, bar)
+            found.append(bar)
         return torch.stack(found)
 
     def _solve(self, right: Float[Tensor, "nodes 3"]) -> Float[Tensor, "nodes 3"]:
@@ -104,10 +99,49 @@ class NodeStart:
         return (self._weights * values[self._nodes]).sum(1)
 
 
-def stencils(x0: Float[Array, "particles 3"], lattice: Lattice) -> tuple[Int[Array, "particles 27"], Array]:
+class _AffineField:
+    """The affine field nearest to the velocities of a piece's particles.
+
+    Args:
+        body: at rest.
+        lattice: its grid.
+        piece: number of the piece.
+        mass: of the particles [kg], shape [N, 1].
+    """
+
+    def __init__(self, body: Body, lattice: Lattice, piece: int, mass: Tensor) -> None:
+        of, places = lattice.nodes_of_pieces()
+        own, nodes = np.flatnonzero(lattice.piece == piece), np.flatnonzero(of == piece)
+        centre = np.average(body.x0[own], axis=0, weights=body.mass[own])
+        self._particle_basis, self._node_basis = (
+            torch.as_tensor(np.c_[np.ones(len(x)), (x - centre) / lattice.cell]).to(mass)
+            for x in (body.x0[own], places[nodes])
+        )
+        self._own, self._nodes = (torch.as_tensor(numbers, device=mass.device) for numbers in (own, nodes))
+        weighed = mass[self._own] * self._particle_basis
+        # rank-deficient for a piece in one plane or line of particles, of which there is no gradient across
+        self._fit = torch.linalg.pinv(weighed.T @ self._particle_basis, hermitian=True) @ weighed.T
+
+    def give(
+        self, v: Float[Tensor, "particles 3"], u: Float[Tensor, "nodes 4"], rest: Float[Tensor, "particles 3"]
+    ) -> None:
+        """Put the field of v into u, and take it out of `rest`."""
+        affine = self._fit @ v[self._own]
+        u[self._nodes, :3] = self._node_basis @ affine
+        rest[self._own] -= self._particle_basis @ affine
+
+    def give_adjoint(
+        self, u_bar: Float[Tensor, "nodes 3"], rest_bar: Float[Tensor, "particles 3"], bar: Float[Tensor, "particles 3"]
+    ) -> None:
+        """Add the adjoint by v to `bar`."""
+        found = self._node_basis.T @ u_bar[self._nodes] - self._particle_basis.T @ rest_bar[self._own]
+        bar[self._own] += self._fit.T @ found
+
+
+def stencils(place: Float[Array, "particles 3"], lattice: Lattice) -> tuple[Int[Array, "particles 27"], Array]:
     """The nodes of which particles have a share, and their weights, both [N, 27]: quadratic B-splines."""
-    cells = (x0 - lattice.offset) / lattice.cell
-    base = base_nodes(x0, lattice)
+    cells = (place - lattice.offset) / lattice.cell
+    base = base_nodes(place, lattice)
     f = cells - base
     along = np.stack([0.5 * (1.5 - f) ** 2, 0.75 - (f - 1.0) ** 2, 0.5 * (f - 0.5) ** 2], -1)  # [N, axis, node]
     weights = np.prod([along[:, axis][:, STENCIL[:, axis]] for axis in range(3)], axis=0)

@@ -15,11 +15,11 @@ from physreal_core.simulation.particle_rows import (
     TERM_ROWS,
 )
 from physreal_core.simulation.terms import BRANCH_TERMS, FORCE_TERMS, STRESS_TERMS, branch_count
-from physreal_core.simulation.thin.rows import ROD, ROD_STIFFNESS, SHELL, SHELL_STIFFNESS
+from physreal_core.simulation.thin.rows import FRAMED_ROD_STIFFNESS, ROD, ROD_STIFFNESS, SHELL, SHELL_STIFFNESS
 
 LAWS_FOLDER = Path(__file__).parent / "laws"
 THIN_FOLDER = Path(__file__).parent / "thin"
-LAW_TERMS = (*FORCE_TERMS, *STRESS_TERMS, "friction_law")
+LAW_TERMS = (*FORCE_TERMS, *STRESS_TERMS, "friction_law", "retardation")
 """Terms by their bits."""
 
 
@@ -37,7 +37,7 @@ def layout_text(*structures: Structure) -> str:
     """C++ before a form's headers; `number.h`, and for vectors `lanes.h`, stand before it."""
     bits = ", ".join(f"{term} = {1 << bit}" for bit, term in enumerate(LAW_TERMS))
     particles = CONSTANTS, BARS, INPUTS, TERM_ROWS, NUMBERS, PARTICLE_SUMS, NODE_SUMS
-    rows = "".join(r.cpp() for r in (*particles, SHELL, SHELL_STIFFNESS, ROD, ROD_STIFFNESS))
+    rows = "".join(r.cpp() for r in (*particles, SHELL, SHELL_STIFFNESS, ROD, ROD_STIFFNESS, FRAMED_ROD_STIFFNESS))
     headers = "".join(f'#include "terms/{term}.h"\n' for term in FORCE_TERMS + STRESS_TERMS)
     lists = "".join(
         f"using {name} = TermList<{', '.join(map(class_name, terms))}>;\n"

@@ -11,19 +11,21 @@ from physreal_core.simulation.config import SimulationConfig
 from physreal_core.simulation.lattice import Lattice
 from physreal_core.simulation.parameters import Parameters
 from physreal_core.simulation.terms import branch_count
+from physreal_core.simulation.thin.elements import Elements
 
 NOT_FAILED = torch.iinfo(torch.int64).max
 
 
-def state_shapes(config: SimulationConfig, thin: bool = False) -> dict[str, tuple[int, ...]]:
+def state_shapes(config: SimulationConfig, elements: Elements | None = None) -> dict[str, tuple[int, ...]]:
     """Shape of each of a particle's numbers that a state has under a configuration, by name, in order.
 
     Args:
         config: of the simulation.
-        thin: whether the particles are vertices, whose deformation follows from their places.
+        elements: of a thin body, whose deformation follows from the vertices' places and the segments' directors.
     """
-    if thin:
-        return {"x": (3,), "v": (3,)}
+    if elements is not None:
+        frames: dict[str, tuple[int, ...]] = {"director": (3,), "spin": ()} if elements.framed else {}
+        return {"x": (3,), "v": (3,)} | frames
     shapes: dict[str, tuple[int, ...]] = {"x": (3,), "v": (3,), "F": (3, 3)}
     if config.shaped:
         shapes["shape"] = (3, 3)
@@ -45,6 +47,9 @@ class State:
         shape: from the place on the grid to the shape without stress (laws/shape.h), shape [R, N, 3, 3]; None where that is
             the same.
         rate: mean rates of deformation [1/s], shape [R, N, 3, 3]; None without viscosity.
+        director: of the segments of rods, at the first vertex of each, unit vectors across the segment, shape [R, N, 3]; None of
+            other bodies.
+        spin: rates at which these segments turn about their tangents [rad/s], shape [R, N].
         branches: b - 1 of the springs of B Maxwell branches (laws/maxwell_branches.h), shape [R, N, B, 3, 3]; None without
             branches.
     """
@@ -56,6 +61,8 @@ class State:
     shape: Tensor | None = None
     rate: Tensor | None = None
     branches: Tensor | None = None
+    director: Tensor | None = None
+    spin: Tensor | None = None
 
     def named(self) -> dict[str, Tensor]:
         """What is there, by name."""
@@ -71,12 +78,14 @@ class Span:
         frame: its number.
         points: controller points [m] a frame before, at both ends, and a frame after (laws/grip.h), shape [4, R, C, 3].
         alive: rollouts that run, shape [R]; those that failed before do not.
+        lengths: of the bonds without force, in the grip's order [m], shape [R, B]; anything for bonds that do not act. None without a grip.
         kept: number of the frame among those of which the stepper keeps something; None if it is not kept.
     """
 
     frame: int
     points: Tensor
     alive: Bool[Array, " rollouts"]
+    lengths: Tensor | None = None
     kept: int | None = None
 
 
@@ -139,8 +148,8 @@ class Stepper(Protocol):
             held: whether those that were kept are still there.
         """
 
-    def add_adjoints(self, x_bar: Tensor | None, v_bar: Tensor | None, F_bar: Tensor | None) -> None:
-        """Add derivatives of the loss by the state where the adjoint stands now, each [R, N, ...]."""
+    def add_adjoints(self, bars: dict[str, Tensor]) -> None:
+        """Add derivatives of the loss by the state where the adjoint stands now, each [R, N, ...], by name."""
 
     def backward(self, span: Span, start: State, led: bool) -> Tensor | None:
         """Adjoint of a frame: the state's adjoints go from its end to its start; the parameters' grow.
@@ -156,6 +165,9 @@ class Stepper(Protocol):
 
     def nodes_adjoint(self) -> Tensor:
         """Derivative of the loss by the nodes' velocities where the adjoint stands now, [R, nodes, 4]; the fourth numbers are any."""
+
+    def lengths_adjoint(self) -> Tensor:
+        """Derivative of the loss by the lengths of the bonds, of the frames whose adjoint has been taken, [R, B]."""
 
     def gradients(self) -> dict[str, Tensor]:
         """Adjoints of the parameters in use by name, with an axis of rollouts."""

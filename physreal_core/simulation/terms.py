@@ -67,25 +67,28 @@ TERMS: dict[str, dict[str, TermField]] = {
         "hysteresis_time": TermField((3,), 1.0, visible=0.02),
     },
     "bending": {"bending_ratio": TermField((PARTICLES,), 1.0)},
+    "twisting": {"twisting_ratio": TermField((PARTICLES,), 1.0)},
+    "rest_curvature": {"rest_curvature": TermField((PARTICLES, 2))},
+    "initial_director": {"initial_director": TermField((PARTICLES, 3), None)},
+    "retardation": {"retardation_time": TermField((PARTICLES, 2))},
     "fabric": {"weft_ratio": TermField((PARTICLES,), 1.0), "shear_ratio": TermField((PARTICLES,), 1.0)},
 }
 """Parameters by term, then by name of the field of `Parameters`."""
 
 FORCE_TERMS = ("drag", "adhesion", "obstacle")
 """Terms whose law is a force on particles."""
-THIN_TERMS = ("bending", "fabric")
+THIN_TERMS = ("bending", "fabric", "twisting", "rest_curvature", "retardation", "initial_director")
 """Terms that only thin bodies have."""
 BRANCH_TERMS = ("relaxation", "hysteresis")
 """Terms whose law is the stress of Maxwell branches, whose strain is a state of each particle."""
 STRESS_TERMS = ("viscosity", "stiffening", "fibres", *BRANCH_TERMS)
 """Terms whose law is a stress in particles. `friction_law` acts on nodes; the others replace what the step is given."""
 
-_ABSENT = {True: (*STRESS_TERMS, "initial_deformation"), False: THIN_TERMS}
-
-
-def absent_terms(body: Body) -> tuple[str, ...]:
+def absent_terms(body: Body) -> set[str]:
     """Terms that a body, thin or a volume, does not have."""
-    return _ABSENT[body.elements is not None]
+    if body.elements is None:
+        return set(THIN_TERMS)
+    return {*STRESS_TERMS, "initial_deformation", *THIN_TERMS} - {*body.elements.terms}
 
 
 TERM_OF = {name: term for term, parameters in TERMS.items() for name in parameters}
@@ -116,11 +119,13 @@ def dormant_values(
         body: the particles.
         gravity: of the configuration [m/s2].
     """
+    terms = tuple(terms)
     own = {
         "gravity": np.asarray(gravity, dtype=np.float64),
         "density": body.density,
         "initial_position": body.x0,
         "initial_deformation": np.eye(3),
+        "initial_director": body.elements.directors if "initial_director" in terms else None,
     }
     return {
         name: own[name] if parameter.dormant is None else np.asarray(parameter.dormant, dtype=np.float64)

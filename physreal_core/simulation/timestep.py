@@ -17,6 +17,8 @@ FIBRE_STRETCH, STIFFENING_STRETCH, BRANCH_STRETCH = 1.2, 1.3, 1.2
 """Stretches up to which the stiffness of fibres, of stiffening and of Maxwell branches is counted."""
 FASTEST = 5.0
 """Speed [m/s] up to which quadratic drag is counted."""
+HARDEST, SLOW = 50.0, 5e-3
+"""Acceleration [m/s2] with which a tool may push, and the speed [m/s] at which its friction holds (laws/tool.h)."""
 MEMORY, LATE = 8, 0.05
 """Substeps over which viscosity may average the rate of deformation: so many is its stress late; or more of them, while
 that is less than this share of a frame."""
@@ -36,14 +38,18 @@ _USUAL = {"youngs_modulus": 1e6, "poissons_ratio": 0.3, "density": 300.0, "cell"
 def elastic_step(body: Body, config: SimulationConfig, parameters: Parameters) -> float:
     """Courant number times the time in which the fastest elastic wave crosses a cell [s].
 
-    Of a thin body that share of the longest stable step of its fastest vibration, where a volume's is at LARGEST_COURANT.
+    Of a thin body that share of the longest stable step of its fastest vibration, where a volume's is at LARGEST_COURANT; contact of its
+    layers adds its own frequency, in squares.
     The speed is sqrt((lambda + 2 mu) / rho), in a body that starts stretched as many times that as its largest stretch;
     neural residuals may add their bounded share to the stress, fibres, stiffening and Maxwell branches their tangent modulus
     at a moderate stretch.
     """
     if body.elements is not None:
         mass = torch.as_tensor(body.volume, device=parameters.youngs_modulus.device) * _density(body, parameters)
-        return 2.0 * config.courant / LARGEST_COURANT / body.elements.frequency(parameters, mass)
+        squared = body.elements.frequency(parameters, mass) ** 2
+        if config.self_contact:
+            squared += body.elements.surface.squared_frequency(parameters.youngs_modulus, mass)
+        return 2.0 * config.courant / LARGEST_COURANT / math.sqrt(squared)
     squared_speed = _stiffness(config, parameters) / _density(body, parameters)
     if parameters.initial_deformation is not None:
         stretch = torch.linalg.matrix_norm(parameters.initial_deformation.detach().double(), ord=2)
@@ -124,7 +130,7 @@ def _stiffness(config: SimulationConfig, parameters: Parameters) -> Tensor:
 
 
 def force_step(body: Body, config: SimulationConfig, parameters: Parameters) -> float:
-    """Courant number times 2 / (omega + gamma) of a particle's fastest motion under drag, adhesion and an obstacle [s]."""
+    """Courant number times 2 / (omega + gamma) of a particle's fastest motion under drag, adhesion, an obstacle and a tool [s]."""
     mass = torch.as_tensor(body.volume, device=parameters.youngs_modulus.device) * _density(body, parameters)
     stiffness, damping = torch.zeros_like(mass), torch.zeros_like(mass)
     for drag, slope in ((parameters.linear_drag, 1.0), (parameters.quadratic_drag, 2.0 * FASTEST)):
@@ -135,6 +141,9 @@ def force_step(body: Body, config: SimulationConfig, parameters: Parameters) -> 
         stiffness = stiffness + slope.detach().double() / mass
     if parameters.obstacle is not None:
         stiffness = stiffness + parameters.obstacle.detach().double()[..., 7:].clamp(min=0.0)
+    if parameters.tool_stiffness is not None:
+        stiffness = stiffness + parameters.tool_stiffness.detach().double()[..., None]
+        damping = damping + parameters.tool_friction.detach().double()[..., None] * HARDEST / SLOW
     rate = float((stiffness.sqrt() + damping).max())
     return config.courant * 2.0 / rate if rate > 0 else math.inf
 

@@ -27,5 +27,4 @@ def touch_heights(body: Body, ground_height: float | None) -> Float[Array, " par
     """
     if ground_height is None:
         return np.full(len(body.x0), -np.inf)
-    half = np.cbrt(body.volume) / 2 if body.elements is None else body.elements.half_height
-    return ground_height + np.minimum(half, body.x0[:, 2] - ground_height) + NEARLY * body.spacing
+    return ground_height + np.minimum(body.reach, body.x0[:, 2] - ground_height) + NEARLY * body.spacing

@@ -27,6 +27,7 @@ class Particles(ArrayFile):
         grip_particles, grip_controllers: [B], a held particle and the controller point that holds it.
         grip_weights: [B], those of one particle sum to 1.
         grip_rest_lengths: [B] m.
+        pieces: [N], number from 0 of each particle's piece, which move apart; None where the mesh is one.
         triangles: [E, 3], of a shell: vertices, which the particles are, counter-clockwise from one side; thickness [m]; warp [3], the
             direction of a fabric's first threads. None, all three, for any other body.
         rows: [R], of rods: number of vertices of each, which follow one another; radius [m]. None, both, for any other body.
@@ -57,6 +58,7 @@ class Particles(ArrayFile):
     warp: Float[Array, "3"] | None = None
     rows: Int[Array, " R"] | None = None
     radius: float | None = None
+    pieces: Int[Array, " N"] | None = None
 
     def __post_init__(self) -> None:
         shell, rod = (self.triangles, self.thickness, self.warp), (self.rows, self.radius)

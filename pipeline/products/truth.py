@@ -22,6 +22,21 @@ class CaptureTruth(ArrayFile):
         further_hands: [T, O, 3] m, surfaces of the hands beside the first in every frame, and
             further_hand_faces: [Q, 3].
         T_world_prior: [4, 4], takes shape_prior.glb (rotation, translation, scale) onto `rest_vertices`.
+        geometry: of a thin body, "linear" (a rope) or "planar" (a cloth); its `vertices` are those of its closed skin.
+        thickness: of a cloth, or the diameter of a rope [m].
+        membrane_stiffness: of a cloth, E t [N/m].
+        stretching_stiffness: of a rope, E A [N].
+        bending_stiffness: D of a cloth [N m], or E I of a rope [N m^2].
+        twisting_stiffness: of a rope, G J [N m^2].
+        bending_poissons_ratio: of a cloth, beside `poissons_ratio`, which is that of its membrane.
+        areal_density: of a cloth [kg/m^2]; mass_per_length: of a rope [kg/m].
+        nominal_membrane_stiffness, nominal_stretching_stiffness, nominal_bending_stiffness, nominal_twisting_stiffness: what
+            the simulator was given; those above are what its elements have, by measurement.
+        middle_rest: [W, 3] m, nodes of the middle surface or the centre line, stress-free, in the world.
+        middle_elements: [E, 3] or [E, 2], its triangles or segments.
+        middle_vertices: [T, W, 3] m.
+        middle_directors: [T, E, 3], of a rope's segments: unit vectors across them that turn with them.
+        middle_gripped: [N], its nodes that the hand holds.
         fps: frames per second.
         effect_names: what is hidden in the recording.
         effect_values_json: its coefficients, effect → name → value, as JSON.
@@ -55,6 +70,24 @@ class CaptureTruth(ArrayFile):
     further_hands: Float[Array, "_ O 3"] | None = None
     further_hand_faces: Int[Array, "Q 3"] | None = None
     T_world_prior: Float[Array, "4 4"] | None = None
+    geometry: str | None = None
+    thickness: float | None = None
+    membrane_stiffness: float | None = None
+    stretching_stiffness: float | None = None
+    bending_stiffness: float | None = None
+    twisting_stiffness: float | None = None
+    bending_poissons_ratio: float | None = None
+    areal_density: float | None = None
+    mass_per_length: float | None = None
+    nominal_membrane_stiffness: float | None = None
+    nominal_stretching_stiffness: float | None = None
+    nominal_bending_stiffness: float | None = None
+    nominal_twisting_stiffness: float | None = None
+    middle_rest: Float[Array, "W 3"] | None = None
+    middle_elements: Int[Array, "E K"] | None = None
+    middle_vertices: Float[Array, "_ W 3"] | None = None
+    middle_directors: Float[Array, "_ E 3"] | None = None
+    middle_gripped: Int[Array, " _"] | None = None
     fps: float | None = None
     effect_names: Array | None = None
     effect_values_json: str | None = None

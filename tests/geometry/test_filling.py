@@ -4,7 +4,7 @@ import numpy as np
 import pytest
 
 from physreal_core.errors import InputError
-from physreal_core.geometry.filling import fill_mesh
+from physreal_core.geometry.filling import fill_mesh, fill_pieces
 from physreal_core.geometry.mesh import Mesh, close_mesh, load_mesh, require_closed, save_mesh
 
 trimesh = pytest.importorskip("trimesh")
@@ -101,3 +101,54 @@ def test_files_that_are_no_mesh(tmp_path):
     for name in ("m.glb", "missing.stl"):
         with pytest.raises(InputError, match=name):
             load_mesh(tmp_path / name)
+
+
+# --- pieces -----------------------------------------------------------------------------------------------------
+
+
+def boxes(*parts: tuple) -> Mesh:
+    """Boxes of sizes at centres [m], as one mesh."""
+    return from_trimesh(
+        trimesh.util.concatenate([trimesh.creation.box(size).apply_translation(at) for size, at in parts])
+    )
+
+
+@pytest.mark.parametrize("gap", [0.004, 0.008, 0.016])
+def test_slabs_with_air_between_are_two_pieces(gap):
+    """However the lattice lies to the gap, no particle belongs to both: volumes and heights of each are its own."""
+    size = (0.08, 0.06, 0.021)
+    x, volume, pieces = fill_pieces(boxes((size, (0, 0, 0)), (size, (0, 0, 0.021 + gap))), 0.008)
+    assert pieces.max() == 1
+    for piece in (0, 1):
+        assert volume[pieces == piece].sum() == pytest.approx(np.prod(size), rel=1e-3)
+        centre = np.average(x[pieces == piece], axis=0, weights=volume[pieces == piece])
+        np.testing.assert_allclose(centre, [0, 0, piece * (0.021 + gap)], atol=1e-5)
+
+
+def test_parts_that_touch_overlap_or_lie_in_one_another_are_one_piece():
+    cube, small = (0.05,) * 3, (0.02,) * 3
+    for other in (
+        (cube, (0.0515, 0, 0)),
+        (cube, (0.03, 0.01, 0.01)),
+        (small, (0, 0, 0)),
+        ((0.2, 0.01, 0.01), (0, 0, 0)),
+    ):
+        assert fill_pieces(boxes((cube, (0, 0, 0)), other), 0.008)[2].max() == 0, other
+    outer, inner = trimesh.creation.box([0.06] * 3), trimesh.creation.box([0.03] * 3)
+    inner.invert()  # a cavity
+    _, volume, pieces = fill_pieces(from_trimesh(trimesh.util.concatenate([outer, inner])), 0.006)
+    assert pieces.max() == 0
+    assert volume.sum() == pytest.approx(0.06**3 - 0.03**3, rel=1e-6)
+
+
+def test_a_sheet_that_the_spacing_cannot_carry_is_refused():
+    from physreal_core.simulation.pieces import require_thickness
+
+    turn = trimesh.transformations.rotation_matrix(0.4, [1, 2, 0.5])
+    for T in (np.eye(4), turn):
+        sheet = from_trimesh(trimesh.creation.box([0.2, 0.15, 0.003]).apply_transform(T))
+        x, volume = fill_mesh(sheet, 0.008)
+        with pytest.raises(InputError, match="one particle thick"):
+            require_thickness(x, volume, 0.008, "sample_particles.spacing")
+        x, volume = fill_mesh(sheet, 0.0014)
+        assert require_thickness(x, volume, 0.0014, "sample_particles.spacing") < 0.05

@@ -46,10 +46,11 @@ def test_cloth_hangs_from_the_hand_and_keeps_its_size():
         scene, body=replace(scene.body, spacing=0.04), frames=12, motion=Motion(((0.0, 0.3, (0, 0, 0.08)),))
     )
     path = simulate(replace(coarse, grip_reach=0.02), timestep=0.002, settle=0.05)
-    count = len(path.vertices[0]) // 2
-    middle = (path.vertices[:, :count] + path.vertices[:, count:]) / 2
-    assert len(path.gripped) >= 1
-    risen = middle[-1, path.gripped, 2] - middle[0, path.gripped, 2]
+    middle, gripped = path.middle.vertices, path.middle.gripped
+    count = len(middle[0])
+    np.testing.assert_allclose((path.vertices[:, :count] + path.vertices[:, count:]) / 2, middle, atol=1e-12)
+    assert len(gripped) >= 1 and (np.unique(path.gripped % count) == gripped).all()
+    risen = middle[-1, gripped, 2] - middle[0, gripped, 2]
     np.testing.assert_allclose(risen, 0.08, atol=0.002)
     assert middle[-1, :, 2].min() < 0.01  # the far end still lies on the table
     edges = mesh_cloth(coarse.body).triangles[:, [0, 1]]

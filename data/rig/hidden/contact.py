@@ -9,7 +9,7 @@ from scipy.spatial.transform import Rotation
 from data.rig.hidden.effect import Act, Hidden
 from data.rig.mesh import surface_shares
 from data.rig.rig_scene import RigScene
-from data.rig.world import World, firm
+from data.rig.world import World, firm, firmness
 from physreal_core.array_types import Array, Float
 
 _STEP = 2e-4  # [s] about that of an explicit integration
@@ -168,7 +168,7 @@ class ObstaclePost(Hidden):
 
 def firm_and_smooth() -> str:
     """XML attributes of an obstacle's surface."""
-    return f"{_SMOOTH} {firm(_STEP)}"
+    return f"{_SMOOTH} {firm(firmness(_STEP))}"
 
 
 def _numbers(values: Float[Array, " N"]) -> str:

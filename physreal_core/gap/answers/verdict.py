@@ -10,7 +10,12 @@ from physreal_core.gap.settings import GapSettings
 
 
 def verdict_of(
-    candidates: Sequence[Candidate], threshold: float, significant: bool, explained: float, settings: GapSettings
+    candidates: Sequence[Candidate],
+    threshold: float,
+    significant: bool,
+    left: bool,
+    explained: float,
+    settings: GapSettings,
 ) -> Verdict:
     """The verdict on some answers.
 
@@ -19,6 +24,7 @@ def verdict_of(
         threshold: gain that a candidate reaches by chance in the allowed share of captures without a missing effect
             [nat].
         significant: whether there is a disagreement beyond noise and numerical error.
+        left: whether the best candidate leaves one, too.
         explained: share of that disagreement that the best candidate explains.
         settings: of the search; they say what belongs to a class.
     """
@@ -27,7 +33,7 @@ def verdict_of(
     named = [c for c in candidates if c.names and c.gain is not None and c.gain > max(threshold, 0.0)]
     if best not in named:
         return _none(none, significant)
-    if significant and explained < settings.unexplained:
+    if significant and left and explained < settings.unexplained:
         members = tuple(c.names for c in named[: settings.class_size])
         return Verdict("unknown", best.names, members, 1.0 - none.probability, _unknown_sentence(best, explained))
     members = [c for c in named if c.probability >= settings.class_ratio * best.probability][: settings.class_size]

@@ -63,7 +63,7 @@ class DiscretisedProblem:
             raise InputError(
                 f"the discretisation {given.name!r} of a thin body", where="DiscretisedProblem", expected="its own mesh"
             )
-        self.body = body if thin else Body(x0, body.volume, body.density, body.spacing * given.cell)
+        self.body = body if thin else Body(x0, body.volume, body.density, body.spacing * given.cell, pieces=body.piece)
         gravity = tuple((self._turn.double() @ torch.tensor(config.gravity, dtype=torch.float64)).tolist())
         changed = {
             "courant": config.courant * given.courant,

@@ -25,6 +25,8 @@ FRAME = Structure(
     Index count:3  of them along x, y, z
     Index clamps
     Index controller_points
+    Index bonds  of a rollout
+    Index capsules  of a tool
     Index latent_elastic_size
     Index latent_plastic_size
     Index weights_elastic
@@ -57,6 +59,8 @@ FRAME = Structure(
     const S* friction_law  [R, 3]
     const S* grip_stiffness  [R]
     const S* grip_damping  [R]
+    const S* tool_stiffness  [R]
+    const S* tool_friction  [R]
     const S* numbers  [R, NUMBERS]
     const S* clamp_lower  [clamps, 3]
     const S* clamp_upper
@@ -64,7 +68,9 @@ FRAME = Structure(
     const int* bond_end  [P]
     const int* grip_controller  [B]
     const S* grip_weight  [B]
-    const S* grip_rest_length  [B]
+    const S* grip_rest_length  [R, B]
+    const int* capsule_ends  [capsules, 2] controller points
+    const S* capsule_radius  [capsules]
     const S* controllers  [R, 4, points, 3], see laws/grip.h
 
     # States by slot, and nodes: free velocities by slot; the velocities now and at the frame's start
@@ -96,71 +102,111 @@ FRAME = Structure(
     S* particle_sums  [PARTICLE_SUMS, P]
     S* node_sums  [NODE_SUMS, R * nodes]
     S* controllers_bar  [R, 4, points, 3]
+    S* rest_length_bar  [R, B]
     """,
 )
 INTEGERS = wp.types.vector(4, wp.int32)
+SCALARS = {"float32": "float", "float64": "double"}
 HALVES = ((True, True), (True, False), (False, True))
 """Arriving, leaving."""
 
 
-@functools.cache
-def step_kernels(config: SimulationConfig, gripped: bool, led: bool | None) -> SimpleNamespace:
-    """Kernels of a configuration; each takes up to four integers and the frame, as so many bytes.
+class Module:
+    """A Warp module of entry points of one C++ class, and what its kernels take: four integers and the frame, as so many bytes.
 
     Args:
-        config: laws, residuals, terms and scalar type.
-        gripped: whether there are bonds.
-        led: None for the forward pass: `Frame`, `give_mass`, `weigh`, `start`, `update`, `forward` by halves. Else for
-            the adjoint, whether that of the controller points is asked for: `turn`, `backward` by halves, `settle`.
+        name: of the module; one for each set of template arguments.
+        header: which has the class.
+        structures: those that the header needs, the frame's last.
+        entries: the class with its arguments.
+        dtype: "float32" or "float64".
+        preamble: C++ behind the layout.
+        folders: where else headers are.
     """
-    scalar = "float" if config.dtype == "float32" else "double"
-    flags = (_cpp(bool(config.terms)), term_bits(config.terms), _cpp(config.shaped), _cpp(gripped), _cpp(bool(led)))
-    arguments = ", ".join([scalar, *map(str, flags), material_arguments(config)])
-    name = "".join(c if c.isalnum() else "_" for c in arguments.replace("physreal::", ""))
-    sizes = f"constexpr int WARP = {WARP}, LARGEST_GROUP = {LARGEST_GROUP}, NODE_THREADS = {NODE_THREADS};\n"
-    text = f'#include "number.h"\n{layout_text(FRAME)}namespace physreal {{\n{sizes}}}\n{law_headers(config)}'
-    module = native_module(
-        f"physreal_rollouts_{'forward' if led is None else 'backward'}_{name}",
-        Path(__file__).parent / "step.h",
-        LAWS_FOLDER,
-        preamble=text,
-        cuda=True,
-    )
-    frame_type = wp.types.vector(-(-FRAME.dtype(config.dtype).itemsize // 8), wp.uint64)
 
-    def kernel(name: str, entry: str, integers: int) -> wp.Kernel:
+    def __init__(
+        self,
+        name: str,
+        header: str,
+        structures: tuple[Structure, ...],
+        entries: str,
+        dtype: str,
+        preamble: str = "",
+        folders: tuple[Path, ...] = (),
+    ) -> None:
+        layout = layout_text(*structures)
+        self._module = native_module(
+            name,
+            Path(__file__).parent / header,
+            LAWS_FOLDER,
+            *folders,
+            preamble=f'#include "number.h"\n{layout}{preamble}',
+            cuda=True,
+        )
+        self._frame, self._entries = f"physreal::{structures[-1].name}<{SCALARS[dtype]}>", entries
+        self.Frame = wp.types.vector(-(-structures[-1].dtype(dtype).itemsize // 8), wp.uint64)
+
+    def kernel(self, name: str, integers: int, entry: str | None = None) -> wp.Kernel:
+        """The kernel of an entry point, of the same name if none is given, which takes so many integers."""
         given = ", ".join(["frame", "thread", *(f"i[{n}]" for n in range(integers))])
-        step = f"const auto& frame = *(const physreal::Frame<{scalar}>*)&bytes; physreal::Step<{arguments}>::{entry}({given});"
+        frame_type = self.Frame
 
-        @wp.func_native(step)
+        @wp.func_native(
+            f"const auto& frame = *(const {self._frame}*)&bytes; {self._entries}::{entry or name}({given});"
+        )
         def call(i: INTEGERS, bytes: frame_type, thread: int): ...
 
         def run(i: INTEGERS, bytes: frame_type):
             call(i, bytes, wp.tid())
 
         run.__name__ = run.__qualname__ = name
-        return wp.kernel(run, module=module)
+        return wp.kernel(run, module=self._module)
+
+
+def module_name(form: str, led: bool | None, arguments: str) -> str:
+    """Name of the module of a form of the step with these template arguments."""
+    way = "forward" if led is None else "backward"
+    return f"physreal_{form}_{way}_" + "".join(c if c.isalnum() else "_" for c in arguments.replace("physreal::", ""))
+
+
+@functools.cache
+def step_kernels(config: SimulationConfig, hand: int, led: bool | None) -> SimpleNamespace:
+    """Kernels of a configuration.
+
+    Args:
+        config: laws, residuals, terms and scalar type.
+        hand: bits of what the hand does (`hand_model`).
+        led: None for the forward pass: `Frame`, `give_mass`, `weigh`, `start`, `update`, `forward` by halves. Else for
+            the adjoint, whether that of the controller points is asked for: `turn`, `backward` by halves, `settle`.
+    """
+    flags = (cpp(bool(config.terms)), term_bits(config.terms), cpp(config.shaped), hand, cpp(bool(led)))
+    arguments = ", ".join([SCALARS[config.dtype], *map(str, flags), material_arguments(config)])
+    sizes = f"constexpr int WARP = {WARP}, LARGEST_GROUP = {LARGEST_GROUP}, NODE_THREADS = {NODE_THREADS};\n"
+    preamble = f"namespace physreal {{\n{sizes}}}\n{law_headers(config)}"
+    name = module_name("rollouts", led, arguments)
+    module = Module(name, "step.h", (FRAME,), f"physreal::Step<{arguments}>", config.dtype, preamble)
 
     def halves(name: str, integers: int) -> dict[tuple[bool, bool], wp.Kernel]:
         return {
-            half: kernel(
+            half: module.kernel(
                 f"{name}_{''.join(str(int(b)) for b in half)}",
-                f"template {name}<{_cpp(half[0])}, {_cpp(half[1])}>",
                 integers,
+                f"template {name}<{cpp(half[0])}, {cpp(half[1])}>",
             )
             for half in HALVES
         }
 
     if led is not None:
-        settle = [kernel(f"settle_{what}", f"settle_{what}", 0) for what in ("nodes", "particles")]
-        return SimpleNamespace(turn=kernel("turn", "turn", 3), backward=halves("backward", 1), settle=settle)
+        settle = [module.kernel(f"settle_{what}", 0) for what in ("nodes", "particles")]
+        return SimpleNamespace(turn=module.kernel("turn", 3), backward=halves("backward", 1), settle=settle)
     return SimpleNamespace(
-        Frame=frame_type,
-        **{name: kernel(name, name, 0) for name in ("give_mass", "weigh", "start")},
-        update=kernel("update", "update", 1),
+        Frame=module.Frame,
+        **{name: module.kernel(name, 0) for name in ("give_mass", "weigh", "start")},
+        update=module.kernel("update", 1),
         forward=halves("forward", 4),
     )
 
 
-def _cpp(flag: bool) -> str:
+def cpp(flag: bool) -> str:
+    """A flag in C++."""
     return "true" if flag else "false"

@@ -1,4 +1,5 @@
-"""Arrays of a body in many rollouts that no frame changes, and adjoints: constants, parameters, bonds, box, networks.
+"""Arrays of a body in many rollouts that no frame changes, and adjoints, in what volumes and thin bodies share: constants,
+parameters, bonds.
 
 Constants of particles exist twice: as the caller counts and in the order of the kernels.
 """
@@ -7,19 +8,16 @@ import numpy as np
 import torch
 
 from physreal_core.array_types import Tensor
-from physreal_core.simulation.body import Body, Clamp, Grip, PointLoad, load_forces
+from physreal_core.simulation.body import Body, Clamp, Grip, PointLoad, Tool, load_forces
 from physreal_core.simulation.config import SimulationConfig
-from physreal_core.simulation.cuda.frame import FRAME
-from physreal_core.simulation.cuda.parts import Parts, threads_of
-from physreal_core.simulation.grip_inertia import GripInertia
-from physreal_core.simulation.lattice import Lattice, base_nodes, held_boxes, lattice_of
+from physreal_core.simulation.cuda.hand_model import GRIPS, HandModel
+from physreal_core.simulation.lattice import lattice_of
+from physreal_core.simulation.layout import Structure
 from physreal_core.simulation.parameters import Parameters
 from physreal_core.simulation.particle_rows import NODE_SUMS, NUMBERS, PARTICLE_SUMS, ParticleRows
-from physreal_core.simulation.stepper import state_shapes
+from physreal_core.simulation.stepper import Span, state_shapes
 from physreal_core.simulation.timestep import rate_memory
 from physreal_core.simulation.touch import NEARLY, TOUCHING, touch_heights
-
-WEIGHT_ROWS = 64  # copies of a network's weight adjoint on a GPU, so that its threads do not queue for one address
 
 
 def point(record: np.ndarray, name: str, values: Tensor) -> None:
@@ -32,17 +30,16 @@ class BodyModel:
     """Model arrays and adjoints of `rollouts` copies of a body.
 
     Attributes:
-        frame: record of `frame.FRAME` with all that is here.
+        layout: of the frame's record.
+        frame: record with all that is here.
         shapes: full shape of every parameter in use by name, without the axis of rollouts.
         state_shapes: of what a state has of every particle, by name.
-        gripped: whether there are bonds.
+        hand: what the hand does.
         lattice: the grid of each rollout.
-        carry: adjoints of the nodes' velocities, shape [R * nodes, 4].
-        velocity, first_velocity: of the nodes [m/s], now and at the frame's start, shape [R * nodes, 4].
-        controllers: controller points [m] around the frame, shape [R, 4, C, 3].
-        controllers_bar: their adjoint, of one frame.
         state_bars: adjoints of the state by name, each [P, ...], in the order of the kernels.
     """
+
+    layout: Structure
 
     def __init__(
         self,
@@ -51,21 +48,25 @@ class BodyModel:
         grip: Grip | None,
         clamps: tuple[Clamp, ...],
         loads: tuple[PointLoad, ...],
+        tool: Tool | None,
         rollouts: int,
     ) -> None:
         self.dtype, self.config, self.rollouts = config.torch_dtype, config, rollouts
         self.device, self.particles = config.device, len(body.x0)
-        self.state_shapes = state_shapes(config)
+        self.state_shapes = state_shapes(config, body.elements)
         self._body, self._held = body, {}
-        self.frame = np.zeros((), FRAME.dtype(config.dtype))
+        self.frame = np.zeros((), self.layout.dtype(config.dtype))
         self._mass, self._volume = self._numbers(body.mass), self._numbers(body.volume)
         self._load, self._start = self._numbers(load_forces(body, loads)), self._numbers(body.x0)
-        self._scene(body, clamps)
-        self._bonds(body, grip)
-        self._rows = ParticleRows(config, self.particles, self.gripped)
+        self.lattice = lattice_of(body, clamps)
+        self._scene(clamps)
+        given = self.frame, self._give, self.dtype, self.device
+        self.hand = HandModel(body, grip, tool, rollouts, *given)
+        self._rows = ParticleRows(config, self.particles, bool(self.hand.bits & GRIPS), tool is not None)
         self.shapes = self._rows.shapes
         self._parameters()
         self._adjoints()
+        self._settled = self._weight_bar = torch.zeros((), device=self.device)
 
     def _numbers(self, values: np.ndarray) -> Tensor:
         return torch.as_tensor(values, dtype=self.dtype, device=self.device).contiguous()
@@ -79,92 +80,42 @@ class BodyModel:
         point(self.frame, name, values)
         return values
 
-    def _scene(self, body: Body, clamps: tuple[Clamp, ...]) -> None:
-        frame, config = self.frame, self.config
+    def _scene(self, clamps: tuple[Clamp, ...]) -> None:
+        """What is around the body."""
+        frame, config, body = self.frame, self.config, self._body
         frame["particles"], frame["rollouts"] = self.particles, self.rollouts
-        frame["stride"] = self.rollouts * self.particles
-        lattice = self.lattice = lattice_of(body, clamps)
-        frame["offset"], frame["count"], frame["cell"] = lattice.offset, lattice.count, lattice.cell
-        frame["nodes"], frame["touching"] = lattice.nodes, TOUCHING
-        frame["touch_slope"] = 1.0 / (NEARLY * body.spacing)
+        frame["stride"], frame["nodes"] = self.rollouts * self.particles, self.lattice.nodes
+        frame["touching"], frame["touch_slope"] = TOUCHING, 1.0 / (NEARLY * body.spacing)
         frame["mass_floor"] = torch.finfo(self.dtype).eps ** 2 * body.mass.min()
-        frame["clamps"] = len(clamps)
-        for name, corner in zip(("clamp_lower", "clamp_upper"), held_boxes(clamps, body.cell), strict=True):
-            self._give(name, self._numbers(corner))
-        rows = self.rollouts * lattice.nodes
-        self.velocity = self._give("velocity", self._zeros(rows, 4))
-        self.first_velocity = self._give("first_velocity", self._zeros(rows, 4))
-        self._give("around", self._zeros(rows, 2))
-        self._parts(body, lattice)
+        self._around = self._give("around", self._zeros(self.rollouts * self.lattice.nodes, 2))
         self._timing = self._give("timing", self._zeros(4))
         self._gravity = self._give("gravity", self._numbers(np.array([config.gravity] * self.rollouts)))
 
-    def _parts(self, body: Body, lattice: Lattice) -> None:
-        """What particles leave at their nodes."""
-        lowest = base_nodes(body.x0, lattice)[lattice.order(body.x0)]
-        parts = Parts.of(lowest, lattice)
-        self.frame["threads"], self.frame["groups"] = threads_of(self.particles), parts.groups
-        of_nodes = parts.which * self.rollouts * parts.groups + parts.of_nodes
-        given = {"group": parts.group, "following": parts.following, "lowest_node": lowest.ravel()}
-        for name, values in (given | {"parts_begin": parts.begin, "parts_of": of_nodes}).items():
-            self._give(name, torch.as_tensor(values.astype(np.int32), device=self.device))
-        self._give("parts", self._zeros(27, self.rollouts * parts.groups, 4))
-
-    def _bonds(self, body: Body, grip: Grip | None) -> None:
-        self.gripped = grip is not None and len(grip.particles) > 0
-        self._inertia = GripInertia(body, grip, self.device) if self.gripped else None
-        whole = np.zeros((3, self.particles), dtype=np.int32)  # caller's number, first bond and end
-        whole[0] = np.arange(self.particles)
-        count = 1
-        if self.gripped:
-            gripped, first, order = grip.by_particle()
-            whole[1, gripped], whole[2, gripped] = first[:-1], first[1:]
-            count = int(grip.controllers.max()) + 1
-            self.frame["grip_softening"] = (1e-4 * body.spacing) ** 2
-            controllers = np.ascontiguousarray(grip.controllers[order], dtype=np.int32)
-            self._give("grip_controller", torch.as_tensor(controllers, device=self.device))
-            self._give("grip_weight", self._numbers(grip.weights[order]))
-            self._give("grip_rest_length", self._numbers(grip.rest_lengths[order]))
-        self._whole = torch.as_tensor(whole, device=self.device).repeat(1, self.rollouts)
-        self._sorted_whole = self._whole.clone()
-        for name, row in zip(("caller", "bond_begin", "bond_end"), self._sorted_whole, strict=True):
-            self._give(name, row)
-        self.frame["controller_points"] = count
-        self.controllers = self._give("controllers", self._zeros(self.rollouts, 4, count, 3))
-        self.controllers_bar = self._give("controllers_bar", torch.zeros_like(self.controllers))
-
     def _parameters(self) -> None:
-        r, config, frame = self.rollouts, self.config, self.frame
+        r = self.rollouts
         rows = self._zeros(self._rows.constant_count, r, self.particles)
-        heights = self._numbers(touch_heights(self._body, config.ground_height))
-        self._rows.fill_body(rows.transpose(0, 1), self._start, heights, self._volume)
+        heights = self._numbers(touch_heights(self._body, self.config.ground_height))
+        reach = self._numbers(self._body.reach)
+        place = self._numbers(self.lattice.place)
+        self._rows.fill_body(rows.transpose(0, 1), place, reach, heights, self._volume)
         self._given, self._sorted = rows, self._give("constants", rows.flatten(1).clone())
         for name, shape in (
             ("friction", (r,)),
             ("friction_law", (r, 3)),
             ("grip_stiffness", (r,)),
             ("grip_damping", (r,)),
+            ("tool_stiffness", (r,)),
+            ("tool_friction", (r,)),
             ("numbers", (r, NUMBERS.count)),
         ):
             self._give(name, self._zeros(*shape))
-        self._weight_rows = frame["weight_rows"] = 1 if self.device == "cpu" else WEIGHT_ROWS
-        self._weight_rows = int(self._weight_rows)
-        self._weights_bar = {}
-        for kind, residual in (("elastic", config.elastic_residual), ("plastic", config.plastic_residual)):
-            if residual is not None:
-                width = residual.weight_count
-                frame[f"weights_{kind}"], frame[f"latent_{kind}_size"] = width, residual.latent_size
-                frame[f"beta_{kind}"], frame["strain_scale"] = getattr(residual, f"beta_{kind}"), residual.strain_scale
-                self._give(f"network_{kind}", self._zeros(r, width))
-                self._weights_bar[kind] = self._give(f"network_{kind}_bar", self._zeros(r * self._weight_rows, width))
 
     def _adjoints(self) -> None:
-        count = self.rollouts * self.particles
+        count, nodes = self.rollouts * self.particles, self.rollouts * self.lattice.nodes
         sizes = self.state_shapes.items()
         self.state_bars = {name: self._give(f"{name}_bar", self._zeros(count, *size)) for name, size in sizes}
-        self._give("node_bar", torch.zeros_like(self.velocity))
-        self.carry = self._give("carry", torch.zeros_like(self.velocity))
-        self._node_sums = self._give("node_sums", self._zeros(NODE_SUMS.count, len(self.velocity)))
+        self._give("node_bar", self._zeros(nodes, 4))
+        self._node_sums = self._give("node_sums", self._zeros(NODE_SUMS.count, nodes))
         self._bars = self._give("bars", self._zeros(self._rows.bar_count, count))
         self._sums = self._give("particle_sums", self._zeros(PARTICLE_SUMS.count, count))
 
@@ -176,52 +127,88 @@ class BodyModel:
         memory = rate_memory(self._body, self.config, parameters)
         timing = [1.0 / (fps * substeps), 1.0 / substeps, fps, memory / (memory + 1.0)]
         self._timing.copy_(torch.tensor(timing, dtype=torch.float64))
-        networks = [f"network_{kind}" for kind in self._weights_bar]
         held = self._held | {"friction_coefficient": self._held["friction"]}
-        for name in ("friction_coefficient", "gravity", "friction_law", "grip_stiffness", "grip_damping", *networks):
+        hands = ("grip_stiffness", "grip_damping", "tool_stiffness", "tool_friction")
+        for name in ("friction_coefficient", "gravity", "friction_law", *hands):
             value = getattr(parameters, name)
             if value is not None:
                 held[name].copy_(value)
         self._held["numbers"].copy_(self._rows.numbers(parameters))
-        self._load_constants(parameters, timing[0])
+        self._now, self._dt = parameters, timing[0]
+        self.hand.forget()
+        self._load_constants()
 
-    def _load_constants(self, parameters: Parameters, dt: float) -> None:
+    def hold(self, span: Span) -> bool:
+        """Let those bonds act that do so in a frame; whether that has changed the masses, which are to be sorted again."""
+        if not self.hand.changes(span):
+            return False
+        self._settle_weight()
+        self.hand.hold(span)
+        self._load_constants()
+        return True
+
+    def _load_constants(self) -> None:
         """Masses and constant forces, after gravity, and with them all constants."""
+        parameters, dt = self._now, self._dt
         mass = self._mass if parameters.density is None else parameters.density * self._volume
         load = self._load if parameters.force is None else self._load + parameters.force
         mass, load = mass.expand(self.rollouts, -1), load.expand(self.rollouts, -1, -1)
-        if self._inertia is not None:
-            mass, load = self._inertia.add(mass, load, self._gravity, parameters, dt)
+        if self.hand.inertia is not None:
+            mass, load = self.hand.inertia.add(mass, load, self._gravity, parameters, dt)
         self._rows.fill(self._given.transpose(0, 1), parameters, mass, load, self._start)
 
     def sort(self, order: Tensor) -> None:
         """Put the particles' constants in this order."""
         torch.index_select(self._given.flatten(1), 1, order, out=self._sorted)
-        torch.index_select(self._whole, 1, order, out=self._sorted_whole)
+        self.hand.sort(order)
+        self._order = order
 
     # --- adjoints -----------------------------------------------------------------------------------------------
 
     def clear_bars(self) -> None:
         """Set the adjoints to zero."""
-        of_nodes = self.carry, self._node_sums
-        for bar in (*self.state_bars.values(), self._bars, self._sums, *of_nodes, *self._weights_bar.values()):
+        for bar in (*self.state_bars.values(), self._bars, self._sums, self._node_sums, *self._own_bars()):
             bar.zero_()
+        self.hand.lengths_bar.zero_()
+        self._settled = self._weight_bar = torch.zeros((), device=self.device)
 
-    def gradients(self, order: Tensor) -> dict[str, Tensor]:
-        """Adjoints of the parameters in use by name, with an axis of rollouts, as the caller counts.
+    def _settle_weight(self) -> None:
+        """Count the adjoint of gravity through what takes the weight off the bonds' added mass, of the frames with these bonds."""
+        if self.hand.inertia is None or "load" not in self._rows.bars:
+            return
+        load_bar = self._of_caller(self._bars[self._rows.bars["load"]], 1)
+        load_bar = load_bar.unflatten(1, (self.rollouts, self.particles)).movedim(0, -1)
+        self._weight_bar = self._weight_bar + self.hand.inertia.gravity_adjoint(load_bar - self._settled)
+        self._settled = load_bar
 
-        Args:
-            order: caller's number of each particle.
-        """
+    def _of_caller(self, values: Tensor, axis: int) -> Tensor:
+        """Values of the particles along an axis, as the caller counts."""
+        return torch.empty_like(values).index_copy_(axis, self._order, values)
+
+    def _own_bars(self) -> list[Tensor]:
+        """Adjoints that only this kind of body has."""
+        return []
+
+    def nodes_adjoint(self) -> Tensor:
+        """Derivative of the loss by the nodes' velocities where the adjoint stands now, [R, nodes, 4]."""
+        raise NotImplementedError
+
+    def gradients(self) -> dict[str, Tensor]:
+        """Adjoints of the parameters in use by name, with an axis of rollouts, as the caller counts."""
         size = (self.rollouts, self.particles)
-        bars = torch.empty_like(self._bars).index_copy_(1, order, self._bars).unflatten(1, size)
-        state = {
-            name: torch.empty_like(bar).index_copy_(0, order, bar).unflatten(0, size)
-            for name, bar in self.state_bars.items()
-        }
+        bars = self._of_caller(self._bars, 1).unflatten(1, size)
+        state = {name: self._of_caller(bar, 0).unflatten(0, size) for name, bar in self.state_bars.items()}
         sums = self._sums.unflatten(1, size).sum(2).T
         node_sums = self._node_sums.unflatten(1, (self.rollouts, -1)).sum(2).T
-        networks = {
-            kind: bar.unflatten(0, (self.rollouts, self._weight_rows)).sum(1) for kind, bar in self._weights_bar.items()
-        }
-        return self._rows.gradients(bars.transpose(0, 1), state, sums, node_sums, networks, self._volume, self._inertia)
+        self._settle_weight()
+        rows = bars.transpose(0, 1)
+        given = rows, state, sums, node_sums, self._network_bars(), self._volume, self._weight_bar
+        return self._rows.gradients(*given, self._element_bars())
+
+    def _network_bars(self) -> dict[str, Tensor]:
+        """Adjoints of networks' weights by "elastic" and "plastic", each [R, W]."""
+        return {}
+
+    def _element_bars(self) -> dict[str, Tensor]:
+        """Adjoints of parameters through the elements of a thin body, by name."""
+        return {}

@@ -4,10 +4,9 @@
 // Slots count from the frame's first one, `first[0]`, so that one CUDA graph serves every frame that is kept. A slot of
 // `free` takes the free velocities of a substep.
 #pragma once
-#include "nodes.h"
 #include "parts.h"
+#include "phase.h"
 #include "report.h"
-#include "vec4.h"
 
 namespace physreal {
 
@@ -16,7 +15,7 @@ template <class S, bool INPUTS, Index TERMS>
 class NodeOfRollout {
     const Frame<S>& f_;
     const int n_, rollout_, own_;  // number among all, its rollout, number within
-    NodePhase<S> phase_;
+    const NodePhase<S> phase_;
 
     Vec4<S>& at(S* grid) const { return reinterpret_cast<Vec4<S>*>(grid)[n_]; }
     Vec4<S>& free(int slot) const {
@@ -35,15 +34,13 @@ class NodeOfRollout {
         return slot > 0 ? phase_.velocity(free(slot - 1), around()) : at(f_.first_velocity);
     }
 
-    void add(int sum, S value) const { f_.node_sums[sum * f_.rollouts * f_.nodes + n_] += value; }
-
 public:
     NodeOfRollout(const Frame<S>& f, int n)
-        : f_(f), n_(n), rollout_(n / int(f.nodes)), own_(n - rollout_ * int(f.nodes)) {
-        const S* g = f.gravity + 3 * rollout_;
-        phase_ = {f.timing[0], {g[0], g[1], g[2]},   f.mass_floor,
-                  f.touching,  f.friction[rollout_], TERMS & term::friction_law ? f.friction_law + 3 * rollout_ : nullptr};
-    }
+        : f_(f),
+          n_(n),
+          rollout_(n / int(f.nodes)),
+          own_(n - rollout_ * int(f.nodes)),
+          phase_(phase_of<S, TERMS>(f, rollout_)) {}
 
     // What is around the node. sum: that the particles have left (parts.h), here and below.
     void weigh(const Vec4<S>& sum) const {
@@ -78,11 +75,7 @@ public:
             const S share = around().mass > f_.mass_floor ? 1 / around().mass : S(0);
             at(f_.carry) = {{bar[0], bar[1], bar[2], carried[3] + found.mass}};
             at(f_.node_bar) = {{share * bar[0], share * bar[1], share * bar[2], bar[3]}};
-            add(node_sum::friction_coefficient, friction_bar.dynamic);
-            for (int d = 0; d < 3; ++d) {
-                if (INPUTS) add(node_sum::gravity + d, phase_.dt * bar[d]);
-                if (TERMS & term::friction_law) add(node_sum::friction_law + d, friction_bar.law[d]);
-            }
+            add_node_sums<INPUTS, TERMS>(f_, n_, friction_bar, bar);
         }
         if (leaving) at(f_.velocity) = velocity_before(slot);
     }

@@ -4,45 +4,31 @@
 // Between two launches lies one node phase. A launch that opens a frame only scatters (LEAVING), one that closes it
 // only gathers (ARRIVING); the adjoint's launch at a state takes the adjoints of the forces that this state scattered
 // (ARRIVING), then scatters those of the velocities it was gathered from (LEAVING). Places on the grid are those of the
-// body at rest, all the time. Slots count from the frame's first
-// one, `first[0]`, so that one CUDA graph serves every frame.
+// body at rest, all the time.
 #pragma once
-#include "grip.h"
+#include "forces.h"
 #include "material.h"
-#include "report.h"
 #include "shape.h"
 #include "transfers.h"
 
 namespace physreal {
 
-// to += value, from many threads.
-template <class S>
-inline void add_atomically(S* to, S value) {
-#if defined(__CUDA_ARCH__)
-    atomicAdd(to, value);
-#else
-    *to += value;
-#endif
-}
-
-// INPUTS: whether masses and forces have adjoints; TERMS: bits of the optional laws in use; SHAPED: whether the body's own
-// shape may differ from that on the grid (shape.h); LED: whether the controller points have adjoints.
-template <class S, bool INPUTS, Index TERMS, bool SHAPED, bool GRIPPED, bool LED, class Material>
-class ParticleOfRollout {
-    const Frame<S>& f_;
-    const int own_, p_, rollout_;  // number in its rollout, number among all, and the rollout
-    const S dt_, per_metre_;  // cells per metre
+// INPUTS, TERMS, HAND, LED: as of ParticleForces; SHAPED: whether the body's own shape may differ from that on the grid
+// (shape.h).
+template <class S, bool INPUTS, Index TERMS, bool SHAPED, int HAND, bool LED, class Material>
+class ParticleOfRollout : ParticleForces<S, INPUTS, TERMS, HAND, LED> {
+    using Forces = ParticleForces<S, INPUTS, TERMS, HAND, LED>;
+    using typename Forces::At;
+    using Forces::add_inputs, Forces::branch_place, Forces::BRANCHES, Forces::constant, Forces::dt_, Forces::f_,
+        Forces::fail, Forces::finite, Forces::force, Forces::force_adjoint, Forces::get3, Forces::get9, Forces::own_,
+        Forces::p_, Forces::place_in, Forces::put, Forces::rollout_, Forces::touching, Forces::touching_adjoint;
+    const S per_metre_;  // cells per metre
     Material material_;
     static constexpr bool VISCOUS = TERMS & term::viscosity, FLOWS = Material::flows;
-    static constexpr int BRANCHES = branches_of(TERMS);
 
 public:
     ParticleOfRollout(const Frame<S>& f, int rollout, int own)
-        : f_(f),
-          own_(own),
-          p_(rollout * int(f.particles) + own),
-          rollout_(rollout),
-          dt_(f.timing[0]),
+        : Forces(f, rollout, own),
           per_metre_(1 / f.cell),
           material_(material_arrays<INPUTS>(f, f.timing[0], f.timing[1],
                                             f.network_elastic + rollout_ * f.weights_elastic,
@@ -107,7 +93,7 @@ public:
         if constexpr (SHAPED) B_bar = get9(f_.shape_bar, p_);
         if constexpr (VISCOUS) rate_bar = get9(f_.rate_bar, p_);
         if constexpr (ARRIVING)
-            force_adjoint(slot, now, x_bar, v_bar, F_bar, B_bar, rate_bar);
+            forces_adjoint(slot, now, x_bar, v_bar, F_bar, B_bar, rate_bar);
         else
             v_bar = get3(f_.v_bar, p_);
         if constexpr (LEAVING)
@@ -131,8 +117,6 @@ public:
 private:
     // One row of a network's weights' adjoint to a warp, which sums its shares.
     Index weight_row() const { return rollout_ * f_.weight_rows + p_ / 32 % f_.weight_rows; }
-    Index place_in(int slot) const { return Index(f_.first[0] + slot) * f_.stride + p_; }
-    S constant(int row) const { return f_.constants[row * f_.stride + p_]; }
     S remembered() const { return f_.timing[3]; }
     Mat3<S> rate_at(Index now) const {
         if constexpr (VISCOUS) return get9(f_.rate, now);
@@ -152,29 +136,7 @@ private:
     }
     void leave(const Field<S>& field) const { field.scatter(Parts<S>(f_, rollout_, own_), place()); }
 
-    static Vec3<S> get3(const S* from, Index i) {
-        from += 3 * i;
-        return {{from[0], from[1], from[2]}};
-    }
-    static Mat3<S> get9(const S* from, Index i) {
-        Mat3<S> M;
-        for (int e = 0; e < 9; ++e) M.m[e] = from[9 * i + e];
-        return M;
-    }
-    static void put(S* to, Index i, const Vec3<S>& value) {
-        for (int d = 0; d < 3; ++d) to[3 * i + d] = value[d];
-    }
-    static void put(S* to, Index i, const Mat3<S>& value) {
-        for (int e = 0; e < 9; ++e) to[9 * i + e] = value.m[e];
-    }
-    static bool finite(S sum) { return sum - sum == 0; }
-
     // --- strains of Maxwell branches
-
-    // Among the branches of all, of the k-th of a term's of the particle whose state is at a place.
-    static Index branch_place(Index place, Index term, int k) {
-        return place * BRANCHES + branches_before(TERMS, term) + k;
-    }
 
     // Calls use(place of the branch among the particle's, place of its time among the numbers).
     template <class Use>
@@ -210,55 +172,6 @@ private:
 
     // --- forces and stresses
 
-    Grip<S> grip(int substep) const {
-        return {f_.grip_controller,        f_.grip_weight,
-                f_.grip_rest_length,       f_.controllers + 12 * rollout_ * f_.controller_points,
-                f_.controller_points,      f_.grip_stiffness[rollout_],
-                f_.grip_damping[rollout_], f_.grip_softening,
-                S(substep) * f_.timing[1], f_.timing[2]};
-    }
-
-    // The particle as the optional laws see it, see term.h; adjoints of the state stay here.
-    struct At {
-        const ParticleOfRollout& o;
-        const Index place_;  // of its state
-        const Vec3<S> x_, v_;
-        const Mat3<S> rate_;
-        Vec3<S> x_bar = {}, v_bar = {};
-        Mat3<S> rate_bar = {};
-        S mass_bar = 0;
-
-        Vec3<S> x() const { return x_; }
-        Vec3<S> v() const { return v_; }
-        S mass() const { return o.constant(constant::mass); }
-        Mat3<S> rate() const { return rate_; }
-        Mat3<S> branch(Index term, int k) const { return get9(o.f_.branches, branch_place(place_, term, k)); }
-        S value(int r) const { return o.constant(constant::COUNT + r); }
-        Vec3<S> vector(int r) const { return {{value(r), value(r + 1), value(r + 2)}}; }
-        S number(int n) const { return o.f_.numbers[o.rollout_ * number::COUNT + n]; }
-
-        void add_x(const Vec3<S>& bar) { x_bar = x_bar + bar; }
-        void add_v(const Vec3<S>& bar) { v_bar = v_bar + bar; }
-        void add_mass(S bar) { mass_bar += bar; }
-        void add_rate(const Mat3<S>& bar) { rate_bar += bar; }
-        void add_branch(Index term, int k, const Mat3<S>& bar) {
-            const Index at = branch_place(o.p_, term, k);
-            put(o.f_.branches_bar, at, get9(o.f_.branches_bar, at) + bar);
-        }
-        void add(int r, S bar) { o.f_.bars[(bar::COUNT + input::COUNT + r) * o.f_.stride + o.p_] += bar; }
-        void add(int r, const Vec3<S>& bar) {
-            for (int d = 0; d < 3; ++d) add(r + d, bar[d]);
-        }
-        void add_number(int n, S bar) { o.f_.particle_sums[(particle_sum::numbers + n) * o.f_.stride + o.p_] += bar; }
-    };
-
-    Vec3<S> force(int substep, const At& at) const {
-        Vec3<S> force = {{constant(constant::load), constant(constant::load + 1), constant(constant::load + 2)}};
-        ForceTerms::each(TERMS, [&](auto law) { force = force + law.force(at); });
-        if constexpr (GRIPPED) force = grip(substep).force(f_.bond_begin[p_], f_.bond_end[p_], at.x_, at.v_, force);
-        return force;
-    }
-
     Mat3<S> stress(const At& at, const Mat3<S>& F, Mat3<S> tau) const {
         StressTerms::each(TERMS, [&](auto law) { tau += law.stress(at, F); });
         return tau;
@@ -276,15 +189,10 @@ private:
         leave(sound ? Field<S>(push, volume * touching(x[2]), (-dt_ * volume * per_metre_) * P) : Field<S>({}, S(0), {}));
     }
 
-    // How fully the particle touches the ground, from 0 to 1; z: its height.
-    S touching(S z) const { return max(min((constant(constant::touch_height) - z) * f_.touch_slope, S(1)), S(0)); }
-
-    void fail(int substep) const { lower_to(f_.report + rollout_, Index(substep) * f_.particles + f_.caller[p_]); }
-
     // --- adjoints
 
     // Of forces and stress: v_bar is set, the others grow.
-    void force_adjoint(int slot, Index now, Vec3<S>& x_bar, Vec3<S>& v_bar, Mat3<S>& F_bar, Mat3<S>& B_bar,
+    void forces_adjoint(int slot, Index now, Vec3<S>& x_bar, Vec3<S>& v_bar, Mat3<S>& F_bar, Mat3<S>& B_bar,
                        Mat3<S>& rate_bar) {
         const Mat3<S> F = get9(f_.F, now);
         At at = {*this, now, get3(f_.x, now), get3(f_.v, now), rate_at(now)};
@@ -294,37 +202,17 @@ private:
         const Mat3<S> P_bar = (-dt_ * constant(constant::volume) * per_metre_) * bar.gradient();
         const Mat3<S> tau_bar =
             ShapeOnGrid<SHAPED, S>(F, shape_at(now)).stress_adjoint(stress(at, F, expert.tau), P_bar, F_bar, B_bar);
-        v_bar = {};
-        const S touch = touching(at.x_[2]);
-        if (touch > 0 && touch < 1) x_bar[2] -= f_.touch_slope * constant(constant::volume) * bar.value[3];
-        if constexpr (GRIPPED) grip_adjoint(slot, at, f_bar, x_bar, v_bar);
-        ForceTerms::each(TERMS, [&](auto law) { law.adjoint(at, f_bar); });
+        x_bar[2] += touching_adjoint(at.x_[2], bar.value[3]);
+        force_adjoint(slot, at, f_bar);
         if constexpr ((TERMS & StressTerms::TERMS) != 0) {
             const Mat3<S> T = symmetric(tau_bar);
             StressTerms::each(TERMS, [&](auto law) { law.adjoint(at, F, T, F_bar); });
         }
         x_bar = x_bar + at.x_bar;
-        v_bar = v_bar + at.v_bar;
+        v_bar = at.v_bar;
         rate_bar += at.rate_bar;
-        if constexpr (INPUTS) {
-            S* bars = f_.bars + bar::COUNT * f_.stride + p_;
-            bars[input::mass * f_.stride] += at.mass_bar;
-            for (int d = 0; d < 3; ++d) bars[(input::load + d) * f_.stride] += f_bar[d];
-        }
+        add_inputs(at.mass_bar, f_bar);
         material_.stress_adjoint(p_, expert, F, tau_bar, F_bar);
-    }
-
-    void grip_adjoint(int substep, const At& at, const Vec3<S>& f_bar, Vec3<S>& x_bar, Vec3<S>& v_bar) const {
-        S* points = f_.controllers_bar + 12 * rollout_ * f_.controller_points;
-        // In no fixed order: only the adjoint of the controller points takes part.
-        const auto add = [&](int place, int controller, int axis, S value) {
-            if constexpr (LED) add_atomically(points + 3 * (place * f_.controller_points + controller) + axis, value);
-        };
-        const auto back = grip(substep).adjoint(f_.bond_begin[p_], f_.bond_end[p_], at.x_, at.v_, f_bar, add);
-        x_bar = x_bar + back.x;
-        v_bar = v_bar + back.v;
-        f_.particle_sums[particle_sum::grip_stiffness * f_.stride + p_] += back.stiffness;
-        f_.particle_sums[particle_sum::grip_damping * f_.stride + p_] += back.damping;
     }
 
     // Of plastic flow and grid to particle.

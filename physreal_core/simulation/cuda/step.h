@@ -5,11 +5,11 @@
 
 namespace physreal {
 
-template <class S, bool INPUTS, Index TERMS, bool SHAPED, bool GRIPPED, bool LED, template <class> class Elastic,
+template <class S, bool INPUTS, Index TERMS, bool SHAPED, int HAND, bool LED, template <class> class Elastic,
           class Plastic, class ElasticNetwork, class PlasticNetwork>
 struct Step {
     using Node = NodeOfRollout<S, INPUTS, TERMS>;
-    using Particle = ParticleOfRollout<S, INPUTS, TERMS, SHAPED, GRIPPED, LED,
+    using Particle = ParticleOfRollout<S, INPUTS, TERMS, SHAPED, HAND, LED,
                                        Material<S, Elastic, Plastic, ElasticNetwork, PlasticNetwork>>;
 
     static void give_mass(const Frame<S>& f, int thread) {

@@ -14,11 +14,13 @@ import warp as wp
 
 from physreal_core.array_types import Array, Int, Tensor
 from physreal_core.errors import InputError
-from physreal_core.simulation.body import Body, Clamp, Grip, PointLoad
+from physreal_core.simulation.body import Body, Clamp, Grip, PointLoad, Tool
 from physreal_core.simulation.config import SimulationConfig
-from physreal_core.simulation.cuda.launches import FrameLaunches
-from physreal_core.simulation.cuda.model import BodyModel
+from physreal_core.simulation.cuda.launches import FrameLaunches, Launches
 from physreal_core.simulation.cuda.parts import NODE_THREADS
+from physreal_core.simulation.cuda.thin_launches import ThinLaunches
+from physreal_core.simulation.cuda.thin_model import ThinModel
+from physreal_core.simulation.cuda.volume_model import VolumeModel
 from physreal_core.simulation.parameters import Parameters
 from physreal_core.simulation.stepper import Span, State
 
@@ -70,11 +72,13 @@ class CudaStepper:
         grip: Grip | None,
         clamps: tuple[Clamp, ...],
         loads: tuple[PointLoad, ...],
+        tool: Tool | None = None,
         rollouts: int = 1,
     ) -> None:
         self.dtype, self.device = config.torch_dtype, config.device
         self.particles, self.rollouts = len(body.x0), rollouts
-        self.model = BodyModel(body, config, grip, clamps, loads, rollouts)
+        self._thin = body.elements is not None
+        self.model = (ThinModel if self._thin else VolumeModel)(body, config, grip, clamps, loads, tool, rollouts)
         self.shapes, self.state_shapes, self.lattice = self.model.shapes, self.model.state_shapes, self.model.lattice
         if rollouts * max(NODE_THREADS * self.lattice.nodes, 27 * self.particles) > MOST_NUMBERS:
             raise InputError(
@@ -85,19 +89,20 @@ class CudaStepper:
         self.substeps = self.slots = self.kept_slots = 0
         self.kept_bytes = 0 if self.device == "cpu" else kept_bytes_of(self.device)
         self.holder: object | None = None
-        self.order = self._cell_order(body.x0)
+        self.order = self._cell_order()
         self._report = torch.zeros(rollouts, dtype=torch.int64, device=self.device)
         self._first = torch.zeros(1, dtype=torch.int32, device=self.device)
         self._slot = 0
         self._weighed = False  # whether the nodes know what is around them
         self._fresh = True  # whether the state has to be put in anew
-        self._launches: FrameLaunches | None = None
+        self._launches: Launches | None = None
         self._graphs: dict[tuple[str, int], wp.Graph] = {}
 
-    def _cell_order(self, x0: np.ndarray) -> Tensor:
-        """Order of the particles by columns of cells, rollout by rollout, shape [P]."""
+    def _cell_order(self) -> Tensor:
+        """Order of the particles by columns of cells, rollout by rollout, shape [P]; the vertices of a thin body stay as they are."""
         firsts = self.particles * np.arange(self.rollouts)[:, None]
-        return torch.as_tensor((self.lattice.order(x0) + firsts).ravel(), device=self.device)
+        own = np.arange(self.particles) if self._thin else self.lattice.order(self.lattice.place)
+        return torch.as_tensor((own + firsts).ravel(), device=self.device)
 
     # --- memory -------------------------------------------------------------------------------------------------
 
@@ -141,7 +146,8 @@ class CudaStepper:
             self._launches = None
             self._graphs.clear()
             self.slots = 0
-            self._launches = FrameLaunches(self.model, working, self._first, self._report)
+            kind = ThinLaunches if self._thin else FrameLaunches
+            self._launches = kind(self.model, working, self._first, self._report)
             self.slots = working
         return True
 
@@ -161,9 +167,9 @@ class CudaStepper:
         kept = span.kept if self.holder is not None else None
         self._start_frame(span, kept)
         if self._fresh or kept is not None:
-            self._set_state(start)
+            self._launches.set_state(start, self._slot, self.order)
         self._run(f"forward, keep={kept is not None}", lambda: self._launches.forward(self.substeps, kept is not None))
-        self._write_state(end, kept is not None)
+        self._launches.write_state(end, self._slot + (self.substeps if kept is not None else 0), self.order)
         self._fresh = kept is not None
         return self._report.cpu().numpy()
 
@@ -173,31 +179,13 @@ class CudaStepper:
         if slot != self._slot:
             self._first.fill_(slot)
             self._slot = slot
-        if not self._weighed:
+        if self.model.hold(span):
+            self.model.sort(self.order)
+            self._weighed = False
+        if not self._weighed and not self._thin:
             self._run("weigh", self._launches.weigh)
             self._weighed = True
-        if self.model.gripped:
-            points = self.model.controllers.shape[2]
-            self.model.controllers.copy_(span.points[:, :, :points].transpose(0, 1))
-
-    def _set_state(self, state: State) -> None:
-        """Put in the state at the frame's start."""
-        self.model.velocity.copy_(state.nodes.flatten(0, 1))
-        for name, target in self._launches.states.items():
-            torch.index_select(getattr(state, name).flatten(0, 1), 0, self.order, out=target[self._slot])
-
-    def _write_state(self, out: State, keep: bool) -> None:
-        """Write the state at the frame's end."""
-        slot = self._slot + (self.substeps if keep else 0)
-        out.nodes.copy_(self.model.velocity.unflatten(0, (self.rollouts, -1)))
-        for name, values in self._launches.states.items():
-            getattr(out, name).flatten(0, 1).index_copy_(0, self.order, values[slot])
-
-    def _void(self, rollout: int) -> None:
-        """Take a rollout out of the kept frame, so that its adjoint is zero."""
-        n, nodes, slots = self.particles, self.lattice.nodes, slice(self._slot, self._slot + self.substeps + 1)
-        self._launches.states["x"][slots, rollout * n : (rollout + 1) * n] = torch.nan
-        self._launches.free[slots, rollout * nodes : (rollout + 1) * nodes] = 0.0
+        self.model.hand.place(span.points)
 
     def _run(self, name: str, launches: Callable[[], None]) -> None:
         """Launch one by one on the CPU, on a GPU as a CUDA graph captured when first needed."""
@@ -221,31 +209,34 @@ class CudaStepper:
             self.reserve(self.substeps + 1)
         self.model.clear_bars()
 
-    def add_adjoints(self, x_bar: Tensor | None, v_bar: Tensor | None, F_bar: Tensor | None) -> None:
-        """Add derivatives of the loss by the state where the adjoint stands now, each [R, N, ...]."""
-        for name, bar in (("x", x_bar), ("v", v_bar), ("F", F_bar)):
-            if bar is not None:
-                self.model.state_bars[name] += bar.flatten(0, 1)[self.order]
+    def add_adjoints(self, bars: dict[str, Tensor]) -> None:
+        """Add derivatives of the loss by the state where the adjoint stands now, each [R, N, ...], by name."""
+        for name, bar in bars.items():
+            self.model.state_bars[name] += bar.flatten(0, 1)[self.order]
 
     def backward(self, span: Span, start: State, led: bool) -> Tensor | None:
         """Adjoint of a frame; see `stepper.Stepper`."""
         self._start_frame(span, span.kept)
         launches, self._fresh = self._launches, True
         if span.kept is None:
-            self._set_state(start)
+            launches.set_state(start, self._slot, self.order)
             self._run("forward, keep=True", lambda: launches.forward(self.substeps, True))
-        self.model.first_velocity.copy_(start.nodes.flatten(0, 1))
+        launches.recall(start)
         for rollout in np.flatnonzero(~span.alive):
-            self._void(rollout)
+            launches.void(rollout, slice(self._slot, self._slot + self.substeps + 1))
         launches.prepare_backward(led)
-        self.model.controllers_bar.zero_()
+        self.model.hand.controllers_bar.zero_()
         self._run(f"backward, controllers={led}", lambda: launches.backward(self.substeps, led))
-        return self.model.controllers_bar.transpose(0, 1) if led else None
+        return self.model.hand.controllers_bar.transpose(0, 1) if led else None
 
     def nodes_adjoint(self) -> Tensor:
         """Derivative of the loss by the nodes' velocities where the adjoint stands now, [R, nodes, 4]."""
-        return self.model.carry.unflatten(0, (self.rollouts, -1))
+        return self.model.nodes_adjoint()
+
+    def lengths_adjoint(self) -> Tensor:
+        """Derivative of the loss by the lengths of the bonds, in the grip's order, [R, B]."""
+        return self.model.hand.lengths_adjoint()
 
     def gradients(self) -> dict[str, Tensor]:
         """Adjoints of the parameters in use by name, with an axis of rollouts."""
-        return self.model.gradients(self.order)
+        return self.model.gradients()

@@ -34,10 +34,6 @@ template <class S>
 inline Vec4<S> column(const Mat3<S>& A, int a) {
     return {{A(0, a), A(1, a), A(2, a), 0}};
 }
-template <class S>
-inline Vec3<S> three(const Vec4<S>& a) {
-    return {{a[0], a[1], a[2]}};
-}
 
 // q: scattered with the weights; the columns of A with their derivatives along x, y, z.
 template <class S>

@@ -1,6 +1,6 @@
 // Four numbers of a node, moved 16 bytes at a time: (dt force x, y, z, volume that touches the ground), or a velocity.
 #pragma once
-#include "number.h"
+#include "matrix.h"
 
 namespace physreal {
 
@@ -30,6 +30,10 @@ inline Vec4<S> operator/(const Vec4<S>& a, S s) {
 template <class S>
 inline S dot(const Vec4<S>& a, const Vec4<S>& b) {
     return a[0] * b[0] + a[1] * b[1] + a[2] * b[2] + a[3] * b[3];
+}
+template <class S>
+inline Vec3<S> three(const Vec4<S>& a) {
+    return {{a[0], a[1], a[2]}};
 }
 
 }  // namespace physreal

@@ -53,9 +53,11 @@ struct Grip {
         S stiffness, damping;
     };
 
-    // add(which of the four places, controller, axis, value) takes the adjoints of the controller points.
-    template <class Add>
-    Adjoint adjoint(Index first, Index last, const Vec3<S>& x, const Vec3<S>& v, const Vec3<S>& f_bar, Add add) const {
+    // add(which of the four places, controller, axis, value) takes the adjoints of the controller points, add_length(bond, value) those
+    // of the rest lengths.
+    template <class Add, class AddLength>
+    Adjoint adjoint(Index first, Index last, const Vec3<S>& x, const Vec3<S>& v, const Vec3<S>& f_bar, Add add,
+                    AddLength add_length) const {
         Adjoint out = {};
         const PathWeights<S> path(time, frame_rate);
         for (Index e = first; e < last; e++) {
@@ -70,6 +72,7 @@ struct Grip {
                     add(i, controller[e], d, -path.place[i] * x_bar[d] - path.velocity[i] * v_bar[d]);
             out.x = out.x + x_bar;
             out.v = out.v + v_bar;
+            add_length(e, b.weight * stiffness * b.length / (b.rest_length * b.rest_length) * along);
             out.stiffness -= b.weight * b.strain * along;
             out.damping -= b.weight * b.rate * along;
         }

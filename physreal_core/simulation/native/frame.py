@@ -29,8 +29,24 @@ WORKSPACE = Structure(
     S* carry  [nodes + 4, 4] adjoints of velocity and mass
     S* free  [substeps, nodes, 4] velocities before contact, if kept
     S* networks  [threads, network_numbers] for the networks' adjoints
-    S* element_force  [corners * 3, element_stride] of a thin body's elements, or in the adjoint what they add to that of x
+    S* element_force  [rows, corners, element_stride] what a thin body's elements leave, or in the adjoint what they add to that of the state
+    S* torque  [stride] on the segments of framed rods, or their adjoint
+    S* turned  [3, stride] what a turn of the directors adds to the adjoint of the segments before it
     int* shared  [128] barriers and stop
+    # With self-contact (contacts.h)
+    S* contact_force  [3, stride]
+    S* speeds  [substeps, threads] of the vertices against the drift, at most
+    int* pairs  [threads, 2, pair_capacity, 4] vertices of pairs that may touch: of points and faces, of edges
+    Index* pairs_listed  [threads, 2]
+    Index* pairs_awake  [threads, 2]
+    S* pairs_wake  [threads, 2, pair_capacity] what the vertices may move before a pair may touch [m]
+    S* pairs_by_modulus  [threads, 2, pair_capacity] stiffness over the sum of the corners' Young's moduli [m]
+    int* awake  [threads, 2, pair_capacity] numbers of those that may touch
+    int* pairs_touch  [threads, 2, pair_capacity / lanes] whether one of a block of these does
+    S* pairs_left  [threads, 2, 28, pair_capacity] forces, or adjoints of x, v and Young's modulus
+    S* balls  [contact_faces + contact_edges, 4] centre and radius
+    S* bin_boxes  [2, 8]
+    int* bins  [2 (bin_cells + 1) + 2 (contact_faces + contact_edges)]
     """,
 )
 FRAME = Structure(
@@ -47,8 +63,10 @@ FRAME = Structure(
     Index replay  whether the grids are there already
     Index count:3  of the nodes
     Index gripped
+    Index bonds
     Index clamps
     Index controller_points
+    Index capsules  of a tool
     Index latent_elastic_size
     Index latent_plastic_size
     Index weights_elastic
@@ -74,6 +92,8 @@ FRAME = Structure(
     S grip_stiffness
     S grip_damping
     S grip_softening
+    S tool_stiffness
+    S tool_friction
     S beta_elastic
     S beta_plastic
     S strain_scale
@@ -120,6 +140,9 @@ FRAME = Structure(
     const int* grip_controller  [B]
     const S* grip_weight  [B]
     const S* grip_rest_length  [B]
+    S* rest_length_bar  [threads, B]; grow
+    const int* capsule_ends  [capsules, 2] controller points
+    const S* capsule_radius  [capsules]
     const S* controllers  [4, points, 3], see laws/grip.h
     S* controllers_bar  [threads, 4, points, 3]; grow
     const S* clamp_lower  [clamps, 3]
@@ -141,9 +164,37 @@ THIN_FRAME = Structure(
     const int* corners  [corners, element_stride] places of the vertices
     const int* incident_first  [N + 1]
     const int* incident  [] of each vertex the corners that are at it, as corner * element_stride + element
+    const S* begins  [stride] one where a segment of a framed rod begins
+    const S* mobility  [stride] of these one over the moment of inertia about the tangent, zero where the segment is held
+    S* mobility_bar  [stride]; grows
+    const S* director  [N, 3] of segments
+    const S* spin  [N]
+    S* director_end
+    S* spin_end
+    S* director_bar
+    S* spin_bar
     const S* element_constants  [constants, element_stride]
     const S* element_stiffness  [stiffness, element_stride]
     S* element_bars  [stiffness, element_stride] adjoints; grow
+
+    # Contact with itself (thin/contact.py); contact_distance is 0 without
+    Index contact_faces
+    Index contact_edges
+    Index pair_capacity
+    Index bin_cells
+    S contact_distance
+    S contact_margin  within which pairs are listed
+    S contact_size  stiffness over Young's modulus [m]
+    S contact_drift:3  velocity of the body as a whole [m/s]
+    S layer_friction
+    S layer_speed
+    S layer_softening
+    const int* contact_face  [contact_faces, corners]
+    const int* contact_edge  [contact_edges, 2]
+    const S* contact_weight  [N]
+    const int* near_first  [N + 1]
+    const int* near  [] vertices that hang together with each
+    Index* pairs_needed  [threads, 2] the most that were found
     """,
     base=FRAME,
 )

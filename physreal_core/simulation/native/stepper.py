@@ -9,19 +9,20 @@ import numpy as np
 import torch
 import warp as wp
 
-from physreal_core.array_types import Array, Int, Tensor
+from physreal_core.array_types import Array, Bool, Int, Tensor
 from physreal_core.cores import available_cores
 from physreal_core.native import launch_on_threads
-from physreal_core.simulation.body import Body, Clamp, Grip, PointLoad, load_forces
+from physreal_core.simulation.body import Body, Clamp, Grip, PointLoad, Tool, controller_count, load_forces
 from physreal_core.simulation.config import SimulationConfig
 from physreal_core.simulation.grip_inertia import GripInertia
 from physreal_core.simulation.lattice import held_boxes, lattice_of
+from physreal_core.simulation.native.contacts import ContactArrays
 from physreal_core.simulation.native.frame import FRAME, THIN_FRAME, WORKSPACE, frame_kernels
 from physreal_core.simulation.parameters import Parameters, row_of
 from physreal_core.simulation.particle_rows import NODE_SUMS, PARTICLE_SUMS, ParticleRows
 from physreal_core.simulation.step_layout import term_bits
 from physreal_core.simulation.stepper import NOT_FAILED, Span, State, state_shapes
-from physreal_core.simulation.thin.arrays import ElementArrays
+from physreal_core.simulation.thin.arrays import ElementArrays, SegmentArrays
 from physreal_core.simulation.timestep import rate_memory
 from physreal_core.simulation.touch import NEARLY, TOUCHING, touch_heights
 
@@ -44,7 +45,7 @@ class NativeStepper:
     """`Stepper` on the CPU. Particles are in the order of their cells; results are in the caller's.
 
     Args:
-        body, config, grip, clamps, loads: as for `Simulator`.
+        body, config, grip, clamps, loads, tool: as for `Simulator`.
         rollouts: R.
         threads: by default torch's number for one rollout, fewer for few particles, and all cores for many. The sums'
             order within a rollout, and with it the last digits, depend on how many share it.
@@ -61,6 +62,7 @@ class NativeStepper:
         grip: Grip | None,
         clamps: tuple[Clamp, ...],
         loads: tuple[PointLoad, ...],
+        tool: Tool | None = None,
         rollouts: int = 1,
         threads: int | None = None,
         kept_bytes: int | None = None,
@@ -69,28 +71,41 @@ class NativeStepper:
         self.particles, self.lattice = len(body.x0), lattice_of(body, clamps)
         self.viscous = "viscosity" in config.terms
         thin = body.elements is not None
-        self.state_shapes = state_shapes(config, thin)
-        if rollouts == 1:
+        self.state_shapes = state_shapes(config, body.elements)
+        framed = thin and body.elements.framed
+        if framed and rollouts == 1:
+            self.threads = 1
+        elif rollouts == 1:
             self.threads = min(threads or torch.get_num_threads(), max(1, self.particles // PARTICLES_PER_THREAD))
         else:
             self.threads = min(rollouts, threads or available_cores())
         self._sharing = self.threads if rollouts == 1 else 1  # threads of one rollout
         self._body, self._start = body, self._numbers(body.x0)
         self._kept_bytes = KEPT_BYTES if kept_bytes is None else kept_bytes
-        self.slots = self._grid_numbers = 0
+        self.slots = self._grid_numbers = self._speeds = 0
         self.substeps: list[int] = []
         self.holder: object | None = None
+        self._settled = self._weight_bar = torch.zeros(())
         self._kept: list[Tensor] = []
         wp.init()  # before tensors are wrapped for it
         self._kernels = frame_kernels(config, body.elements.element if thin else None)
         self._frames = np.zeros(rollouts, (THIN_FRAME if thin else FRAME).dtype(config.dtype))
         self._workspaces = np.zeros(1 if rollouts == 1 else self.threads, WORKSPACE.dtype(config.dtype))
         self._held: dict[str, Tensor] = {}
+        self._set_controllers(grip, tool)
         gripped = self._set_grip(body, grip)
-        self._rows = ParticleRows(config, self.particles, gripped)
+        self._rows = ParticleRows(config, self.particles, gripped, tool is not None)
         self.shapes = self._rows.shapes
         self._set_model(body, clamps, loads)
         self._elements = self._set_elements(body) if thin else None
+        self._segments = self._set_segments(body, clamps, grip) if framed else None
+        self._contacts = ContactArrays(body, self._sharing, self.dtype) if config.self_contact else None
+        if self._contacts is not None:
+            self._give_all(self._frames, self._contacts.model(), shared=True)
+            for name, value in self._contacts.numbers().items():
+                self._frames[name] = value
+            needed = torch.zeros(rollouts, self._sharing, 2, dtype=torch.int64)
+            self._needed = self._give(self._frames, "pairs_needed", needed)
         self._set_adjoints()
         self._set_workspaces()
 
@@ -108,12 +123,24 @@ class NativeStepper:
         records[name] = _addresses(value, shared)
         return value
 
+    def _set_controllers(self, grip: Grip | None, tool: Tool | None) -> None:
+        """Make room for the controller points, and take over what pushes."""
+        points = controller_count(grip, tool)
+        self._frames["controller_points"] = points
+        self._give(self._frames, "controllers_bar", self._zeros(self.rollouts, self._sharing, 4, points, 3))
+        if tool is not None:
+            self._frames["capsules"] = len(tool.ends)
+            self._give(self._frames, "capsule_ends", torch.from_numpy(tool.ends), shared=True)
+            self._give(self._frames, "capsule_radius", self._numbers(tool.radius), shared=True)
+
+    def _give_all(self, records: np.ndarray, arrays: dict[str, Tensor], shared: bool) -> None:
+        for name, value in arrays.items():
+            self._give(records, name, value, shared)
+
     def _set_grip(self, body: Body, grip: Grip | None) -> bool:
         gripped = grip is not None and len(grip.particles) > 0
         self._inertia = GripInertia(body, grip) if gripped else None
-        points = int(grip.controllers.max()) + 1 if gripped else 0
-        self._frames["controller_points"] = points
-        self._give(self._frames, "controllers_bar", self._zeros(self.rollouts, self._sharing, 4, points, 3))
+        self._acting: Bool[Array, " bonds"] | None = None
         if not gripped:
             return False
         particles, first, order = grip.by_particle()
@@ -121,17 +148,36 @@ class NativeStepper:
         for name, array in (("particle", particles), ("first", first), ("controller", grip.controllers[order])):
             whole = torch.from_numpy(np.ascontiguousarray(array, dtype=np.int32))
             self._give(self._frames, f"grip_{name}", whole, shared=True)
-        for name, array in (("weight", grip.weights), ("rest_length", grip.rest_lengths)):
-            self._give(self._frames, f"grip_{name}", self._numbers(array[order]), shared=True)
+        self._grip, self._bond_order, bonds = grip, order, len(order)
+        self._frames["bonds"] = bonds
+        self._give(self._frames, "grip_weight", self._numbers(grip.weights[order]), shared=True)
+        lengths = self._numbers(grip.rest_lengths[order]).expand(self.rollouts, -1)
+        self._give(self._frames, "grip_rest_length", lengths.clone())
+        self._give(self._frames, "rest_length_bar", self._zeros(self.rollouts, self._sharing, bonds))
         return True
+
+    def _hold(self, span: Span) -> None:
+        """Let those bonds act that do so in this frame, of a grip that takes and lets go."""
+        if self._inertia is None or self._grip.steady:
+            return
+        acting = self._grip.acting(span.frame)
+        if self._acting is not None and (acting == self._acting).all():
+            return
+        self._settle_weight()
+        self._acting = acting
+        lengths = torch.where(torch.from_numpy(acting), span.lengths, 1.0)
+        self._held["grip_weight"].copy_(self._numbers(np.where(acting, self._grip.weights, 0.0)[self._bond_order]))
+        self._held["grip_rest_length"].copy_(lengths[:, self._bond_order])
+        self._inertia.hold(acting, lengths)
+        self._load_forces()
 
     def _set_model(self, body: Body, clamps: tuple[Clamp, ...], loads: tuple[PointLoad, ...]) -> None:
         frames, config = self._frames, self.config
         frames["particles"], frames["threads"] = self.particles, self._sharing
         frames["stride"] = -(-self.particles // BLOCK) * BLOCK
-        frames["clamps"], frames["gravity"] = len(clamps), config.gravity
+        frames["gravity"] = config.gravity
         lattice, thin = self.lattice, body.elements is not None
-        order = np.arange(self.particles) if thin else lattice.order(body.x0)
+        order = np.arange(self.particles) if thin else lattice.order(lattice.place)
         for name, array in (("order", order), ("place", np.argsort(order))):
             self._give(frames, name, torch.from_numpy(array.astype(np.int32)), shared=True)
         frames["offset"], frames["count"], frames["cell"] = lattice.offset, lattice.count, lattice.cell
@@ -139,14 +185,15 @@ class NativeStepper:
         frames["touching"], frames["touch_slope"] = TOUCHING, 1.0 / (NEARLY * body.spacing)
         frames["yield_address"] = _yield_address()
         frames["terms"], frames["frame_rate"] = term_bits(config.terms), config.fps
-        boxes = held_boxes(clamps, 0.0 if thin else lattice.cell)
+        boxes = held_boxes(clamps, lattice, thin)
+        frames["clamps"] = len(boxes[0])
         for name, array in zip(("clamp_lower", "clamp_upper"), boxes, strict=True):
             self._give(frames, name, self._numbers(array), shared=True)
         self._mass, self._load = self._numbers(body.mass), self._numbers(load_forces(body, loads))
         self._volume = self._numbers(body.volume)
         rows = self._zeros(self.rollouts, self._rows.constant_count, self.particles)
         heights = self._numbers(touch_heights(body, config.ground_height))
-        self._rows.fill_body(rows, self._start, heights, self._volume)
+        self._rows.fill_body(rows, self._numbers(lattice.place), self._numbers(body.reach), heights, self._volume)
         self._give(frames, "given", rows)
         frames["constant_rows"], frames["bar_rows"] = self._rows.constant_count, self._rows.bar_count
         for kind, residual in (("elastic", config.elastic_residual), ("plastic", config.plastic_residual)):
@@ -162,9 +209,19 @@ class NativeStepper:
         arrays, frames = ElementArrays(body.elements, self.particles, BLOCK, self.dtype), self._frames
         frames["elements"], frames["element_stride"] = arrays.count, arrays.stride
         for name in ("corners", "incident_first", "incident"):
-            self._give(frames, name, torch.from_numpy(np.ascontiguousarray(getattr(arrays, name))), shared=True)
+            self._give(frames, name, getattr(arrays, name), shared=True)
         self._give(frames, "element_constants", arrays.constants(), shared=True)
         return arrays
+
+    def _set_segments(self, body: Body, clamps: tuple[Clamp, ...], grip: Grip | None) -> SegmentArrays:
+        """Take over the segments of framed rods; clamps and a grip hold those between two vertices that they hold."""
+        lower, upper = held_boxes(clamps, self.lattice, True)
+        held = ((body.x0[:, None] >= lower) & (body.x0[:, None] <= upper)).all(-1).any(-1)
+        if grip is not None:
+            held[grip.particles] = True
+        segments = SegmentArrays(body.elements, held, torch.as_tensor(body.density), BLOCK, self.dtype)
+        self._give(self._frames, "begins", segments.begins, shared=True)
+        return segments
 
     def _set_adjoints(self) -> None:
         r, n, frames = self.rollouts, self.particles, self._frames
@@ -180,6 +237,8 @@ class NativeStepper:
                 self._give(frames, f"network_{kind}_bar", self._zeros(r, self._sharing, *weights))
         if self._elements is not None:
             self._give(frames, "element_bars", self._zeros(r, self._elements.rows, self._elements.stride))
+        if self._segments is not None:
+            self._give(frames, "mobility_bar", self._zeros(r, int(frames["stride"][0])))
         self._bars = [bar for name, bar in self._held.items() if name.endswith(("_bar", "_bars", "_sums"))]
         self._status = self._give(frames, "status", self._zeros(r, self._sharing, dtype=torch.int64))
 
@@ -200,10 +259,17 @@ class NativeStepper:
         ):
             self._give(work, name, self._zeros(count, *shape))
         if self._elements is not None:
-            corners = len(self._elements.corners)
-            self._give(work, "element_force", self._zeros(count, 3 * corners, self._elements.stride))
+            corners, framed = len(self._elements.corners), self._segments is not None
+            left = 10 if framed else 3  # adjoints of x, directors, v and spins
+            self._give(work, "element_force", self._zeros(count, left, corners, self._elements.stride))
+            for name, rows in (("torque", 1), ("turned", 3)) if framed else ():
+                self._give(work, name, self._zeros(count, rows, stride))
         for name, grids in (("scratch", self._sharing), *((name, 1) for name in NODE_ARRAYS)):
             self._give(work, name, self._zeros(count, grids, self.lattice.nodes + 4, 4))
+        if self._contacts is not None:
+            self._give(work, "contact_force", self._zeros(count, 3, stride))
+            self._give_all(work, self._contacts.workspace(count), shared=False)
+            self._reserve_pairs()
         self._give(work, "around", self._zeros(count, self.lattice.nodes, 2))
         self._give(work, "shared", self._zeros(count, 128, dtype=torch.int32))
         self._next = self._zeros(1, dtype=torch.int32)
@@ -215,9 +281,17 @@ class NativeStepper:
             self.slots, stride = slots, int(self._frames["stride"][0])
             states = torch.empty(count, slots, self._state_rows, stride, dtype=self.dtype)
             self._give(work, "state", states)
+        if self._contacts is not None and max(self.substeps) > self._speeds:
+            self._speeds = max(self.substeps)
+            self._give(work, "speeds", self._zeros(count, self._speeds, self._sharing))
         if grid_numbers > self._grid_numbers:
             self._grid_numbers = grid_numbers
             self._give(work, "free", torch.empty(count, self._grid_numbers, dtype=self.dtype))
+
+    def _reserve_pairs(self) -> None:
+        """Make room for the pairs that may touch."""
+        self._frames["pair_capacity"] = self._contacts.capacity
+        self._give_all(self._workspaces, self._contacts.pairs(len(self._workspaces)), shared=False)
 
     def keep_frames(self, holder: object, frames: int) -> int:
         """How many of the rollouts' frames may keep their grids; whose were kept is forgotten."""
@@ -230,7 +304,8 @@ class NativeStepper:
 
     def _grids(self) -> np.ndarray:
         """Where each rollout's grids of a frame begin among those of all, in numbers, and their end, shape [R + 1]."""
-        return np.concatenate([[0], np.cumsum(4 * np.asarray(self.substeps) * self.lattice.nodes)])
+        numbers = 4 if self._segments is None else 5  # the fifth: spins
+        return np.concatenate([[0], np.cumsum(numbers * np.asarray(self.substeps) * self.lattice.nodes)])
 
     # --- rollouts -----------------------------------------------------------------------------------------------
 
@@ -243,8 +318,11 @@ class NativeStepper:
         frames["substeps"], frames["dt"], frames["share"] = steps, dt, 1.0 / steps
         for field, name in (
             ("friction", "friction_coefficient"),
+            ("layer_friction", "layer_friction"),
             ("grip_stiffness", "grip_stiffness"),
             ("grip_damping", "grip_damping"),
+            ("tool_stiffness", "tool_stiffness"),
+            ("tool_friction", "tool_friction"),
             ("gravity", "gravity"),
             ("friction_law", "friction_law"),
         ):
@@ -258,13 +336,16 @@ class NativeStepper:
         if self.viscous:
             memory = [rate_memory(self._body, self.config, row_of(parameters, r)) for r in range(self.rollouts)]
             frames["remembered"] = np.array(memory) / (np.array(memory) + 1.0)
+        self._parameters, self._dt, self._acting = parameters, torch.from_numpy(dt), None
         if self._elements is not None:
-            self._parameters = parameters
             self._give(frames, "element_stiffness", self._elements.stiffness(parameters))
-        self._load_forces(parameters, torch.from_numpy(dt))
+        if self._segments is not None:
+            self._give(frames, "mobility", self._segments.mobility(parameters, self.rollouts))
+        self._load_forces()
 
-    def _load_forces(self, parameters: Parameters, dt: Tensor) -> None:
+    def _load_forces(self) -> None:
         """Put masses and constant forces, and with them all constants, into the rows."""
+        parameters, dt = self._parameters, self._dt
         mass = self._mass if parameters.density is None else parameters.density.detach() * self._volume
         load = self._load if parameters.force is None else self._load + parameters.force.detach()
         mass, load = mass.expand(self.rollouts, -1), load.expand(self.rollouts, -1, -1)
@@ -276,18 +357,23 @@ class NativeStepper:
     def forward(self, span: Span, start: State, end: State, carries_on: bool) -> Int[Array, " rollouts"]:
         """All substeps of a frame, from `start` to `end`; see `stepper.Stepper`."""
         self._enter(span)
-        self._reserve(1, 0)
+        self._reserve(1 if self._elements is None else 2, 0)  # a thin body has two by turns
         self._frames["keep_states"], self._frames["replay"] = 0, 0
         self._frames["keep_grids"] = span.kept is not None
         self._point("", start)
         self._point("_end", end)
         self._run(self._kernels.forward, span)
+        while self._contacts is not None and self._contacts.grow(int(self._needed.max())):
+            self._reserve_pairs()
+            self._status.fill_(NOT_FAILED)
+            self._run(self._kernels.forward, span)
         return self._status.amin(1).numpy()
 
     def _enter(self, span: Span) -> None:
         """Set what differs between frames."""
         frames = self._frames
         frames["kept_grids"] = 0
+        self._hold(span)
         if frames["controller_points"][0]:
             points = span.points[:, :, : frames["controller_points"][0]].detach()
             self._give(frames, "controllers", points.transpose(0, 1))
@@ -298,12 +384,16 @@ class NativeStepper:
 
     def _point(self, suffix: str, state: State) -> None:
         """Let the frames read or write a state's arrays."""
+        if suffix == "" and self._contacts is not None:
+            self._frames["contact_drift"] = state.v.mean(1).numpy()
         for name, values in state.named().items():
             self._frames[f"{name}{suffix}"] = _addresses(values, shared=False)
 
     def _run(self, kernel: wp.Kernel, span: Span) -> None:
         """Run the frames of the rollouts that are alive."""
         self._held["shared"].zero_()
+        if self._contacts is not None:
+            self._needed.zero_()
         self._next.zero_()
         frames = self._frames if span.alive.all() else self._frames[span.alive]
         if len(frames):
@@ -318,12 +408,12 @@ class NativeStepper:
         """Set all adjoints to zero; room is made frame by frame."""
         for bar in self._bars:
             bar.zero_()
+        self._settled = self._weight_bar = torch.zeros(())
 
-    def add_adjoints(self, x_bar: Tensor | None, v_bar: Tensor | None, F_bar: Tensor | None) -> None:
-        """Add derivatives of the loss by the state where the adjoint stands now, each [R, N, ...]."""
-        for name, bar in (("x_bar", x_bar), ("v_bar", v_bar), ("F_bar", F_bar)):
-            if bar is not None:
-                self._held[name] += bar
+    def add_adjoints(self, bars: dict[str, Tensor]) -> None:
+        """Add derivatives of the loss by the state where the adjoint stands now, each [R, N, ...], by name."""
+        for name, bar in bars.items():
+            self._held[f"{name}_bar"] += bar
 
     def backward(self, span: Span, start: State, led: bool) -> Tensor | None:
         """Adjoint of a frame; see `stepper.Stepper`."""
@@ -334,11 +424,27 @@ class NativeStepper:
         self._point("", start)
         self._held["controllers_bar"].zero_()
         self._run(self._kernels.backward, span)
+        if self._contacts is not None:
+            self._contacts.check(int(self._needed.max()))
         return self._held["controllers_bar"].sum(1).transpose(0, 1) if led else None
 
     def nodes_adjoint(self) -> Tensor:
         """Derivative of the loss by the nodes' velocities where the adjoint stands now, [R, nodes, 4]."""
         return self._held["nodes_bar"]
+
+    def lengths_adjoint(self) -> Tensor:
+        """Derivative of the loss by the lengths of the bonds, in the grip's order, [R, B]."""
+        found = torch.empty_like(self._held["rest_length_bar"][:, 0])
+        found[:, self._bond_order] = self._held["rest_length_bar"].sum(1)
+        return found
+
+    def _settle_weight(self) -> None:
+        """Count the adjoint of gravity through what takes the weight off the bonds' added mass, of the frames with these bonds."""
+        if self._inertia is None or "load" not in self._rows.bars:
+            return
+        load_bar = self._held["given_bars"][:, self._rows.bars["load"]].movedim(1, -1)
+        self._weight_bar = self._weight_bar + self._inertia.gravity_adjoint(load_bar - self._settled)
+        self._settled = load_bar.clone()
 
     def gradients(self) -> dict[str, Tensor]:
         """Adjoints of the parameters in use by name, with an axis of rollouts."""
@@ -349,8 +455,16 @@ class NativeStepper:
         elements = None
         if self._elements is not None:
             elements = self._elements.gradients(self._parameters, held["element_bars"])
-        given = held["given_bars"], state_bars, *sums, networks, self._volume, self._inertia
-        return self._rows.gradients(*given, elements)
+        self._settle_weight()
+        found = self._rows.gradients(
+            held["given_bars"], state_bars, *sums, networks, self._volume, self._weight_bar, elements
+        )
+        if self._segments is not None:
+            given = self._parameters, self._start, held["mobility_bar"], held["director_bar"]
+            for name, bar in self._segments.adjoints(*given).items():
+                if name in found:
+                    found[name] = found[name] + bar
+        return found
 
 
 def _addresses(values: Tensor, shared: bool) -> int | np.ndarray:

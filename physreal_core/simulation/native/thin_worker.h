@@ -2,12 +2,16 @@
 //
 // The vertices are particles and nodes at once: each carries its mass and its velocity, and ground, clamps and gravity act on it as on a
 // node of a volume's grid. In every substep the elements leave forces at their corners, and each vertex adds up what was left at it,
-// always in the same order, so that the result does not depend on the number of threads.
+// always in the same order, so that the result does not depend on the number of threads. Segments of framed rods have directors besides
+// (directors.h); a rollout of these is one thread's.
 #pragma once
 #include "barrier.h"
+#include "contacts.h"
+#include "directors.h"
 #include "elements.h"
+#include "framedrod.h"
 #include "frames.h"
-#include "grip.h"
+#include "hand.h"
 #include "nodes.h"
 #include "rows.h"
 #include "term_laws.h"
@@ -20,7 +24,11 @@ class ThinWorker : ParticleRows<S> {
     using V = Lanes<S>;
     using Rows = ParticleRows<S>;
     using Elastic = Element<V, V>;
-    static constexpr int X = 0, VELOCITY = 3, STATE_ROWS = 6, CORNERS = Elastic::CORNERS;
+    static constexpr int CORNERS = Elastic::CORNERS, FRAMES = Elastic::FRAMES;
+    static constexpr bool FRAMED = FRAMES > 0;
+    static constexpr int X = 0, VELOCITY = 3, DIRECTOR = 6, SPIN = 9, STATE_ROWS = FRAMED ? 10 : 6;
+    // Of frame.element_force: forces, and torques; or what an element adds to the adjoint of x, of directors, of v and of spins.
+    static constexpr int TORQUE = 3, OF_DIRECTOR = 3, OF_VELOCITY = 6, OF_SPIN = 9;
 
 public:
     // pass: 0 for a frame, 1 for its adjoint after it; each has a barrier of its own.
@@ -31,7 +39,9 @@ public:
           first_element_(share_of(element_blocks(), thread, frame.threads) * LANES),
           last_element_(share_of(element_blocks(), thread + 1, frame.threads) * LANES),
           laws_(frame, thread),
-          barrier_(frame.shared + 64 * pass, frame.threads, frame.yield_address) {}
+          hand_(frame, thread),
+          barrier_(frame.shared + 64 * pass, frame.threads, frame.yield_address),
+          contacts_(frame, thread, barrier_) {}
 
     void forward() {
         load_model();
@@ -40,7 +50,12 @@ public:
         if (frame_.replay) return replay();
         barrier_.wait();
         for (Index s = 0; s < frame_.substeps; s++) {
-            leave_forces(state(frame_.keep_states ? s : 0));
+            const S* now = state_at(s);
+            if (contacts_.on()) {
+                contacts_.update(now, s - 1);
+                contacts_.leave_forces(now);
+            }
+            leave_forces(now);
             barrier_.wait();
             if (stopped()) return;
             move(s);
@@ -56,11 +71,14 @@ public:
         load_adjoint();
         barrier_.wait();
         for (Index s = frame_.substeps - 1; s >= 0; s--) {
+            if constexpr (FRAMED) turn_adjoint(s);
             move_adjoint(s);
             barrier_.wait();
             leave_adjoints(state(s));
+            if (contacts_.on()) leave_contact_adjoints(s);
             barrier_.wait();
-            add_up(frame_.adjoint + X * frame_.stride);
+            add_up(frame_.adjoint);
+            if (contacts_.on()) add_up_contacts();
         }
         store_adjoint();
     }
@@ -73,7 +91,9 @@ private:
     int thread_;
     Index first_element_, last_element_;
     TermLaws<S> laws_;
+    Hand<S> hand_;
     Barrier barrier_;
+    Contacts<S, Elastic::FACE> contacts_;
 
     Index element_blocks() const { return frame_.element_stride / LANES; }
     const S* constants(int r) const { return frame_.constants + r * frame_.stride; }
@@ -82,6 +102,10 @@ private:
     S* particle_sums() const { return frame_.particle_sums + particle_sum::COUNT * thread_; }
     S* node_sums() const { return frame_.node_sums + node_sum::COUNT * thread_; }
     S* state(Index slot) const { return frame_.state + slot * STATE_ROWS * frame_.stride; }
+    // After s substeps: kept, or in one of two places by turns.
+    S* state_at(Index s) const { return state(frame_.keep_states ? s : s % 2); }
+    S* kept_spins(Index s) const { return frame_.free + (4 * frame_.substeps + s) * frame_.particles; }
+    bool damped() const { return TERMS && laws_.has(term::retardation); }
     S* kept(Index s) const { return frame_.free + 4 * s * frame_.particles; }
     Around<S> around(Index p) const { return {frame_.around[2 * p], frame_.around[2 * p + 1]}; }
 
@@ -107,12 +131,6 @@ private:
         return {f.dt,         {f.gravity[0], f.gravity[1], f.gravity[2]},
                 f.mass_floor, f.touching,
                 f.friction,   laws_.has(term::friction_law) ? f.friction_law : nullptr};
-    }
-
-    Grip<S> grip(Index substep) const {
-        const Frame<S>& f = frame_;
-        return {f.grip_controller, f.grip_weight,  f.grip_rest_length, f.controllers,        f.controller_points,
-                f.grip_stiffness,  f.grip_damping, f.grip_softening,   S(substep) * f.share, f.frame_rate};
     }
 
     // Three rows of one vertex.
@@ -143,6 +161,10 @@ private:
         gather_columns(s + X * frame_.stride, frame_.x, 3);
         for (Index p = first_; p < padded_end(); p++)
             put_at(s, VELOCITY, p, three(read(frame_.nodes + 4 * min_of(p, frame_.particles - 1))));
+        if constexpr (FRAMED) {
+            gather_columns(s + DIRECTOR * frame_.stride, frame_.director, 3);
+            gather_columns(s + SPIN * frame_.stride, frame_.spin, 1);
+        }
     }
 
     // Mass and volume of each vertex; what a clamp holds has no mass here.
@@ -164,12 +186,16 @@ private:
     }
 
     void store_state() const {
-        const S* s = state(0);
+        const S* s = state_at(frame_.substeps);
         scatter_columns(frame_.x_end, s + X * frame_.stride, 3);
         scatter_columns(frame_.v_end, s + VELOCITY * frame_.stride, 3);
         for (Index p = first_; p < last_; p++) {
             const Vec3<S> v = at(s, VELOCITY, p);
             store(frame_.nodes_end + 4 * p, Node{v[0], v[1], v[2], 0});
+        }
+        if constexpr (FRAMED) {
+            scatter_columns(frame_.director_end, s + DIRECTOR * frame_.stride, 3);
+            scatter_columns(frame_.spin_end, s + SPIN * frame_.stride, 1);
         }
     }
 
@@ -177,6 +203,10 @@ private:
         S* a = frame_.adjoint;
         gather_columns(a + X * frame_.stride, frame_.x_bar, 3);
         gather_columns(a + VELOCITY * frame_.stride, frame_.v_bar, 3);
+        if constexpr (FRAMED) {
+            gather_columns(a + DIRECTOR * frame_.stride, frame_.director_bar, 3);
+            gather_columns(a + SPIN * frame_.stride, frame_.spin_bar, 1);
+        }
         clear(frame_.bars, frame_.bar_rows);
         for (Index p = first_; p < last_; p++) {
             const Vec3<S> bar = three(read(frame_.nodes_bar + 4 * p)) + at(a, VELOCITY, p);
@@ -189,6 +219,10 @@ private:
         const S* a = frame_.adjoint;
         scatter_columns(frame_.x_bar, a + X * frame_.stride, 3);
         scatter_columns(frame_.v_bar, a + VELOCITY * frame_.stride, 3);
+        if constexpr (FRAMED) {
+            scatter_columns(frame_.director_bar, a + DIRECTOR * frame_.stride, 3);
+            scatter_columns(frame_.spin_bar, a + SPIN * frame_.stride, 1);
+        }
         add_rows(frame_.given_bars, frame_.bars, frame_.bar_rows);
         for (Index p = first_; p < last_; p++) store(frame_.nodes_bar + 4 * p, read(frame_.carry + 4 * p));
     }
@@ -209,8 +243,21 @@ private:
         for (int r = 0; r < COUNT; r++) values[r] = load<S, LANES>(rows + r * frame_.element_stride + e);
     }
 
-    void leave(int corner, Index e, const Vec3<V>& value) const {
-        for (int d = 0; d < 3; d++) store(frame_.element_force + (3 * corner + d) * frame_.element_stride + e, value[d]);
+    // What all corners leave along an axis.
+    S* element_row(int d) const { return frame_.element_force + d * CORNERS * frame_.element_stride; }
+
+    V number_at(const S* row, int corner, Index e) const {
+        const int* places = frame_.corners + corner * frame_.element_stride + e;
+        V value;
+        for (int l = 0; l < LANES; l++) value[l] = row[places[l]];
+        return value;
+    }
+
+    void leave(int row, int corner, Index e, V value) const {
+        store(element_row(row) + corner * frame_.element_stride + e, value);
+    }
+    void leave(int row, int corner, Index e, const Vec3<V>& value) const {
+        for (int d = 0; d < 3; d++) leave(row + d, corner, e, value[d]);
     }
 
     void leave_forces(const S* now) const {
@@ -218,11 +265,30 @@ private:
             V constants[Elastic::CONSTANTS], stiffness[Elastic::STIFFNESS];
             rows_of(frame_.element_constants, e, constants);
             rows_of(frame_.element_stiffness, e, stiffness);
-            Vec3<V> x[CORNERS], f[CORNERS] = {};
-            for (int c = 0; c < CORNERS; c++) x[c] = at_corner(now + X * frame_.stride, c, e);
-            Elastic(x, constants).forces(stiffness, f);
-            for (int c = 0; c < CORNERS; c++) leave(c, e, f[c]);
+            if constexpr (FRAMED) {
+                const auto found = FramedRodForces<V>(constants, stiffness).forces(elements_at(now, e), damped());
+                for (int c = 0; c < CORNERS; c++) leave(0, c, e, found.force[c]);
+                for (int i = 0; i < FRAMES; i++) leave(TORQUE, i, e, found.torque[i]);
+            } else {
+                Vec3<V> x[CORNERS], f[CORNERS] = {};
+                for (int c = 0; c < CORNERS; c++) x[c] = at_corner(now + X * frame_.stride, c, e);
+                Elastic(x, constants).forces(stiffness, f);
+                for (int c = 0; c < CORNERS; c++) leave(0, c, e, f[c]);
+            }
         }
+    }
+
+    typename FramedRodForces<V>::State elements_at(const S* now, Index e) const {
+        typename FramedRodForces<V>::State found = {};
+        for (int c = 0; c < CORNERS; c++) {
+            found.x[c] = at_corner(now + X * frame_.stride, c, e);
+            if (damped()) found.v[c] = at_corner(now + VELOCITY * frame_.stride, c, e);
+        }
+        for (int i = 0; i < FRAMES; i++) {
+            found.director[i] = at_corner(now + DIRECTOR * frame_.stride, i, e);
+            if (damped()) found.spin[i] = number_at(now + SPIN * frame_.stride, i, e);
+        }
+        return found;
     }
 
     // In: frame.force_bar. Leaves what the elements add to the adjoint of x.
@@ -231,15 +297,20 @@ private:
             V constants[Elastic::CONSTANTS], stiffness[Elastic::STIFFNESS], bar[Elastic::STIFFNESS] = {};
             rows_of(frame_.element_constants, e, constants);
             rows_of(frame_.element_stiffness, e, stiffness);
-            Vec3<Dual<V>> x[CORNERS], f[CORNERS] = {};
-            for (int c = 0; c < CORNERS; c++) {
-                const Vec3<V> value = at_corner(now + X * frame_.stride, c, e), slope = at_corner(frame_.force_bar, c, e);
-                for (int d = 0; d < 3; d++) x[c][d] = {value[d], slope[d]};
+            if constexpr (FRAMED) {
+                leave_framed(FramedRodForces<V>(constants, stiffness), now, e, bar);
+            } else {
+                Vec3<Dual<V>> x[CORNERS], f[CORNERS] = {};
+                for (int c = 0; c < CORNERS; c++) {
+                    const Vec3<V> value = at_corner(now + X * frame_.stride, c, e), slope = at_corner(frame_.force_bar, c, e);
+                    for (int d = 0; d < 3; d++) x[c][d] = {value[d], slope[d]};
+                }
+                const Element<Dual<V>, V> element(x, constants);
+                element.forces(stiffness, f);
+                for (int c = 0; c < CORNERS; c++)
+                    leave(0, c, e, Vec3<V>{{f[c][0].slope, f[c][1].slope, f[c][2].slope}});
+                element.stiffness_adjoint(bar);
             }
-            const Element<Dual<V>, V> element(x, constants);
-            element.forces(stiffness, f);
-            for (int c = 0; c < CORNERS; c++) leave(c, e, {{f[c][0].slope, f[c][1].slope, f[c][2].slope}});
-            element.stiffness_adjoint(bar);
             for (int r = 0; r < Elastic::STIFFNESS; r++) {
                 S* row = frame_.element_bars + r * frame_.element_stride + e;
                 store(row, load<S, LANES>(row) + bar[r]);
@@ -247,18 +318,75 @@ private:
         }
     }
 
-    // What elements left at a vertex.
-    Vec3<S> left_at(Index p) const {
+    template <class Forces>
+    void leave_framed(const Forces& forces, const S* now, Index e, V (&bar)[Elastic::STIFFNESS]) const {
+        typename Forces::Forces of;
+        for (int c = 0; c < CORNERS; c++) of.force[c] = at_corner(frame_.force_bar, c, e);
+        for (int i = 0; i < FRAMES; i++) of.torque[i] = number_at(frame_.torque, i, e);
+        const auto found = forces.adjoint(elements_at(now, e), of, damped(), bar);
+        for (int c = 0; c < CORNERS; c++) leave(0, c, e, found.x[c]);
+        for (int i = 0; i < FRAMES; i++) leave(OF_DIRECTOR, i, e, found.director[i]);
+        if (!damped()) return;
+        for (int c = 0; c < CORNERS; c++) leave(OF_VELOCITY, c, e, found.v[c]);
+        for (int i = 0; i < FRAMES; i++) leave(OF_SPIN, i, e, found.spin[i]);
+    }
+
+    // What the first `count` corners of elements left at a vertex, in the three rows from `first` on.
+    Vec3<S> left_at(Index p, int first = 0, Index count = CORNERS) const {
         Vec3<S> sum = {};
         for (Index i = frame_.incident_first[p]; i < frame_.incident_first[p + 1]; i++) {
-            const Index corner = frame_.incident[i] / frame_.element_stride, e = frame_.incident[i] % frame_.element_stride;
-            for (int d = 0; d < 3; d++) sum[d] += frame_.element_force[(3 * corner + d) * frame_.element_stride + e];
+            if (count < CORNERS && frame_.incident[i] >= count * frame_.element_stride) continue;
+            for (int d = 0; d < 3; d++) sum[d] += element_row(first + d)[frame_.incident[i]];
         }
         return sum;
     }
+    // What elements left in one row at the segment that begins at a vertex.
+    S left_at_segment(Index p, int row) const {
+        S sum = 0;
+        for (Index i = frame_.incident_first[p]; i < frame_.incident_first[p + 1]; i++)
+            if (frame_.incident[i] < FRAMES * frame_.element_stride) sum += element_row(row)[frame_.incident[i]];
+        return sum;
+    }
 
-    void add_up(S* rows) const {
-        for (Index p = first_; p < last_; p++) put_at(rows, 0, p, at(rows, 0, p) + left_at(p));
+    void add_up(S* bar) const {
+        for (Index p = first_; p < last_; p++) put_at(bar, X, p, at(bar, X, p) + left_at(p));
+        if constexpr (FRAMED) {
+            Directors<S>(frame_).add_turned(bar, frame_.turned);
+            for (Index p = first_; p < last_; p++) {
+                put_at(bar, DIRECTOR, p, at(bar, DIRECTOR, p) + left_at(p, OF_DIRECTOR, FRAMES));
+                if (!damped()) continue;
+                bar[SPIN * frame_.stride + p] += left_at_segment(p, OF_SPIN);
+                const Vec3<S> sum = three(read(frame_.carry + 4 * p)) + left_at(p, OF_VELOCITY);
+                store(frame_.carry + 4 * p, Node{sum[0], sum[1], sum[2], 0});
+            }
+        }
+    }
+
+    // --- contact between layers
+
+    // Adds the forces of a substep to those in frame.contact_force, of the thread's vertices.
+    void add_up_contact_forces() const {
+        clear(frame_.contact_force, 3);
+        contacts_.for_left([&](Index p, const S* left, Index stride, int corner) {
+            for (int d = 0; d < 3; d++) frame_.contact_force[d * frame_.stride + p] += left[(3 * corner + d) * stride];
+        });
+    }
+
+    void leave_contact_adjoints(Index s) {
+        contacts_.update(state(s), s + 1 < frame_.substeps ? s : -1);
+        contacts_.leave_adjoints(state(s), node_sums()[node_sum::layer_friction]);
+    }
+
+    // To the adjoints of x, of the velocity in frame.carry and of Young's modulus.
+    void add_up_contacts() const {
+        S *x_bar = frame_.adjoint + X * frame_.stride, *modulus_bar = frame_.bars + bar::youngs_modulus * frame_.stride;
+        contacts_.for_left([&](Index p, const S* left, Index stride, int corner) {
+            for (int d = 0; d < 3; d++) {
+                x_bar[d * frame_.stride + p] += left[(3 * corner + d) * stride];
+                frame_.carry[4 * p + d] += left[(12 + 3 * corner + d) * stride];
+            }
+            modulus_bar[p] += left[(24 + corner) * stride];
+        });
     }
 
     // --- vertices
@@ -270,40 +398,43 @@ private:
     }
 
     void apply_forces(Index s, const S* now) {
-        const S* before_grip = constants(constant::load);
+        const S* before_hand = constants(constant::load);
         if (TERMS && laws_.has(ForceTerms::TERMS)) {
-            laws_.forces(law_arrays(now), before_grip);
-            before_grip = frame_.force;
+            laws_.forces(law_arrays(now), before_hand);
+            before_hand = frame_.force;
         }
-        const Grip<S> bonds = grip(s);
-        for_gripped([&](Index p, Index first, Index end) {
-            put_at(frame_.force, 0, p, bonds.force(first, end, at(now, X, p), at(now, VELOCITY, p), at(before_grip, 0, p)));
-        });
-    }
-
-    // Calls visit(vertex, first bond, last bond) for the thread's gripped vertices.
-    template <class Visit>
-    void for_gripped(Visit visit) const {
-        for (Index q = 0; q < frame_.gripped; q++) {
-            const Index place = frame_.place[frame_.grip_particle[q]];
-            if (place >= first_ && place < last_) visit(place, frame_.grip_first[q], frame_.grip_first[q + 1]);
-        }
+        hand_.forces(s, now + X * frame_.stride, now + VELOCITY * frame_.stride, before_hand);
     }
 
     void move(Index s) {
-        const S* now = state(frame_.keep_states ? s : 0);
-        S* next = state(frame_.keep_states ? s + 1 : 0);
+        const S* now = state_at(s);
+        S* next = state_at(s + 1);
         const NodePhase<S> phase = node_phase();
         apply_forces(s, now);
+        if (contacts_.on()) add_up_contact_forces();
+        S fastest = 0;
         for (Index p = first_; p < last_; p++) {
-            const Vec3<S> x = at(now, X, p), v = at(now, VELOCITY, p), f = at(frame_.force, 0, p) + left_at(p);
+            const Vec3<S> x = at(now, X, p), v = at(now, VELOCITY, p);
+            Vec3<S> f = at(frame_.force, 0, p) + left_at(p);
+            if (contacts_.on()) f = f + at(frame_.contact_force, 0, p);
             const Node push = {frame_.dt * f[0], frame_.dt * f[1], frame_.dt * f[2],
                                constant_of(constant::volume, p) * touching(p, x[2])};
             const Node free = phase.free(Node{v[0], v[1], v[2], 0}, push, around(p));
             check(s, p, x, three(free));
             if (frame_.keep_grids) store(kept(s) + 4 * p, free);
-            step(next, p, x, three(phase.velocity(free, around(p))));
+            const Vec3<S> moving = three(phase.velocity(free, around(p)));
+            fastest = max(fastest, contacts_.drifting(moving));
+            step(next, p, x, moving);
         }
+        if constexpr (FRAMED) {
+            for (Index p = first_; p < last_; p++) frame_.torque[p] = left_at_segment(p, TORQUE);
+            const Directors<S> directors(frame_);
+            directors.spin(now, next, frame_.torque);
+            directors.turn(now, next);
+            const S* spins = next + SPIN * frame_.stride;
+            for (Index p = first_; frame_.keep_grids && p < last_; p++) kept_spins(s)[p] = spins[p];
+        }
+        if (contacts_.on()) contacts_.note_speed(s, fastest);
     }
 
     void step(S* next, Index p, const Vec3<S>& x, const Vec3<S>& v) const {
@@ -314,9 +445,20 @@ private:
     // The states of a frame of which the velocities are there.
     void replay() {
         const NodePhase<S> phase = node_phase();
-        for (Index s = 0; s < frame_.substeps; s++)
-            for (Index p = first_; p < last_; p++)
-                step(state(s + 1), p, at(state(s), X, p), three(phase.velocity(read(kept(s) + 4 * p), around(p))));
+        for (Index s = 0; s < frame_.substeps; s++) {
+            S fastest = 0;
+            for (Index p = first_; p < last_; p++) {
+                const Vec3<S> moving = three(phase.velocity(read(kept(s) + 4 * p), around(p)));
+                fastest = max(fastest, contacts_.drifting(moving));
+                step(state(s + 1), p, at(state(s), X, p), moving);
+            }
+            if constexpr (FRAMED) {
+                S* spins = state(s + 1) + SPIN * frame_.stride;
+                for (Index p = first_; p < last_; p++) spins[p] = kept_spins(s)[p];
+                Directors<S>(frame_).turn(state(s), state(s + 1));
+            }
+            if (contacts_.on()) contacts_.note_speed(s, fastest);
+        }
         barrier_.wait();
     }
 
@@ -335,11 +477,16 @@ private:
     }
 
     void check_state() {
-        for (Index p = first_; p < last_; p++)
-            check(frame_.substeps, p, at(state(0), X, p), at(state(0), VELOCITY, p));
+        const S* s = state_at(frame_.substeps);
+        for (Index p = first_; p < last_; p++) check(frame_.substeps, p, at(s, X, p), at(s, VELOCITY, p));
     }
 
     // --- adjoint
+
+    // The adjoint of what the substep does to directors and spins, see `Directors::adjoint`.
+    void turn_adjoint(Index s) const {
+        Directors<S>(frame_).adjoint(state(s), state(s + 1), frame_.adjoint, frame_.torque, frame_.turned, frame_.mobility_bar);
+    }
 
     // In: the adjoint of x and, in frame.carry, that of the velocity after the substep; out: the same before it but for what the
     // elements add to that of x, and the adjoint of the forces in frame.force_bar.
@@ -378,30 +525,14 @@ private:
 
     void forces_adjoint(Index s, const S* now) {
         S* bar = frame_.adjoint;
-        grip_adjoint(s, now);
+        hand_.adjoint(s, now + X * frame_.stride, now + VELOCITY * frame_.stride, bar + X * frame_.stride,
+                      bar + VELOCITY * frame_.stride, TERMS ? input_bars(input::mass) : nullptr, particle_sums());
         if (TERMS && laws_.has(ForceTerms::TERMS)) laws_.forces_adjoint(law_arrays(now));
         for (Index p = first_; p < last_; p++) {
             const Vec3<S> sum = three(read(frame_.carry + 4 * p)) + at(bar, VELOCITY, p);
             store(frame_.carry + 4 * p, Node{sum[0], sum[1], sum[2], 0});
         }
         clear(bar + VELOCITY * frame_.stride, 3);
-    }
-
-    void grip_adjoint(Index s, const S* now) {
-        const Grip<S> bonds = grip(s);
-        S* bar = frame_.adjoint;
-        S* points_bar = frame_.controllers_bar + 12 * thread_ * frame_.controller_points;
-        const auto add_point = [&](int place, int controller, int axis, S value) {
-            points_bar[3 * (place * frame_.controller_points + controller) + axis] += value;
-        };
-        for_gripped([&](Index p, Index first, Index last) {
-            const auto back = bonds.adjoint(first, last, at(now, X, p), at(now, VELOCITY, p), at(frame_.force_bar, 0, p),
-                                            add_point);
-            put_at(bar, X, p, at(bar, X, p) + back.x);
-            put_at(bar, VELOCITY, p, at(bar, VELOCITY, p) + back.v);
-            particle_sums()[particle_sum::grip_stiffness] += back.stiffness;
-            particle_sums()[particle_sum::grip_damping] += back.damping;
-        });
     }
 };
 

@@ -5,7 +5,7 @@
 #pragma once
 #include "barrier.h"
 #include "frames.h"
-#include "grip.h"
+#include "hand.h"
 #include "material.h"
 #include "nodes.h"
 #include "rows.h"
@@ -40,6 +40,7 @@ public:
                                            frame.network_plastic_bar + thread * frame.weights_plastic,
                                            frame.networks + thread * frame.network_numbers)),
           laws_(frame, thread),
+          hand_(frame, thread),
           barrier_(frame.shared + 64 * pass, frame.threads, frame.yield_address) {}
 
     void forward() {
@@ -87,6 +88,7 @@ private:
     S* scratch_;
     Material material_;
     TermLaws<S> laws_;
+    Hand<S> hand_;
     Barrier barrier_;
 
     bool viscous() const { return TERMS && laws_.has(term::viscosity); }
@@ -128,12 +130,6 @@ private:
         return {f.dt,       {f.gravity[0], f.gravity[1], f.gravity[2]},
                 f.mass_floor, f.touching,
                 f.friction, laws_.has(term::friction_law) ? f.friction_law : nullptr};
-    }
-
-    Grip<S> grip(Index substep) const {
-        const Frame<S>& f = frame_;
-        return {f.grip_controller, f.grip_weight,  f.grip_rest_length, f.controllers,        f.controller_points,
-                f.grip_stiffness,  f.grip_damping, f.grip_softening,   S(substep) * f.share, f.frame_rate};
     }
 
     // --- in and out
@@ -277,33 +273,12 @@ private:
 
     // Forces on the thread's particles in a substep, into frame.force.
     void apply_forces(Index s, const S* now) {
-        const S* before_grip = constants(constant::load);
+        const S* before_hand = constants(constant::load);
         if (TERMS && laws_.has(ForceTerms::TERMS)) {
-            laws_.forces(law_arrays(now), before_grip);
-            before_grip = frame_.force;
+            laws_.forces(law_arrays(now), before_hand);
+            before_hand = frame_.force;
         }
-        const Grip<S> bonds = grip(s);
-        for_gripped([&](Index place, Index first, Index end) {
-            put_at(frame_.force, place,
-                   bonds.force(first, end, at(now, X, place), at(now, VELOCITY, place), at(before_grip, 0, place)));
-        });
-    }
-
-    // Calls visit(particle's place, first bond, last bond) for the thread's gripped particles.
-    template <class Visit>
-    void for_gripped(Visit visit) const {
-        for (Index q = 0; q < frame_.gripped; q++) {
-            const Index place = frame_.place[frame_.grip_particle[q]];
-            if (place >= first_ && place < last_) visit(place, frame_.grip_first[q], frame_.grip_first[q + 1]);
-        }
-    }
-    // Three rows of one particle.
-    Vec3<S> at(const S* rows, int r, Index place) const {
-        const S* from = rows + r * frame_.stride + place;
-        return {{from[0], from[frame_.stride], from[2 * frame_.stride]}};
-    }
-    void put_at(S* rows, Index place, const Vec3<S>& value) const {
-        for (int d = 0; d < 3; d++) rows[d * frame_.stride + place] = value[d];
+        hand_.forces(s, now + X * frame_.stride, now + VELOCITY * frame_.stride, before_hand);
     }
 
     // The stress of a block with that of the optional laws.
@@ -533,25 +508,9 @@ private:
                 put(load_bar, 0, p, vector(load_bar, 0, p) + force_bar);
             }
         }
-        grip_adjoint(s, now);
+        hand_.adjoint(s, now + X * frame_.stride, now + VELOCITY * frame_.stride, bar + X * frame_.stride,
+                      bar + VELOCITY * frame_.stride, TERMS ? input_bars(input::mass) : nullptr, particle_sums());
         if (TERMS && laws_.has(ForceTerms::TERMS)) laws_.forces_adjoint(law_arrays(now));
-    }
-
-    void grip_adjoint(Index s, const S* now) {
-        const Grip<S> bonds = grip(s);
-        S* bar = frame_.adjoint;
-        S* points_bar = frame_.controllers_bar + 12 * thread_ * frame_.controller_points;
-        const auto add_point = [&](int place, int controller, int axis, S value) {
-            points_bar[3 * (place * frame_.controller_points + controller) + axis] += value;
-        };
-        for_gripped([&](Index place, Index first, Index last) {
-            const auto back = bonds.adjoint(first, last, at(now, X, place), at(now, VELOCITY, place),
-                                            at(frame_.force_bar, 0, place), add_point);
-            put_at(bar + X * frame_.stride, place, at(bar, X, place) + back.x);
-            put_at(bar + VELOCITY * frame_.stride, place, at(bar, VELOCITY, place) + back.v);
-            particle_sums()[particle_sum::grip_stiffness] += back.stiffness;
-            particle_sums()[particle_sum::grip_damping] += back.damping;
-        });
     }
 };
 

@@ -2,8 +2,9 @@
 
 from typing import Protocol, runtime_checkable
 
-from physreal_core.array_types import Array, Float, Int, Tensor
+from physreal_core.array_types import Array, Bool, Float, Int, Tensor
 from physreal_core.simulation.parameters import Parameters
+from physreal_core.simulation.thin.contact import Surface
 
 
 @runtime_checkable
@@ -13,11 +14,16 @@ class Elements(Protocol):
     Attributes:
         element: class of the element in C++ (`<element in lower case>.h`, see `elements.h`).
         corners: vertices of each, shape [M, C].
+        framed: whether segments have directors (`State.director`).
+        terms: optional terms that only some bodies have and these do.
         stiffness_rows: how many numbers of stiffness an element has.
         half_height: of the body over its middle [m], as it touches the ground.
+        surface: with which it touches itself.
     """
 
     element: str
+    framed: bool
+    terms: tuple[str, ...]
     stiffness_rows: int
 
     @property
@@ -26,14 +32,44 @@ class Elements(Protocol):
     @property
     def half_height(self) -> float: ...
 
+    @property
+    def surface(self) -> Surface: ...
+
     def constants(self) -> Float[Array, "constants elements"]:
         """Numbers of the shape without stress."""
 
     def stiffness(self, parameters: Parameters) -> Float[Tensor, "*rollouts stiffness elements"]:
-        """Numbers in which the energy is linear, from complete parameters of the vertices; differentiable."""
+        """Numbers that the forces follow from beside the shape, from complete parameters of the vertices; differentiable."""
 
     def frequency(self, parameters: Parameters, mass: Float[Tensor, "*rollouts vertices"]) -> float:
-        """Upper bound of the fastest vibration at rest [rad/s], of many rollouts the largest; mass in kg."""
+        """2 over the longest stable substep at rest [rad/s]: without damping an upper bound of the fastest vibration. Of many
+        rollouts the largest; mass in kg."""
 
-    def deformation(self, x: Float[Tensor, "*batch vertices 3"]) -> Float[Tensor, "*batch vertices 3 3"]:
-        """Deformation gradients of the vertices at x [m]; differentiable."""
+    def deformation(
+        self, x: Float[Tensor, "*batch vertices 3"], director: Float[Tensor, "*batch vertices 3"] | None
+    ) -> Float[Tensor, "*batch vertices 3 3"]:
+        """Deformation gradients of the vertices at x [m] and with these directors, if framed; differentiable."""
+
+
+@runtime_checkable
+class FramedElements(Elements, Protocol):
+    """Elements of which some vertices begin segments that have directors.
+
+    Attributes:
+        directors: where the rollout starts, at the first vertex of each segment, shape [N, 3].
+    """
+
+    @property
+    def directors(self) -> Float[Array, "vertices 3"]: ...
+
+    @property
+    def begins(self) -> Bool[Array, " vertices"]:
+        """The vertices at which a segment begins, which goes on to the next vertex."""
+
+    def directors_at(
+        self, x: Float[Tensor, "*batch vertices 3"], director: Float[Tensor, "*batch vertices 3"] | None = None
+    ) -> Float[Tensor, "*batch vertices 3"]:
+        """Directors at the start from any vectors, the body's by default, where the vertices stand at x [m]; differentiable."""
+
+    def mobility(self, density: Float[Tensor, "*rollouts vertices"]) -> Float[Tensor, "*rollouts vertices"]:
+        """One over the moments of inertia of segments about their tangents [1/(kg m2)], of a density [kg/m3]."""

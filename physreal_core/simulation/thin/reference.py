@@ -61,3 +61,48 @@ def rod_energy(rod: Rod, x: Float[Tensor, "vertices 3"], stiffness: Float[Tensor
     length = torch.as_tensor(rod.vertex_length[rod.corners[:, 1]]).to(x)
     bending = stiffness[2] * 4.0 * (1.0 - cosine) / (1.0 + cosine) / length
     return 0.5 * (stretching + bending).sum()
+
+
+def framed_rod_energy(
+    rod: Rod,
+    x: Float[Tensor, "vertices 3"],
+    director: Float[Tensor, "vertices 3"],
+    stiffness: Float[Tensor, "8 bends"],
+) -> Float[Tensor, ""]:
+    """Elastic energy [J] of a framed rod with its vertices at x [m].
+
+    Args:
+        rod: the segments.
+        x: where the vertices are.
+        director: of the segments, at the first vertex of each; only its direction across the segment counts.
+        stiffness: as of `Rod.stiffness`.
+    """
+    strains = rod_strains(rod, x, director)
+    length = torch.as_tensor(rod.vertex_length[rod.corners[:, 1]]).to(x)
+    rest = torch.as_tensor(rod.rest_lengths[rod.bend_segments]).to(x)
+    stretching = (stiffness[:2] * rest.T * strains[:2] ** 2).sum()
+    bending = (stiffness[2] / length * (strains[2:4] - length * stiffness[4:6]) ** 2).sum()
+    return 0.5 * (stretching + bending + (stiffness[3] / length * strains[4] ** 2).sum())
+
+
+def rod_strains(
+    rod: Rod, x: Float[Tensor, "vertices 3"], director: Float[Tensor, "vertices 3"]
+) -> Float[Tensor, "5 bends"]:
+    """Of the vertices between two segments the stretches of both, the curvatures by the two directors, and the twist (framedrod.h)."""
+    corners = x[torch.as_tensor(rod.corners)]
+    segments = corners[:, 1:] - corners[:, :-1]
+    t = segments / segments.norm(dim=-1, keepdim=True)
+    d = director[torch.as_tensor(rod.corners[:, :2])]
+    across = d - (d * t).sum(-1, keepdim=True) * t
+    m1 = across / across.norm(dim=-1, keepdim=True)
+    m2 = torch.linalg.cross(t, m1)
+    (ta, tb), (a1, b1), (a2, b2) = t.unbind(1), m1.unbind(1), m2.unbind(1)
+    binormal = 2.0 * torch.linalg.cross(ta, tb) / (1.0 + (ta * tb).sum(-1, keepdim=True))
+    rest = torch.as_tensor(rod.rest_lengths[rod.bend_segments]).to(x)
+    stretches = (segments.norm(dim=-1) / rest - 1.0).T
+    curvatures = torch.stack([(binormal * (a2 + b2)).sum(-1), -(binormal * (a1 + b1)).sum(-1)]) / 2.0
+    axis = torch.linalg.cross(ta, tb)
+    cosine = (ta * tb).sum(-1, keepdim=True)
+    led = cosine * a1 + torch.linalg.cross(axis, a1) + axis * (axis * a1).sum(-1, keepdim=True) / (1.0 + cosine)
+    twist = torch.atan2((torch.linalg.cross(led, b1) * tb).sum(-1), (led * b1).sum(-1))
+    return torch.cat([stretches, curvatures, twist[None]])

@@ -10,7 +10,7 @@ namespace physreal {
 template <class T, class V>
 class Rod {
 public:
-    static constexpr int CORNERS = 3, CONSTANTS = rod::COUNT, STIFFNESS = rod_stiffness::COUNT;
+    static constexpr int FACE = 2, CORNERS = 3, FRAMES = 0, CONSTANTS = rod::COUNT, STIFFNESS = rod_stiffness::COUNT;
 
     Rod(const Vec3<T> (&x)[CORNERS], const V (&constants)[CONSTANTS]) : per_length_(constants[rod::per_length]) {
         const T one = lifted<T>(splat<V>(Scalar<V>(1)));

@@ -11,3 +11,8 @@ ROD = Rows("rod", (("rest_length", 2), ("per_length", 1)))
 """Two segments without stress: their lengths, and one over the length that the vertex between them stands for."""
 ROD_STIFFNESS = Rows("rod_stiffness", (("stretching", 2), ("bending", 1)))
 """Of each segment the part of E A that falls to this element [N], and E I at the vertex [N m2]."""
+FRAMED_ROD_STIFFNESS = Rows(
+    "framed_rod_stiffness",
+    (("stretching", 2), ("bending", 1), ("twisting", 1), ("rest_curvature", 2), ("retardation", 2)),
+)
+"""The same with G J [N m2], the curvature without stress by the two directors [1/m], and the times by which bending and twisting lag [s]."""

@@ -9,7 +9,7 @@ namespace physreal {
 template <class T, class V>
 class Shell {
 public:
-    static constexpr int CORNERS = 6, CONSTANTS = shell::COUNT, STIFFNESS = shell_stiffness::COUNT;
+    static constexpr int FACE = 3, CORNERS = 6, FRAMES = 0, CONSTANTS = shell::COUNT, STIFFNESS = shell_stiffness::COUNT;
 
     // x: of a free edge's missing neighbour any vertex.
     Shell(const Vec3<T> (&x)[CORNERS], const V (&constants)[CONSTANTS]) {
@@ -23,9 +23,10 @@ public:
         strain_[1] = half * (dot(F_[1], F_[1]) - one);
         strain_[2] = dot(F_[0], F_[1]);
         const Vec3<T> normal = cross(first, second);
+        const T per_square = one / dot(normal, normal);
         for (int e = 0; e < 3; ++e) {
             width_[e] = constants[shell::width + e];
-            bend(e, x[e], x[(e + 1) % 3], x[(e + 2) % 3], x[3 + e], normal, constants);
+            bend(e, x[e], x[(e + 1) % 3], x[(e + 2) % 3], x[3 + e], normal, per_square, constants);
         }
     }
 
@@ -73,22 +74,23 @@ private:
     T strain_[3], bent_[3];  // Green's, the last one twice; of each edge the angle over a width
     Vec3<T> own_[3], start_[3], end_[3], opposite_[3];  // derivatives of the angles
 
-    // The angle between the normals over edge a b, and its derivatives; c: the own corner opposite to it, d: the neighbour's.
+    // The angle between the normals over edge a b, and its derivatives; c: the own corner opposite to it, d: the neighbour's;
+    // per_square: of the normal's length.
     void bend(int e, const Vec3<T>& c, const Vec3<T>& a, const Vec3<T>& b, const Vec3<T>& neighbour, const Vec3<T>& normal,
-              const V (&constants)[CONSTANTS]) {
+              const T& per_square, const V (&constants)[CONSTANTS]) {
         const Mask<V> there = constants[shell::neighbour + e] > Scalar<V>(0);
         Vec3<T> d;
         for (int i = 0; i < 3; ++i) d[i] = select(there, neighbour[i], a[i] + b[i] - c[i]);
         const Vec3<T> edge = b - a, other = cross(b - d, a - d);
-        const T squared = dot(edge, edge), length = sqrt(squared);
-        const T angle = atan2(dot(cross(normal, other), edge) / length, dot(normal, other));
+        const T one = lifted<T>(splat<V>(Scalar<V>(1)));
+        const T squared = dot(edge, edge), length = sqrt(squared), per_edge_square = one / squared;
+        const T angle = atan2(dot(cross(normal, other), edge) * (length * per_edge_square), dot(normal, other));
         bent_[e] = lifted<T>(width_[e]) * (angle - lifted<T>(constants[shell::rest_angle + e]));
-        const T to_own = -length / dot(normal, normal), to_other = -length / dot(other, other);
+        const T to_own = -length * per_square, to_other = -length / dot(other, other);
         own_[e] = to_own * normal;
         opposite_[e] = to_other * other;
         // places of c and d along the edge, from a to b
-        const T c_along = dot(c - a, edge) / squared, d_along = dot(d - a, edge) / squared;
-        const T one = lifted<T>(splat<V>(Scalar<V>(1)));
+        const T c_along = dot(c - a, edge) * per_edge_square, d_along = dot(d - a, edge) * per_edge_square;
         start_[e] = (c_along - one) * own_[e] + (d_along - one) * opposite_[e];
         end_[e] = -c_along * own_[e] - d_along * opposite_[e];
     }

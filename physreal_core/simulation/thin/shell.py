@@ -22,8 +22,10 @@ from physreal_core.array_types import Array, Bool, Float, Int, Tensor
 from physreal_core.errors import InputError
 from physreal_core.simulation.body import Body
 from physreal_core.simulation.parameters import Parameters
+from physreal_core.simulation.thin.contact import SHARE, Surface
+from physreal_core.simulation.thin.incidence import Incidence
 from physreal_core.simulation.thin.rows import SHELL, SHELL_STIFFNESS
-from physreal_core.simulation.thin.stiffness import shell_frequency, shell_stiffness
+from physreal_core.simulation.thin.stiffness import PAIRS, pairs_of, shell_frequency, shell_stiffness
 
 SMALLEST_HEIGHT = 1e-3
 """Of a triangle over its longest edge, below which it has no plane."""
@@ -45,6 +47,8 @@ class Shell:
     rest: Float[Array, "vertices 3"]
     warp: tuple[float, float, float] = (1.0, 0.0, 0.0)
     element = "Shell"
+    framed = False
+    terms = ("bending", "fabric")
     stiffness_rows = SHELL_STIFFNESS.count
 
     def __post_init__(self) -> None:
@@ -206,6 +210,46 @@ class Shell:
                 slopes[:, e, (e + 2) % 3] -= along[:, e] * own[:, e]
         return slopes
 
+    @cached_property
+    def plate_forms(self) -> Float[Array, "6 4 triangles"]:
+        """Of the six second derivatives of the bending energy by k_e (`stiffness.PAIRS`) by C11, C22, C12, C33 of the plate."""
+        d = np.moveaxis(self.curvatures, 0, -1)  # [edge, component, triangle]
+        products = [
+            [d[e, 0] * d[f, 0], d[e, 1] * d[f, 1], d[e, 0] * d[f, 1] + d[e, 1] * d[f, 0], d[e, 2] * d[f, 2]]
+            for e, f in PAIRS
+        ]
+        return np.array(products) * self.area
+
+    @cached_property
+    def _membrane_forms(self) -> Float[Array, "6 3 triangles"]:
+        """Of the membrane's flexibility by one over the mass per area of each corner."""
+        x, y = self.gradients.T  # [corner, triangle]
+        zero = np.zeros_like(x)
+        along_x, along_y = np.stack([x, zero, y], -1), np.stack([zero, y, x], -1)  # strains by a corner's way
+        return 3.0 * (pairs_of(along_x) + pairs_of(along_y))
+
+    @cached_property
+    def _bending_forms(self) -> Float[Array, "6 6 triangles"]:
+        """Of the flexibility of k_e by one over each corner's share of the mass."""
+        return pairs_of(self.angle_slopes.transpose(2, 0, 1))
+
+    def membrane_flexibility(self, mass: Float[Tensor, "*rollouts vertices"]) -> Float[Tensor, "*rollouts 6 triangles"]:
+        """Six numbers (`stiffness.PAIRS`) of each triangle's strains by forces that go with them; mass of the vertices [kg], shared out by area."""
+        return self._flexibility(
+            self._membrane_forms, torch.as_tensor(self.vertex_area).to(mass) / mass, self.triangles
+        )
+
+    def bending_flexibility(self, mass: Float[Tensor, "*rollouts vertices"]) -> Float[Tensor, "*rollouts 6 triangles"]:
+        """The same of k_e; mass of the vertices [kg], shared out among the elements at each."""
+        count = np.bincount(self.corners.ravel(), minlength=len(self.rest))
+        return self._flexibility(self._bending_forms, torch.as_tensor(count).to(mass) / mass, self.corners)
+
+    @staticmethod
+    def _flexibility(forms: Array, inverse_mass: Tensor, corners: Array) -> Tensor:
+        """The sum over corners of forms [6, C, M] times the inverse of each one's mass."""
+        at = inverse_mass[..., torch.as_tensor(corners.T, device=inverse_mass.device)]
+        return (torch.as_tensor(forms).to(at) * at[..., None, :, :]).sum(-2)
+
     # --- as the step sees it ------------------------------------------------------------------------------------
 
     def constants(self) -> Float[Array, "rows triangles"]:
@@ -224,6 +268,15 @@ class Shell:
         """Half of the thickness [m]."""
         return self.thickness / 2.0
 
+    @cached_property
+    def surface(self) -> Surface:
+        """What layers touch with."""
+        start, end = (np.roll(self.triangles, -k, axis=1).ravel() for k in (1, 2))
+        edges, first = np.unique(np.sort(np.stack([start, end], 1), axis=1), axis=0, return_index=True)
+        lengths = np.linalg.norm(self._edges, axis=-1).ravel()[first]
+        weight = self.vertex_area / self.vertex_area.mean()
+        return Surface(self.triangles, edges, lengths, self.thickness, SHARE * self.thickness, weight)
+
     def stiffness(self, parameters: Parameters) -> Float[Tensor, "*rollouts stiffness triangles"]:
         """Rows `SHELL_STIFFNESS`, see `shell_stiffness`."""
         return shell_stiffness(self, parameters)
@@ -234,19 +287,31 @@ class Shell:
 
     # --- its motion ---------------------------------------------------------------------------------------------
 
-    def deformation(self, x: Float[Tensor, "*batch vertices 3"]) -> Float[Tensor, "*batch vertices 3 3"]:
+    def deformation(
+        self, x: Float[Tensor, "*batch vertices 3"], director: None = None
+    ) -> Float[Tensor, "*batch vertices 3 3"]:
         """Deformation gradients of the vertices at x [m], the mean of the triangles around each; a normal stays as long as it is."""
-        to = lambda array: torch.as_tensor(array, device=x.device)
-        corners = x[..., to(self.triangles), :]
-        edges = torch.stack([corners[..., 1, :] - corners[..., 0, :], corners[..., 2, :] - corners[..., 0, :]], -1)
-        normal = torch.linalg.cross(edges[..., 0], edges[..., 1])
-        normal = normal / normal.norm(dim=-1, keepdim=True).clamp_min(1e-30)
-        rest_normal = to(self._normal / np.linalg.norm(self._normal, axis=1, keepdims=True)).to(x)
-        F = edges @ to(self.inverse @ self._axes).to(x) + normal[..., None] * rest_normal[:, None, :]
-        share = to(self.area[:, None] / 3.0 / self.vertex_area[self.triangles]).to(x)
-        shares = (share[..., None, None] * F[..., :, None, :, :]).flatten(-4, -3)
-        total = x.new_zeros(*x.shape[:-1], 3, 3)
-        return total.index_add(-3, to(self.triangles.ravel()), shares)
+        first_axes = x.movedim((-2, -1), (0, 1)).flatten(2)  # [N, 3, all others]: rows of memory are gathered
+        a, b, c = self._incidence.at_corners(first_axes)
+        ways = b - a, c - a, _unit(torch.linalg.cross(b - a, c - a, dim=1))
+        directions = torch.as_tensor(self._weighed_directions[..., None, :, None]).to(x)
+        F = sum(way[:, :, None] * along for way, along in zip(ways, directions, strict=True))
+        mean = self._incidence.around(F) / torch.as_tensor(3.0 * self.vertex_area[:, None, None, None]).to(x)
+        return mean.unflatten(3, x.shape[:-2]).movedim((0, 1, 2), (-3, -2, -1))
+
+    @cached_property
+    def _weighed_directions(self) -> Float[Array, "3 triangles axes"]:
+        """What the ways along two edges and the normal are multiplied by in the deformation gradient, times the area."""
+        normal = self._normal / np.linalg.norm(self._normal, axis=1, keepdims=True)
+        return self.area[:, None] * np.stack([*np.moveaxis(self.inverse @ self._axes, 1, 0), normal])
+
+    @cached_property
+    def _incidence(self) -> Incidence:
+        return Incidence(self.triangles, len(self.rest))
+
+
+def _unit(vectors: Float[Tensor, "triangles 3 others"]) -> Float[Tensor, "triangles 3 others"]:
+    return vectors / vectors.square().sum(1, keepdim=True).sqrt().clamp_min(1e-30)
 
 
 def shell_body(

@@ -12,6 +12,7 @@ from __future__ import annotations
 
 from typing import TYPE_CHECKING
 
+import numpy as np
 import torch
 
 from physreal_core.array_types import Array, Float, Tensor
@@ -19,6 +20,11 @@ from physreal_core.simulation.parameters import Parameters
 
 if TYPE_CHECKING:
     from physreal_core.simulation.thin.shell import Shell
+
+PAIRS = ((0, 0), (1, 1), (2, 2), (1, 2), (2, 0), (0, 1))
+"""The six numbers of a symmetric 3x3 matrix, in order."""
+PLACES = [[0, 5, 4], [5, 1, 3], [4, 3, 2]]
+"""Where among these each entry of the matrix is."""
 
 
 def shell_stiffness(shell: Shell, parameters: Parameters) -> Float[Tensor, "*rollouts 10 triangles"]:
@@ -31,11 +37,8 @@ def shell_stiffness(shell: Shell, parameters: Parameters) -> Float[Tensor, "*rol
     """
     C = _plane_stress(shell, parameters)
     ratio = _of_triangles(shell, parameters.bending_ratio)
-    thickness = shell.thickness**2 / 12.0 * (1.0 if ratio is None else ratio)
-    G = _bending(shell, thickness[..., None, None] * C if ratio is not None else thickness * C)
-    rows = [C[..., 0, 0], C[..., 1, 1], C[..., 0, 1], C[..., 2, 2]]
-    rows += [G[..., e, e] for e in range(3)] + [G[..., (e + 1) % 3, (e + 2) % 3] for e in range(3)]
-    return torch.stack(rows, -2)
+    plate = shell.thickness**2 / 12.0 * (C if ratio is None else ratio[..., None, :] * C)
+    return torch.cat([C, _bending(shell, plate)], -2)
 
 
 def shell_frequency(shell: Shell, parameters: Parameters, mass: Float[Tensor, "*rollouts vertices"]) -> float:
@@ -51,21 +54,27 @@ def shell_frequency(shell: Shell, parameters: Parameters, mass: Float[Tensor, "*
     """
     with torch.no_grad():
         rows = shell_stiffness(shell, parameters).double()
-    squared = _membrane_squares(shell, rows, mass) + _bending_squares(shell, rows, mass)
-    return float(squared.max()) ** 0.5
+    C11, C22, C12, C33 = rows[..., :4, :].unbind(-2)
+    zero = torch.zeros_like(C12)
+    membrane = torch.stack([C11, C22, C33, zero, zero, C12], -2)
+    squared = _largest(membrane, shell.membrane_flexibility(mass.to(rows)))
+    squared = squared + _largest(rows[..., 4:, :], shell.bending_flexibility(mass.to(rows)))
+    return float(squared) ** 0.5
 
 
-def _plane_stress(shell: Shell, parameters: Parameters) -> Float[Tensor, "*rollouts triangles 3 3"]:
+def pairs_of(vectors: Float[Array, "*batch 3"]) -> Array:
+    """The six numbers of the products of vectors with themselves, shape [6, ...]."""
+    return np.stack([vectors[..., i] * vectors[..., j] for i, j in PAIRS])
+
+
+def _plane_stress(shell: Shell, parameters: Parameters) -> Float[Tensor, "*rollouts 4 triangles"]:
+    """C11, C22, C12, C33."""
     E, nu = (_of_triangles(shell, p) for p in (parameters.youngs_modulus, parameters.poissons_ratio))
     weft, shear = (_of_triangles(shell, p) for p in (parameters.weft_ratio, parameters.shear_ratio))
     root = torch.ones_like(E) if weft is None else weft.sqrt()
-    first, zero = E * shell.thickness / (1.0 - nu**2), torch.zeros_like(E)
+    first = E * shell.thickness / (1.0 - nu**2)
     third = (1.0 if shear is None else shear) * root * E * shell.thickness / (2.0 * (1.0 + nu))
-    across = nu * root * first
-    return torch.stack(
-        [torch.stack(row, -1) for row in ([first, across, zero], [across, root**2 * first, zero], [zero, zero, third])],
-        -2,
-    )
+    return torch.stack([first, root**2 * first, nu * root * first, third], -2)
 
 
 def _of_triangles(shell: Shell, values: Tensor | None) -> Tensor | None:
@@ -73,56 +82,36 @@ def _of_triangles(shell: Shell, values: Tensor | None) -> Tensor | None:
     return None if values is None else values[..., torch.as_tensor(shell.triangles, device=values.device)].mean(-1)
 
 
-def _bending(shell: Shell, plate: Float[Tensor, "*rollouts triangles 3 3"]) -> Float[Tensor, "*rollouts triangles 3 3"]:
+def _bending(shell: Shell, plate: Float[Tensor, "*rollouts 4 triangles"]) -> Float[Tensor, "*rollouts 6 triangles"]:
     """Second derivatives of the bending energy by k_e; those of free edges are such that it is smallest, and have none left."""
-    directions, area = _like(plate, shell.curvatures), _like(plate, shell.area)
-    G = area[:, None, None] * directions @ plate @ directions.mT
-    free = torch.as_tensor(shell.free_edges, device=plate.device)
-    if not bool(free.any()):
+    G = (torch.as_tensor(shell.plate_forms).to(plate) * plate[..., None, :, :]).sum(-2)
+    outer = np.flatnonzero(shell.free_edges.any(1))
+    if len(outer) == 0:
         return G
+    free, outer = (torch.as_tensor(array, device=plate.device) for array in (shell.free_edges[outer], outer))
+    own = _matrices(G.index_select(-1, outer)).movedim(-1, -3)
     inside = torch.diag_embed((~free).to(G))
-    among = torch.where(free[:, :, None] & free[:, None, :], G, inside)
-    towards = torch.where(free[:, :, None] & ~free[:, None, :], G, 0.0)
-    left = G - towards.mT @ torch.linalg.solve(among, towards)
-    return torch.where(~free[:, :, None] & ~free[:, None, :], left, 0.0)
+    among = torch.where(free[:, :, None] & free[:, None, :], own, inside)
+    towards = torch.where(free[:, :, None] & ~free[:, None, :], own, 0.0)
+    left = own - towards.mT @ torch.linalg.solve(among, towards)
+    left = torch.where(~free[:, :, None] & ~free[:, None, :], left, 0.0)
+    return G.index_copy(-1, outer, torch.stack([left[..., i, j] for i, j in PAIRS], -2))
 
 
-def _membrane_squares(shell: Shell, rows: Tensor, mass: Tensor) -> Tensor:
-    C = torch.zeros(*rows.shape[:-2], rows.shape[-1], 3, 3, dtype=rows.dtype, device=rows.device)
-    C[..., 0, 0], C[..., 1, 1], C[..., 2, 2] = rows[..., 0, :], rows[..., 1, :], rows[..., 3, :]
-    C[..., 0, 1] = C[..., 1, 0] = rows[..., 2, :]
-    gradients = _like(rows, shell.gradients)  # [M, corner, axis]
-    B = rows.new_zeros(len(shell.triangles), 3, 3, 2)  # of the strains by the corners' places in the plane
-    B[:, 0, :, 0], B[:, 1, :, 1] = gradients[..., 0], gradients[..., 1]
-    B[:, 2, :, 0], B[:, 2, :, 1] = gradients[..., 1], gradients[..., 0]
-    area = _like(rows, shell.area)
-    vertex_area = torch.as_tensor(shell.vertex_area[shell.triangles]).to(rows)
-    share = _at(mass, shell.triangles).to(rows) * area[:, None] / 3.0 / vertex_area  # of every corner
-    return _largest(C, (B / share[..., None, :, None]).flatten(-2) @ B.flatten(-2).mT * area[:, None, None])
+def _matrices(rows: Float[Tensor, "*rollouts 6 triangles"]) -> Float[Tensor, "*rollouts 3 3 triangles"]:
+    return rows[..., PLACES, :]
 
 
-def _bending_squares(shell: Shell, rows: Tensor, mass: Tensor) -> Tensor:
-    G = torch.zeros(*rows.shape[:-2], rows.shape[-1], 3, 3, dtype=rows.dtype, device=rows.device)
-    for e in range(3):
-        a, b = (e + 1) % 3, (e + 2) % 3
-        G[..., e, e] = rows[..., 4 + e, :]
-        G[..., a, b] = G[..., b, a] = rows[..., 7 + e, :]
-    count = torch.bincount(torch.as_tensor(shell.corners.ravel()), minlength=len(shell.rest)).to(rows)
-    share = _at(mass, shell.corners).to(rows) / _at(count, shell.corners)
-    slopes = _like(rows, shell.angle_slopes)  # [M, edge, corner]
-    return _largest(G, (slopes / share[..., None, :]) @ slopes.mT)
+def _largest(stiffness: Float[Tensor, "*rollouts 6 n"], flexibility: Float[Tensor, "*others 6 n"]) -> Float[Tensor, ""]:
+    """The largest eigenvalue of the products of n pairs of symmetric 3x3 matrices, all without negative eigenvalues.
 
-
-def _largest(stiffness: Tensor, flexibility: Tensor) -> Tensor:
-    """Of every element the largest eigenvalue of the product of two symmetric matrices, both without negative ones."""
-    values, vectors = torch.linalg.eigh(flexibility)
-    root = vectors * values.clamp_min(0.0).sqrt()[..., None, :]
-    return torch.linalg.eigvalsh(root.mT @ stiffness @ root).amax(-1).amax()
-
-
-def _at(values: Float[Tensor, "*rollouts vertices"], corners: Array) -> Tensor:
-    return values[..., torch.as_tensor(corners, device=values.device)]
-
-
-def _like(tensor: Tensor, array: Array) -> Tensor:
-    return torch.as_tensor(array, dtype=tensor.dtype, device=tensor.device)
+    That of a matrix whose eigenvalues are real follows from its invariants (Smith, Comm. ACM 4, 1961), to 1e-8 where it repeats.
+    """
+    product = (_matrices(stiffness)[..., None, :] * _matrices(flexibility)[..., None, :, :, :]).sum(-3)
+    mean = (product[..., 0, 0, :] + product[..., 1, 1, :] + product[..., 2, 2, :]) / 3.0
+    shifted = product - mean[..., None, None, :] * torch.eye(3).to(product)[..., None]
+    size = ((shifted * shifted.transpose(-3, -2)).sum((-3, -2)) / 6.0).clamp_min(0.0).sqrt()
+    a, b, c = shifted.unbind(-2)
+    determinant = (torch.linalg.cross(a, b, dim=-2) * c).sum(-2)
+    angle = torch.acos((determinant / (2.0 * size**3).clamp_min(1e-300)).clamp(-1.0, 1.0))
+    return (mean + 2.0 * size * torch.cos(angle / 3.0)).amax()

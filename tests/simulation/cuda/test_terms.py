@@ -56,7 +56,10 @@ def differing(leaves: dict) -> list[dict]:
     sets = []
     for scale in (1.0, 0.9, 0.7):
         own = {name: leaf.clone() for name, leaf in leaves.items()}
-        for name in ("youngs_modulus", *(name for name in TERM_OF if name in own and not name.startswith(("initial", "fibre_d")))):
+        for name in (
+            "youngs_modulus",
+            *(name for name in TERM_OF if name in own and not name.startswith(("initial", "fibre_d"))),
+        ):
             values = own[name]
             kept = values[:1].clone() if values.shape[:1] == leaves["density"].shape else None
             values *= 2.0 - scale if name == "density" else scale

@@ -1,22 +1,9 @@
-"""Sheets of triangles for the tests of shells."""
+"""Shells and rods for the tests of thin bodies."""
 
 import numpy as np
 
-from physreal_core.simulation import Body, rod_body, shell_body
-
-
-def sheet(cells: tuple[int, int], size: tuple[float, float], height: float = 0.0) -> tuple[np.ndarray, np.ndarray]:
-    """Vertices [m] and triangles of a level rectangle from the origin, cut into cells whose diagonals alternate."""
-    (m, n), (length, width) = cells, size
-    u, v = np.meshgrid(np.linspace(0, length, m + 1), np.linspace(0, width, n + 1), indexing="ij")
-    number = np.arange(u.size).reshape(u.shape)
-    a, b, c, d = number[:-1, :-1], number[1:, :-1], number[1:, 1:], number[:-1, 1:]
-    odd = (np.add(*np.indices((m, n))) % 2 == 1)[..., None]
-    first = np.where(odd, np.stack([a, b, d], -1), np.stack([a, b, c], -1))
-    second = np.where(odd, np.stack([b, c, d], -1), np.stack([a, c, d], -1))
-    return np.stack([u.ravel(), v.ravel(), np.full(u.size, height)], 1), np.concatenate([first, second], 2).reshape(
-        -1, 3
-    )
+from benchmarks.thin_scenes import sheet
+from physreal_core.simulation import Body, rod_body, shell_body, untwisted_directors
 
 
 def crumpled(cells: tuple[int, int] = (4, 3), seed: int = 0, height: float = 0.05) -> Body:
@@ -39,3 +26,10 @@ def ropes(counts: tuple[int, ...] = (9, 5), seed: int = 0, height: float = 0.05)
         places.append(rest + 0.002 * rng.normal(size=rest.shape))
         lengths.append(step)
     return rod_body(np.concatenate(places), 0.003, 600.0, np.concatenate(lengths), counts)
+
+
+def framed_ropes(counts: tuple[int, ...] = (9, 5), seed: int = 0, height: float = 0.05) -> Body:
+    """The same with directors, already twisted where they start."""
+    body = ropes(counts, seed, height)
+    directors = untwisted_directors(body.x0, counts) + 0.3 * np.random.default_rng(seed).normal(size=body.x0.shape)
+    return rod_body(body.x0, 0.003, 600.0, body.elements.rest_lengths, counts, directors=directors)

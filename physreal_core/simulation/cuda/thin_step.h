@@ -1,0 +1,168 @@
+// The step of thin bodies in all rollouts at once: elements leave forces at their corners, and vertices, which are particles and nodes
+// at once, add up what was left at them and move.
+//
+// Two launches a substep, one thread for each element and one for each vertex. A vertex adds up in the order of its incidence list and
+// there are no atomics, so that a rerun gives the same bytes, wherever in a batch a rollout stands. Slots count from the frame's
+// first one, as everywhere (forces.h).
+#pragma once
+#include "elements.h"
+#include "forces.h"
+#include "phase.h"
+
+namespace physreal {
+
+// Element: see elements.h.
+template <class S, template <class, class> class Element>
+class ElementOfRollout {
+    using Elastic = Element<S, S>;
+    static constexpr int CORNERS = Elastic::CORNERS, CONSTANTS = Elastic::CONSTANTS, STIFFNESS = Elastic::STIFFNESS;
+    const ThinFrame<S>& f_;
+    const int own_, rollout_;  // number in its rollout, and the rollout
+    S constants_[CONSTANTS], stiffness_[STIFFNESS];
+
+public:
+    ElementOfRollout(const ThinFrame<S>& f, int thread)
+        : f_(f), own_(thread % int(f.element_stride)), rollout_(thread / int(f.element_stride)) {
+        UNROLLED for (int r = 0; r < CONSTANTS; ++r) constants_[r] = f.element_constants[r * f.element_stride + own_];
+        UNROLLED for (int r = 0; r < STIFFNESS; ++r) stiffness_[r] = f.element_stiffness[stiffness_place(r)];
+    }
+
+    // Leaves the forces of the state in a slot.
+    void forward(int slot) const {
+        Vec3<S> x[CORNERS], force[CORNERS] = {};
+        UNROLLED for (int c = 0; c < CORNERS; ++c) x[c] = place(slot, c);
+        Elastic(x, constants_).forces(stiffness_, force);
+        UNROLLED for (int c = 0; c < CORNERS; ++c) leave(c, force[c]);
+    }
+
+    // Leaves what the forces' adjoint, which stands in node_bar, adds to that of the places.
+    void backward(int slot) const {
+        Vec3<Dual<S>> x[CORNERS], force[CORNERS] = {};
+        UNROLLED for (int c = 0; c < CORNERS; ++c) {
+            const Vec3<S> at = place(slot, c);
+            const Vec4<S>& along = reinterpret_cast<const Vec4<S>*>(f_.node_bar)[vertex(c)];
+            for (int d = 0; d < 3; ++d) x[c][d] = {at[d], along[d]};
+        }
+        if (!(x[0][0].x - x[0][0].x == 0)) return;  // of a rollout that has failed
+        const Element<Dual<S>, S> element(x, constants_);
+        element.forces(stiffness_, force);
+        UNROLLED for (int c = 0; c < CORNERS; ++c)
+            leave(c, {{force[c][0].slope, force[c][1].slope, force[c][2].slope}});
+        S bar[STIFFNESS] = {};
+        element.stiffness_adjoint(bar);
+        UNROLLED for (int r = 0; r < STIFFNESS; ++r) f_.element_bars[stiffness_place(r)] += bar[r];
+    }
+
+private:
+    Index stiffness_place(int r) const { return (Index(rollout_) * STIFFNESS + r) * f_.element_stride + own_; }
+    Index vertex(int corner) const {
+        return Index(rollout_) * f_.particles + f_.corners[corner * f_.element_stride + own_];
+    }
+    Vec3<S> place(int slot, int corner) const {
+        const S* x = f_.x + 3 * (Index(f_.first[0] + slot) * f_.stride + vertex(corner));
+        return {{x[0], x[1], x[2]}};
+    }
+    void leave(int corner, const Vec3<S>& value) const {
+        reinterpret_cast<Vec4<S>*>(f_.element_force)[(Index(rollout_) * CORNERS + corner) * f_.element_stride + own_] = {
+            {value[0], value[1], value[2], 0}};
+    }
+};
+
+// INPUTS, TERMS, HAND, LED: as of ParticleForces; CORNERS: of an element.
+template <class S, bool INPUTS, Index TERMS, int HAND, bool LED, int CORNERS>
+class VertexOfRollout : ParticleForces<S, INPUTS, TERMS, HAND, LED> {
+    using Forces = ParticleForces<S, INPUTS, TERMS, HAND, LED>;
+    using typename Forces::At;
+    using Forces::add_inputs, Forces::constant, Forces::dt_, Forces::fail, Forces::finite, Forces::force,
+        Forces::force_adjoint, Forces::get3, Forces::own_, Forces::p_, Forces::place_in, Forces::put, Forces::rollout_,
+        Forces::touching, Forces::touching_adjoint;
+    const ThinFrame<S>& f_;
+    const NodePhase<S> phase_;
+
+public:
+    VertexOfRollout(const ThinFrame<S>& f, int thread)
+        : Forces(f, thread / int(f.particles), thread % int(f.particles)),
+          f_(f),
+          phase_(phase_of<S, TERMS>(f, rollout_)) {}
+
+    // From the state in a slot to that of the next substep; `slot_next` is `slot` where nothing is kept.
+    void forward(int substep, int slot, int slot_next, int last) const {
+        const Index now = place_in(slot), after = place_in(slot_next);
+        const At at = at_state(now);
+        const Vec3<S> f = force(substep, at) + left();
+        const Vec4<S> push = {{dt_ * f[0], dt_ * f[1], dt_ * f[2], constant(constant::volume) * touching(at.x_[2])}};
+        const Vec4<S> free = phase_.free(velocity(at), push, around());
+        if (!finite(dot(at.x_, at.x_) + dot(three(free), three(free)))) fail(substep);
+        if (slot_next != slot) free_in(now) = free;
+        const Vec3<S> v = three(phase_.velocity(free, around())), x = at.x_ + dt_ * v;
+        put(f_.v, after, v);
+        put(f_.x, after, x);
+        if (last && !finite(dot(x, x) + dot(v, v))) fail(substep + 1);
+    }
+
+    // The state's adjoint goes from after a substep, whose number is that of its slot, to before it, but for what the elements add to
+    // that of x; in node_bar the adjoint of the forces. arrived: whether elements have left theirs of the substep after.
+    void backward(int slot, int arrived) const {
+        const Index now = place_in(slot);
+        if (!finite(f_.x[3 * now])) return;  // of a rollout that has failed
+        At at = at_state(now);
+        Vec3<S> x_bar = get3(f_.x_bar, p_);
+        if (arrived) x_bar = x_bar + left();
+        const Vec3<S> v_bar = get3(f_.v_bar, p_) + dt_ * x_bar;
+        FrictionBar<S> friction_bar = {};
+        const auto found = phase_.adjoint(velocity(at), free_in(now), around(), {{v_bar[0], v_bar[1], v_bar[2], 0}},
+                                          friction_bar);
+        const Vec4<S>& bar = found.free;
+        const S share = around().mass > f_.mass_floor ? dt_ / around().mass : S(0);
+        const Vec3<S> f_bar = share * three(bar);
+        force_adjoint(slot, at, f_bar);
+        x_bar[2] += touching_adjoint(at.x_[2], bar[3]);
+        put(f_.x_bar, p_, x_bar + at.x_bar);
+        put(f_.v_bar, p_, three(bar) + at.v_bar);
+        reinterpret_cast<Vec4<S>*>(f_.node_bar)[p_] = {{f_bar[0], f_bar[1], f_bar[2], 0}};
+        add_inputs(found.mass + at.mass_bar, f_bar);
+        add_node_sums<INPUTS, TERMS>(f_, p_, friction_bar, bar);
+    }
+
+    // Adds what the elements of the frame's first substep have left.
+    void settle() const {
+        if (finite(f_.x[3 * place_in(0)])) put(f_.x_bar, p_, get3(f_.x_bar, p_) + left());
+    }
+
+private:
+    At at_state(Index now) const { return {*this, now, get3(f_.x, now), get3(f_.v, now), {}}; }
+    static Vec4<S> velocity(const At& at) { return {{at.v_[0], at.v_[1], at.v_[2], 0}}; }
+    Around<S> around() const { return {f_.around[2 * p_], f_.around[2 * p_ + 1]}; }
+    Vec4<S>& free_in(Index place) const { return reinterpret_cast<Vec4<S>*>(f_.free)[place]; }
+
+    // What elements left at the vertex.
+    Vec3<S> left() const {
+        const Vec4<S>* of_rollout =
+            reinterpret_cast<const Vec4<S>*>(f_.element_force) + Index(rollout_) * CORNERS * f_.element_stride;
+        const int end = f_.incident_first[own_ + 1];
+        Vec4<S> sum = {};
+        FOUR_AT_A_TIME for (int i = f_.incident_first[own_]; i < end; ++i) sum += of_rollout[f_.incident[i]];
+        return three(sum);
+    }
+};
+
+// The entry points: one element or one vertex of all rollouts.
+template <class S, bool INPUTS, Index TERMS, int HAND, bool LED, template <class, class> class Element>
+struct ThinStep {
+    using Vertex = VertexOfRollout<S, INPUTS, TERMS, HAND, LED, Element<S, S>::CORNERS>;
+    using Body = ElementOfRollout<S, Element>;
+
+    static void start(const ThinFrame<S>& f, int rollout) { f.report[rollout] = NOT_FAILED; }
+    static void elements(const ThinFrame<S>& f, int thread, int slot) { Body(f, thread).forward(slot); }
+    static void vertices(const ThinFrame<S>& f, int thread, int substep, int slot, int slot_next, int last) {
+        Vertex(f, thread).forward(substep, slot, slot_next, last);
+    }
+
+    static void vertices_adjoint(const ThinFrame<S>& f, int thread, int slot, int arrived) {
+        Vertex(f, thread).backward(slot, arrived);
+    }
+    static void elements_adjoint(const ThinFrame<S>& f, int thread, int slot) { Body(f, thread).backward(slot); }
+    static void settle(const ThinFrame<S>& f, int thread) { Vertex(f, thread).settle(); }
+};
+
+}  // namespace physreal

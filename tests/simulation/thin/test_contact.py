@@ -1,0 +1,266 @@
+"""Contact of layers against its energy in torch, conservation laws, and scenes whose end is known."""
+
+import dataclasses
+import math
+
+import numpy as np
+import pytest
+import torch
+
+from physreal_core.errors import InputError
+from physreal_core.simulation import Body, Clamp, Grip, Parameters, SimulationConfig, Simulator, rod_body, shell_body
+from physreal_core.simulation.native import NativeStepper
+from physreal_core.simulation.thin import contact as contact_module
+from physreal_core.simulation.thin.contact_reference import contact_energy
+from tests.simulation.scenes import block
+from tests.simulation.thin.contact_scenes import crossing_ropes, folded, stacked_sheets
+from tests.simulation.thin.scenes import sheet
+from tests.simulation.thin.test_gradients import scattered
+
+SCENES = {"shell": stacked_sheets, "rod": crossing_ropes}
+WEIGHTLESS = {"ground_height": None, "gravity": (0.0, 0.0, 0.0), "dtype": "float64", "self_contact": True}
+
+
+def number(value: float) -> torch.Tensor:
+    return torch.tensor(value, dtype=torch.float64)
+
+
+@pytest.mark.parametrize("kind", SCENES)
+def test_forces_are_the_slope_of_the_energy(kind):
+    """Elastic forces cancel between a step with and one without contact."""
+    body = SCENES[kind]()
+    count = len(body.x0)
+    parameters = Parameters(scattered(count, 2e5, 1), number(0.25), initial_velocity=torch.zeros(3).double())
+    config = SimulationConfig(fps=1e6, **WEIGHTLESS)
+    own = dataclasses.replace(parameters, layer_friction=number(0.5))
+    touching = Simulator(body, config).rollout(own, torch.zeros(2, 0, 3)).v[1]
+    free = (
+        Simulator(body, dataclasses.replace(config, self_contact=False)).rollout(parameters, torch.zeros(2, 0, 3)).v[1]
+    )
+    force = (touching - free) * config.fps * torch.tensor(body.mass)[:, None]
+    x = torch.tensor(body.x0, requires_grad=True)
+    contact_energy(body.elements.surface, x, parameters.youngs_modulus).backward()
+    assert float(x.grad.abs().max()) > 1e-3
+    torch.testing.assert_close(force, -x.grad, rtol=0, atol=1e-8 * float(x.grad.abs().max()))
+
+
+@pytest.mark.parametrize("kind", SCENES)
+def test_momentum_is_kept(kind):
+    """With friction: forces between layers are pairs along one line, or shared at the nearest points."""
+    body = SCENES[kind]()
+    config = SimulationConfig(fps=500, **WEIGHTLESS)
+    up = torch.tensor(body.x0[:, 2] > body.x0[:, 2].mean()).double()[:, None]
+    start = (2 * up - 1) * torch.tensor([0.3, 0.1, -0.3], dtype=torch.float64)
+    parameters = Parameters(number(2e5), number(0.25), initial_velocity=start, layer_friction=number(0.5))
+    states = Simulator(body, config).rollout(parameters, torch.zeros(11, 0, 3))
+    mass = torch.tensor(body.mass)[:, None]
+    momentum = (mass * states.v).sum(1)
+    assert (mass * (states.v[-1] - states.v[0])).abs().sum() > 0.2 * (mass * states.v[0]).abs().sum()  # they do collide
+    assert (momentum - momentum[0]).abs().max() < 1e-12 * float((mass * states.v[0]).abs().sum())
+
+
+@pytest.mark.parametrize("kind", SCENES)
+def test_a_bounce_without_friction_keeps_the_energy(kind):
+    """Of stiff layers that have parted again: kinetic and elastic energy; what a step of first order loses shrinks with it."""
+    body = SCENES[kind](gap=1.3) if kind == "shell" else crossing_ropes(gap=1.3)
+    errors = []
+    for courant in (0.4, 0.1):
+        config = SimulationConfig(fps=400, courant=courant, **WEIGHTLESS)
+        up = torch.tensor(body.x0[:, 2] > body.x0[:, 2].mean()).double()[:, None]
+        start = (2 * up - 1) * torch.tensor([0.0, 0.0, -0.5], dtype=torch.float64)
+        parameters = Parameters(number(2e5), number(0.25), initial_velocity=start, layer_friction=number(0.0))
+        states = Simulator(body, config).rollout(parameters, torch.zeros(21, 0, 3))
+        energy = [total_energy(body, parameters, states, frame) for frame in range(21)]
+        errors.append(max(abs(e / energy[0] - 1.0) for e in energy))
+        assert float((states.v[-1] - states.v[0]).abs().max()) > 0.5
+    assert errors[0] < 0.06
+    assert errors[1] < 0.01
+
+
+def total_energy(body: Body, parameters: Parameters, states, frame: int) -> float:
+    from physreal_core.simulation.thin.reference import rod_energy, shell_energy
+
+    energy_of = shell_energy if body.elements.element == "Shell" else rod_energy
+    E, nu = (value.expand(len(body.x0)) for value in (parameters.youngs_modulus, parameters.poissons_ratio))
+    rows = body.elements.stiffness(Parameters(E, nu))
+    x, v = states.x[frame], states.v[frame]
+    kinetic = 0.5 * (torch.tensor(body.mass)[:, None] * v.square()).sum()
+    return float(kinetic + energy_of(body.elements, x, rows) + contact_energy(body.elements.surface, x, E))
+
+
+# --- which pairs are looked at ----------------------------------------------------------------------------------
+
+
+@pytest.mark.parametrize("kind", SCENES)
+def test_which_pairs_are_listed_does_not_matter(kind, monkeypatch):
+    """A margin of a fiftieth of an edge, with lists every other step, and one that holds the whole body give the same digits."""
+    body = SCENES[kind](gap=1.2)
+    up = torch.tensor(body.x0[:, 2] > body.x0[:, 2].mean()).double()[:, None]
+    start = (2 * up - 1) * torch.tensor([0.8, 0.3, -1.0], dtype=torch.float64)
+    results = []
+    for margin in (0.02, 10.0):
+        monkeypatch.setattr(contact_module, "FINDING", margin)
+        parameters = Parameters(
+            number(2e5).requires_grad_(), number(0.25), initial_velocity=start, layer_friction=number(0.3)
+        )
+        states = Simulator(body, SimulationConfig(fps=100, **WEIGHTLESS)).rollout(parameters, torch.zeros(6, 0, 3))
+        states.x[-1].square().sum().backward()
+        results.append((states.x.detach(), parameters.youngs_modulus.grad))
+    assert torch.allclose(results[0][0], results[1][0], rtol=0, atol=1e-9)
+    assert torch.allclose(results[0][1], results[1][1], rtol=1e-5, atol=0)
+
+
+def test_the_number_of_threads_does_not_matter():
+    body = folded((24, 24), (0.24, 0.24), 0.004, gap=0.7)
+    parameters = Parameters(number(1e5), number(0.3), number(0.3), layer_friction=number(0.3))
+    results = []
+    for threads in (1, 2):
+        torch.set_num_threads(threads)
+        simulator = Simulator(body, SimulationConfig(fps=100, dtype="float64", self_contact=True))
+        assert isinstance(simulator._stepper, NativeStepper) and simulator._stepper.threads == threads
+        results.append(simulator.rollout(parameters, torch.zeros(4, 0, 3)).x)
+    assert torch.equal(*results)
+
+
+# --- scenes whose end is known ----------------------------------------------------------------------------------
+
+
+def test_a_folded_sheet_comes_to_rest_a_thickness_apart():
+    """Dropped with its halves 3 thicknesses apart: the upper half ends on the lower one, at half a thickness at least and one at most."""
+    thickness = 0.002
+    body = folded((20, 8), (0.2, 0.08), thickness, gap=3.0)
+    config = SimulationConfig(fps=30, terms=("drag", "bending"), self_contact=True)
+    parameters = Parameters(
+        torch.tensor(1e5), torch.tensor(0.3), torch.tensor(0.4), bending_ratio=torch.tensor(0.05),
+        linear_drag=torch.tensor(3.0) * torch.tensor(body.mass), layer_friction=torch.tensor(0.4),
+    )  # fmt: skip
+    states = Simulator(body, config).rollout(parameters, torch.zeros(46, 0, 3))
+    upper = np.arange(21)[:, None] * 9 + np.arange(9)
+    height = states.x[-1, :, 2][torch.as_tensor(upper)]
+    low, high = height[:6].mean(), height[-6:]
+    assert float(states.v[-1].norm(dim=1).mean()) < 0.05
+    assert float(low) == pytest.approx(thickness / 2, abs=0.1 * thickness)
+    assert float((high - low).min()) > 0.5 * thickness
+    assert float(high.mean() - low) == pytest.approx(thickness, rel=0.1)
+
+
+def test_without_contact_the_folded_sheet_falls_through_itself():
+    body = folded((20, 8), (0.2, 0.08), 0.002, gap=3.0)
+    config = SimulationConfig(fps=30, terms=("drag", "bending"))
+    parameters = Parameters(
+        torch.tensor(1e5), torch.tensor(0.3), torch.tensor(0.4), bending_ratio=torch.tensor(0.05),
+        linear_drag=torch.tensor(3.0) * torch.tensor(body.mass),
+    )  # fmt: skip
+    states = Simulator(body, config).rollout(parameters, torch.zeros(46, 0, 3))
+    assert float(states.x[-1, -54:, 2].mean()) < 0.0015  # on the ground, as the lower half
+
+
+@pytest.mark.parametrize("friction, slope", [(0.3, 0.2), (0.3, 0.5), (0.0, 0.3), (0.6, 0.7)])
+def test_a_strip_slides_down_another_by_coulombs_law(friction, slope):
+    """On a held strip; gravity is tilted instead. Where tan(slope) is below friction it stays but for a creep."""
+    thickness, g = 0.004, 9.81
+    lower, first = sheet((30, 4), (0.3, 0.04))
+    upper, second = sheet((5, 3), (0.056, 0.03))
+    upper = upper + [0.021, 0.005, thickness]
+    body = shell_body(np.concatenate([lower, upper]), np.concatenate([first, second + len(lower)]), thickness, 300.0)
+    gravity = (g * math.sin(slope), 0.0, -g * math.cos(slope))
+    config = SimulationConfig(fps=60, gravity=gravity, ground_height=None, self_contact=True, terms=("bending",))
+    held = Clamp((-1.0, -1.0, -1e-3), (1.0, 1.0, 1e-3))
+    parameters = Parameters(
+        torch.tensor(5e5), torch.tensor(0.0), bending_ratio=torch.tensor(1.0), layer_friction=torch.tensor(friction)
+    )
+    frames, skipped = 16, 4
+    states = Simulator(body, config, clamps=(held,)).rollout(parameters, torch.zeros(frames, 0, 3))
+    speed = states.v[:, len(lower) :, 0].mean(1)
+    time = (frames - 1 - skipped) / 60
+    gained = float(speed[-1] - speed[skipped]) / time
+    if math.tan(slope) < friction:
+        assert float(speed[-1]) < 2 * contact_module.LAYER_SPEED
+    else:
+        assert gained == pytest.approx(g * (math.sin(slope) - friction * math.cos(slope)), rel=0.03)
+
+
+def test_a_cloth_folded_in_half_and_lifted_by_the_upper_corners_opens():
+    """Its lower half stays while the upper one is lifted: at the end it hangs in one layer, longer than half of it."""
+    body = folded((20, 6), (0.2, 0.06), 0.002, gap=1.1)
+    corners = np.array([len(body.x0) - 7, len(body.x0) - 1])
+    points = body.x0[corners] + [0.0, 0.0, 0.005]
+    grip = Grip(corners, np.arange(2), np.ones(2), np.full(2, 0.005))
+    config = SimulationConfig(fps=30, terms=("drag", "bending"), self_contact=True)
+    parameters = Parameters(
+        torch.tensor(1e5), torch.tensor(0.3), torch.tensor(0.4), bending_ratio=torch.tensor(0.05),
+        grip_stiffness=torch.tensor(2.0), grip_damping=torch.tensor(0.01),
+        linear_drag=torch.tensor(3.0) * torch.tensor(body.mass), layer_friction=torch.tensor(0.4),
+    )  # fmt: skip
+    frames = 46
+    time = torch.linspace(0, 1, frames)[:, None, None]
+    path = torch.tensor(points).float() + 0.3 * time * torch.tensor([0.0, 0.0, 1.0])
+    states = Simulator(body, config, grip).rollout(parameters, path)
+    heights = states.x[-1, :, 2]
+    rows = heights.view(21, 7).mean(1)
+    assert (rows[1:] > rows[:-1] - 1e-3).all()  # from the free end upwards without a fold
+    assert float(rows[-1] - rows[0]) > 0.18
+
+
+def test_hooked_ropes_do_not_pass_through_each_other():
+    """Two loops through each other, pulled apart by their ends until they are taut: they hold each other, half a diameter apart at least."""
+    radius = 0.005
+    body, ends = hooked_ropes(radius)
+    grip = Grip(ends, np.arange(4), np.ones(4), np.full(4, 0.005))
+    config = SimulationConfig(
+        fps=60, terms=("drag", "bending"), self_contact=True, ground_height=None, gravity=(0.0,) * 3
+    )
+    parameters = Parameters(
+        torch.tensor(2e6), torch.tensor(0.3), bending_ratio=torch.tensor(0.05), grip_stiffness=torch.tensor(50.0),
+        grip_damping=torch.tensor(0.05), linear_drag=torch.tensor(5.0) * torch.tensor(body.mass),
+        layer_friction=torch.tensor(0.2),
+    )  # fmt: skip
+    frames = 25
+    time = torch.linspace(0, 1, frames)[:, None, None]
+    outwards = torch.tensor([[-1.0, 0.0, 0.0]] * 2 + [[1.0, 0.0, 0.0]] * 2)
+    path = torch.tensor(body.x0[ends]).float() + (0.005 + 0.035 * time) * outwards
+    touching = Simulator(body, config, grip).rollout(parameters, path).x
+    free = (
+        Simulator(body, dataclasses.replace(config, self_contact=False), grip)
+        .rollout(dataclasses.replace(parameters, layer_friction=None), path)
+        .x
+    )
+    half = len(body.x0) // 2
+    assert strand_distance(touching, half).min() > radius
+    assert strand_distance(free, half).min() < 0.8 * radius
+    for x, sign in ((touching, 1), (free, -1)):  # how far the middle of the one is beyond that of the other
+        beyond = float(x[-1, half // 2, 0] - x[-1, half + half // 2, 0])
+        assert sign * beyond > 0, beyond
+
+
+def hooked_ropes(radius: float) -> tuple[Body, np.ndarray]:
+    """Two U-shaped ropes in planes across each other, each through the other's loop, and their four ends."""
+    turn, width = np.linspace(-np.pi / 2, np.pi / 2, 11), 0.03
+    straight = np.linspace(0.0, 0.1, 12)[1:][::-1]
+    bow = np.stack([width * np.cos(turn), width * np.sin(turn)], 1)
+    plane = np.concatenate(
+        [np.stack([-straight, 0 * straight - width], 1), bow, np.stack([-straight[::-1], 0 * straight + width], 1)]
+    )
+    one = np.stack([plane[:, 0] - 0.01, 0 * plane[:, 0], plane[:, 1]], 1)
+    other = np.stack([0.01 - plane[:, 0], plane[:, 1], 0 * plane[:, 0]], 1)
+    count = len(one)
+    return rod_body(np.concatenate([one, other]), radius, 600.0, rows=(count, count)), np.array(
+        [0, count - 1, count, 2 * count - 1]
+    )
+
+
+def strand_distance(x: torch.Tensor, half: int) -> np.ndarray:
+    """Least distance of the first `half` vertices' segments from the others', of every frame [m], by points on them."""
+    along = torch.linspace(0, 1, 9)[:-1, None]
+    points = [
+        (s[:, :-1, None] + along * (s[:, 1:, None] - s[:, :-1, None])).flatten(1, 2) for s in (x[:, :half], x[:, half:])
+    ]
+    return np.array([float(torch.cdist(p, q).min()) for p, q in zip(*points, strict=True)])
+
+
+# --- input ------------------------------------------------------------------------------------------------------
+
+
+def test_a_volume_is_refused():
+    with pytest.raises(InputError, match="self_contact of a volume"):
+        Simulator(block((3, 3, 3)), SimulationConfig(fps=30, self_contact=True))

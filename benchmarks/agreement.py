@@ -19,7 +19,6 @@ from benchmarks.thin_scenes import wavy_ropes, wavy_sheet
 from physreal_core.simulation import Body, Clamp, Grip, Parameters, PointLoad, SimulationConfig, Simulator, States
 from physreal_core.simulation.laws import ResidualConfig, initial_weights
 from physreal_core.simulation.terms import BRANCH_TERMS, STRESS_TERMS, TERMS, THIN_TERMS, term_shapes
-from physreal_core.simulation.thin.rod import FRAMED_TERMS
 
 REFERENCE = Path(__file__).parent / "results" / "agreement_cpu.npz"
 # Sums over threads come in another order on a GPU: rounding (1e-16, 6e-8) grows over some fifty substeps, and float32

@@ -63,12 +63,20 @@ def make_body(
         InputError: the mesh is not of this kind, or an open surface comes without a thickness.
     """
     if geometry == "volumetric":
-        x0, volume, pieces = fill_pieces(placed.mesh, params.spacing, jitter=params.jitter, seed=seed)
-        require_thickness(x0, volume, params.spacing, where="sample_particles.spacing")
-        return Body(x0, volume, np.full(len(x0), material.density), params.spacing, pieces=pieces)
+        return _volume(placed, material, params, seed)
     given = folder / MIDDLES[geometry]
     make = _shell if geometry == "planar" else _rod
     return make(placed, given if given.exists() else None, material, params)
+
+
+def _volume(placed: PlacedObject, material: Material, params: SampleParticles, seed: int) -> Body:
+    x0, volume, pieces = fill_pieces(placed.mesh, params.spacing, jitter=params.jitter, seed=seed)
+    thin = require_thickness(x0, volume, params.spacing, where="sample_particles.spacing")
+    if pieces.any():
+        print(f"the mesh has {pieces.max() + 1} pieces that do not hang together and move apart")
+    if thin > 0.02:
+        print(f"{100 * thin:.0f} % of the volume is one particle thick, and bends too easily: a smaller spacing helps")
+    return Body(x0, volume, np.full(len(x0), material.density), params.spacing, pieces=pieces)
 
 
 def _shell(placed: PlacedObject, given: Path | None, material: Material, params: SampleParticles) -> Body:
@@ -122,21 +130,10 @@ def require_geometry(capture: Capture, geometry: str, sequence: str) -> None:
         )
 
 
-def say_pieces(body: Body, spacing: float) -> None:
-    """Print what moves apart in a volume, and what is thin in it."""
-    if body.elements is not None:
-        return
-    if body.piece.any():
-        print(f"the mesh has {body.piece.max() + 1} pieces that do not hang together and move apart")
-    thin = require_thickness(body.x0, body.volume, spacing, where="sample_particles.spacing")
-    if thin > 0.02:
-        print(f"{100 * thin:.0f} % of the volume is one particle thick, and bends too easily: a smaller spacing helps")
-
-
 def elements_of(body: Body) -> dict[str, Any]:
-    """The elements of a thin body, or the pieces of a volume, as `Particles` takes them; nothing for a volume of one piece."""
+    """The elements of a thin body, or the pieces of a volume, as `Particles` takes them."""
     if body.elements is None:
-        return {"pieces": body.piece} if body.piece.any() else {}
+        return {"pieces": body.piece if body.piece.any() else None}
     if isinstance(body.elements, Shell):
         shell = body.elements
         return {"triangles": shell.triangles, "thickness": shell.thickness, "warp": np.asarray(shell.warp, float)}
@@ -152,7 +149,6 @@ def body_of(particles: Particles) -> Body:
     elif particles.rows is not None:
         body = rod_body(x0, particles.radius, float(density.mean()), rows=tuple(particles.rows.tolist()))
     else:
-        one = np.zeros(len(x0), dtype=np.int64)
-        pieces = one if particles.pieces is None else particles.pieces
+        pieces = np.zeros(len(x0), np.int64) if particles.pieces is None else particles.pieces
         return Body(x0, particles.volume, density, particles.spacing, pieces=pieces)
     return dataclasses.replace(body, density=density)

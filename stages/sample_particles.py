@@ -15,7 +15,7 @@ from pipeline.products.particles import Particles
 from pipeline.products.placed_object import PlacedObject
 from pipeline.products.tracks import MeasuredTracks
 from pipeline.stage import StageContext, main
-from stages._body import Material, elements_of, make_body, require_geometry, say_pieces
+from stages._body import Material, elements_of, make_body, require_geometry
 
 
 def run(context: StageContext) -> None:
@@ -59,7 +59,6 @@ def run(context: StageContext) -> None:
     held, cells = len(np.unique(grip.particles)), cells_of(body)
     kind = "" if cells is None else f" of {len(cells)} {'triangles' if cells.shape[1] == 3 else 'segments'}"
     print(f"{len(body.x0)} particles{kind}, {len(ids)} tracks, {held} particles held by {len(grip.weights)} bonds")
-    say_pieces(body, params.spacing)
 
 
 def tracks_on(mesh: Mesh, points0: np.ndarray, valid: np.ndarray, reach: float) -> np.ndarray:

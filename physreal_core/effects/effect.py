@@ -7,7 +7,7 @@ from typing import ClassVar, Literal
 from physreal_core.array_types import Array, Float, Tensor
 from physreal_core.errors import InputError
 from physreal_core.simulation import Body, Clamp, Grip, Parameters, SimulationConfig, States
-from physreal_core.simulation.terms import absent_terms
+from physreal_core.simulation.body_terms import absent_terms
 
 Family = Literal["around", "material", "mass", "contact", "grip", "measurement"]
 Values = Mapping[str, Tensor]

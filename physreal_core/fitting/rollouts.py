@@ -17,9 +17,9 @@ from physreal_core.effects.paths import prolonged
 from physreal_core.fitting.model import Model, particle_parameters
 from physreal_core.fitting.problem import Problem
 from physreal_core.simulation import Parameters, SimulationConfig, Simulator, States
+from physreal_core.simulation.body_terms import dormant_values
 from physreal_core.simulation.parameters import PARAMETER_NAMES, BatchStates
 from physreal_core.simulation.play import Player
-from physreal_core.simulation.terms import dormant_values
 
 Fields = dict[str, Tensor]
 EffectValues = Mapping[str, Mapping[str, Tensor | float]]

@@ -1,11 +1,11 @@
 """Geometry: support plane, meshes, filling, patches, grip, localisation, and Gaussians on a surface."""
 
 from physreal_core.geometry.alignment import Alignment, AlignmentSettings, align
-from physreal_core.geometry.centre_line import centre_line, resampled
+from physreal_core.geometry.centre_lines import centre_line, resampled
 from physreal_core.geometry.filling import fill_mesh, fill_pieces
 from physreal_core.geometry.grip import GripPairs, bind_grip, bind_within
 from physreal_core.geometry.mesh import Mesh, close_mesh, load_mesh, require_closed, save_mesh
-from physreal_core.geometry.middle_surface import middle_surface
+from physreal_core.geometry.middle_surfaces import middle_surface
 from physreal_core.geometry.observation import Observation
 from physreal_core.geometry.painting import paint, visible_points
 from physreal_core.geometry.patches import farthest_points, patch_weights

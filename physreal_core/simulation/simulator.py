@@ -13,6 +13,7 @@ from physreal_core.array_types import Float, Tensor
 from physreal_core.errors import InputError
 from physreal_core.native import on_side_stream
 from physreal_core.simulation.body import Body, Clamp, Grip, PointLoad, Tool, controller_count
+from physreal_core.simulation.body_terms import absent_terms, dormant_values
 from physreal_core.simulation.config import SimulationConfig
 from physreal_core.simulation.cuda import CudaStepper
 from physreal_core.simulation.frames import SHOWN, Frames, Progress
@@ -22,7 +23,6 @@ from physreal_core.simulation.parameters import PARAMETER_NAMES, BatchStates, Pa
 from physreal_core.simulation.pieces import require_thickness
 from physreal_core.simulation.play import Player
 from physreal_core.simulation.stepper import Stepper
-from physreal_core.simulation.terms import absent_terms, dormant_values
 from physreal_core.simulation.timestep import substeps_per_frame
 
 

@@ -9,11 +9,6 @@ import math
 from collections.abc import Iterable
 from dataclasses import dataclass
 
-import numpy as np
-
-from physreal_core.array_types import Array, Float
-from physreal_core.simulation.body import Body
-
 PARTICLES = "particles"
 
 
@@ -84,14 +79,6 @@ BRANCH_TERMS = ("relaxation", "hysteresis")
 STRESS_TERMS = ("viscosity", "stiffening", "fibres", *BRANCH_TERMS)
 """Terms whose law is a stress in particles. `friction_law` acts on nodes; the others replace what the step is given."""
 
-
-def absent_terms(body: Body) -> tuple[str, ...]:
-    """Terms that a body, thin or a volume, does not have."""
-    if body.elements is None:
-        return THIN_TERMS
-    return tuple(t for t in (*STRESS_TERMS, "initial_deformation", *THIN_TERMS) if t not in body.elements.terms)
-
-
 TERM_OF = {name: term for term, parameters in TERMS.items() for name in parameters}
 """The term that a parameter belongs to; parameters that every simulation has are not here."""
 
@@ -105,31 +92,6 @@ def term_shapes(terms: Iterable[str], particles: int) -> dict[str, tuple[int, ..
     """Full shapes, by name, of the parameters that these terms switch on."""
     return {
         name: tuple(particles if size == PARTICLES else size for size in parameter.shape)
-        for term in terms
-        for name, parameter in TERMS[term].items()
-    }
-
-
-def dormant_values(
-    terms: Iterable[str], body: Body, gravity: tuple[float, float, float]
-) -> dict[str, Float[Array, "..."]]:
-    """What the parameters of these terms are where the caller leaves them out, in shapes that broadcast to the full ones.
-
-    Args:
-        terms: those in use.
-        body: the particles.
-        gravity: of the configuration [m/s2].
-    """
-    terms = tuple(terms)
-    own = {
-        "gravity": np.asarray(gravity, dtype=np.float64),
-        "density": body.density,
-        "initial_position": body.x0,
-        "initial_deformation": np.eye(3),
-        "initial_director": body.elements.directors if "initial_director" in terms else None,
-    }
-    return {
-        name: own[name] if parameter.dormant is None else np.asarray(parameter.dormant, dtype=np.float64)
         for term in terms
         for name, parameter in TERMS[term].items()
     }

@@ -53,12 +53,12 @@ class Particles(ArrayFile):
     grip_controllers: Int[Array, " B"]
     grip_weights: Float[Array, " B"]
     grip_rest_lengths: Float[Array, " B"]
-    pieces: Int[Array, " N"] | None = None
     triangles: Int[Array, "E 3"] | None = None
     thickness: float | None = None
     warp: Float[Array, "3"] | None = None
     rows: Int[Array, " R"] | None = None
     radius: float | None = None
+    pieces: Int[Array, " N"] | None = None
 
     def __post_init__(self) -> None:
         shell, rod = (self.triangles, self.thickness, self.warp), (self.rows, self.radius)

@@ -494,6 +494,11 @@ private:
     void step(S* next, Index p, const Vec3<S>& x, const Vec3<S>& v) const {
         put_at(next, VELOCITY, p, v);
         put_at(next, X, p, x + frame_.dt * v);
+        if (p + 1 < last_) return;
+        for (Index filled = last_; filled < padded_end(); filled++) {  // the last block, as in `load_state`
+            put_at(next, VELOCITY, filled, v);
+            put_at(next, X, filled, at(next, X, p));
+        }
     }
 
     // The states of a frame of which the velocities are there.
@@ -568,6 +573,7 @@ private:
                 put_at(input_bars(input::load), 0, p, at(input_bars(input::load), 0, p) + share * three(b));
             }
         }
+        for (Index p = last_; p < padded_end(); p++) put_at(frame_.force_bar, 0, p, Vec3<S>{});
         S* sums = node_sums();
         sums[node_sum::friction_coefficient] += friction_bar.dynamic;
         for (int d = 0; TERMS && d < 3; d++) {

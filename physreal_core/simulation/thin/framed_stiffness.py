@@ -4,25 +4,18 @@ With r the radius, E and nu of the vertices, a homogeneous round rod has E A = E
 `bending_ratio` and `twisting_ratio` are how many times that a rope or a cable has.
 """
 
-from __future__ import annotations
-
-from typing import TYPE_CHECKING
-
 import numpy as np
 import torch
 
 from physreal_core.array_types import Float, Tensor
 from physreal_core.simulation.parameters import Parameters
-
-if TYPE_CHECKING:
-    from physreal_core.simulation.thin.rod import Rod
-
+from physreal_core.simulation.thin.segments import Segments
 
 BEND = 2.0
 """Times the curvature at rest or at the start up to which that couples bending and twisting."""
 
 
-def framed_stiffness(rod: Rod, parameters: Parameters) -> Float[Tensor, "*rollouts 8 bends"]:
+def framed_stiffness(rod: Segments, parameters: Parameters) -> Float[Tensor, "*rollouts 8 bends"]:
     """Rows `FRAMED_ROD_STIFFNESS` of every vertex between two segments.
 
     Args:
@@ -46,7 +39,7 @@ def _or(value: Tensor | None, absent: Tensor | float) -> Tensor | float:
     return absent if value is None else value
 
 
-def framed_frequency(rod: Rod, parameters: Parameters, mass: Float[Tensor, "*rollouts vertices"]) -> float:
+def framed_frequency(rod: Segments, parameters: Parameters, mass: Float[Tensor, "*rollouts vertices"]) -> float:
     """2 over the longest stable substep [rad/s], of many rollouts the largest.
 
     No vibration is faster than the fastest of one element by itself (Irons and Treharne 1971), with the mass of vertices and the inertia of
@@ -89,7 +82,7 @@ def _largest(
     return 0.5 * (of_ways + of_turns + ((of_ways - of_turns) ** 2 + 4.0 * across).sqrt())
 
 
-def _curvature_at_start(rod: Rod) -> Float[np.ndarray, " bends"]:
+def _curvature_at_start(rod: Segments) -> Float[np.ndarray, " bends"]:
     """Of the centre line where it starts [1/m]."""
     a, b = (np.diff(rod.start[rod.corners[:, i : i + 2]], axis=1)[:, 0] for i in (0, 1))
     product = np.linalg.norm(a, axis=1) * np.linalg.norm(b, axis=1)

@@ -7,7 +7,7 @@ With t the thickness, E and nu of a vertex averaged over the triangle's corners,
 and the plate `bending` t^2 / 12 times that: with all ratios one a homogeneous isotropic sheet. A fabric's threads slip over each other, so its
 shear and its bending are far softer than that.
 
-A membrane stiffer than `Shell.largest_stiffness` counts as that stiff: C11, C22 and C12 are scaled down to it, and C33 by itself to half of it. The
+A membrane stiffer than `Triangles.largest_stiffness` counts as that stiff: C11, C22 and C12 are scaled down to it, and C33 by itself to half of it. The
 plate is that of the given E.
 
 Viscosity, with eta the shear and zeta the volume viscosity of sigma = 2 eta D + zeta tr(D) 1, has under plane stress
@@ -17,25 +17,14 @@ Viscosity, with eta the shear and zeta the volume viscosity of sigma = 2 eta D +
 and bending again `bending` t^2 / 12 times that. The membrane's acts as far as the substep of its elastic waves can bear it (`MEMBRANE_DECAY`).
 """
 
-from __future__ import annotations
-
-from typing import TYPE_CHECKING
-
 import numpy as np
 import torch
 
-from physreal_core.array_types import Array, Float, Tensor
+from physreal_core.array_types import Float, Tensor
 from physreal_core.simulation.parameters import Parameters
 from physreal_core.simulation.thin.rows import SHELL_STIFFNESS
-
-if TYPE_CHECKING:
-    from physreal_core.simulation.thin.shell import Shell
-
-PAIRS = ((0, 0), (1, 1), (2, 2), (1, 2), (2, 0), (0, 1))
-"""The six numbers of a symmetric 3x3 matrix, in order."""
-PLACES = [[0, 5, 4], [5, 1, 3], [4, 3, 2]]
-"""Where among these each entry of the matrix is."""
-
+from physreal_core.simulation.thin.symmetric import PAIRS, PLACES
+from physreal_core.simulation.thin.triangles import Triangles
 
 ROWS = SHELL_STIFFNESS.count
 MEMBRANE_DECAY = 0.7
@@ -44,7 +33,7 @@ A membrane's waves are far faster than the swings of a sheet, in which it hardly
 tens of times shorter."""
 
 
-def shell_stiffness(shell: Shell, parameters: Parameters) -> Float[Tensor, "*rollouts stiffness triangles"]:
+def shell_stiffness(shell: Triangles, parameters: Parameters) -> Float[Tensor, "*rollouts stiffness triangles"]:
     """Rows as `shell_stiffness` of the layout: C11, C22, C12, C33 [N/m], then the bending energy's second derivatives by the curvatures k_e of
     the three edges (shell.py) and by those of edges 1 and 2, 2 and 0, 0 and 1 [N m3]. With viscosity the same ten of it follow,
     [N s/m] and [N s m3].
@@ -64,7 +53,7 @@ def shell_stiffness(shell: Shell, parameters: Parameters) -> Float[Tensor, "*rol
     return torch.cat([elastic, *viscous], -2)
 
 
-def shell_frequency(shell: Shell, parameters: Parameters, mass: Float[Tensor, "*rollouts vertices"]) -> float:
+def shell_frequency(shell: Triangles, parameters: Parameters, mass: Float[Tensor, "*rollouts vertices"]) -> float:
     """2 over the longest stable substep at rest [rad/s], of many rollouts the largest; without viscosity an upper bound of the fastest vibration.
 
     No vibration of a body is faster than the fastest of one of its elements by itself (Irons and Treharne 1971), with the vertices' mass shared
@@ -85,7 +74,7 @@ def shell_frequency(shell: Shell, parameters: Parameters, mass: Float[Tensor, "*
     return float(decay + (decay**2 + 4.0 * squared).sqrt()) / 2.0
 
 
-def _largest_square(shell: Shell, rows: Float[Tensor, "*rollouts 10 triangles"], mass: Tensor) -> Float[Tensor, ""]:
+def _largest_square(shell: Triangles, rows: Float[Tensor, "*rollouts 10 triangles"], mass: Tensor) -> Float[Tensor, ""]:
     """Upper bound of the squared frequencies with these rows [1/s2]."""
     C11, C22, C12, C33 = rows[..., :4, :].unbind(-2)
     zero = torch.zeros_like(C12)
@@ -94,12 +83,7 @@ def _largest_square(shell: Shell, rows: Float[Tensor, "*rollouts 10 triangles"],
     return squared + _largest(rows[..., 4:, :], shell.bending_flexibility(mass.to(rows)))
 
 
-def pairs_of(vectors: Float[Array, "*batch 3"]) -> Array:
-    """The six numbers of the products of vectors with themselves, shape [6, ...]."""
-    return np.stack([vectors[..., i] * vectors[..., j] for i, j in PAIRS])
-
-
-def _plane_stress(shell: Shell, parameters: Parameters) -> Float[Tensor, "*rollouts 4 triangles"]:
+def _plane_stress(shell: Triangles, parameters: Parameters) -> Float[Tensor, "*rollouts 4 triangles"]:
     """C11, C22, C12, C33."""
     E, nu = (_of_triangles(shell, p) for p in (parameters.youngs_modulus, parameters.poissons_ratio))
     weft, shear = (_of_triangles(shell, p) for p in (parameters.weft_ratio, parameters.shear_ratio))
@@ -109,12 +93,12 @@ def _plane_stress(shell: Shell, parameters: Parameters) -> Float[Tensor, "*rollo
     return torch.stack([first, root**2 * first, nu * root * first, third], -2)
 
 
-def _of_triangles(shell: Shell, values: Tensor | None) -> Tensor | None:
+def _of_triangles(shell: Triangles, values: Tensor | None) -> Tensor | None:
     """The mean over each triangle's corners."""
     return None if values is None else values[..., torch.as_tensor(shell.triangles, device=values.device)].mean(-1)
 
 
-def _limited(shell: Shell, C: Float[Tensor, "*rollouts 4 triangles"]) -> Float[Tensor, "*rollouts 4 triangles"]:
+def _limited(shell: Triangles, C: Float[Tensor, "*rollouts 4 triangles"]) -> Float[Tensor, "*rollouts 4 triangles"]:
     """C, scaled down where it is stiffer along warp or weft than the membrane may be; shear by itself, to half of that."""
     if shell.largest_stiffness is None:
         return C
@@ -123,7 +107,7 @@ def _limited(shell: Shell, C: Float[Tensor, "*rollouts 4 triangles"]) -> Float[T
     return C * torch.stack([stretch, stretch, stretch, shear], -2)
 
 
-def _viscous_plane_stress(shell: Shell, parameters: Parameters) -> Float[Tensor, "*rollouts 4 triangles"]:
+def _viscous_plane_stress(shell: Triangles, parameters: Parameters) -> Float[Tensor, "*rollouts 4 triangles"]:
     shear, volume = (_of_triangles(shell, value) for value in parameters.viscosity.unbind(-1))
     sum_ = 2.0 * shear + volume
     across = torch.where(sum_ != 0.0, 2.0 * shear * volume / torch.where(sum_ != 0.0, sum_, 1.0), 0.0)
@@ -131,7 +115,7 @@ def _viscous_plane_stress(shell: Shell, parameters: Parameters) -> Float[Tensor,
     return shell.thickness * torch.stack([along, along, across, shear], -2)
 
 
-def _borne(shell: Shell, C: Tensor, R: Tensor) -> Float[Tensor, "*rollouts triangles"]:
+def _borne(shell: Triangles, C: Tensor, R: Tensor) -> Float[Tensor, "*rollouts triangles"]:
     """Share of the membrane's viscosity that acts, see `MEMBRANE_DECAY`."""
     if shell.density is None:
         return torch.ones_like(R[..., 0, :])
@@ -141,7 +125,7 @@ def _borne(shell: Shell, C: Tensor, R: Tensor) -> Float[Tensor, "*rollouts trian
     return torch.where(decay > allowed, allowed / torch.where(decay > allowed, decay, 1.0), 1.0)
 
 
-def _outer_curvature(shell: Shell, C: Float[Tensor, "*rollouts 4 triangles"]) -> Float[Tensor, "*rollouts n 3 3"]:
+def _outer_curvature(shell: Triangles, C: Float[Tensor, "*rollouts 4 triangles"]) -> Float[Tensor, "*rollouts n 3 3"]:
     """Of the n triangles with free edges the curvature (11, 22, twice 12) by the k_e, such that no moment acts across free edges."""
     outer = np.flatnonzero(shell.free_edges.any(1))
     free, directions = (torch.as_tensor(a[outer], device=C.device) for a in (shell.free_edges, shell.curvatures))
@@ -162,7 +146,7 @@ def _plates(rows: Float[Tensor, "*rollouts 4 n"]) -> Float[Tensor, "*rollouts n 
 
 
 def _bending(
-    shell: Shell, curvature: Float[Tensor, "*rollouts n 3 3"], plate: Float[Tensor, "*rollouts 4 triangles"]
+    shell: Triangles, curvature: Float[Tensor, "*rollouts n 3 3"], plate: Float[Tensor, "*rollouts 4 triangles"]
 ) -> Float[Tensor, "*rollouts 6 triangles"]:
     """Second derivatives of the bending energy by k_e.
 

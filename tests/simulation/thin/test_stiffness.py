@@ -2,7 +2,8 @@
 
 import torch
 
-from physreal_core.simulation.thin.stiffness import PAIRS, _largest
+from physreal_core.simulation.thin.stiffness import _largest
+from physreal_core.simulation.thin.symmetric import PAIRS
 
 
 def largest(a: torch.Tensor, b: torch.Tensor) -> torch.Tensor:

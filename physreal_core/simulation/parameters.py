@@ -147,6 +147,8 @@ class _OfPlaces:
     @cached_property
     def F(self) -> Float[Tensor, "*rollouts frames particles 3 3"]:
         """Deformation gradients of the vertices."""
+        if not callable(self._F):
+            return self._F
         with torch.set_grad_enabled(self.x.requires_grad):
             return self._F()
 
@@ -154,7 +156,7 @@ class _OfPlaces:
 class ThinStates(_OfPlaces, States):
     """States of a thin body."""
 
-    def __init__(self, x: Tensor, v: Tensor, F: Callable[[], Tensor]) -> None:
+    def __init__(self, x: Tensor, v: Tensor, F: Tensor | Callable[[], Tensor]) -> None:
         self.x, self.v, self._F = x, v, F
 
 
@@ -162,7 +164,7 @@ class ThinBatchStates(_OfPlaces, BatchStates):
     """States of rollouts of a thin body."""
 
     def __init__(
-        self, x: Tensor, v: Tensor, F: Callable[[], Tensor], failures: tuple[SimulationError | None, ...]
+        self, x: Tensor, v: Tensor, F: Tensor | Callable[[], Tensor], failures: tuple[SimulationError | None, ...]
     ) -> None:
         self.x, self.v, self._F, self.failures = x, v, F, failures
 

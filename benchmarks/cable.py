@@ -21,6 +21,7 @@ from benchmarks.cable_fit import default_model, fit, model_of
 from benchmarks.cable_report import markdown
 from benchmarks.cable_scene import FPS, PREDICTED, Cable, HeldCable, Model, recordings
 from benchmarks.recordings import real_data
+from benchmarks.thin.results import write_part
 from physreal_core.array_types import Array, Float
 from physreal_core.errors import InputError
 
@@ -113,6 +114,8 @@ def main() -> None:
     record = run(markers, tell=lambda line: print(line, flush=True), chosen=arguments.fitted)
     arguments.out.mkdir(parents=True, exist_ok=True)
     (arguments.out / "cable.json").write_text(json.dumps(record, indent=1) + "\n")
+    part = {name: record[name] for name in ("fitted", "error_over_length", "default_error_over_length", "unseen")}
+    write_part("cable", part, arguments.out)
     (arguments.out / "cable.md").write_text(markdown(record))
     print(
         json.dumps({"unseen": record["unseen"], "over_default": record["over_default"], "reached": record["reached"]})

@@ -20,6 +20,7 @@ import numpy as np
 import torch
 
 from benchmarks.simulation import machine
+from benchmarks.thin.results import write_part
 from benchmarks.thin_scenes import sheet
 from physreal_core.simulation import Body, Grip, Parameters, SimulationConfig, Simulator, rod_body, shell_body
 from physreal_core.simulation.timestep import needed_substeps
@@ -156,6 +157,8 @@ def main() -> None:
     result |= report(args.device, frames, rounds)
     if args.json:
         args.json.write_text(json.dumps(result, indent=2) + "\n")
+        kind = "cpu" if args.device == "cpu" else "gpu"
+        write_part(f"speed_ratio_{kind}", result["speed_ratio"], args.json.parent)
 
 
 if __name__ == "__main__":

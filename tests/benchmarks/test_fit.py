@@ -15,12 +15,11 @@ def test_the_recipes_are_the_defaults_of_the_stages():
     from pipeline.config.fit_patches import FitPatches
     from pipeline.config.fit_residual import FitResidual
     from stages._fit import variables_of
-    from stages.fit_global import VARIABLES
     from stages.fit_residual import blocks_of
 
     params = dict(zip(STAGES, (FitGlobal(), FitPatches(), FitResidual()), strict=True))
     blocks = {
-        "fit_global": {name: getattr(params["fit_global"], name) for name in VARIABLES},
+        "fit_global": params["fit_global"].variables("volumetric"),
         "fit_patches": {name: getattr(params["fit_patches"], name) for name in ("youngs_modulus", "poissons_ratio")},
         "fit_residual": blocks_of(params["fit_residual"]),
     }

@@ -86,13 +86,14 @@ class Shell(Triangles):
         self, x: Float[Tensor, "*batch vertices 3"], director: None = None
     ) -> Float[Tensor, "*batch vertices 3 3"]:
         """Deformation gradients of the vertices at x [m], the mean of the triangles around each; a normal stays as long as it is."""
-        first_axes = x.movedim((-2, -1), (0, 1)).flatten(2)  # [N, 3, all others]: rows of memory are gathered
+        flat = x.reshape(-1, *x.shape[-2:])
+        first_axes = flat.movedim((1, 2), (0, 1))  # [N, 3, all others]: rows of memory are gathered
         a, b, c = self._incidence.at_corners(first_axes)
         ways = b - a, c - a, _unit(torch.linalg.cross(b - a, c - a, dim=1))
         directions = torch.as_tensor(self._weighed_directions[..., None, :, None]).to(x)
         F = sum(way[:, :, None] * along for way, along in zip(ways, directions, strict=True))
         mean = self._incidence.around(F) / torch.as_tensor(3.0 * self.vertex_area[:, None, None, None]).to(x)
-        return mean.unflatten(3, x.shape[:-2]).movedim((0, 1, 2), (-3, -2, -1))
+        return mean.movedim(3, 0).reshape(*x.shape, 3)
 
     @cached_property
     def _weighed_directions(self) -> Float[Array, "3 triangles axes"]:

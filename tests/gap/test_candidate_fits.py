@@ -164,3 +164,22 @@ def test_of_many_large_starts_those_that_come_closest_are_fitted(monkeypatch):
     scores = next(scores for scores in found.ranked() if scores[0].start.effect == "sink")
     fitted = [request.unknowns.at["sink"]["amount"] for request in found._from_large_amplitudes(scores[:1])["sink"]]
     assert len(fitted) == FEW and {*fitted} == {0.5, 1.0}
+
+
+class Torn(LinearExperiment):
+    """`sink` tears the body where it is large, so that nothing is predicted. As a simulator, it refuses a modulus that is no number."""
+
+    def _one(self, trial):
+        assert all(bool(field.isfinite().all()) for field in trial.fields.values())
+        tracks = super()._one(trial)
+        return np.full_like(tracks, np.nan) if trial.effects.get("sink", {}).get("amount", 0.0) > 2.0 else tracks
+
+
+def test_a_start_from_which_the_rollout_fails_is_left_alone(monkeypatch):
+    monkeypatch.setattr(type(EFFECTS["sink"]), "blocking_starts", lambda *what_tells_of_it: ({"amount": 3.0},))
+    experiment = Torn(ANSWERS, {"sink": {"amount": 0.9}})
+    data = Data([experiment], [experiment.noise()])
+    found = CandidateFits.beside(baseline(experiment, data), data, ("sink",), SETTINGS)
+    (fitted,) = found.fitted(found.ranked())
+    assert np.isfinite(fitted.vector).all()
+    assert fitted.unknowns.values(fitted.vector)["sink"]["amount"] == pytest.approx(0.9, abs=0.05)

@@ -299,14 +299,16 @@ class CandidateFits:
     def _followed(
         self, begun: Sequence[tuple[Unknowns, Array]], beside: Fit
     ) -> tuple[Float[Array, "material starts"], Float[Array, " starts"]]:
-        """How the material follows each start, by the tangents of a fit, and the energy then [nat]."""
+        """How the material follows each start, by the tangents of a fit, and the energy then [nat]; not at all, and infinite, where the rollout
+        from there fails."""
         own = self.baseline.unknowns
         material, known = beside.vector[: own.baseline], beside.jacobian[:, : own.baseline]
         residuals = self.quick.residuals(self.quick.predict([unknowns.trial(vector) for unknowns, vector in begun]))
         pulls = known.T @ residuals + (own.block.precision @ (material - own.block.mean))[:, None]
         shifts = -np.linalg.solve(known.T @ known + own.block.precision, pulls)
         energies = 0.5 * (residuals**2).sum(0) + 0.5 * (pulls * shifts).sum(0)
-        return shifts, np.nan_to_num(energies, nan=np.inf)
+        failed = ~np.isfinite(energies)
+        return np.where(failed, 0.0, shifts), np.where(failed, np.inf, energies)
 
     def _from_both(self, unknowns: Unknowns, vector: Array, shift: Array, beside: Fit) -> Request:
         """The fit from a start as it is, or with the material following it."""

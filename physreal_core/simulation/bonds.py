@@ -36,12 +36,17 @@ class Bonds:
     def _taken(self, frame: int) -> np.ndarray:
         return np.flatnonzero(self._measured & (np.maximum(self._grip.taken, 0) == frame))
 
-    def _measure(self, which: np.ndarray, x: Tensor, points: Tensor) -> tuple[Tensor, Tensor]:
-        """Distances of these bonds [m], [R, B'], and the ways from controller points to particles [R, B', 3]."""
+    def _ends(self, which: np.ndarray, device: torch.device) -> tuple[Tensor, Tensor]:
+        """Numbers of the particles and of the controller points that these bonds join, both [B']."""
         particles, controllers = (
-            torch.as_tensor(numbers[which].astype(np.int64), device=x.device)
+            torch.as_tensor(numbers[which].astype(np.int64), device=device)
             for numbers in (self._grip.particles, self._grip.controllers)
         )
+        return particles, controllers
+
+    def _measure(self, which: np.ndarray, x: Tensor, points: Tensor) -> tuple[Tensor, Tensor]:
+        """Distances of these bonds [m], [R, B'], and the ways from controller points to particles [R, B', 3]."""
+        particles, controllers = self._ends(which, x.device)
         way = (x[:, particles] - points[:, controllers].to(x)).double()
         return (way.square().sum(-1) + self._softening).sqrt(), way
 
@@ -76,9 +81,6 @@ class Bonds:
         distance, way = self._measure(which, x, points)
         bar = torch.where(distance > self._shortest, lengths_bar[:, which] / distance, 0.0)[..., None] * way
         bar = torch.nan_to_num(bar)  # of a rollout that has failed
-        particles, controllers = (
-            torch.as_tensor(numbers[which].astype(np.int64), device=x.device)
-            for numbers in (self._grip.particles, self._grip.controllers)
-        )
+        particles, controllers = self._ends(which, x.device)
         x_bar = torch.zeros_like(x).index_add(1, particles, bar.to(x))
         return x_bar, torch.zeros_like(points).index_add(1, controllers, -bar.to(points))

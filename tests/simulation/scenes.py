@@ -4,6 +4,7 @@ from collections.abc import Callable
 from dataclasses import replace
 
 import numpy as np
+import pytest
 import torch
 from torch import Tensor
 
@@ -69,3 +70,26 @@ def directional_errors(
             moved = loss(States(ahead.x - behind.x, ahead.v - behind.v, ahead.F - behind.F))
         results[name] = (float((tensors[name].grad * direction).sum()), float(moved / (2 * step)))
     return results
+
+
+def path_derivatives(
+    simulator: Simulator, parameters: Parameters, controllers: Tensor, loss: Callable[[States], Tensor], step: float
+) -> tuple[float, float]:
+    """Adjoint and central-difference derivative of a loss along one random direction of the controller points' path.
+
+    Args:
+        step: half the difference's width [m].
+    """
+    path = controllers.clone().requires_grad_()
+    loss(simulator.rollout(parameters, path)).backward()
+    direction = torch.randn(path.shape, generator=torch.Generator().manual_seed(2), dtype=torch.float64)
+    with torch.no_grad():
+        ahead, behind = (loss(simulator.rollout(parameters, controllers + s * step * direction)) for s in (1, -1))
+    return float((path.grad * direction).sum()), float(ahead - behind) / (2 * step)
+
+
+def assert_adjoints_agree(results: dict[str, tuple[float, float]]) -> None:
+    """Each parameter, by name, has an effect, and its adjoint is its central difference; as of `directional_errors`."""
+    for name, (adjoint, difference) in results.items():
+        assert difference != 0, f"{name} has no effect in this scene"
+        assert adjoint == pytest.approx(difference, rel=1e-5), name

@@ -206,10 +206,8 @@ class NativeStepper:
 
     def _set_elements(self, body: Body) -> ElementArrays:
         """Take over the elements of a thin body."""
-        arrays, frames = (
-            ElementArrays(body.elements, self.particles, BLOCK, self.dtype, viscous=self.viscous),
-            self._frames,
-        )
+        frames = self._frames
+        arrays = ElementArrays(body.elements, self.particles, BLOCK, self.dtype, viscous=self.viscous)
         frames["elements"], frames["element_stride"] = arrays.count, arrays.stride
         for name in ("corners", "incident_first", "incident"):
             self._give(frames, name, getattr(arrays, name), shared=True)

@@ -8,9 +8,9 @@ import torch
 
 from physreal_core.simulation import Body, Parameters, SimulationConfig, Simulator
 from physreal_core.simulation.thin.rod import FRAMED_TERMS
-from tests.simulation.scenes import directional_errors, random_loss
+from tests.simulation.scenes import assert_adjoints_agree, directional_errors, random_loss
 from tests.simulation.thin.contact_scenes import crossing_ropes, stacked_sheets
-from tests.simulation.thin.test_gradients import ABSENT, STEPS, check, parameters_of, scattered
+from tests.simulation.thin.test_gradients import ABSENT, STEPS, parameters_of, scattered
 
 BODIES = {
     "shell": (stacked_sheets, ("bending", "fabric")),
@@ -74,7 +74,7 @@ def test_every_parameter_through_contact(kind, slide):
     """While layers slide past each other, and while friction holds them."""
     simulator, parameters, steps = scene(kind, slide, 0.4)
     assert touched(simulator, parameters) > 1e-5
-    check(directional_errors(simulator, parameters, NO_POINTS, random_loss([1, 2, 3]), steps))
+    assert_adjoints_agree(directional_errors(simulator, parameters, NO_POINTS, random_loss([1, 2, 3]), steps))
 
 
 def test_a_batch_equals_single_rollouts_with_gradients(kind):

@@ -5,7 +5,7 @@ from pathlib import Path
 from typing import get_args
 
 from data.rig.bars import BARS
-from data.rig.capture import make_capture, make_sequence, make_thin_capture
+from data.rig.capture import make_capture, make_sequence
 from data.rig.case import record_motion
 from data.rig.parameters import Rig, build_scene
 from data.rig.rig_scene import SCENES
@@ -23,7 +23,8 @@ def main() -> None:
         option = "--" + name.replace("_", "-")
         choices = get_args(field.annotation)
         kind = str if choices else field.annotation
-        parser.add_argument(option, type=kind, choices=choices or None, default=field.default, help=field.description)
+        text = (field.description or "").replace("%", "%%")  # argparse formats it
+        parser.add_argument(option, type=kind, choices=choices or None, default=field.default, help=text)
     arguments = vars(parser.parse_args())
     name, seed, out = (arguments.pop(key) for key in ("scene", "seed", "out"))
     parameters = Rig(**arguments)
@@ -32,8 +33,6 @@ def main() -> None:
         record_motion(BARS[name].case(parameters, seed), BARS[name].motion, destination, video=False)
     elif name in SEQUENCES:
         make_sequence(name, seed, destination)
-    elif name in THIN_SCENES:
-        make_thin_capture(build_scene(name, parameters), destination, seed=seed)
     else:
         make_capture(build_scene(name, parameters), destination, seed=seed, timestep=parameters.timestep)
     print(f"wrote {destination}")

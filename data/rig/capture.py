@@ -37,9 +37,10 @@ def make_capture(scene: RigScene, destination: Path, *, seed: int = 0, timestep:
         scene: what to film.
         destination: capture folder.
         seed: seeds sensor noise and the prior's pose; the same seed gives the same files.
-        timestep: largest step of the simulation [s].
+        timestep: largest step of the simulation of a solid body [s]; a thin one has its own (`thin_scenes.run`).
     """
-    film(scene, simulate(scene, timestep=timestep), destination, seed=seed)
+    thin = isinstance(scene.body, ThinBody)
+    film(scene, run(scene) if thin else simulate(scene, timestep=timestep), destination, seed=seed)
 
 
 def film(
@@ -85,17 +86,6 @@ def film(
     replace(truth, **_further_hands(stage, trajectory), **further_truth).save(draft)
     shutil.rmtree(destination, ignore_errors=True)
     draft.rename(destination)
-
-
-def make_thin_capture(scene: RigScene, destination: Path, *, seed: int = 0) -> None:
-    """Simulates and films one of `thin_scenes.THIN_SCENES` into `destination`, which is replaced as a whole.
-
-    Args:
-        scene: what to film.
-        destination: capture folder.
-        seed: seeds sensor noise and the prior's pose.
-    """
-    film(scene, run(scene), destination, seed=seed)
 
 
 def make_sequence(name: str, seed: int, destination: Path) -> None:

@@ -82,7 +82,7 @@ def _rope(name: str, motion: Motion) -> RigScene:
         description="a rope",
         body=ROPE,
         hand=mitten((0.185, 0.0, -0.010), (0.7, 0.3, 0.65)),
-        grasp=Block((0.17, -0.02, -1.0), (0.21, 0.02, 1.0)),
+        grasp=Block((0.158, -0.02, -1.0), (0.21, 0.02, 1.0)),  # what lies in the mitten
         motion=motion,
         material=Material(friction_coefficient=0.4),
         view=View(eye=(0.0, -0.96, 0.47), target=(0.02, 0.0, 0.185)),
@@ -117,7 +117,7 @@ def _cloth(name: str, motion: Motion) -> RigScene:
         description="a cloth",
         body=CLOTH,
         hand=mitten((0.0, 0.118, -0.010), (0.45, 0.6, 0.65)),
-        grasp=Block((-0.03, 0.1045, -1.0), (0.03, 0.14, 1.0)),
+        grasp=Block((-0.03, 0.072, -1.0), (0.03, 0.14, 1.0)),  # what lies in the mitten
         motion=motion,
         material=Material(friction_coefficient=0.4),
         view=View(eye=(0.22, -0.80, 0.52), target=(0.0, 0.02, 0.107), focal=500.0),

@@ -16,9 +16,15 @@ from physreal_core.geometry.similarity import Similarity
 from physreal_core.geometry.surface import SurfacePoints
 
 CELLS_ACROSS = 24  # of the object's longer side in the low-resolution image
+COLOUR_CELLS = 500  # of the object, at least, where colours are compared; a rope 24 cells long has no more than 24
 DEPTH_REACH = 0.12  # depth differences beyond this share of the object's size cost no more
 GROUND_WEIGHT = 0.5
 ALIKE, MOST_ALIKE = 0.25, 9  # cost by which a turned pose may be worse, on mask and depth, to be tried; how many are
+RESIZED, SIZES, TURNS = (
+    0.3,
+    20,
+    16,
+)  # sizes of a half hidden object to compare: by up to e^0.3, so many either way; turns
 DEPTH_STEPS, INDEX_BITS, EMPTY = 1e4, 20, np.iinfo(np.int64).max  # of the packed z-buffer: 0.1 mm, a million points
 
 
@@ -38,13 +44,15 @@ class LowResolutionLoss:
     Args:
         surface: points on the object in its own frame, dense enough to leave no cell open.
         rests: whether the object lies on the plane z = 0.
+        cells: of the reduced observation that the object fills, at least, where the observation has as many.
     """
 
-    def __init__(self, surface: SurfacePoints, observation: Observation, *, rests: bool = True) -> None:
+    def __init__(self, surface: SurfacePoints, observation: Observation, *, rests: bool = True, cells: int = 0) -> None:
         rows, columns = np.nonzero(observation.mask)
         longest = max(np.ptp(rows), np.ptp(columns)) + 1
+        factor = max(CELLS_ACROSS / longest, (cells / len(rows)) ** 0.5)
         # The share: as full as a cell is when points hit it.
-        view = observation.reduced(min(1.0, CELLS_ACROSS / longest), share=0.3)
+        view = observation.reduced(min(1.0, factor), share=0.3)
         self.surface, self.rests = surface, rests
         self.mask, self.known = view.mask.ravel(), ~view.hidden.ravel()
         self.object = np.flatnonzero(self.mask)
@@ -116,7 +124,9 @@ def search_pose(
 
     Each restart is an evolution over all rotations, on mask and depth alone (texture makes the far landscape rough). The
     results, and those turns of the best one that leave mask and depth nearly as they are, as they do for a box or a bar,
-    are each improved by a short evolution around them, now with colour.
+    are each improved by a short evolution around them, now with colour. For it a thin object is seen in smaller cells: in
+    large ones the pattern of a rope is one mean colour. Where something hides a part of the view, the object may also go on
+    behind it, so other sizes with the same end in sight are compared first.
     """
     loss = LowResolutionLoss(surface, observation, rests=rests)
     centre = surface.points.mean(axis=0)
@@ -128,9 +138,14 @@ def search_pose(
         on_restart()
     found = _distinct(sorted(found, key=lambda entry: entry[0]))
     best = found[0][1]
+    closer = LowResolutionLoss(surface, observation, rests=rests, cells=COLOUR_CELLS)
     starts = [pose for _, pose in found] + _look_alikes(loss, best, centre, axes)
+    if observation.hidden.any():
+        starts = [_resized(closer, pose, axes[0]) for pose in starts]
     improved = [
-        remembered_pose("look-alike", lambda pose=pose: _evolve_around(loss, pose, centre, settings.seed), pose.matrix)
+        remembered_pose(
+            "look-alike", lambda pose=pose: _evolve_around(closer, pose, centre, settings.seed), pose.matrix
+        )
         for pose in starts
     ]
     return _distinct(sorted(improved, key=lambda entry: entry[0]))
@@ -161,6 +176,25 @@ def _look_alikes(loss: LowResolutionLoss, pose: Similarity, centre: Array, axes:
     halves = [(-1.0, pose.turned_about(centre, np.pi * axis)) for axis in axes]
     kept = _distinct([*halves, *((cost, turns[k]) for cost, k in close)])
     return [turned for _, turned in kept[:MOST_ALIKE]]
+
+
+def _resized(loss: LowResolutionLoss, pose: Similarity, axis: Array) -> Similarity:
+    """The best by colour, too, of the pose, of smaller and larger ones with the same end, and of all their turns about `axis`."""
+    points = loss.surface.points
+    along = points @ axis
+    ends = points[[along.argmin(), along.argmax()]]
+    middle = points.mean(axis=0)
+    on_axis = middle + ((ends - middle) @ axis)[:, None] * axis
+    sizes = np.exp(RESIZED * np.linspace(-1, 1, 2 * SIZES + 1))
+    poses = [
+        pose.turned_about(end, angle * axis).scaled_about(end, size)
+        for end in on_axis
+        for angle in 2 * np.pi / TURNS * np.arange(TURNS)
+        for size in sizes
+    ]
+    arrays = (np.stack([p.rotation for p in poses]), np.stack([p.translation for p in poses]))
+    costs = loss(*arrays, np.array([p.scale for p in poses]))
+    return poses[int(costs.argmin())]
 
 
 def _evolve_everywhere(
@@ -194,12 +228,20 @@ def _evolve_around(loss: LowResolutionLoss, pose: Similarity, centre: Array, see
         return rotations, middle + x[3:6].T * loss.size - scales[:, None] * (rotations @ centre), scales
 
     bounds = [(-0.6, 0.6)] * 3 + [(-0.12, 0.12)] * 3 + [(-0.2, 0.2)]
-    best = _evolve(loss, decode, bounds, 42, 30, seed)
+    best = _evolve(loss, decode, bounds, 42, 30, seed, start=np.zeros(7))
     return float(best.fun), _pose(decode, best.x)
 
 
 def _evolve(
-    loss: LowResolutionLoss, decode, bounds: list, population: int, generations: int, seed: int, *, colour=True
+    loss: LowResolutionLoss,
+    decode,
+    bounds: list,
+    population: int,
+    generations: int,
+    seed: int,
+    *,
+    colour=True,
+    start=None,
 ):
     return differential_evolution(
         lambda x: loss(*decode(x), colour=colour),
@@ -214,6 +256,7 @@ def _evolve(
         updating="deferred",
         vectorized=True,
         rng=seed,
+        x0=start,
     )
 
 

@@ -48,6 +48,11 @@ class Similarity:
         rotation = self.rotation @ Rotation.from_rotvec(rotvec).as_matrix()
         return Similarity(rotation, self.apply(centre) - self.scale * rotation @ centre, self.scale)
 
+    def scaled_about(self, centre: Float[Array, " 3"], factor: float) -> "Similarity":
+        """The object `factor` times as large about its own point `centre`, which stays where it is in the world."""
+        scale = factor * self.scale
+        return Similarity(self.rotation, self.apply(centre) - scale * self.rotation @ centre, scale)
+
 
 def pose_error(found: Similarity, true: Similarity, centre: Float[Array, " 3"]) -> tuple[float, float, float]:
     """Rotation error [degrees], translation error at the object's own point `centre` [m], relative scale error."""

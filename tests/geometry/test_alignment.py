@@ -3,6 +3,7 @@
 import numpy as np
 import pytest
 import torch
+from scipy.ndimage import gaussian_filter
 from scipy.spatial.transform import Rotation
 
 from physreal_core.geometry import (
@@ -21,6 +22,7 @@ from physreal_core.geometry import (
 from physreal_core.geometry.pose_refinement import refine_pose, rotation_of
 from physreal_core.rendering import render
 from tests.geometry.scenes import blob, camera, look_at
+from tests.geometry.skins import tube
 
 pytest.importorskip("manifold3d")
 TOLERANCE = 3.0, 0.005, 0.02  # degrees, m, relative scale
@@ -31,10 +33,15 @@ def scene():
     """The body, and a view of it in which a hand hides one end."""
     body = blob()
     seen = look_at(body)
-    hidden = np.zeros_like(seen.mask)
     columns = np.flatnonzero(seen.mask.any(axis=0))
-    hidden[:, columns[-1] - len(columns) // 5 :] = True
-    return body, Observation(seen.rgb, np.where(hidden, 0.3, seen.depth), seen.mask & ~hidden, hidden, seen.camera)
+    return body, behind_a_hand(seen, columns[-1] - len(columns) // 5)
+
+
+def behind_a_hand(seen: Observation, column: int) -> Observation:
+    """The same view with something before it from this column on."""
+    hidden = np.zeros_like(seen.mask)
+    hidden[:, column:] = True
+    return Observation(seen.rgb, np.where(hidden, 0.3, seen.depth), seen.mask & ~hidden, hidden, seen.camera)
 
 
 def prior_of(body: Mesh, seed: int, coloured: bool) -> tuple[Mesh, Similarity]:
@@ -78,6 +85,23 @@ def test_one_pose_from_anywhere(scene):
     settings = AlignmentSettings(SearchSettings(restarts=1, generations=60), candidates=1, fine_iterations=40)
     found = align(sample_surface(prior, 2000), seen, settings)
     assert max(np.divide(pose_error(found.pose, true, prior.centroid), TOLERANCE)) < 1
+
+
+def test_the_pattern_of_a_rope_tells_its_ends_and_its_length():
+    """Its shape is alike to itself turned end for end, and a hand hides how far it goes on."""
+    path = np.linspace(-0.15, 0.15, 61)[:, None] * [1.0, 0.0, 0.0] + [0.0, 0.0, 0.006]
+    rope = tube(path, 0.006, 16)
+    spots = gaussian_filter(np.random.default_rng(0).normal(size=(61, 16)), (1.0, 1.5), mode="wrap").ravel()
+    grey = 0.5 + 0.4 * np.tanh(3 * np.append(spots, [0.0, 0.0]) / spots.std())
+    body = Mesh(rope.vertices, rope.faces, grey[:, None] * np.ones(3))
+    whole = look_at(body, camera(320, 240, 380.0))
+    seen = behind_a_hand(whole, np.flatnonzero(whole.mask.any(axis=0))[-40])
+    prior, true = prior_of(body, 0, coloured=True)
+    settings = AlignmentSettings(SearchSettings(restarts=1), candidates=1)
+    found = align(sample_surface(prior, 3000), seen, settings)
+    ends = prior.vertices[-2:]
+    assert np.linalg.norm(found.pose.apply(ends) - true.apply(ends), axis=1).max() < 0.004
+    assert found.pose.scale == pytest.approx(true.scale, rel=0.01)
 
 
 @pytest.mark.slow

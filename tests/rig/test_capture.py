@@ -10,6 +10,7 @@ pytest.importorskip("mujoco")
 cv2 = pytest.importorskip("cv2")
 trimesh = pytest.importorskip("trimesh")
 
+from data.rig.__main__ import main
 from data.rig.capture import make_capture, random_similarity
 from data.rig.parameters import Rig, build_scene
 from data.rig.render import HAND, OBJECT, Picture
@@ -147,3 +148,10 @@ def test_truth_missing_is_an_input_error(tmp_path):
 
 def test_capture_json_is_plain_json(capture):
     assert json.loads((capture / "capture.json").read_text())["split"] == {"train": [0, 2], "test": [2, 3]}
+
+
+def test_the_command_says_what_its_options_are(monkeypatch, capsys):
+    monkeypatch.setattr("sys.argv", ["data.rig", "--help"])
+    with pytest.raises(SystemExit) as ended:
+        main()
+    assert ended.value.code == 0 and "3 % of critical" in capsys.readouterr().out

@@ -12,7 +12,7 @@ trimesh = pytest.importorskip("trimesh")
 plyfile = pytest.importorskip("plyfile")
 
 from data.rig import thin_convergence as measured
-from data.rig.capture import make_thin_capture
+from data.rig.capture import make_capture
 from data.rig.mesh import tet_volumes
 from data.rig.parameters import Rig, build_scene
 from data.rig.raycast import Raycaster
@@ -126,7 +126,7 @@ def capture(request, tmp_path_factory):
     body = replace(scene.body, **COARSER[type(scene.body)])
     scene = replace(scene, body=body, motion=Motion(((0.0, 0.1, (0.0, 0.0, 0.03)),)))
     folder = tmp_path_factory.mktemp("captures") / request.param
-    make_thin_capture(scene, folder, seed=2)
+    make_capture(scene, folder, seed=2)
     return folder, scene
 
 

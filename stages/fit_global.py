@@ -1,13 +1,23 @@
 """Stage 1: a homogeneous expert material (Theta_1 = E, nu, mu_f) and the grip's stiffness and damping (eq. interaction_force).
 
 A scan of E and the grip's stiffness gives the start of a descent with a growing horizon; what has rate 0 is held. A thin body
-has the ratios of its bending, weft and shear stiffness beside E; a rope has no Poisson's ratio to be found.
+has the ratios of its bending, weft and shear stiffness beside E; a rope has no Poisson's ratio to be found. How far a hand holds it is
+not seen, and moves what hangs from it: scan and descent run once for each distance in `grip_reaches`, and the best is kept.
 """
+
+import dataclasses
+from dataclasses import dataclass
+from typing import Any
 
 import torch
 
+from physreal_core.checkpoints import Checkpoints
 from physreal_core.fitting.curriculum import ScanConfig, start_from_scan, uniform_start
+from physreal_core.fitting.descent import DescentResult
 from physreal_core.fitting.model import Model, uniform_model
+from physreal_core.fitting.objective import Objective
+from physreal_core.fitting.problem import Problem
+from physreal_core.fitting.variables import Variable
 from pipeline.config.fit_global import FitGlobal
 from pipeline.products.particles import Particles
 from pipeline.stage import StageContext, main
@@ -22,15 +32,42 @@ def run(context: StageContext) -> None:
     problem = load_problem(context, params.masks if params.losses.mask > 0 else None)
     particles = Particles.load(context.input("sample_particles"))
     model = _initial_model(params, particles)
-    objective = objective_of(context, problem, model)
     variables = variables_of(params.variables(particles.geometry))
-    tell_substeps(context, objective.rollouts, model.fields, variables)
-    config = ScanConfig(**params.scan.model_dump())
-    with context.timed("scan"):
+    tell_substeps(context, objective_of(context, problem, model).rollouts, model.fields, variables)
+    reaches = _distinct(problem, params.of(particles.geometry).grip_reaches)
+    fits = [_fit(context, problem, dataclasses.replace(model, grip_reach=reach), variables) for reach in reaches]
+    best = min(fits, key=lambda fit: fit.result.total)
+    holds = [{"reach": fit.model.grip_reach, "objective": finite_or_none(fit.result.total)} for fit in fits]
+    notes = {"scan": best.scan} | ({"grip_reaches": holds} if len(holds) > 1 else {})
+    write_fit(context, best.objective, best.model, best.result, **notes)
+
+
+@dataclass(frozen=True)
+class _Fitted:
+    """One scan and descent."""
+
+    objective: Objective
+    model: Model
+    result: DescentResult
+    scan: list[dict[str, Any]]
+
+
+def _fit(context: StageContext, problem: Problem, model: Model, variables: list[Variable]) -> _Fitted:
+    label = "fit" if model.grip_reach is None else f"fit, held within {1e3 * model.grip_reach:g} mm"
+    objective = objective_of(context, problem, model)
+    config = ScanConfig(**context.params.scan.model_dump())
+    (context.scratch / label).mkdir(exist_ok=True)
+    with context.timed("scan"), Checkpoints(context.scratch / label):
         model, found = start_from_scan(objective, model, variables, config)
     scan = [{**entry, "objective": finite_or_none(entry["objective"])} for entry in found]
-    model, result = descend(context, objective, model, variables, uniform_start(model, variables))
-    write_fit(context, objective, model, result, scan=scan)
+    model, result = descend(context, objective, model, variables, uniform_start(model, variables), label)
+    return _Fitted(objective, model, result, scan)
+
+
+def _distinct(problem: Problem, reaches: tuple[float, ...]) -> list[float | None]:
+    """Those that hold something, and each another set of particles; None, all that is bound, where there is none."""
+    held = {len(problem.grip.within(reach).particles): reach for reach in sorted(reaches)} if problem.grip else {}
+    return [reach for count, reach in held.items() if count] or [None]
 
 
 def _initial_model(params: FitGlobal, particles: Particles) -> Model:

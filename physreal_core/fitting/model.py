@@ -55,6 +55,7 @@ class Model:
         residual: sizes and bounds of the residual networks, None before Stage 3.
         simulation: what else the parameters hold for, as `SimulationConfig` takes it: `gravity`, `ground_height`, `courant`,
             `dtype`.
+        grip_reach: how far from the hand's points a particle may be in frame 0 to be held [m]; None: all that are bound are.
         effects: named effects that act in every rollout, one after another; records as of `named_effects`.
 
     Raises:
@@ -67,6 +68,7 @@ class Model:
     residual: ResidualConfig | None = None
     simulation: dict[str, Any] = field(default_factory=dict)
     effects: list[dict[str, Any]] = field(default_factory=list)
+    grip_reach: float | None = None
 
     def __post_init__(self) -> None:
         registered(self.effects)
@@ -165,6 +167,7 @@ def save_model(folder: Path, model: Model) -> None:
         "residual": None if model.residual is None else dataclasses.asdict(model.residual),
         "simulation": model.simulation,
         "effects": model.effects,
+        "grip_reach": model.grip_reach,
     }
     write_model_file(folder, record, model.fields, UNITS)
 
@@ -177,7 +180,7 @@ def load_model(folder: Path) -> Model:
         raise InputError(f"tensors {unknown}", where=str(folder / TENSORS), expected=f"some of {', '.join(UNITS)}")
     residual = None if record["residual"] is None else _residual_config(record["residual"])
     laws = {name: record[name] for name in ("elastic_law", "plastic_law", "simulation", "effects")}
-    return Model(fields=fields, residual=residual, **laws)
+    return Model(fields=fields, residual=residual, grip_reach=record.get("grip_reach"), **laws)
 
 
 def _residual_config(entry: dict[str, Any]) -> ResidualConfig:

@@ -110,6 +110,12 @@ class Problem:
         """Frames of the whole interval, observed and future."""
         return self.controllers.shape[0]
 
+    def held_within(self, reach: float | None) -> Problem:
+        """The same where the hand holds no particle farther than `reach` [m] from it in frame 0; None: all that are bound."""
+        if reach is None or self.grip is None:
+            return self
+        return dataclasses.replace(self, grip=self.grip.within(reach))
+
     def to(self, device: str) -> Problem:
         """The same with all tensors on another device; what the simulator is built from stays in numpy's memory."""
         return _moved(self, device)

@@ -50,7 +50,7 @@ class Rollouts:
     """
 
     def __init__(self, problem: Problem, model: Model, *, device: str = "cpu") -> None:
-        self.problem, self.device = problem.to(device), device
+        self.problem, self.device = problem.held_within(model.grip_reach).to(device), device
         self.config = model.simulation_config(problem.fps, device, problem.body)
         self.dtype = torch.float64 if self.config.dtype == "float64" else torch.float32
         self.values: dict[str, dict[str, Tensor]] = {

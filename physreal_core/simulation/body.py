@@ -132,6 +132,13 @@ class Grip:
         """Whether all bonds act all the time, with lengths that are given."""
         return bool((self.taken <= 0).all() and (self.released == NEVER).all() and np.isfinite(self.rest_lengths).all())
 
+    def within(self, reach: float) -> Grip:
+        """The same without particles that are farther than `reach` [m] from every controller point that they are bound to."""
+        nearest = np.full(self.particles.max(initial=-1) + 1, np.inf)
+        np.minimum.at(nearest, self.particles, np.nan_to_num(self.rest_lengths))
+        kept = nearest[self.particles] <= reach
+        return Grip(**{name: getattr(self, name)[kept] for name in self.__dataclass_fields__})
+
     def acting(self, frame: int) -> Bool[Array, " bonds"]:
         """Which bonds act from this frame time to the next."""
         return (self.taken <= frame) & (frame < self.released)

@@ -69,25 +69,6 @@ class ShearRatio(Variable):
     rate: float = Field(0.0, ge=0, description=_RATE.format("logarithm"))
 
 
-class Sheet(StageParameters):
-    """Material of a planar body, in place of E and nu above."""
-
-    youngs_modulus: SheetYoungsModulus = Field(SheetYoungsModulus(), description="E of stretching along the warp")
-    poissons_ratio: SheetPoissonsRatio = Field(SheetPoissonsRatio(), description="nu")
-    bending_ratio: BendingRatio = Field(BendingRatio(), description="bending stiffness over that of a solid sheet")
-    weft_ratio: WeftRatio = Field(WeftRatio(), description="E across the warp over that along it")
-    shear_ratio: ShearRatio = Field(ShearRatio(), description="shear stiffness over that of an isotropic sheet")
-
-
-class Rope(StageParameters):
-    """Material of a linear body, in place of E and nu above."""
-
-    youngs_modulus: RopeYoungsModulus = Field(RopeYoungsModulus(), description="E of stretching")
-    bending_ratio: BendingRatio = Field(
-        BendingRatio(initial=0.1), description="bending stiffness over that of a solid bar"
-    )
-
-
 class FrictionCoefficient(Variable):
     initial: float = Field(0.4, gt=0, description="start")
     lower: float = Field(0.01, gt=0, description="")
@@ -100,6 +81,42 @@ class GripStiffness(Variable):
     lower: float = Field(0.01, gt=0, description="[N]")
     upper: float = Field(150.0, gt=0, description="[N]; substeps grow with its root, from about 100 N on")
     rate: float = Field(0.05, ge=0, description=_RATE.format("logarithm"))
+
+
+class ThinGripStiffness(GripStiffness):
+    initial: float = Field(200.0, gt=0, description="k_f, start; a thin body's hold also keeps its direction [N]")
+    upper: float = Field(5e3, gt=0, description="[N]; substeps grow with its root")
+
+
+Reaches = Annotated[tuple[Annotated[float, Field(gt=0)], ...], Field(max_length=8)]
+
+
+def _reaches(default: tuple[float, ...]) -> Reaches:
+    text = "distances from the hand's points up to which it holds; each is fitted, the best kept. (): all that is bound [m]"
+    return Field(default, description=text)
+
+
+class Sheet(StageParameters):
+    """Material of a planar body and its hold, in place of those above."""
+
+    youngs_modulus: SheetYoungsModulus = Field(SheetYoungsModulus(), description="E of stretching along the warp")
+    poissons_ratio: SheetPoissonsRatio = Field(SheetPoissonsRatio(), description="nu")
+    bending_ratio: BendingRatio = Field(BendingRatio(), description="bending stiffness over that of a solid sheet")
+    weft_ratio: WeftRatio = Field(WeftRatio(), description="E across the warp over that along it")
+    shear_ratio: ShearRatio = Field(ShearRatio(), description="shear stiffness over that of an isotropic sheet")
+    grip_stiffness: ThinGripStiffness = Field(ThinGripStiffness(), description="k_f (eq. interaction_force)")
+    grip_reaches: Reaches = _reaches((0.008, 0.012, 0.016))
+
+
+class Rope(StageParameters):
+    """Material of a linear body and its hold, in place of those above."""
+
+    youngs_modulus: RopeYoungsModulus = Field(RopeYoungsModulus(), description="E of stretching")
+    bending_ratio: BendingRatio = Field(
+        BendingRatio(initial=0.1), description="bending stiffness over that of a solid bar"
+    )
+    grip_stiffness: ThinGripStiffness = Field(ThinGripStiffness(), description="k_f (eq. interaction_force)")
+    grip_reaches: Reaches = _reaches((0.008, 0.012, 0.016))
 
 
 class GripDamping(Variable):
@@ -172,6 +189,7 @@ class FitGlobal(StageParameters):
     friction_coefficient: FrictionCoefficient = Field(FrictionCoefficient(), description="mu_f of the ground")
     grip_stiffness: GripStiffness = Field(GripStiffness(), description="k_f (eq. interaction_force)")
     grip_damping: GripDamping = Field(GripDamping(), description="")
+    grip_reaches: Reaches = _reaches(())
     simulation: Simulation = Field(Simulation(), description="")
     losses: Losses = Field(Losses(), description="")
     masks: Masks = Field(Masks(), description="")
@@ -192,6 +210,10 @@ class FitGlobal(StageParameters):
 
     def variables(self, geometry: str) -> dict[str, Variable]:
         """What may move of the model of a body of this geometry, by the model's field."""
-        block = self if geometry == "volumetric" else getattr(self, geometry)
-        material = [name for name in _MATERIAL if hasattr(block, name)]
-        return {name: getattr(block, name) for name in material} | {name: getattr(self, name) for name in _CONTACT}
+        block = self.of(geometry)
+        material = {name: getattr(block, name) for name in _MATERIAL if hasattr(block, name)}
+        return material | {name: getattr(block, name, getattr(self, name)) for name in _CONTACT}
+
+    def of(self, geometry: str) -> "FitGlobal | Sheet | Rope":
+        """The block for a body of this geometry."""
+        return self if geometry == "volumetric" else getattr(self, geometry)

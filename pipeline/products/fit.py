@@ -10,7 +10,8 @@ from pipeline.reading.text import read_record, understood
 
 FILE = "fit.json"
 _SHARES = ("residual", "residual_without_effect")
-_FURTHER = ("scan", *_SHARES, "left_out")
+_PLAIN = ("scan", "grip_reaches", "left_out")
+_FURTHER = (*_PLAIN, *_SHARES)
 
 
 @dataclass(frozen=True)
@@ -56,6 +57,7 @@ class Fit:
         values: name of a quantity → its `value`, or `mean`, `min` and `max`, and its `unit`.
         descent: None where nothing descended (add_effect).
         scan: objectives of the scan before Stage 1's descent, in its order; None for the other stages.
+        grip_reaches: of Stage 1, each distance up to which the hand holds, and its objective; None where there was no choice.
         residual: of Stage 3's networks; None for the other stages.
         residual_without_effect: the same of networks fitted without the named effect, where that was done.
         left_out: why the stage fitted nothing and passed the model on; None where it did fit.
@@ -64,6 +66,7 @@ class Fit:
     values: dict[str, dict[str, Any]]
     descent: Descent | None = None
     scan: list[dict[str, Any]] | None = None
+    grip_reaches: list[dict[str, Any]] | None = None
     residual: ResidualShare | None = None
     residual_without_effect: ResidualShare | None = None
     left_out: str | None = None
@@ -83,4 +86,5 @@ class Fit:
         with understood(folder / FILE, remedy):
             descent = Descent(**{name: record[name] for name in names}) if names[0] in record else None
             shares = {name: ResidualShare(**record[name]) for name in _SHARES if name in record}
-            return cls(record["values"], descent, record.get("scan"), **shares, left_out=record.get("left_out"))
+            further = {name: record.get(name) for name in _PLAIN}
+            return cls(record["values"], descent, **further, **shares)

@@ -86,6 +86,7 @@ class Experiment:
     """
 
     def __init__(self, problem: Problem, model: Model, device: str = "cpu", placement: Placement | None = None) -> None:
+        problem = problem.held_within(model.grip_reach)
         known = np.zeros((2, 0), bool) if problem.tracks is None else problem.tracks.valid3d[: problem.observed].numpy()
         require_tracks(known, "gap.Experiment")
         self.problem, self.model, self.device, self.placement = problem, model, device, placement

@@ -19,11 +19,11 @@ from stages._substeps import tell_substeps
 
 def interactions(context: StageContext, model: Model) -> list[Experiment]:
     """The sequence itself, and its companion where it has one, with `model` where the object lies there."""
-    own = load_problem(context)
+    own = load_problem(context.input)
     tell_substeps(context, Rollouts(own, model), model.fields)
     found = [Experiment(own, model, context.params.device)]
     if context.companion:
-        other = load_problem(context, read=context.companion_input)
+        other = load_problem(context.companion_input)
         source, target = own.body.x0, other.body.x0
         near, ways = own.patch_neighbours.shape[1], ways_along(other.body)
         moved, neighbours, weights = transfer_model(model, source, target, near, ways)

@@ -19,25 +19,23 @@ from pipeline.products.gaussians import load_gaussians
 from pipeline.products.masks import Masks
 from pipeline.products.particles import Particles
 from pipeline.products.tracks import MeasuredTracks
-from pipeline.stage import StageContext
 from stages._body import body_of
 from stages._camera import load_camera
 
+Read = Callable[[str], Path]
+"""From a stage's name to the folder with its output for the sequence, as `StageContext.input`."""
 
-def load_problem(
-    context: StageContext, masks: MaskParameters | None = None, *, read: Callable[[str], Path] | None = None
-) -> Problem:
-    """The sequence of `context`, with its silhouettes where `masks` is given and the capture is a video.
+
+def load_problem(read: Read, masks: MaskParameters | None = None) -> Problem:
+    """A sequence, with its silhouettes where `masks` is given and the capture is a video.
 
     Args:
-        context: of the stage.
+        read: of the sequence.
         masks: which silhouettes; None for none.
-        read: gives the folder of an upstream stage in place of `context.input`, for another sequence.
 
     Raises:
         InputError: an artifact lacks what is needed, or they disagree about the number of frames.
     """
-    read = read or context.input
     video, perceived = read("parse_video"), read("segment_and_track")
     capture = read_capture(video)
     particles = Particles.load(read("sample_particles"))
@@ -65,7 +63,7 @@ def load_problem(
         clamps=tuple(Clamp(clamp.lower, clamp.upper) for clamp in capture.clamps),
         loads=loads,
         tracks=_tracks(tracks, particles, camera),
-        masks=_masks(context, particles, camera, observed, masks) if masks is not None and camera is not None else None,
+        masks=_masks(read, particles, camera, observed, masks) if masks is not None and camera is not None else None,
         camera=camera,
         hand_modes=hand.modes,
     )
@@ -124,12 +122,10 @@ def _tracks(tracks: MeasuredTracks, particles: Particles, camera: Camera | None)
     )
 
 
-def _masks(
-    context: StageContext, particles: Particles, camera: Camera, observed: int, config: MaskParameters
-) -> MaskObservations:
+def _masks(read: Read, particles: Particles, camera: Camera, observed: int, config: MaskParameters) -> MaskObservations:
     """Silhouettes of `config.frames` observed frames, evenly spaced, the last one among them, frame 0 not."""
     frames = np.unique(np.linspace(0, observed - 1, config.frames + 1).round().astype(int)[1:])
-    seen = Masks.load(context.input("segment_and_track"), frames.tolist())
+    seen = Masks.load(read("segment_and_track"), frames.tolist())
     hidden = np.stack([_dilated(hand, config.hidden_margin) for hand in seen.controller])
     coverage, known = reduce_masks(torch.from_numpy(seen.object), torch.from_numpy(hidden), config.reduction)
     cut = Camera(
@@ -142,7 +138,7 @@ def _masks(
         coverage,
         known,
         cut.scaled(1.0 / config.reduction),
-        load_gaussians(context.input("fit_pose")),
+        load_gaussians(read("fit_pose")),
         Binding(particles.gaussian_neighbours, particles.gaussian_weights),
     )
 

@@ -29,7 +29,7 @@ from stages._substeps import tell_substeps
 def run(context: StageContext) -> None:
     """Fits one material for the whole object, and the grip, to the observed frames."""
     params: FitGlobal = context.params
-    problem = load_problem(context, params.masks if params.losses.mask > 0 else None)
+    problem = load_problem(context.input, params.masks if params.losses.mask > 0 else None)
     particles = Particles.load(context.input("sample_particles"))
     model = _initial_model(params, particles)
     variables = variables_of(params.variables(particles.geometry))

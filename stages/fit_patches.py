@@ -13,7 +13,7 @@ from stages._substeps import tell_substeps
 def run(context: StageContext) -> None:
     """Fits a material per patch to the observed frames."""
     params: FitPatches = context.params
-    problem = load_problem(context, params.masks if params.losses.mask > 0 else None)
+    problem = load_problem(context.input, params.masks if params.losses.mask > 0 else None)
     model = load_model(context.input("fit_global"))
     objective = objective_of(context, problem, model)
     blocks = params.variables(Particles.load(context.input("sample_particles")).geometry)

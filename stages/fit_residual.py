@@ -21,7 +21,7 @@ from stages._substeps import tell_substeps
 def run(context: StageContext) -> None:
     """Fits what expert laws and named effects leave unexplained in the observed frames."""
     params: FitResidual = context.params
-    problem = load_problem(context, params.masks if params.losses.mask > 0 else None)
+    problem = load_problem(context.input, params.masks if params.losses.mask > 0 else None)
     named = load_model(context.input("add_effect"))
     if problem.body.elements is not None:
         _leave(context, problem, named)

@@ -22,7 +22,7 @@ from stages._substeps import tell_substeps
 
 def run(context: StageContext) -> None:
     """Rolls this sequence out with each fitted model of the sequence under `model_from`."""
-    problem = load_problem(context)
+    problem = load_problem(context.input)
     source = Particles.load(context.model_input("sample_particles")).x0.astype(np.float64)
     ways = ways_along(problem.body)
     for stage in FIT_STAGES:

@@ -33,6 +33,7 @@ ABOVE = {
     "benchmarks.perception",
     "benchmarks.perception_report",
     "benchmarks.perception_runs",
+    "benchmarks.thin.rigged",
 }
 BARE = f"""
 import importlib, pkgutil, sys

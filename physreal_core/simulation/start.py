@@ -12,6 +12,9 @@ RIDGE = 0.1
 STEPS = 20
 """Of Chebyshev's iteration, after which 1e-5 of the error is left."""
 
+LARGEST = 2**25
+"""Numbers that the shares of all rollouts at once may have; more rollouts follow in turn."""
+
 
 class VertexStart:
     """The same for a thin body, whose vertices are its nodes."""
@@ -46,35 +49,34 @@ class NodeStart:
         nodes, weights = stencils(lattice.place, lattice)
         self._nodes = torch.as_tensor(nodes, device=device)
         self._weights = torch.as_tensor(weights, dtype=dtype, device=device)[..., None]
-        self._count = lattice.nodes
+        self._count, self._together = lattice.nodes, max(1, LARGEST // (3 * nodes.size))
         self._mass = torch.as_tensor(body.mass, dtype=dtype, device=device)[:, None]
         lumped = self._to_nodes(self._mass)
         self._affine = [_AffineField(body, lattice, k, self._mass) for k in range(len(lattice.shift))]
         self._inverse = torch.where(lumped > 0, 1.0 / lumped.clamp(min=torch.finfo(dtype).tiny), 0.0)
 
     def nodes(self, velocity: Float[Tensor, "rollouts particles 3"]) -> Float[Tensor, "rollouts nodes 4"]:
-        """Velocities of the nodes [m/s], a fourth number to fill up, from the particles' [m/s]; rollout by rollout, so that one of
-        many is one alone to the last digit."""
-        found = velocity.new_zeros(len(velocity), self._count, 4)
-        for u, v in zip(found, velocity, strict=True):
-            rest = v.clone()
+        """Velocities of the nodes [m/s], a fourth number to fill up, from the particles' [m/s]; one of many rollouts is one alone to
+        the last digit."""
+        found, rest = velocity.new_zeros(len(velocity), self._count, 4), velocity.clone()
+        for u, v, own in zip(found, velocity, rest, strict=True):
             for field in self._affine:
-                field.give(v, u, rest)
-            u[:, :3] += self._solve(self._to_nodes(self._mass * rest))
+                field.give(v, u, own)
+        solved = [self._solve(self._to_nodes(self._mass * _side_by_side(some))) for some in rest.split(self._together)]
+        found[..., :3] += torch.cat([_apart(columns) for columns in solved])
         return found
 
     def particles(self, nodes_bar: Float[Tensor, "rollouts nodes 4"]) -> Float[Tensor, "rollouts particles 3"]:
         """Adjoint of `nodes`."""
-        found = []
-        for u_bar in nodes_bar[..., :3]:
-            rest = self._mass * self._to_particles(self._solve(u_bar))
-            bar = rest.clone()
+        solved = [self._solve(_side_by_side(some)) for some in nodes_bar[..., :3].split(self._together)]
+        rest = torch.cat([_apart(self._mass * self._to_particles(columns)) for columns in solved])
+        found = rest.clone()
+        for bar, own, u_bar in zip(found, rest, nodes_bar[..., :3], strict=True):
             for field in self._affine:
-                field.give_adjoint(u_bar, rest, bar)
-            found.append(bar)
-        return torch.stack(found)
+                field.give_adjoint(u_bar, own, bar)
+        return found
 
-    def _solve(self, right: Float[Tensor, "nodes 3"]) -> Float[Tensor, "nodes 3"]:
+    def _solve(self, right: Float[Tensor, "nodes columns"]) -> Float[Tensor, "nodes columns"]:
         """u from W^T M v: a symmetric matrix, which is its own adjoint."""
         average = self._inverse * right
         left = self._inverse * (right - self._squared(average))
@@ -88,7 +90,7 @@ class NodeStart:
             found = found + step
         return found
 
-    def _squared(self, u: Float[Tensor, "nodes 3"]) -> Float[Tensor, "nodes 3"]:
+    def _squared(self, u: Float[Tensor, "nodes columns"]) -> Float[Tensor, "nodes columns"]:
         return self._to_nodes(self._mass * self._to_particles(u))
 
     def _to_nodes(self, values: Float[Tensor, "particles columns"]) -> Float[Tensor, "nodes columns"]:
@@ -97,6 +99,15 @@ class NodeStart:
 
     def _to_particles(self, values: Float[Tensor, "nodes columns"]) -> Float[Tensor, "particles columns"]:
         return (self._weights * values[self._nodes]).sum(1)
+
+
+def _side_by_side(values: Float[Tensor, "rollouts rows 3"]) -> Float[Tensor, "rows columns"]:
+    """All rollouts as columns, so that each operation is one for all of them."""
+    return values.transpose(0, 1).flatten(1).contiguous()
+
+
+def _apart(columns: Float[Tensor, "rows columns"]) -> Float[Tensor, "rollouts rows 3"]:
+    return columns.unflatten(1, (-1, 3)).transpose(0, 1).contiguous()
 
 
 class _AffineField:

@@ -1,0 +1,83 @@
+"""What `benchmarks.thin.rigged` computes, on arrays alone, so that a machine with a card and little else can do it, too."""
+
+import dataclasses
+import math
+
+import numpy as np
+import torch
+from scipy.spatial import cKDTree
+
+from physreal_core.array_types import Array, Float
+from physreal_core.fitting.curriculum import ScanConfig, fit_material, start_from_scan, uniform_start
+from physreal_core.fitting.descent import DescentConfig
+from physreal_core.fitting.losses import LossConfig
+from physreal_core.fitting.model import Model
+from physreal_core.fitting.objective import Objective
+from physreal_core.fitting.problem import Problem
+from physreal_core.fitting.thin import bind_to_body
+from physreal_core.fitting.variables import Variable
+from physreal_core.geometry.grip import springs
+from physreal_core.simulation import Grip
+
+
+def held_at(problem: Problem, nodes: Float[Array, "held 3"]) -> Problem:
+    """The problem where the hand holds the vertices that lie nearer than a spacing to the rig's held nodes in frame 0 [m]."""
+    body = problem.body
+    held = np.flatnonzero(cKDTree(nodes).query(body.x0)[0] < body.spacing)
+    pairs = springs(body.x0, held, problem.controllers[0].double().numpy(), body.spacing, 8)
+    return dataclasses.replace(
+        problem, grip=Grip(pairs.particles, pairs.controllers, pairs.weights, pairs.rest_lengths)
+    )
+
+
+def refitted(problem: Problem, model: Model, variables: list[Variable], device: str) -> tuple[Model, float]:
+    """Stage 1 on tracks alone from `model`'s values, all bound vertices held, and the objective."""
+    model = dataclasses.replace(model, grip_reach=None)
+    objective = Objective(problem, model, LossConfig(mask=0.0), device=device)
+    model, _ = start_from_scan(objective, model, variables, ScanConfig(factor=2.0, grips=(1.0, 8.0)))
+    config = DescentConfig(iterations=14, warmup=3, first_horizon=0.4)
+    model, result = fit_material(objective, model, variables, uniform_start(model, variables), config)
+    return model, result.total
+
+
+def errors_of(
+    problem: Problem, model: Model, true: Float[Array, "frames nodes 3"], device: str = "cpu"
+) -> Float[Array, "frames nodes"]:
+    """Distances of the rig's nodes from where the model has them [m]; each starts where frame 0 has it."""
+    with torch.no_grad():
+        states = Objective(problem, model, LossConfig(), device=device).rollout(model.fields, problem.frame_count)
+    x, bound = states.x.double().cpu().numpy(), bind_to_body(true[0], problem.body, 8)
+    carried = (x[: len(true), bound.neighbours.numpy()] * bound.weights.double().numpy()[..., None]).sum(2)
+    return np.linalg.norm(carried + (true[0] - carried[0]) - true, axis=2)
+
+
+def track_errors(
+    lift: Float[Array, "frames nodes"], swing: Float[Array, "frames nodes"], observed: int
+) -> dict[str, float]:
+    """Means [m], as of thin.json."""
+    return {
+        "observed": float(lift[:observed].mean()),
+        "future": float(lift[observed:].mean()),
+        "other_motion": float(swing.mean()),
+        "other_motion_observed": float(swing[:observed].mean()),
+        "other_motion_future": float(swing[observed:].mean()),
+    }
+
+
+def stiffness_errors(model: Model, truth: dict[str, float | str]) -> dict[str, float]:
+    """Found over true stiffness, less one: of bending E I or D, of stretching E A or E t.
+
+    Args:
+        model: fitted.
+        truth: geometry, thickness [m], bending_stiffness, and stretching_stiffness of a rope or membrane_stiffness of a cloth.
+    """
+    E, ratio = (float(model.fields[name].mean()) for name in ("youngs_modulus", "bending_ratio"))
+    thickness = float(truth["thickness"])
+    if truth["geometry"] == "linear":
+        bending, stretching = E * ratio * math.pi * thickness**4 / 64, E * math.pi * thickness**2 / 4
+        true = float(truth["stretching_stiffness"])
+    else:
+        nu = float(model.fields["poissons_ratio"].mean())
+        bending, stretching = E * ratio * thickness**3 / 12 / (1 - nu**2), E * thickness
+        true = float(truth["membrane_stiffness"])
+    return {"bending": bending / float(truth["bending_stiffness"]) - 1, "stretching": stretching / true - 1}

@@ -1,0 +1,68 @@
+"""What is told of the rig's rope and cloth: stiffnesses by their formulas, errors from where the nodes start."""
+
+import dataclasses
+import math
+
+import numpy as np
+import pytest
+import torch
+
+from benchmarks.thin.rigged_fit import errors_of, held_at, stiffness_errors, track_errors
+from physreal_core.fitting.model import Model, uniform_model
+from physreal_core.fitting.problem import Problem
+from physreal_core.fitting.rollouts import Rollouts
+from physreal_core.geometry import bind_grip
+from physreal_core.simulation import Grip, rod_body
+from tests.fitting import scene
+
+
+def rope() -> tuple[Problem, Model]:
+    """A rope held by one end, whose hand goes up, and a model of it."""
+    given = scene.problem(scene.model(), frames=4, observed=3, with_masks=False)
+    body = rod_body(np.linspace(0.0, 0.2, 11)[:, None] * [1.0, 0.0, 0.0] + [0.0, 0.0, 0.1], 0.005, 800.0)
+    pairs = bind_grip(body.x0, given.controllers.numpy() + [0.0, 0.0, 0.05], spacing=body.spacing, radius=0.05)
+    own = {"patch_neighbours": torch.zeros(11, 1, dtype=torch.long), "patch_weights": torch.ones(11, 1).double()}
+    grip = Grip(pairs.particles, pairs.controllers, pairs.weights, pairs.rest_lengths)
+    values = {"poissons_ratio": 0.3, "youngs_modulus": 1e6, "bending_ratio": 1.0, "friction_coefficient": 0.4}
+    values |= {"grip_stiffness": 50.0, "grip_damping": 0.01}
+    model = uniform_model(
+        torch.zeros(1, 3).double(), values, elastic_law="fixed_corotated", simulation={"courant": 0.6}
+    )
+    return dataclasses.replace(given, body=body, grip=grip, **own), model
+
+
+def test_stiffnesses_are_those_of_a_solid_bar_and_sheet():
+    place = torch.zeros(1, 3, dtype=torch.float64)
+    model = uniform_model(
+        place, {"youngs_modulus": 2e6, "poissons_ratio": 0.5, "bending_ratio": 0.1}, elastic_law="fixed_corotated"
+    )
+    radius = 0.005
+    rope = {"geometry": "linear", "thickness": 2 * radius}
+    rope |= {"bending_stiffness": 2e5 * math.pi * radius**4 / 4, "stretching_stiffness": 1e6 * math.pi * radius**2}
+    assert stiffness_errors(model, rope) == pytest.approx({"bending": 0.0, "stretching": 1.0})
+    cloth = {"geometry": "planar", "thickness": 0.001, "membrane_stiffness": 2e3}
+    cloth |= {"bending_stiffness": 2e5 * 1e-9 / 12 / 0.75 / 2}
+    assert stiffness_errors(model, cloth) == pytest.approx({"bending": 1.0, "stretching": 0.0})
+
+
+def test_errors_are_of_the_motion_since_frame_0():
+    problem, model = rope()
+    with torch.no_grad():
+        nodes = Rollouts(problem, model).simulate(Rollouts(problem, model).inputs(model.fields)).x.double().numpy()[:4]
+    assert np.abs(nodes[3] - nodes[0]).max() > 5e-3
+    assert errors_of(problem, model, nodes).max() < 1e-6
+    off = nodes + np.array([0.0, 0.0, 1e-3]) * np.arange(4)[:, None, None]
+    errors = errors_of(problem, model, off)
+    np.testing.assert_allclose(errors, 1e-3 * np.arange(4)[:, None] * np.ones(len(nodes[0])), atol=1e-6)
+    record = track_errors(errors, 2 * errors, 3)
+    assert record["observed"] == pytest.approx(1e-3, abs=1e-6) and record["future"] == pytest.approx(3e-3, abs=1e-6)
+    assert record["other_motion"] == pytest.approx(3e-3, abs=1e-6)
+
+
+def test_the_given_hold_is_what_lies_at_the_rigs_nodes():
+    problem = scene.problem(scene.model(), frames=4, observed=3, with_masks=False)
+    held = held_at(problem, problem.body.x0[[0, 20]] + 0.004).grip
+    assert {0, 20} <= set(held.particles.tolist())
+    assert (
+        np.linalg.norm(problem.body.x0[held.particles][:, None] - problem.body.x0[[0, 20]], axis=2).min(1).max() < 0.03
+    )

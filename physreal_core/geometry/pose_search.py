@@ -138,9 +138,10 @@ def search_pose(
         on_restart()
     found = _distinct(sorted(found, key=lambda entry: entry[0]))
     best = found[0][1]
-    closer = LowResolutionLoss(surface, observation, rests=rests, cells=COLOUR_CELLS)
+    coloured = surface.colours is not None
+    closer = LowResolutionLoss(surface, observation, rests=rests, cells=COLOUR_CELLS if coloured else 0)
     starts = [pose for _, pose in found] + _look_alikes(loss, best, centre, axes)
-    if observation.hidden.any():
+    if observation.hidden.any() and coloured:  # without colours, mask and depth tell no size of what is hidden
         starts = [_resized(closer, pose, axes[0]) for pose in starts]
     improved = [
         remembered_pose(

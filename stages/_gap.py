@@ -1,14 +1,10 @@
 """What find_gap and add_effect share: the interactions with one object, the search's settings, lines of progress."""
 
-import dataclasses
 from collections.abc import Callable
-
-import torch
 
 from physreal_core.fitting.model import Model
 from physreal_core.fitting.rollouts import Rollouts
-from physreal_core.fitting.thin import ways_along
-from physreal_core.fitting.transfer import register, transfer_model
+from physreal_core.fitting.transfer import register, transferred
 from physreal_core.gap.interactions.experiment import Experiment
 from physreal_core.gap.settings import GapSettings
 from pipeline.config.find_gap import FindGap
@@ -24,12 +20,9 @@ def interactions(context: StageContext, model: Model) -> list[Experiment]:
     found = [Experiment(own, model, context.params.device)]
     if context.companion:
         other = load_problem(context.companion_input)
-        source, target = own.body.x0, other.body.x0
-        near, ways = own.patch_neighbours.shape[1], ways_along(other.body)
-        moved, neighbours, weights = transfer_model(model, source, target, near, ways)
-        near = {"patch_neighbours": torch.from_numpy(neighbours), "patch_weights": torch.from_numpy(weights)}
-        other = dataclasses.replace(other, **near)
-        found.append(Experiment(other, moved, context.params.device, placement=register(source, target)))
+        moved, other = transferred(model, own.body.x0, other, own.patch_neighbours.shape[1])
+        placement = register(own.body.x0, other.body.x0)
+        found.append(Experiment(other, moved, context.params.device, placement=placement))
     return found
 
 

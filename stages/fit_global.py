@@ -11,7 +11,6 @@ from typing import Any
 
 import torch
 
-from physreal_core.checkpoints import Checkpoints
 from physreal_core.fitting.curriculum import ScanConfig, start_from_scan, uniform_start
 from physreal_core.fitting.descent import DescentResult
 from physreal_core.fitting.model import Model, uniform_model
@@ -31,7 +30,7 @@ def run(context: StageContext) -> None:
     params: FitGlobal = context.params
     problem = load_problem(context.input, params.masks if params.losses.mask > 0 else None)
     particles = Particles.load(context.input("sample_particles"))
-    model = _initial_model(params, particles)
+    model = initial_model(params, particles)
     variables = variables_of(params.variables(particles.geometry))
     tell_substeps(context, objective_of(context, problem, model).rollouts, model.fields, variables)
     reaches = _distinct(problem, params.of(particles.geometry).grip_reaches)
@@ -56,8 +55,7 @@ def _fit(context: StageContext, problem: Problem, model: Model, variables: list[
     label = "fit" if model.grip_reach is None else f"fit, held within {1e3 * model.grip_reach:g} mm"
     objective = objective_of(context, problem, model)
     config = ScanConfig(**context.params.scan.model_dump())
-    (context.scratch / label).mkdir(exist_ok=True)
-    with context.timed("scan"), Checkpoints(context.scratch / label):
+    with context.timed("scan"):
         model, found = start_from_scan(objective, model, variables, config)
     scan = [{**entry, "objective": finite_or_none(entry["objective"])} for entry in found]
     model, result = descend(context, objective, model, variables, uniform_start(model, variables), label)
@@ -70,7 +68,8 @@ def _distinct(problem: Problem, reaches: tuple[float, ...]) -> list[float | None
     return [reach for count, reach in held.items() if count] or [None]
 
 
-def _initial_model(params: FitGlobal, particles: Particles) -> Model:
+def initial_model(params: FitGlobal, particles: Particles) -> Model:
+    """One material for the whole object, of the starting values."""
     variables = params.variables(particles.geometry)
     acting = {name: v for name, v in variables.items() if name not in OPTIONAL or v.rate > 0 or v.initial != 1.0}
     held = {"poissons_ratio": params.poissons_ratio.initial}  # a rope has none of its own

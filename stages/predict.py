@@ -1,16 +1,13 @@
 """A sequence no model was fitted on, rolled out with another sequence's models: patches aligned, nothing refitted."""
 
-import dataclasses
 
 import numpy as np
-import torch
 
 from physreal_core.checkpoints import remembered
 from physreal_core.fitting.losses import LossConfig
 from physreal_core.fitting.model import Model, load_model, save_model
 from physreal_core.fitting.objective import Objective
-from physreal_core.fitting.thin import ways_along
-from physreal_core.fitting.transfer import transfer_model
+from physreal_core.fitting.transfer import transferred
 from pipeline.graph import FIT_STAGES
 from pipeline.products.particles import Particles
 from pipeline.products.rollout import Rollout
@@ -24,14 +21,8 @@ def run(context: StageContext) -> None:
     """Rolls this sequence out with each fitted model of the sequence under `model_from`."""
     problem = load_problem(context.input)
     source = Particles.load(context.model_input("sample_particles")).x0.astype(np.float64)
-    ways = ways_along(problem.body)
     for stage in FIT_STAGES:
-        model = load_model(context.model_input(stage))
-        near = problem.patch_neighbours.shape[1]
-        model, neighbours, weights = transfer_model(model, source, problem.body.x0, near, ways)
-        placed = dataclasses.replace(
-            problem, patch_neighbours=torch.from_numpy(neighbours), patch_weights=torch.from_numpy(weights)
-        )
+        model, placed = transferred(load_model(context.model_input(stage)), source, problem)
         folder = context.output / stage
         folder.mkdir()
         save_model(folder, model)

@@ -10,32 +10,32 @@ Writes the parts `rope_lift` and `cloth_lift` of `results/thin.json` and the pag
 """
 
 import argparse
-import dataclasses
 import json
 from pathlib import Path
 from typing import Any
 
-import torch
-
 from benchmarks.thin.results import RESULTS, write_part
 from benchmarks.thin.rigged_fit import errors_of, held_at, refitted, stiffness_errors, track_errors
 from data.rig.truth import load_truth
-from physreal_core.fitting.model import Model, load_model, uniform_model
+from physreal_core.fitting.curriculum import ScanConfig
+from physreal_core.fitting.descent import DescentConfig
+from physreal_core.fitting.model import Model, load_model
 from physreal_core.fitting.problem import Problem
-from physreal_core.fitting.thin import ways_along
-from physreal_core.fitting.transfer import transfer_model
+from physreal_core.fitting.transfer import transferred
 from pipeline.config.fit_global import FitGlobal
 from pipeline.products.fit import Fit
+from pipeline.products.particles import Particles
 from pipeline.project import Project
 from stages._fit import variables_of
 from stages._problem import load_problem
+from stages.fit_global import initial_model
 
 
 def main() -> None:
     """Measure the bodies that are named, then write the page of all that thin.json has."""
     parser = argparse.ArgumentParser(prog="python -m benchmarks.thin.rigged", description=__doc__)
-    parser.add_argument("bodies", nargs="*", choices=("rope", "cloth", []))
-    parser.add_argument("--project", type=Path)
+    parser.add_argument("bodies", nargs="+", choices=("rope", "cloth"))
+    parser.add_argument("--project", type=Path, required=True)
     parser.add_argument("--hold", choices=("found", "true"), default="found")
     parser.add_argument("--device", default="cpu")
     arguments = parser.parse_args()
@@ -68,27 +68,19 @@ def measured_with_hold(project: Project, body: str, device: str) -> dict[str, An
         truth = load_truth(project.capture(f"{body}_{motion}"))
         nodes = truth.middle_vertices[0, truth.middle_gripped].astype(float)
         problems.append(held_at(problem_of(project, f"{body}_{motion}"), nodes))
-    blocks = FitGlobal().variables({"rope": "linear", "cloth": "planar"}[body])
-    model, total = refitted(problems[0], start_of(problems[0], blocks), variables_of(blocks), device)
+    params, particles = FitGlobal(), Particles.load(project.artifact("sample_particles", f"{body}_lift"))
+    variables = variables_of(params.variables(particles.geometry))
+    scan, descent = ScanConfig(**params.scan.model_dump()), DescentConfig(**params.descent.model_dump())
+    model, total = refitted(problems[0], initial_model(params, particles), variables, scan, descent, device)
     return compared(project, body, problems, model, device) | {"objective": total}
-
-
-def start_of(problem: Problem, blocks: dict[str, Any]) -> Model:
-    """A model with the starting values of Stage 1."""
-    values = {"poissons_ratio": 0.3} | {name: block.initial for name, block in blocks.items()}
-    values = {name: value for name, value in values.items() if name not in ("weft_ratio", "shear_ratio")}
-    place = torch.from_numpy(problem.body.x0[:1]).double()
-    return uniform_model(place, values, elastic_law="fixed_corotated", simulation=FitGlobal().simulation.setting())
 
 
 def compared(project: Project, body: str, problems: list[Problem], model: Model, device: str) -> dict[str, Any]:
     """What a model of the lift makes of both motions, beside the truth."""
     own, other = problems
     truths = [load_truth(project.capture(f"{body}_{motion}")) for motion in ("lift", "swing")]
-    near = own.patch_neighbours.shape[1]
-    moved, neighbours, weights = transfer_model(model, own.body.x0, other.body.x0, near, ways_along(other.body))
-    there = {"patch_neighbours": torch.from_numpy(neighbours), "patch_weights": torch.from_numpy(weights)}
-    pairs = (own, model), (dataclasses.replace(other, **there), moved)
+    moved, placed = transferred(model, own.body.x0, other)
+    pairs = (own, model), (placed, moved)
     errors = [errors_of(*pair, t.middle_vertices.astype(float), device) for pair, t in zip(pairs, truths, strict=True)]
     described = json.loads((project.capture(f"{body}_lift") / "capture.json").read_text())
     return {
@@ -108,11 +100,8 @@ def problem_of(project: Project, sequence: str) -> Problem:
 def write_page() -> None:
     """results/thin_rigged.md, of what stands in thin.json."""
     record = json.loads((RESULTS / "thin.json").read_text())
-    named = [
-        (f"{body}{', hold given' * bool(end)}", f"{body}_lift{end}")
-        for body in ("rope", "cloth")
-        for end in ("", "_hold_given")
-    ]
+    ends = {"": "", ", hold given": "_hold_given"}
+    named = [(body + words, f"{body}_lift{end}") for body in ("rope", "cloth") for words, end in ends.items()]
     rows = [_row(label, record[part]) for label, part in named if part in record]
     (RESULTS / "thin_rigged.md").write_text("\n".join([*_HEAD, *rows, "", *_FOOT, ""]))
 

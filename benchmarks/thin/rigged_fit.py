@@ -30,13 +30,13 @@ def held_at(problem: Problem, nodes: Float[Array, "held 3"]) -> Problem:
     )
 
 
-def refitted(problem: Problem, model: Model, variables: list[Variable], device: str) -> tuple[Model, float]:
-    """Stage 1 on tracks alone from `model`'s values, all bound vertices held, and the objective."""
-    model = dataclasses.replace(model, grip_reach=None)
+def refitted(
+    problem: Problem, model: Model, variables: list[Variable], scan: ScanConfig, descent: DescentConfig, device: str
+) -> tuple[Model, float]:
+    """Stage 1 on tracks alone from `model`'s values, and the objective."""
     objective = Objective(problem, model, LossConfig(mask=0.0), device=device)
-    model, _ = start_from_scan(objective, model, variables, ScanConfig(factor=2.0, grips=(1.0, 8.0)))
-    config = DescentConfig(iterations=14, warmup=3, first_horizon=0.4)
-    model, result = fit_material(objective, model, variables, uniform_start(model, variables), config)
+    model, _ = start_from_scan(objective, model, variables, scan)
+    model, result = fit_material(objective, model, variables, uniform_start(model, variables), descent)
     return model, result.total
 
 

@@ -142,6 +142,7 @@ def _scanned(
         lambda: [
             variable.name,
             values,
+            str(model.grip_reach),
             *(part for name in sorted(model.fields) for part in (name, model.fields[name])),
         ],
         {"totals": (len(values),)},

@@ -12,6 +12,8 @@ from physreal_core.array_types import Array, Float, Int
 from physreal_core.effects import EFFECTS
 from physreal_core.fitting.model import Model
 from physreal_core.fitting.named_effects import effect_record
+from physreal_core.fitting.problem import Problem
+from physreal_core.fitting.thin import ways_along
 from physreal_core.geometry.patches import patch_weights, weights_at
 from physreal_core.geometry.ways import distances_along
 
@@ -47,6 +49,23 @@ def transfer_model(
     effects = [_carried(record, rotation, translation) for record in model.effects]
     moved = dataclasses.replace(model, fields=fields, effects=effects)
     return moved, indices[: len(target)], weights[: len(target)]
+
+
+def transferred(
+    model: Model, source: Float[Array, "n 3"], problem: Problem, neighbours: int | None = None
+) -> tuple[Model, Problem]:
+    """`model` and `problem`, which shows the same object in another place, with the patches where they lie there.
+
+    Args:
+        model: fitted with particles `source`.
+        source: [m], shape [n, 3], as for `transfer_model`.
+        problem: the other sequence.
+        neighbours: patches each particle takes its material from; by default as many as it does in `problem`.
+    """
+    near = problem.patch_neighbours.shape[1] if neighbours is None else neighbours
+    moved, indices, weights = transfer_model(model, source, problem.body.x0, near, ways_along(problem.body))
+    there = {"patch_neighbours": torch.from_numpy(indices), "patch_weights": torch.from_numpy(weights)}
+    return moved, dataclasses.replace(problem, **there)
 
 
 def _carried(record: dict[str, Any], rotation: Float[Array, "3 3"], translation: Float[Array, "3"]) -> dict[str, Any]:

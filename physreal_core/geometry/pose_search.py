@@ -84,6 +84,11 @@ class LowResolutionLoss:
             loss += GROUND_WEIGHT * np.minimum(np.abs(world[:, :, 2].min(axis=1)) / (DEPTH_REACH * self.size), 1.0)
         return loss
 
+    def of(self, poses: list[Similarity], *, colour: bool = True) -> Float[Array, " B"]:
+        """The same of poses."""
+        parts = [(pose.rotation, pose.translation, pose.scale) for pose in poses]
+        return self(*map(np.array, zip(*parts, strict=True)), colour=colour)
+
     def _z_buffer(self, world: Array) -> Array:
         """Depth and index of the nearest point in each cell, packed into one integer, [B, cells]; EMPTY where none is."""
         rotation, origin = self.to_camera
@@ -171,8 +176,7 @@ def _look_alikes(loss: LowResolutionLoss, pose: Similarity, centre: Array, axes:
     """Half turns of a pose about the object's principal axes, and of its other turns those that cost hardly more."""
     eighths = [pose.turned_about(centre, k * np.pi / 4 * axis) for axis in axes for k in range(8)]
     turns = [turned.turned_about(centre, half) for turned in eighths for half in (0 * axes[0], np.pi * axes[1])]
-    arrays = (np.stack([t.rotation for t in turns]), np.stack([t.translation for t in turns]))
-    costs = loss(*arrays, np.array([t.scale for t in turns]), colour=False)
+    costs = loss.of(turns, colour=False)
     close = sorted((cost, k) for k, cost in enumerate(costs) if cost < costs.min() + ALIKE)
     halves = [(-1.0, pose.turned_about(centre, np.pi * axis)) for axis in axes]
     kept = _distinct([*halves, *((cost, turns[k]) for cost, k in close)])
@@ -193,9 +197,7 @@ def _resized(loss: LowResolutionLoss, pose: Similarity, axis: Array) -> Similari
         for angle in 2 * np.pi / TURNS * np.arange(TURNS)
         for size in sizes
     ]
-    arrays = (np.stack([p.rotation for p in poses]), np.stack([p.translation for p in poses]))
-    costs = loss(*arrays, np.array([p.scale for p in poses]))
-    return poses[int(costs.argmin())]
+    return poses[int(loss.of(poses).argmin())]
 
 
 def _evolve_everywhere(

@@ -1,6 +1,5 @@
 """A sequence no model was fitted on, rolled out with another sequence's models: patches aligned, nothing refitted."""
 
-
 import numpy as np
 
 from physreal_core.checkpoints import remembered

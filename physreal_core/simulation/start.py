@@ -13,7 +13,7 @@ STEPS = 20
 """Of Chebyshev's iteration, after which 1e-5 of the error is left."""
 
 LARGEST = 2**25
-"""Numbers that the shares of all rollouts at once may have; more rollouts follow in turn."""
+"""Numbers that the shares of all rollouts at once may have on a card; more rollouts follow in turn."""
 
 
 class VertexStart:
@@ -49,15 +49,17 @@ class NodeStart:
         nodes, weights = stencils(lattice.place, lattice)
         self._nodes = torch.as_tensor(nodes, device=device)
         self._weights = torch.as_tensor(weights, dtype=dtype, device=device)[..., None]
-        self._count, self._together = lattice.nodes, max(1, LARGEST // (3 * nodes.size))
+        self._count = lattice.nodes
+        # Torch adds up rows of another length in another order on a CPU, and one of many is to be one alone to the last digit.
+        self._together = 1 if torch.device(device).type == "cpu" else max(1, LARGEST // (3 * nodes.size))
         self._mass = torch.as_tensor(body.mass, dtype=dtype, device=device)[:, None]
         lumped = self._to_nodes(self._mass)
         self._affine = [_AffineField(body, lattice, k, self._mass) for k in range(len(lattice.shift))]
         self._inverse = torch.where(lumped > 0, 1.0 / lumped.clamp(min=torch.finfo(dtype).tiny), 0.0)
 
     def nodes(self, velocity: Float[Tensor, "rollouts particles 3"]) -> Float[Tensor, "rollouts nodes 4"]:
-        """Velocities of the nodes [m/s], a fourth number to fill up, from the particles' [m/s]; one of many rollouts is one alone to
-        the last digit."""
+        """Velocities of the nodes [m/s], a fourth number to fill up, from the particles' [m/s]; one of many rollouts is, on a CPU,
+        one alone to the last digit."""
         found, rest = velocity.new_zeros(len(velocity), self._count, 4), velocity.clone()
         for u, v, own in zip(found, velocity, rest, strict=True):
             for field in self._affine:

@@ -1,4 +1,5 @@
-"""Which captures the benchmark consists of: every effect at two strengths and some more, controls without any, pairs, and strangers.
+"""Which captures the benchmark consists of: every effect at two strengths and some more, controls without any, pairs, and strangers; and,
+as a part of its own, what acts on a rope and on a cloth.
 
 Bodies and forms are dealt out as in a Latin square whose rows a seed has shuffled: every body comes about equally often, no effect
 twice with the same body, and a law of another form as often as the library's own where there is one. Motions, frame rates and what
@@ -9,14 +10,15 @@ import zlib
 from collections.abc import Iterable, Sequence
 from dataclasses import dataclass
 from fnmatch import fnmatch
+from itertools import zip_longest
 from typing import Literal
 
 import numpy as np
 
 Kind = Literal["none", "single", "pair", "outside"]
-Variant = Literal["tracks_only", "rgbd"]
+Variant = Literal["tracks_only", "rgbd", "thin"]
 STRENGTHS = ("weak", "middle", "high")
-CONTROLS = {"tracks_only": 20, "rgbd": 10}
+CONTROLS = {"tracks_only": 20, "rgbd": 10, "thin": 6}  # of thin bodies for each
 FURTHER = 8  # single effects of middle and high strength beyond one each
 WEAK = 9  # effects that are tried at weak strength
 
@@ -106,9 +108,12 @@ def benchmark_cases(effects: Iterable[str], *, variant: Variant, seed: int = 0) 
 
     Args:
         effects: names of the library.
-        variant: `tracks_only`: everything; `rgbd`: each effect at high strength once, and few controls.
+        variant: `tracks_only`: everything; `rgbd`: each effect at high strength once, and few controls; `thin`: of a rope and a cloth
+            from tracks alone, each effect that acts on it once, and controls.
         seed: of the benchmark; another one gives another set.
     """
+    if variant == "thin":
+        return [case for pair in zip_longest(*_thin_cases(effects, seed)) for case in pair if case is not None]
     deal = _Deal(sorted(effects), seed)
     controls = [deal.case("none", "middle", number, number) for number in range(CONTROLS[variant])]
     high = [deal.single(effect, "high") for effect in deal.effects]
@@ -122,6 +127,41 @@ def benchmark_cases(effects: Iterable[str], *, variant: Variant, seed: int = 0) 
     strangers.append(deal.case(f"outside:{again}", "middle", len(strangers)))
     weak = [deal.single(effect, "weak", 3) for effect in deal.effects[-WEAK:]]
     return _interleaved(high + middle + further, controls + pairs + strangers) + weak
+
+
+def _thin_cases(effects: Iterable[str], seed: int) -> list[list[GapCase]]:
+    """Of each thin body: in a shuffled order its effects, of high and middle strength in turn, and by a law of another form in two of four."""
+    # not at the top: rows are scored where there is no rig
+    from data.rig.bodies import THIN_BODIES
+    from data.rig.hidden.forms import OTHER_FORMS, VOLUMES_ALONE
+
+    other, known, found = {*OTHER_FORMS} - {*VOLUMES_ALONE}, sorted(effects), []
+    for number, body in enumerate(THIN_BODIES, start=10):
+        random = np.random.default_rng([seed, 8, number])
+        acting = _acting_on(body, known)
+        shuffled, singles = [acting[i] for i in random.permutation(len(acting))], []
+        for i, effect in enumerate(shuffled):
+            strength, form = ("high", "middle")[i % 2], "other" if effect in other and i % 4 > 1 else "same"
+            singles.append(GapCase(effect, strength, _seed(effect, strength, seed, number), body, form))
+        controls = [
+            GapCase("none", "middle", _seed("none", "middle", seed, 100 * number + i), body)
+            for i in range(CONTROLS["thin"])
+        ]
+        found.append(_interleaved(singles, controls))
+    return found
+
+
+def _acting_on(body: str, effects: Iterable[str]) -> list[str]:
+    """Effects of the library that act on a thin body."""
+    from physreal_core.effects import EFFECTS, lacking
+    from physreal_core.simulation import rod_body, shell_body
+
+    make = {
+        "rope": lambda: rod_body(np.outer(np.arange(3.0), np.eye(3)[0]), 0.1, 1.0),
+        "cloth": lambda: shell_body(np.eye(3), np.array([[0, 1, 2]]), 0.1, 1.0),
+    }
+    sample = make[body]()
+    return [name for name in effects if not lacking(EFFECTS[name], sample)]
 
 
 class _Deal:

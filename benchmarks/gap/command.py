@@ -19,7 +19,7 @@ def main(arguments: Sequence[str] | None = None) -> None:
     parsed = _parser().parse_args(arguments)
     folder = parsed.out / parsed.variant
     settings = () if parsed.settings is None else (str(parsed.settings.resolve()),)
-    module = {"tracks_only": "benchmarks.gap.case", "rgbd": "benchmarks.gap.rgbd"}[parsed.variant]
+    module = "benchmarks.gap.rgbd" if parsed.variant == "rgbd" else "benchmarks.gap.case"
     how = Run(folder, parsed.jobs, module, settings, parsed.cards, parsed.minutes)
     if parsed.pool:
         commit, rows = pool(parsed.rows, parsed.variant, parsed.commit)
@@ -52,6 +52,9 @@ def _parser() -> argparse.ArgumentParser:
     variant.add_argument("--tracks-only", action="store_const", dest="variant", const="tracks_only", help="default")
     variant.add_argument(
         "--rgbd", action="store_const", dest="variant", const="rgbd", help="through the whole pipeline"
+    )
+    variant.add_argument(
+        "--thin", action="store_const", dest="variant", const="thin", help="a rope and a cloth, from tracks alone"
     )
     parser.add_argument("--seed", type=int, default=0, help="of the set of cases")
     parser.add_argument("--jobs", type=int, default=1, help="cases at once; each gets its share of the cores")

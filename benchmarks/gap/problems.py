@@ -16,17 +16,23 @@ from physreal_core.array_types import Array, Bool, Float, Int
 from physreal_core.errors import InputError
 from physreal_core.fitting import Model, Problem, TrackObservations, uniform_model
 from physreal_core.fitting.hand_record import estimate_hand
+from physreal_core.fitting.thin import bind_to_body, cells_of, ways_along
 from physreal_core.geometry import (
     Mesh,
     bind_within,
     farthest_points,
     fill_mesh,
+    load_centre_line,
     load_mesh,
+    load_middle_surface,
     patch_weights,
+    remesh,
+    resampled,
     sample_surface,
 )
-from physreal_core.rendering import Camera, bind
-from physreal_core.simulation import Body, Grip
+from physreal_core.geometry.thin_files import MIDDLES
+from physreal_core.rendering import Camera
+from physreal_core.simulation import Body, Grip, rod_body, shell_body
 
 BINDING_NEIGHBOURS, TRACK_DISTANCE = 8, 0.01  # of `sample_particles`; the latter in [m]
 GUESS = {
@@ -36,6 +42,12 @@ GUESS = {
     "grip_stiffness": 100.0,  # of a particle's bonds together [N]: a hand that holds a bar as a vice does, but see `hold`
     "grip_damping": 0.01,
 }
+THIN = {
+    "linear": {"youngs_modulus": 5e6, "bending_ratio": 0.2, "grip_stiffness": 1000.0},
+    "planar": {"youngs_modulus": 1e6, "bending_ratio": 1.0, "grip_stiffness": 1000.0},
+}
+"""Guesses of a rope and of a felt that differ; a rope bends far more easily than a solid bar (docs/materials.md). A soft hold would let
+what sticks out of it hang at a slant."""
 
 
 @dataclass(frozen=True)
@@ -43,12 +55,15 @@ class Discretisation:
     """How finely an object is cut.
 
     Args:
-        particles: cells that the object fills; those that its surface cuts make some more material points.
+        particles: cells that a volume fills; those that its surface cuts make some more material points.
         patches: places of the material field.
+        segment, edge: lengths of the segments of a rope and of the edges of a cloth's triangles [m].
     """
 
     particles: int = 1000
     patches: int = 6
+    segment: float = 0.006
+    edge: float = 0.01
 
 
 def problems_of(
@@ -73,25 +88,26 @@ def problems_of(
     problems: dict[str, Problem] = {}
     places: Float[Array, "patches 3"] | None = None
     for capture in [*captures, *further]:
-        mesh = load_mesh(capture / "shape_prior.glb")
-        spacing = (mesh.volume / cut.particles) ** (1 / 3)
-        x0, volume = fill_mesh(mesh, spacing)
-        chosen = farthest_points(x0, cut.patches) if places is None else _found_again(places, x0, spacing, capture)
-        places = x0[chosen] if places is None else places
-        problems[capture.name] = _problem(capture, mesh, x0, volume, spacing, chosen)
+        facts, mesh = _facts(capture), load_mesh(capture / "shape_prior.glb")
+        body = _body(capture, facts, mesh, cut)
+        chosen = _patches(body, cut.patches) if places is None else _found_again(places, body, capture)
+        places = body.x0[chosen] if places is None else places
+        problems[capture.name] = _problem(capture, facts, mesh, body, chosen)
     return problems
 
 
-def baseline_model(problem: Problem, guess: dict[str, float] = GUESS) -> Model:
+def baseline_model(problem: Problem, guess: dict[str, float] | None = None) -> Model:
     """An elastic body of one guessed material lying on the ground: where a fit of `problem` begins.
 
     Args:
         problem: its patches carry the material.
-        guess: as `uniform_model` takes it.
+        guess: as `uniform_model` takes it; by default what is usual for its kind of body.
     """
+    cells = cells_of(problem.body)
+    own = {} if cells is None else THIN["linear" if cells.shape[1] == 2 else "planar"]
     return uniform_model(
         torch.from_numpy(problem.body.x0[patch_particles(problem)]),
-        guess,
+        GUESS | own if guess is None else guess,
         elastic_law="fixed_corotated",
         simulation={"ground_height": 0.0, "courant": 0.7, "dtype": "float32"},
     )
@@ -120,55 +136,73 @@ def tracks_on(mesh: Mesh, points0: Float[Array, "tracks 3"], known: Bool[Array, 
     return seen[distance < TRACK_DISTANCE]
 
 
-def _problem(capture: Path, mesh: Mesh, x0: Array, volume: Array, spacing: float, patches: Array) -> Problem:
+def _body(capture: Path, facts: dict, mesh: Mesh, cut: Discretisation) -> Body:
+    """What the simulator moves: a volume of particles, the segments of a rope or the triangles of a cloth."""
+    geometry, density = facts.get("geometry", "volumetric"), facts["density"]
+    if geometry == "linear":
+        line = resampled(load_centre_line(capture / MIDDLES[geometry]), cut.segment)
+        return rod_body(line, facts["thickness"] / 2.0, density)
+    if geometry == "planar":
+        vertices, triangles = remesh(*load_middle_surface(capture / MIDDLES[geometry]), cut.edge)
+        return shell_body(vertices, triangles, facts["thickness"], density)
+    spacing = (mesh.volume / cut.particles) ** (1 / 3)
+    x0, volume = fill_mesh(mesh, spacing)
+    return Body(x0, volume, np.full(len(x0), density), spacing)
+
+
+def _patches(body: Body, count: int) -> Int[Array, " patches"]:
+    return farthest_points(body.x0, count, ways=ways_along(body))
+
+
+def _problem(capture: Path, facts: dict, mesh: Mesh, body: Body, patches: Array) -> Problem:
     """The measurements of one capture, bound to the particles."""
     # Not at the top: the benchmarks' modules can be imported where there is no pipeline; these two need numpy alone.
     from pipeline.products.controllers import Controllers
     from pipeline.products.given_tracks import GivenTracks3d
 
-    facts = _facts(capture)
     measured, controllers = GivenTracks3d.load(capture), Controllers.load(capture).points.astype(np.float32)
     if measured.valid3d is None or measured.sigma3d is None:
         raise InputError(
             "not all of its arrays are there", where=str(capture / measured.FILE), expected="valid3d, sigma3d"
         )
-    neighbours, weights = patch_weights(x0, patches)
-    pairs = bind_within(x0, controllers[0], spacing=spacing)
+    neighbours, weights = patch_weights(body.x0, patches, ways=ways_along(body))
+    pairs = bind_within(body.x0, controllers[0], spacing=body.spacing)
     hand = estimate_hand(controllers, facts["fps"])
     return Problem(
-        body=Body(x0, volume, np.full(len(x0), facts["density"]), spacing),
+        body=body,
         fps=facts["fps"],
         controllers=torch.from_numpy(hand.controllers),
         observed=facts["split"]["train"][1],
         patch_neighbours=torch.from_numpy(neighbours),
         patch_weights=torch.from_numpy(weights),
         grip=Grip(pairs.particles, pairs.controllers, pairs.weights, pairs.rest_lengths),
-        tracks=_observations(measured.points3d, measured.valid3d, measured.sigma3d, mesh, x0),
+        tracks=_observations(measured.points3d, measured.valid3d, measured.sigma3d, mesh, body),
         camera=Camera(*map(np.asarray, (facts["K"], facts["T_world_camera"])), facts["width"], facts["height"]),
         hand_seen=False,
         hand_modes=hand.modes,
     )
 
 
-def _observations(points: Array, valid: Array, sigma: Array, mesh: Mesh, x0: Array) -> TrackObservations:
+def _observations(points: Array, valid: Array, sigma: Array, mesh: Mesh, body: Body) -> TrackObservations:
     """The tracks that lie on the object, carried by the particles near them."""
     points = points.astype(np.float32)
     ids = tracks_on(mesh, points[0], valid[0])
     points0 = torch.from_numpy(points[0, ids])
     chosen = (points[:, ids], valid[:, ids], sigma[:, ids].astype(np.float32))
-    return TrackObservations(points0, bind(points[0, ids], x0, BINDING_NEIGHBOURS), *map(torch.from_numpy, chosen))
+    binding = bind_to_body(points[0, ids], body, BINDING_NEIGHBOURS)
+    return TrackObservations(points0, binding, *map(torch.from_numpy, chosen))
 
 
-def _found_again(places: Array, x0: Array, spacing: float, capture: Path) -> Array:
+def _found_again(places: Array, body: Body, capture: Path) -> Array:
     """The particles [patches] nearest to `places` [patches, 3] m."""
     from scipy.spatial import cKDTree
 
-    distance, nearest = cKDTree(x0).query(places)
-    if distance.max() > spacing or len(np.unique(nearest)) < len(nearest):
+    distance, nearest = cKDTree(body.x0).query(places)
+    if distance.max() > body.spacing or len(np.unique(nearest)) < len(nearest):
         raise InputError(
             f"a patch of the first capture lies {distance.max():.4f} m from any particle",
             where=str(capture),
-            expected=f"captures that show the object in one place at frame 0, to within {spacing:.4f} m",
+            expected=f"captures that show the object in one place at frame 0, to within {body.spacing:.4f} m",
         )
     return nearest
 

@@ -14,7 +14,11 @@ from benchmarks.gap.summary import summary
 from benchmarks.gap.table import RGBD_AIMS, page
 from physreal_core.effects import EFFECTS
 
-TITLES = {"tracks_only": "Hidden effects, from tracks alone", "rgbd": "Hidden effects, from RGB-D"}
+TITLES = {
+    "tracks_only": "Hidden effects, from tracks alone",
+    "rgbd": "Hidden effects, from RGB-D",
+    "thin": "Hidden effects in a rope and a cloth, from tracks alone",
+}
 
 
 def collect(cases: Iterable[GapCase], folder: Path, rows: Path, variant: Variant, seed: int) -> list[Row]:

@@ -1,4 +1,4 @@
-"""Bodies of the hidden-effect captures: a bar, an L, a slab, a thick plush and a fork, each with a size from the seed.
+"""Bodies of the hidden-effect captures, each with a size from the seed: a bar, an L, a slab, a thick plush and a fork; a rope and a cloth.
 
 All lie on the table at z = 0 with their centre of volume above the origin. The hand holds the end at +x and the rest is free, so
 that an effect's place can be drawn for any of them. Boxes are six elements through their thickness.
@@ -9,10 +9,15 @@ from dataclasses import dataclass
 
 import numpy as np
 
+from data.rig.rope import Rope
 from data.rig.shapes import Block, Blocks, Capsule, RoundedShape, Solid
+from data.rig.thin import Cloth
+from data.rig.thin_body import ThinBody
+from data.rig.thin_scenes import AGAINST_CHATTER
 from physreal_core.array_types import Array, Float
 
 THICKNESS = 0.044  # of the bar and of the limbs of the L [m]
+_THIN_SPOT = 0.12  # of the free length of a rope or a cloth
 _SIZES = (0.93, 1.07)  # lengths of a body other than the bar, over those written here
 
 
@@ -21,17 +26,17 @@ class Body:
     """A shape, and where a hand holds it.
 
     Args:
-        name: in `BODIES`.
+        name: in `BODIES` or `THIN_BODIES`.
         description: what a person would call it.
         shape: as it lies on the table [m].
         held: length of the end at +x that the hand holds [m].
         thickness: of its thinnest part, in the plane in which gravity bends it [m].
-        softness: Young's modulus over that of a bar, so that it sags by a centimetre or more, too.
+        softness: Young's modulus over that of a bar, so that it sags by a centimetre or more, too; a thin body has its own stiffnesses.
     """
 
     name: str
     description: str
-    shape: Solid
+    shape: Solid | ThinBody
     held: float
     thickness: float
     softness: float
@@ -54,10 +59,22 @@ class Body:
     @property
     def volume(self) -> float:
         """[m^3], of a rounded shape to a percent."""
+        if self.is_thin:
+            return float(self.shape.mesh().volumes().sum())
         if isinstance(self.shape, RoundedShape):
             return _volume_of(self.shape)
         parts = self.shape.parts if isinstance(self.shape, Blocks) else (self.shape,)
         return float(sum(np.prod(np.subtract(part.upper, part.lower)) for part in parts))
+
+    @property
+    def is_thin(self) -> bool:
+        """Whether it is a rope or a cloth."""
+        return isinstance(self.shape, ThinBody)
+
+    @property
+    def spot(self) -> float:
+        """Radius of what is local in it [m]."""
+        return _THIN_SPOT * self.length if self.is_thin else 0.8 * self.thickness
 
     def grasp(self, above: float) -> Block:
         """The box in which the hand holds it: its end, from the height `above` [m] on."""
@@ -127,6 +144,42 @@ def fork(size: np.random.Generator) -> Body:
     return Body("fork", "a foam fork", _centred(Blocks((*roots, *prongs))), 0.04, t, 0.5)
 
 
+def rope(size: np.random.Generator) -> Body:
+    """A soft kernmantle rope; the numbers are about those of `thin_scenes.ROPE`."""
+    length, t = 0.3 * _share(size), 0.01
+    shape = Rope(
+        start=(-length / 2, 0.0, t / 2),
+        end=(length / 2, 0.0, t / 2),
+        spacing=0.005,
+        thickness=t,
+        stretching_stiffness=500.0,
+        bending_stiffness=6e-4,
+        twisting_stiffness=4e-4,
+        mass_per_length=0.064,
+        damping=AGAINST_CHATTER,
+    )
+    return Body("rope", "a rope", shape, 0.04, t, 1.0)
+
+
+def cloth(size: np.random.Generator) -> Body:
+    """A mat of felt 3 mm thick, of 0.2 g/cm^3 and 1.6 MPa, as wool felts of that density have: softer cloths flap without order, in which
+    two simulators part."""
+    length, width, t = 0.24 * _share(size), 0.12 * _share(size), 0.003
+    shape = Cloth(
+        centre=(0.0, 0.0, t / 2),
+        size=(length, width),
+        spacing=0.009,
+        thickness=t,
+        membrane_stiffness=4800.0,
+        bending_stiffness=3.6e-3,
+        poissons_ratio=0.3,
+        areal_density=0.6,
+        damping=0.0,  # beside the step's own
+        equilateral=True,
+    )
+    return Body("cloth", "a mat of felt", shape, 0.04, t, 1.0)
+
+
 BODIES: dict[str, Callable[[np.random.Generator], Body]] = {
     "bar": bar,
     "angle": angle,
@@ -134,7 +187,10 @@ BODIES: dict[str, Callable[[np.random.Generator], Body]] = {
     "plush": plush,
     "fork": fork,
 }
-"""By name: from a generator for its size to a body."""
+"""Volumes by name: from a generator for its size to a body."""
+
+THIN_BODIES: dict[str, Callable[[np.random.Generator], Body]] = {"rope": rope, "cloth": cloth}
+"""The same of thin bodies."""
 
 
 def _share(size: np.random.Generator) -> float:

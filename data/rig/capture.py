@@ -19,8 +19,8 @@ from data.rig.sensor import read_colour, read_depth
 from data.rig.sequences import SEQUENCES, SETTLE, TIMESTEP
 from data.rig.simulate import simulate
 from data.rig.thin_body import ThinBody
-from data.rig.thin_files import material_truth, middle_truth, write_middle
-from data.rig.thin_scenes import run
+from data.rig.thin_files import material_truth, middle_truth, stated, write_middle
+from data.rig.thin_simulate import run
 from data.rig.trajectory import Trajectory
 from physreal_core.array_types import Array, Float
 from physreal_core.checkpoints import remembered
@@ -37,7 +37,7 @@ def make_capture(scene: RigScene, destination: Path, *, seed: int = 0, timestep:
         scene: what to film.
         destination: capture folder.
         seed: seeds sensor noise and the prior's pose; the same seed gives the same files.
-        timestep: largest step of the simulation of a solid body [s]; a thin one has its own (`thin_scenes.run`).
+        timestep: largest step of the simulation of a solid body [s]; a thin one has its own (`thin_simulate.run`).
     """
     thin = isinstance(scene.body, ThinBody)
     film(scene, run(scene) if thin else simulate(scene, timestep=timestep), destination, seed=seed)
@@ -150,7 +150,7 @@ def _further_hands(stage: Stage, trajectory: Trajectory) -> dict[str, Array]:
 def describe(scene: RigScene, hints: dict) -> dict:
     """The contents of capture.json."""
     view, body = scene.view, scene.body
-    thin = {"geometry": body.geometry, "thickness": body.thickness} if isinstance(body, ThinBody) else {}
+    thin = stated(body)
     return {
         "description": scene.description,
         "controller": "hand",

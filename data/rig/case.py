@@ -23,6 +23,7 @@ from data.rig.motions import MOTIONS
 from data.rig.rig_scene import RigScene
 from data.rig.session import PLAIN, Session, drawn
 from data.rig.specimen import Specimen, as_stated, run, specimen
+from data.rig.thin_files import write_middle_at_frame_zero
 from data.rig.trajectory import Trajectory
 from data.rig.visibility import visibility
 from physreal_core.array_types import Array
@@ -203,6 +204,7 @@ def _write_tracks(
     measured = recording.with_hand_off(case.hidden.record(ideal, scene.motion), scene.motion, unknowns, random)
     surface = recording.at_frame_zero(trajectory)
     recording.write(folder, as_stated(scene, case.session), measured, surface, random, unknowns.correlation)
+    write_middle_at_frame_zero(folder, trajectory, scene.body)
     truth = simulated_truth(scene, trajectory, mesh_shape(scene.hand, 0.012), np.eye(4))
     clean = {"clean_tracks": ideal.tracks, "clean_controllers": ideal.controllers}
     clean = {name: points.astype(np.float32) for name, points in clean.items()}

@@ -10,6 +10,7 @@ from physreal_core.array_types import Array, Float, Int
 _CORNERS = np.array([[0, 0, 0], [1, 0, 0], [1, 1, 0], [0, 1, 0], [0, 0, 1], [1, 0, 1], [1, 1, 1], [0, 1, 1]])
 _FIVE_TETS = np.array([[0, 1, 3, 4], [1, 2, 3, 6], [4, 6, 5, 1], [4, 7, 6, 3], [1, 3, 4, 6]])
 _QUARTER_TURN = np.array([1, 2, 3, 0, 5, 6, 7, 4])  # every other cube is turned, so that neighbours share diagonals
+_UNDERSIDE = 0.004  # [m] above the lowest point, in which a face lies on the table
 _EDGES = np.array([[0, 1], [0, 2], [0, 3], [1, 2], [1, 3], [2, 3]])
 
 
@@ -35,6 +36,26 @@ class TetMesh:
         """A quarter of each tetrahedron's mass at each of its nodes [kg]; `density` [kg/m^3]."""
         quarter = np.repeat(self.volumes() * density / 4, 4)
         return np.bincount(self.tets.ravel(), quarter, minlength=len(self.vertices))
+
+    def centres(self) -> Float[Array, "M 3"]:
+        """Middle of each tetrahedron [m]."""
+        return self.vertices[self.tets].mean(axis=1)
+
+    def shared(self, density: Float[Array, " M"]) -> Float[Array, " V"]:
+        """Share of the mass at each node where each tetrahedron has a density of its own; sums to one."""
+        mass = self.lumped_mass(density)
+        return mass / mass.sum()
+
+    def surface_shares(self) -> Float[Array, " V"]:
+        """Share of the surface's area at each node; sums to one."""
+        return surface_shares(self.vertices, self.faces)
+
+    def resting_areas(self) -> Float[Array, " V"]:
+        """Area with which each node lies on the table [m^2]: of faces all of which is within 4 mm of the lowest point."""
+        under = self.vertices[self.faces][..., 2].max(axis=1) < self.vertices[:, 2].min() + _UNDERSIDE
+        corners = self.vertices[self.faces[under]]
+        area = np.linalg.norm(np.cross(corners[:, 1] - corners[:, 0], corners[:, 2] - corners[:, 0]), axis=1).sum() / 2
+        return area * surface_shares(self.vertices, self.faces[under])
 
 
 def tet_volumes(vertices: Float[Array, "V 3"], tets: Int[Array, "M 4"]) -> Float[Array, " M"]:

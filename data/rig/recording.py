@@ -9,6 +9,7 @@ import numpy as np
 from data.rig.mesh import TetMesh
 from data.rig.rig_scene import Motion, RigScene, View
 from data.rig.session import Unknowns
+from data.rig.thin_files import stated
 from data.rig.trajectory import Trajectory
 from physreal_core.array_types import Array, Bool, Float, Int
 from pipeline.products.controllers import Controllers
@@ -113,6 +114,7 @@ def describe(scene: RigScene, recording: Recording) -> dict:
         "fps": recording.fps,
         "frame_count": scene.frames,
         "density": scene.material.density,
+        **stated(scene.body),
         "T_world_object": np.eye(4).tolist(),
         "split": {"train": [0, scene.observed], "test": [scene.observed, scene.frames]},
         "K": view.intrinsics().tolist(),

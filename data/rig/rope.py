@@ -1,17 +1,20 @@
 """A rope as MuJoCo's discrete elastic rod: simulated as its centre line and filmed as a closed tube around it."""
 
 import math
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from typing import ClassVar
 
 import numpy as np
 
 from data.rig.mesh import TetMesh, surface_triangles
+from data.rig.shapes import Capsule
 from data.rig.thin import conforming
 from physreal_core.array_types import Array, Float, Int
 
 AROUND = 12
 """Sides of the tube. Its cross-section has the area of the rope's."""
+
+_STIFFNESSES = ("stretching_stiffness", "bending_stiffness", "twisting_stiffness")
 
 
 @dataclass(frozen=True)
@@ -40,6 +43,25 @@ class Rope:
     damping: float = 0.0
 
     geometry: ClassVar[str] = "linear"
+
+    def distance(self, points: Float[Array, "... 3"]) -> Float[Array, "..."]:
+        """Signed distance of `points` [m] from its surface [m]; its ends are round."""
+        return Capsule(self.start, self.end, self.thickness / 2).distance(points)
+
+    def bounds(self) -> tuple[Float[Array, "3"], Float[Array, "3"]]:
+        """Corners of the box around it [m]; its ends are flat."""
+        ends = np.array([self.start, self.end])
+        along = (ends[1] - ends[0]) / np.linalg.norm(ends[1] - ends[0])
+        beyond = self.thickness / 2 * np.sqrt(np.maximum(1 - along**2, 0))
+        return ends.min(axis=0) - beyond, ends.max(axis=0) + beyond
+
+    def middle(self) -> Float[Array, "3"]:
+        """Centre of volume [m]."""
+        return np.add(self.start, self.end) / 2
+
+    def stiffened(self, share: float) -> "Rope":
+        """The same with all of its stiffnesses so many times as large."""
+        return replace(self, **{name: share * getattr(self, name) for name in _STIFFNESSES})
 
     @property
     def density(self) -> float:
@@ -87,8 +109,29 @@ class Line:
 
     def lumped_mass(self, density: float) -> Float[Array, " V"]:
         """Half of each segment's mass at each of its nodes [kg]; `density` of the solid is not asked."""
-        half = np.full(2 * len(self.elements), self.mass_per_length * self.spacing / 2)
-        return np.bincount(self.elements.ravel(), half, minlength=len(self.vertices))
+        return self.surface_shares() * self.mass_per_length * self.spacing * len(self.elements)
+
+    def volumes(self) -> Float[Array, " S"]:
+        """Of each segment [m^3]."""
+        return np.full(len(self.elements), math.pi * self.thickness**2 / 4 * self.spacing)
+
+    def centres(self) -> Float[Array, "S 3"]:
+        """Middle of each segment [m]."""
+        return self.vertices[self.elements].mean(axis=1)
+
+    def shared(self, density: Float[Array, " S"]) -> Float[Array, " V"]:
+        """Share of the mass at each node where each segment has a density of its own; sums to one."""
+        mass = np.bincount(self.elements.ravel(), np.repeat(density, 2), minlength=len(self.vertices))
+        return mass / mass.sum()
+
+    def surface_shares(self) -> Float[Array, " V"]:
+        """Share of the surface's area at each node; sums to one."""
+        return self.shared(np.ones(len(self.elements)))
+
+    def resting_areas(self) -> Float[Array, " V"]:
+        """Area with which each node lies on the table [m^2]: that of a square rope of the same section, as high as it is thick."""
+        section = math.pi * self.thickness / 4
+        return self.surface_shares() * section * self.spacing * len(self.elements)
 
     def directors(self) -> Float[Array, "S 3"]:
         """A unit vector across every segment at rest."""

@@ -10,19 +10,22 @@ from dataclasses import dataclass, replace
 
 import numpy as np
 
-from data.rig.bodies import BODIES, Body
+from data.rig.bodies import BODIES, THIN_BODIES, Body
 from data.rig.hidden.effect import NOTHING, Hidden
-from data.rig.motions import MOTIONS, UPPER_HALF, paced, shrunk
+from data.rig.motions import MOTIONS, THIN_MOTIONS, UPPER_HALF, paced, shrunk
 from data.rig.rig_scene import Material, RigScene, View, mitten
 from data.rig.session import PLAIN, Session
 from data.rig.shapes import RoundedShape
 from data.rig.simulate import simulate
+from data.rig.thin_body import ThinBody
+from data.rig.thin_simulate import run as run_thin
 from data.rig.trajectory import Trajectory
 from physreal_core.errors import InputError
 
 SPACING = 0.007  # of the finite elements [m]
 ROUNDED = 1.95  # times that of a rounded body, whose elements are smaller at its surface
 GUESS = 0.3  # Poisson's ratio
+_SOFT, _STIFF = 1.2e5, 2.4e5  # Young's moduli of bars [Pa]
 _SETTLE = 0.1  # [s]; a body of boxes lies flat, so there is little to settle
 _SETTLE_ROUNDED = 0.3
 _LONGEST = 5e-4  # [s]; contacts damp at the rate 2000/s (`world.firmness`), which longer explicit steps overshoot
@@ -34,7 +37,7 @@ class Specimen:
 
     Args:
         body: shape and hold.
-        material: homogeneous.
+        material: homogeneous; of a thin body only the friction counts, and the density, which is its own.
         seed: of motions.
     """
 
@@ -46,7 +49,8 @@ class Specimen:
         """It in one of the `MOTIONS`, filmed as the session says; size and direction of the motion follow from the seed."""
         path = np.random.default_rng([self.seed, 1 + list(MOTIONS).index(motion)])
         frames, observed = session.frames(motion)
-        written = shrunk(MOTIONS[motion](path), session.strokes.get(motion, 1.0))
+        motions = THIN_MOTIONS if self.body.is_thin else MOTIONS
+        written = shrunk(motions[motion](path), session.strokes.get(motion, 1.0))
         body, end = self.body, self.body.upper[0]
         return RigScene(
             name=motion,
@@ -70,18 +74,30 @@ def specimen(body: str, seed: int, session: Session = PLAIN) -> Specimen:
     Raises:
         InputError: there is no such body.
     """
-    if body not in BODIES:
-        raise InputError(f"no body named {body!r}", where="rig", expected=f"one of {list(BODIES)}")
-    made = BODIES[body](np.random.default_rng([seed, 50]))
+    known = BODIES | THIN_BODIES
+    if body not in known:
+        raise InputError(f"no body named {body!r}", where="rig", expected=f"one of {list(known)}")
+    made = known[body](np.random.default_rng([seed, 50]))
     random = np.random.default_rng([seed, 0])
+    modulus, density = float(np.exp(random.uniform(np.log(_SOFT), np.log(_STIFF)))), float(random.uniform(450, 750))
+    if made.is_thin:
+        own = made.shape.stiffened(modulus / (_SOFT * _STIFF) ** 0.5)
+        made, density = replace(made, shape=own), own.density
     material = Material(
-        youngs_modulus=made.softness * float(np.exp(random.uniform(np.log(1.2e5), np.log(2.4e5)))),
+        youngs_modulus=made.softness * modulus,
         poissons_ratio=GUESS + session.unknowns.poissons_ratio,
-        density=float(random.uniform(450, 750)),
+        density=density,
         damping=2e-5,  # takes the chatter out of contacts; off the first swings it takes less than a hundredth
         friction_coefficient=float(random.uniform(0.35, 0.6)),
     )
     return Specimen(made, material, seed)
+
+
+def stiffened(scene: RigScene, share: float) -> RigScene:
+    """The scene of a body that is so many times as stiff."""
+    if isinstance(scene.body, ThinBody):
+        return replace(scene, body=scene.body.stiffened(share))
+    return replace(scene, material=replace(scene.material, youngs_modulus=share * scene.material.youngs_modulus))
 
 
 def as_stated(scene: RigScene, session: Session) -> RigScene:
@@ -92,6 +108,8 @@ def as_stated(scene: RigScene, session: Session) -> RigScene:
 
 def run(scene: RigScene, hidden: Hidden = NOTHING) -> Trajectory:
     """The truth of a specimen's scene: undamped and symplectic unless the effect takes an implicit step."""
+    if isinstance(scene.body, ThinBody):
+        return run_thin(scene, hidden=hidden)
     implicit = hidden.implicit_step()
     rounded = isinstance(scene.body, RoundedShape)  # its legs would sink by millimetres before they touch the table
     return simulate(

@@ -5,14 +5,14 @@ it like any other body. Ropes that bend right are in `rope.py`.
 """
 
 import math
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from itertools import pairwise
 from typing import ClassVar
 
 import numpy as np
 
 from data.rig.mesh import TetMesh, surface_triangles
-from data.rig.shapes import Capsule, RoundedShape
+from data.rig.shapes import Block, Capsule, RoundedShape
 from physreal_core.array_types import Array, Float, Int
 
 _PRISM_TETS = np.array([[0, 1, 2, 5], [0, 1, 5, 4], [0, 4, 5, 3]])
@@ -24,7 +24,7 @@ class Cloth:
     """A rectangular sheet that lies level, its edges along x and y turned about its middle.
 
     Attributes:
-        middle: of the sheet [m].
+        centre: of the sheet [m].
         size: edges [m].
         spacing: of the nodes, about [m].
         thickness: of the skin that is filmed [m]; the stiffnesses do not follow from it.
@@ -39,7 +39,7 @@ class Cloth:
             the sequences for perception were made with it.
     """
 
-    middle: tuple[float, float, float] = (0.0, 0.0, 0.004)
+    centre: tuple[float, float, float] = (0.0, 0.0, 0.004)
     size: tuple[float, float] = (0.26, 0.20)
     spacing: float = 0.0125
     thickness: float = 0.0015
@@ -52,6 +52,32 @@ class Cloth:
     equilateral: bool = False
 
     geometry: ClassVar[str] = "planar"
+
+    def distance(self, points: Float[Array, "... 3"]) -> Float[Array, "..."]:
+        """Signed distance of `points` [m] from its surface [m]."""
+        cos, sin = math.cos(self.turn), math.sin(self.turn)
+        own = np.subtract(points, self.centre) @ np.array([[cos, -sin, 0.0], [sin, cos, 0.0], [0.0, 0.0, 1.0]])
+        half = np.array([*self.size, self.thickness]) / 2
+        return Block(tuple(-half), tuple(half)).distance(own)
+
+    def bounds(self) -> tuple[Float[Array, "3"], Float[Array, "3"]]:
+        """Corners of the box around it [m]."""
+        cos, sin = abs(math.cos(self.turn)), abs(math.sin(self.turn))
+        length, width = self.size
+        half = np.array([cos * length + sin * width, sin * length + cos * width, self.thickness]) / 2
+        return self.centre - half, self.centre + half
+
+    def middle(self) -> Float[Array, "3"]:
+        """Centre of volume [m]."""
+        return np.asarray(self.centre, float)
+
+    def stiffened(self, share: float) -> "Cloth":
+        """The same with both of its stiffnesses so many times as large."""
+        return replace(
+            self,
+            membrane_stiffness=share * self.membrane_stiffness,
+            bending_stiffness=share * self.bending_stiffness,
+        )
 
     @property
     def density(self) -> float:
@@ -97,11 +123,30 @@ class Sheet:
         return np.concatenate([nodes, nodes + len(self.vertices)])
 
     def lumped_mass(self, density: float) -> Float[Array, " V"]:
-        """A third of each triangle's mass at each of its nodes [kg]; `density` of the solid is not asked."""
+        """A third of each triangle's mass at each of its nodes [kg]; `density` [kg/m^3] of a solid is not asked."""
+        return self.surface_shares() * self.areal_density * self.volumes().sum() / self.thickness
+
+    def volumes(self) -> Float[Array, " F"]:
+        """Of each triangle, as thick as the sheet [m^3]."""
         a, b, c = (self.vertices[self.triangles[:, k]] for k in range(3))
-        area = np.linalg.norm(np.cross(b - a, c - a), axis=1) / 2
-        third = np.repeat(area * self.areal_density / 3, 3)
-        return np.bincount(self.triangles.ravel(), third, minlength=len(self.vertices))
+        return self.thickness * np.linalg.norm(np.cross(b - a, c - a), axis=1) / 2
+
+    def centres(self) -> Float[Array, "F 3"]:
+        """Middle of each triangle [m]."""
+        return self.vertices[self.triangles].mean(axis=1)
+
+    def shared(self, density: Float[Array, " F"]) -> Float[Array, " V"]:
+        """Share of the mass at each node where each triangle has a density of its own; sums to one."""
+        mass = np.bincount(self.triangles.ravel(), np.repeat(self.volumes() * density, 3), minlength=len(self.vertices))
+        return mass / mass.sum()
+
+    def surface_shares(self) -> Float[Array, " V"]:
+        """Share of the surface's area at each node; sums to one."""
+        return self.shared(np.ones(len(self.triangles)))
+
+    def resting_areas(self) -> Float[Array, " V"]:
+        """Area with which each node lies on the table [m^2]."""
+        return self.surface_shares() * self.volumes().sum() / self.thickness
 
     def skin(self) -> TetMesh:
         """The closed body around the sheet at rest: nodes of the lower side, then of the upper."""
@@ -126,7 +171,7 @@ def mesh_cloth(cloth: Cloth) -> Sheet:
     flat, triangles = (_equilateral if cloth.equilateral else _square)(cloth.size, cloth.spacing)
     cos, sin = np.cos(cloth.turn), np.sin(cloth.turn)
     flat = flat @ np.array([[cos, sin], [-sin, cos]])
-    vertices = np.concatenate([flat, np.zeros((len(flat), 1))], axis=1) + cloth.middle
+    vertices = np.concatenate([flat, np.zeros((len(flat), 1))], axis=1) + cloth.centre
     return Sheet(vertices, triangles, cloth.areal_density, cloth.thickness)
 
 

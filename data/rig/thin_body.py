@@ -1,5 +1,7 @@
 """What the rig's world needs to know of a thin body beside its nodes: MuJoCo's elements, and where the hold ends."""
 
+from collections.abc import Callable
+
 import numpy as np
 
 from data.rig.rope import Line, Rope
@@ -58,6 +60,19 @@ def end_hold_at_nodes(model, mesh: MiddleMesh, held: Int[Array, " B"]) -> None:
 def _on_border(fixed: Bool[Array, " V"], ends: Int[Array, "E 2"], sides: Int[Array, "E 2"]) -> Bool[Array, " E"]:
     """Edges that are held and have the hold on one side only."""
     return fixed[ends].all(axis=1) & (sides >= 0).all(axis=1) & (fixed[sides].sum(axis=1) == 1)
+
+
+def scale_stiffness(model, mesh: MiddleMesh, share: Callable[[Float[Array, "P 3"]], Float[Array, " P"]]) -> None:
+    """Multiplies stiffnesses by a share that depends on the place [m]: of a membrane in the middle of each triangle, of bending and
+    twisting at each hinge. MuJoCo has one stiffness for the stretching of all of a rope, which stays."""
+    rest = mesh.vertices
+    if isinstance(mesh, Line):
+        records = model.flex_bending[_FIRST:].reshape(-1, _RECORD)
+        records[:, (_HINGE, _TWIST)] *= share(rest[records[:, 1].astype(int)])[:, None]
+        return
+    stiffness = model.flex_stiffness.reshape(len(mesh.elements), -1)
+    stiffness[:] *= share(mesh.centres())[:, None]
+    model.flex_bending.reshape(len(model.flex_edge), -1)[:] *= share(rest[model.flex_edge].mean(axis=1))[:, None]
 
 
 class Directors:

@@ -22,7 +22,8 @@ from data.rig.rope import Rope
 from data.rig.shapes import Block, Capsule, RoundedShape
 from data.rig.thin import Cloth
 from data.rig.thin_body import ThinBody, stable_step, twist_joint
-from data.rig.thin_scenes import CLOTH, PLATE_RATIO, ROPE, THIN_SCENES, run
+from data.rig.thin_scenes import CLOTH, PLATE_RATIO, ROPE, THIN_SCENES
+from data.rig.thin_simulate import run
 from data.rig.world import World
 from physreal_core.array_types import Array, Float
 
@@ -48,7 +49,7 @@ def strip(spacing: float, width: float, length: float = LENGTH) -> Cloth:
     held = math.ceil(_HELD / row) * row
     size = length + held, width
     middle = (length - held) / 2, 0.0, _HEIGHT
-    return replace(CLOTH, middle=middle, size=size, spacing=row * 2 / math.sqrt(3), turn=0.0, damping=0.0)
+    return replace(CLOTH, centre=middle, size=size, spacing=row * 2 / math.sqrt(3), turn=0.0, damping=0.0)
 
 
 def held_world(body: ThinBody, gravity: tuple[float, float, float]) -> World:

@@ -27,6 +27,17 @@ def write_middle(folder: Path, trajectory: Trajectory, body: object, T_world_pri
     write_ply(folder / NAMES[body.geometry], vertices, trajectory.middle.elements)
 
 
+def write_middle_at_frame_zero(folder: Path, trajectory: Trajectory, body: object) -> None:
+    """The middle of a thin body as it lies at frame 0, as its shape is in a capture of tracks alone; nothing for a solid one."""
+    if trajectory.middle is not None and isinstance(body, ThinBody):
+        write_ply(folder / NAMES[body.geometry], trajectory.middle.vertices[0], trajectory.middle.elements)
+
+
+def stated(body: object) -> dict[str, Any]:
+    """What capture.json says of a thin body beside that of a solid one."""
+    return {"geometry": body.geometry, "thickness": body.thickness} if isinstance(body, ThinBody) else {}
+
+
 def write_ply(path: Path, vertices: Float[Array, "M 3"], elements: Int[Array, "E N"]) -> None:
     """Triangles or segments as a PLY file in ASCII: `face` with `vertex_indices`, or `edge` with `vertex1` and `vertex2`."""
     head = ["ply", "format ascii 1.0", f"element vertex {len(vertices)}"]

@@ -4,19 +4,13 @@ The hand holds an end or an edge level and only moves: what is not held sticks o
 """
 
 from collections.abc import Callable
-from dataclasses import replace
 
 from data.rig.rig_scene import Look, Material, Motion, RigScene, View, mitten
 from data.rig.rope import Rope
 from data.rig.shapes import Block
-from data.rig.simulate import simulate
 from data.rig.thin import Cloth
-from data.rig.thin_body import stable_step
-from data.rig.trajectory import Trajectory
 
-_AGAINST_CHATTER = 2e-5  # [s]; damps a swing of 5 Hz by 0.03 % of critical
-_CLOTH_STEP = 5e-4  # [s]; implicit, and damps as a retardation time of as much
-_SETTLE = 0.1  # [s]; a thin body lies flat, so there is little to settle
+AGAINST_CHATTER = 2e-5  # [s]; damps a swing of 5 Hz by 0.03 % of critical
 
 ROPE = Rope(
     start=(-0.20, 0.0, 0.005),
@@ -27,12 +21,12 @@ ROPE = Rope(
     bending_stiffness=6e-4,
     twisting_stiffness=4e-4,
     mass_per_length=0.064,
-    damping=_AGAINST_CHATTER,
+    damping=AGAINST_CHATTER,
 )
 """A soft kernmantle rope (data/rig/README.md says where the numbers come from)."""
 
 CLOTH = Cloth(
-    middle=(0.0, 0.0, 0.00035),
+    centre=(0.0, 0.0, 0.00035),
     size=(0.26, 0.20),
     spacing=0.008,
     thickness=0.0007,
@@ -58,21 +52,6 @@ MEASURED = {
     Cloth: {"membrane_stiffness": 1.002, "bending_stiffness": 0.997},
 }
 """Stiffness that elements of these spacings have, over the one that MuJoCo was given (`thin_convergence`)."""
-
-
-def run(scene: RigScene, share: float = 1.0) -> Trajectory:
-    """The truth: of a rope explicit, symplectic and nearly undamped, of a cloth implicit, with the damping that the scene states.
-
-    Args:
-        scene: one of `THIN_SCENES`, or like one.
-        share: of the usual time step.
-    """
-    body = scene.body
-    if isinstance(body, Rope):
-        return simulate(scene, timestep=share * stable_step(body), settle=_SETTLE, integrator="Euler", punctual=True)
-    step = share * _CLOTH_STEP
-    beside_the_step = replace(scene, body=replace(body, damping=body.damping - step))
-    return simulate(beside_the_step, timestep=step, settle=_SETTLE, integrator="discrete", punctual=True)
 
 
 def _rope(name: str, motion: Motion) -> RigScene:

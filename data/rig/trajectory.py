@@ -50,7 +50,9 @@ class Trajectory:
     middle: Middle | None = None
 
     def crushed(self) -> float:
-        """Largest share of the body's volume that is crushed in one frame."""
+        """Largest share of the body's volume that is crushed in one frame; none of a thin body's, which has no inside."""
+        if self.middle is not None:
+            return 0.0
         rest = self.mesh.volumes()
         left = (tet_volumes(vertices, self.mesh.tets) < CRUSHED * rest for vertices in self.vertices)
         return max(float(rest[own].sum()) for own in left) / float(rest.sum())

@@ -15,10 +15,10 @@ from data.rig.hidden.effect import NOTHING, Hidden
 from data.rig.hidden.together import Together
 from data.rig.rig_scene import RigScene
 from data.rig.session import Session
-from data.rig.specimen import Specimen, run
+from data.rig.specimen import Specimen, run, stiffened
 from physreal_core.array_types import Array, Float
 
-SPACING = 0.022  # [m], of the elements
+SPACING = 0.022  # [m], of the elements of a volume
 MODULI = np.log([0.55, 0.75, 1.0, 1.35, 1.8])  # of shares of the true modulus that are simulated
 FINE = np.sort(np.append(np.linspace(MODULI[0], MODULI[-1], 60), 0.0))  # and between them
 
@@ -36,7 +36,7 @@ def visibility(specimen: Specimen, session: Session, hidden: Hidden) -> dict[str
     nearest = int(np.sum(list(squares.values()), axis=0).argmin())
     found = {motion: float(np.sqrt(square[nearest])) for motion, square in squares.items()}
     if session.held_out is not None:
-        plain = clean_tracks(_stiffer(scenes[session.held_out], float(FINE[nearest])), NOTHING)
+        plain = clean_tracks(stiffened(scenes[session.held_out], float(np.exp(FINE[nearest]))), NOTHING)
         found[session.held_out] = float(np.sqrt(3 * np.square(plain - here[session.held_out]).mean()))
     return found
 
@@ -49,15 +49,11 @@ def clean_tracks(scene: RigScene, hidden: Hidden) -> Float[Array, "T J 3"]:
 
 def elastic(scene: RigScene) -> CubicSpline:
     """Tracks with nothing hidden [m] by the logarithm of the share of the true modulus: a spline through `MODULI`."""
-    return CubicSpline(MODULI, np.stack([clean_tracks(_stiffer(scene, share), NOTHING) for share in MODULI]))
+    return CubicSpline(
+        MODULI, np.stack([clean_tracks(stiffened(scene, float(np.exp(share))), NOTHING) for share in MODULI])
+    )
 
 
 def distances(plain: CubicSpline, here: Float[Array, "T J 3"]) -> Float[Array, " E"]:
     """Mean square distance [m^2] of the elastic body's tracks at each of `FINE` from tracks `here` [m]."""
     return np.array([3 * np.square(plain(share) - here).mean() for share in FINE])
-
-
-def _stiffer(scene: RigScene, share: float) -> RigScene:
-    """The scene with e^`share` times the modulus."""
-    modulus = float(scene.material.youngs_modulus * np.exp(share))
-    return replace(scene, material=replace(scene.material, youngs_modulus=modulus))

@@ -5,7 +5,9 @@ The backward pass is the exact adjoint of the discrete step (`frames`).
 
 from collections.abc import Callable, Iterator
 from contextlib import AbstractContextManager, contextmanager
+from dataclasses import replace
 
+import numpy as np
 import torch
 from torch.autograd.function import once_differentiable
 
@@ -50,6 +52,7 @@ class Simulator:
         if grip is not None:
             grip.check(body)
         _check_kind(body, config)
+        body = _ending_at_the_hold(body, grip)
         self.body, self.config, self.grip = body, config, grip
         self._scene = (body, config, grip, tuple(clamps), tuple(loads), tool)
         self._needed_points = controller_count(grip, tool)
@@ -207,6 +210,19 @@ class Simulator:
             frame = int((~torch.isfinite(points)).flatten(1).any(1).nonzero()[0])
             raise InputError("a point is not finite", where=f"controllers, frame {frame}")
         return points
+
+
+def _ending_at_the_hold(body: Body, grip: Grip | None) -> Body:
+    """A thin body that bends from its last held vertex on, where a hand holds it all the time.
+
+    A hinge stands for half an element on its either side, and what lies between held vertices does not bend. A hold that changes is left as it
+    is: the body is then clamped half an element deeper in it.
+    """
+    if body.elements is None or grip is None or not grip.steady or not len(grip.particles):
+        return body
+    held = np.zeros(len(body.x0), bool)
+    held[grip.particles] = True
+    return replace(body, elements=replace(body.elements, held=held))
 
 
 def _check_kind(body: Body, config: SimulationConfig) -> None:

@@ -19,7 +19,8 @@ from data.rig.raycast import Raycaster
 from data.rig.rig_scene import Motion
 from data.rig.rope import Rope
 from data.rig.thin import Cloth, mesh_cloth
-from data.rig.thin_scenes import CLOTH, MEASURED, ROPE, THIN_SCENES, run
+from data.rig.thin_scenes import CLOTH, MEASURED, ROPE, THIN_SCENES
+from data.rig.thin_simulate import run
 from data.rig.truth import load_truth
 from physreal_core.errors import InputError
 from pipeline.capture import capture_of, read_capture

@@ -5,7 +5,6 @@ from dataclasses import dataclass, replace
 import numpy as np
 
 from data.rig.hidden.effect import Act, Hidden
-from data.rig.mesh import surface_shares
 from data.rig.rig_scene import RigScene
 from data.rig.world import World
 
@@ -45,8 +44,7 @@ class Wind(Hidden):
     z: float
 
     def prepare(self, world: World) -> Act:
-        share = surface_shares(world.mesh.vertices, world.mesh.faces)
-        force = (world.masses.sum() * share)[:, None] * [self.x, self.y, self.z]
+        force = (world.masses.sum() * world.mesh.surface_shares())[:, None] * [self.x, self.y, self.z]
         return lambda time: world.push(force)
 
 

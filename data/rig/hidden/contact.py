@@ -7,14 +7,12 @@ import numpy as np
 from scipy.spatial.transform import Rotation
 
 from data.rig.hidden.effect import Act, Hidden
-from data.rig.mesh import surface_shares
 from data.rig.rig_scene import RigScene
 from data.rig.world import World, firm, firmness
 from physreal_core.array_types import Array, Float
 
 _STEP = 2e-4  # [s] about that of an explicit integration
 _SLIDING_STEP = 2.5e-4  # [s] implicit; it damps as a retardation time of as much
-_UNDERSIDE = 0.004  # [m] above the lowest point, in which a face lies on the table
 _SMOOTH = 'friction="1e-3 1e-4 1e-5" priority="1"'  # an obstacle has no friction to speak of, whatever the body's
 
 
@@ -32,10 +30,7 @@ class GroundAdhesion(Hidden):
     def pulled(self, world: World, law: Callable[[Float[Array, " V"]], Float[Array, " V"]]) -> Act:
         """What is done before each step where the traction over its strength is a `law` of the height over the range."""
         mesh = world.mesh
-        under = mesh.vertices[mesh.faces][..., 2].max(axis=1) < mesh.vertices[:, 2].min() + _UNDERSIDE
-        corners = mesh.vertices[mesh.faces[under]]
-        area = np.linalg.norm(np.cross(corners[:, 1] - corners[:, 0], corners[:, 2] - corners[:, 0]), axis=1).sum() / 2
-        peak = self.strength * area * surface_shares(mesh.vertices, mesh.faces[under])
+        peak = self.strength * mesh.resting_areas()
         lying = mesh.vertices[:, 2].copy()
         force = np.zeros_like(mesh.vertices)
 

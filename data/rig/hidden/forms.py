@@ -36,3 +36,6 @@ OTHER_FORMS: dict[str, Callable[[Hidden], Hidden]] = {
     "depth_bias": lambda e: laws.CurvedDepth(e.offset, e.scale),
 }
 """Gravity, the ground plane, the wall and the frame rate are not in it: another form of them would be another effect."""
+
+VOLUMES_ALONE = ("kelvin_voigt",)
+"""Effects of thin bodies whose law of another form is one of tetrahedra."""

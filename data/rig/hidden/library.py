@@ -116,7 +116,7 @@ def _fibres(amplitude: float, staging: Staging, random: np.random.Generator) -> 
 def _soft_spot(amplitude: float, staging: Staging, random: np.random.Generator) -> SoftSpot:
     """Share of the modulus lost; between the middle and the hand, where bending is largest."""
     place = staging.body.place(random, (0.6, 0.9), 0.3 * staging.body.thickness)
-    return SoftSpot(min(amplitude, 0.95), *map(float, place), radius=0.8 * staging.body.thickness)
+    return SoftSpot(min(amplitude, 0.95), *map(float, place), radius=staging.body.spot)
 
 
 def _rest_shape(amplitude: float, staging: Staging, random: np.random.Generator) -> RestShape:
@@ -128,7 +128,8 @@ def _rest_shape(amplitude: float, staging: Staging, random: np.random.Generator)
 def _payload(amplitude: float, staging: Staging, random: np.random.Generator) -> Payload:
     """Mass over the body's; in the free part near one side, so that the body twists (in its middle it would pass for a lower
     modulus)."""
-    places = [staging.body.place(random, (0.1, 0.6), 0.008) for _ in range(5)]
+    depth = min(0.008, 0.3 * staging.body.thickness)
+    places = [staging.body.place(random, (0.1, 0.6), depth) for _ in range(5)]
     x, y, z = max(places, key=lambda place: abs(place[1]))
     return Payload(amplitude, float(x), float(y), float(z), radius=0.02)
 

@@ -40,7 +40,6 @@ class DensityGradient(Hidden):
         return float(np.exp(np.abs([self.x, self.y, self.z]) @ half))
 
     def prepare(self, world: World) -> Act:
-        centres = world.mesh.vertices[world.mesh.tets].mean(axis=1)
-        mass = world.mesh.lumped_mass(np.exp(centres @ [self.x, self.y, self.z]))
-        world.model.body_mass[world.bodies] = mass * world.masses.sum() / mass.sum()
+        share = world.mesh.shared(np.exp(world.mesh.centres() @ [self.x, self.y, self.z]))
+        world.model.body_mass[world.bodies] = share * world.masses.sum()
         return super().prepare(world)

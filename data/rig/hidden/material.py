@@ -1,5 +1,6 @@
 """Hidden effects in the material."""
 
+from collections.abc import Callable
 from dataclasses import dataclass
 
 import numpy as np
@@ -8,6 +9,7 @@ from data.rig.hidden.effect import Act, Hidden
 from data.rig.hidden.elements import PLASTIC, Elements, EnergyForces, deviator
 from data.rig.rig_scene import RigScene
 from data.rig.shapes import Block
+from data.rig.thin_body import ThinBody, scale_stiffness
 from data.rig.world import World
 from physreal_core.array_types import Array, Float
 
@@ -116,10 +118,22 @@ class SoftSpot(Hidden):
     radius: float
 
     def prepare(self, world: World) -> Act:
-        elements = Elements(world)
-        distance = np.linalg.norm(elements.centres - [self.x, self.y, self.z], axis=1)
-        elements.stiffness[:] *= 1 - self.loss * np.exp(-(distance[:, None] ** 2) / (2 * self.radius**2))
+        soften(world, self._left)
         return super().prepare(world)
+
+    def _left(self, places: Float[Array, "P 3"]) -> Float[Array, " P"]:
+        """Share of the modulus that is left at places [m]."""
+        distance = np.linalg.norm(places - [self.x, self.y, self.z], axis=1)
+        return 1 - self.loss * np.exp(-(distance**2) / (2 * self.radius**2))
+
+
+def soften(world: World, left: Callable[[Float[Array, "P 3"]], Float[Array, " P"]]) -> None:
+    """Leaves a share of the stiffness that depends on the place [m]."""
+    if isinstance(world.scene.body, ThinBody):
+        scale_stiffness(world.model, world.mesh, left)
+    else:
+        elements = Elements(world)
+        elements.stiffness[:] *= left(elements.centres)[:, None]
 
 
 @dataclass(frozen=True)

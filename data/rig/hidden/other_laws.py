@@ -10,7 +10,6 @@ from data.rig.hidden.effect import Act, Other
 from data.rig.hidden.grip import GripCompliance
 from data.rig.hidden.mass import DensityGradient, Payload
 from data.rig.hidden.measurement import CameraDrift, DepthBias
-from data.rig.mesh import surface_shares
 from data.rig.recording import Recording
 from data.rig.rig_scene import Motion, RigScene
 from data.rig.world import World
@@ -51,8 +50,7 @@ class ProfiledWind(Other):
     z: float
 
     def prepare(self, world: World) -> Act:
-        share = surface_shares(world.mesh.vertices, world.mesh.faces)
-        force = (world.masses.sum() * share)[:, None] * [self.x, self.y, self.z]
+        force = (world.masses.sum() * world.mesh.surface_shares())[:, None] * [self.x, self.y, self.z]
 
         def act(time: float) -> None:
             height = np.maximum(world.positions[:, 2], 0.0)
@@ -95,7 +93,7 @@ class TwoDensities(Other):
         return DensityGradient(self.x, self.y, self.z).hardening(scene)
 
     def prepare(self, world: World) -> Act:
-        centres = world.mesh.vertices[world.mesh.tets].mean(axis=1)
+        centres = world.mesh.centres()
         volumes, rise = world.mesh.volumes(), np.array([self.x, self.y, self.z])
         grown = np.exp(centres @ rise)
         along = centres @ rise / np.linalg.norm(rise)
@@ -103,8 +101,7 @@ class TwoDensities(Other):
         middle, wanted = (np.average(along, weights=volumes * density) for density in (1.0, grown))
         apart = np.average(along * half, weights=volumes) - np.average(half, weights=volumes) * middle
         share = np.clip((wanted - middle) / apart, -0.9, 0.9)
-        mass = world.mesh.lumped_mass(1 + share * half)
-        world.model.body_mass[world.bodies] = mass * world.masses.sum() / mass.sum()
+        world.model.body_mass[world.bodies] = world.mesh.shared(1 + share * half) * world.masses.sum()
         return super().prepare(world)
 
 

@@ -7,7 +7,7 @@ import numpy as np
 
 from data.rig.hidden.effect import Act, Other
 from data.rig.hidden.elements import PLASTIC, Elements, EnergyForces, deviator, size
-from data.rig.hidden.material import RestShape
+from data.rig.hidden.material import RestShape, soften
 from data.rig.rig_scene import RigScene
 from data.rig.world import World
 from physreal_core.array_types import Array, Float
@@ -158,11 +158,12 @@ class SoftEllipsoid(Other):
     radius: float
 
     def prepare(self, world: World) -> Act:
-        elements = Elements(world)
-        away = (elements.centres - [self.x, self.y, self.z]) / (self.radius * np.array([1.1, 0.8, 0.8]))
-        inside = np.linalg.norm(away, axis=1) < 1
-        elements.stiffness[:] *= np.where(inside, 1 - self.loss, 1.0)[:, None]
+        soften(world, self._left)
         return super().prepare(world)
+
+    def _left(self, places: Float[Array, "P 3"]) -> Float[Array, " P"]:
+        away = (places - [self.x, self.y, self.z]) / (self.radius * np.array([1.1, 0.8, 0.8]))
+        return np.where(np.linalg.norm(away, axis=1) < 1, 1 - self.loss, 1.0)
 
 
 @dataclass(frozen=True)

@@ -41,4 +41,5 @@ def resting_area(setting: Setting) -> np.ndarray:
     """Area with which each particle lies on the ground at frame 0 [m2], shape [N]; zero for those that do not."""
     height = -math.inf if setting.ground_height is None else setting.ground_height
     body = setting.body
-    return np.where(body.x0[:, 2] < height + LAYER * body.spacing, body.volume / body.spacing, 0.0)
+    thickness = body.spacing if body.elements is None else 2.0 * body.elements.half_height
+    return np.where(body.x0[:, 2] < height + LAYER * body.spacing, body.volume / thickness, 0.0)

@@ -56,7 +56,7 @@ def framed_frequency(rod: Segments, parameters: Parameters, mass: Float[Tensor, 
         rows = framed_stiffness(rod, parameters).double()
     like = lambda array: torch.as_tensor(array, device=mass.device)
     corners, lengths = like(rod.corners), like(rod.rest_lengths[rod.bend_segments])
-    length = like(rod.vertex_length[rod.corners[:, 1]])
+    length = like(rod.bend_lengths)
     share = (mass / torch.bincount(corners.flatten(), minlength=sum(rod.rows)).to(mass))[..., corners]
     stretching = (rows[..., :2, :].mT / lengths * (1.0 / share[..., :2] + 1.0 / share[..., 1:])).sum(-1)
     slopes = torch.stack([1.0 / lengths[:, 0], -(1.0 / lengths).sum(1), 1.0 / lengths[:, 1]], -1)
@@ -87,4 +87,4 @@ def _curvature_at_start(rod: Segments) -> Float[np.ndarray, " bends"]:
     a, b = (np.diff(rod.start[rod.corners[:, i : i + 2]], axis=1)[:, 0] for i in (0, 1))
     product = np.linalg.norm(a, axis=1) * np.linalg.norm(b, axis=1)
     binormal = 2.0 * np.linalg.norm(np.cross(a, b), axis=1) / (product + np.einsum("mi,mi->m", a, b))
-    return binormal / rod.vertex_length[rod.corners[:, 1]]
+    return binormal / rod.bend_lengths

@@ -85,7 +85,7 @@ def rod_energy(rod: Rod, x: Float[Tensor, "vertices 3"], stiffness: Float[Tensor
     stretching = stiffness[0] * rest_a * (a.norm(dim=1) / rest_a - 1.0) ** 2
     stretching = stretching + stiffness[1] * rest_b * (b.norm(dim=1) / rest_b - 1.0) ** 2
     cosine = (a * b).sum(1) / (a.norm(dim=1) * b.norm(dim=1))
-    length = torch.as_tensor(rod.vertex_length[rod.corners[:, 1]]).to(x)
+    length = torch.as_tensor(rod.bend_lengths).to(x)
     bending = stiffness[2] * 4.0 * (1.0 - cosine) / (1.0 + cosine) / length
     return 0.5 * (stretching + bending).sum()
 
@@ -105,7 +105,7 @@ def framed_rod_energy(
         stiffness: as of `Rod.stiffness`.
     """
     strains = rod_strains(rod, x, director)
-    length = torch.as_tensor(rod.vertex_length[rod.corners[:, 1]]).to(x)
+    length = torch.as_tensor(rod.bend_lengths).to(x)
     rest = torch.as_tensor(rod.rest_lengths[rod.bend_segments]).to(x)
     stretching = (stiffness[:2] * rest.T * strains[:2] ** 2).sum()
     bending = (stiffness[2] / length * (strains[2:4] - length * stiffness[4:6]) ** 2).sum()

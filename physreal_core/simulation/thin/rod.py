@@ -2,7 +2,7 @@
 
 Discrete elastic rod of a round section (Bergou, Wardetzky, Robinson, Audoly and Grinspun, ACM TOG 27, 2008; Bergou, Audoly, Vouga, Wardetzky and
 Grinspun, ACM TOG 29, 2010). Each segment has a director, a unit vector across it that is part of the material. With l half of both segments at a
-vertex, and curvature and twist as in `framedrod.h`, the energy is
+vertex (half of the free one where a hand's hold ends), and curvature and twist as in `framedrod.h`, the energy is
 
     E A / 2 (length / l0 - 1)^2 l0  of a segment,  E I / (2 l) |curvature - l rest_curvature|^2 + G J / (2 l) twist^2  of a vertex between two.
 
@@ -71,7 +71,7 @@ class Rod(Segments):
         """Rows `ROD` of every vertex between two segments."""
         columns = {
             "rest_length": self.rest_lengths[self.bend_segments],
-            "per_length": 1.0 / self.vertex_length[self.corners[:, 1:2]],
+            "per_length": 1.0 / self.bend_lengths[:, None],
         }
         return np.concatenate([columns[name] for name, _ in ROD.sizes], axis=1).T
 
@@ -110,7 +110,7 @@ class Rod(Segments):
         stiffness = rows[..., :2, :].mT / lengths
         stretching = (stiffness * (1.0 / share[..., :2] + 1.0 / share[..., 1:])).sum(-1)
         slopes = torch.stack([1.0 / lengths[:, 0], -(1.0 / lengths).sum(1), 1.0 / lengths[:, 1]], -1)
-        length = torch.as_tensor(self.vertex_length[self.corners[:, 1]], device=mass.device)
+        length = torch.as_tensor(self.bend_lengths, device=mass.device)
         bending = rows[..., 2, :] / length * (slopes**2 / share).sum(-1)
         return float(torch.maximum(stretching, bending).max()) ** 0.5
 

@@ -23,6 +23,7 @@ class Segments:
         start: where the vertices are when nothing counts as turned [m], shape [N, 3].
         directors: of the segments there, at the first vertex of each, shape [N, 3]; those of a row's last vertex are any. None
             without frames.
+        held: whether a hand holds each vertex, shape [N]; none by default. Segments between held vertices do not bend.
     """
 
     rows: tuple[int, ...]
@@ -30,6 +31,7 @@ class Segments:
     rest_lengths: Float[Array, " segments"]
     start: Float[Array, "vertices 3"]
     directors: Float[Array, "vertices 3"] | None = None
+    held: Bool[Array, " vertices"] | None = None
 
     @property
     def framed(self) -> bool:
@@ -98,6 +100,15 @@ class Segments:
     def vertex_length(self) -> Float[Array, " vertices"]:
         """Half of every segment at a vertex [m]."""
         return np.bincount(self.segments.ravel(), np.repeat(self.rest_lengths / 2.0, 2), sum(self.rows))
+
+    @cached_property
+    def bend_lengths(self) -> Float[Array, " bends"]:
+        """The length over which a vertex between two segments bends: half of both [m], but of the free one alone where a hold ends."""
+        halves = self.rest_lengths[self.bend_segments] / 2.0
+        if self.held is None:
+            return halves.sum(1)
+        firm = self.held[self.segments].all(1)[self.bend_segments]
+        return np.where(firm & (firm.sum(1, keepdims=True) == 1), 0.0, halves).sum(1)
 
     @cached_property
     def shares(self) -> Float[Array, "bends 2"]:

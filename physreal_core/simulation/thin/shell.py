@@ -6,7 +6,8 @@ both sides of edge e, h and h' the heights of its two triangles over it and n_e 
 
     kappa = sum_e k_e n_e n_e^T ,   k_e = 2 (theta_e - rest angle) / (h + h') ,
 
-that of the normals which go linearly from centre to centre. At a free edge k_e is what leaves no moment across it. Where all triangles are
+that of the normals which go linearly from centre to centre. Where a hand's hold ends, k_e is 2 (theta_e - rest angle) / h of the triangle outside and
+nothing of the one inside, which does not bend. At a free edge k_e is what leaves no moment across it. Where all triangles are
 alike (equilateral, or cells cut along diagonals of one direction) it is exact for every quadratic surface. On other meshes it depends on them:
 moving the vertices of such a mesh by a fifth of a cell makes it a few per cent too stiff, and where diagonals alternate it is 2.5 times too stiff
 against twisting (docs/simulation.md).

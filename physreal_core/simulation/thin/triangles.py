@@ -27,6 +27,7 @@ class Triangles:
         warp: direction in which the fabric's first stiffness counts; it is laid into each triangle's plane.
         density: of the material [kg/m3], from which follows how much viscosity the membrane can bear; None for any.
         largest_stiffness: of the membrane [N/m]; what is stiffer counts as that stiff. None for no limit. Bending has none.
+        held: whether a hand holds each vertex, shape [N]; none by default. Triangles between held vertices do not bend.
     """
 
     triangles: Int[Array, "triangles 3"]
@@ -35,6 +36,7 @@ class Triangles:
     warp: tuple[float, float, float] = (1.0, 0.0, 0.0)
     density: float | None = None
     largest_stiffness: float | None = None
+    held: Bool[Array, " vertices"] | None = None
 
     def __post_init__(self) -> None:
         triangles = np.ascontiguousarray(self.triangles, dtype=np.int64)
@@ -148,11 +150,23 @@ class Triangles:
 
     @cached_property
     def widths(self) -> Float[Array, "triangles 3"]:
-        """2 / (h + h') over each edge [1/m]; at a free edge 1 / h."""
+        """2 / (h + h') over each edge [1/m]; at a free edge 1 / h.
+
+        Where a hold ends only the triangle outside bends: there 2 / h for it, and zero for the one inside.
+        """
         length = np.linalg.norm(self._edges, axis=-1)
         height = 2.0 * self.area[:, None] / length
         opposite = self._opposite_height
-        return 2.0 / (height + np.where(self.free_edges, height, opposite))
+        widths = 2.0 / (height + np.where(self.free_edges, height, opposite))
+        if self.held is None:
+            return widths
+        inside = self.held[self.triangles].all(1, keepdims=True)
+        beyond = self.held[self.corners[:, 3:]] & ~self.free_edges
+        along_edge = (
+            np.stack([self.held[np.roll(self.triangles, -k, axis=1)] for k in (1, 2)]).all(0) & ~self.free_edges
+        )
+        widths = np.where(along_edge & ~inside & beyond, 2.0 / height, widths)
+        return np.where(inside & along_edge & ~beyond, 0.0, widths)
 
     @property
     def _opposite_height(self) -> Float[Array, "triangles 3"]:

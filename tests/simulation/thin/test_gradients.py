@@ -6,7 +6,7 @@ import numpy as np
 import pytest
 import torch
 
-from physreal_core.simulation import Grip, Parameters, SimulationConfig, Simulator
+from physreal_core.simulation import Body, Grip, Parameters, SimulationConfig, Simulator
 from physreal_core.simulation.thin.reference import framed_rod_energy, rod_energy, shell_dissipation, shell_energy
 from physreal_core.simulation.thin.rod import FRAMED_TERMS, Rod
 from tests.simulation.conftest import FUSED
@@ -59,6 +59,16 @@ def parameters_of(kind: str, count: int, **others) -> Parameters:
     return Parameters(**own, **others)
 
 
+def held_in_part(body: Body, count: int) -> Body:
+    """The body with its first vertices in a hold that does not move them."""
+    if not count:
+        return body
+    elements = dataclasses.replace(body.elements, held=np.arange(len(body.x0)) < count)
+    lengths = "bend_lengths" if isinstance(elements, Rod) else "widths"
+    assert (getattr(elements, lengths) != getattr(body.elements, lengths)).any()
+    return dataclasses.replace(body, elements=elements)
+
+
 def framed_energy(rod: Rod, x: torch.Tensor, stiffness: torch.Tensor) -> torch.Tensor:
     return framed_rod_energy(rod, x, torch.tensor(rod.directors), stiffness)
 
@@ -86,9 +96,11 @@ def kind(request) -> str:
     return request.param
 
 
-def test_forces_are_the_slope_of_the_energy(kind, form):
+@pytest.mark.parametrize("count", [0, 7], ids=["free", "held"])
+def test_forces_are_the_slope_of_the_energy(kind, count, form):
+    """Also where some of the vertices are held, so that the hinges at the end of the hold bend on one side alone."""
     make, energy, terms = BODIES[kind]
-    body = make()
+    body = held_in_part(make(), count)
     config = SimulationConfig(fps=1e6, dtype="float64", ground_height=None, gravity=(0.0, 0.0, 0.0), terms=terms)
     parameters = parameters_of(kind, len(body.x0))
     states = Simulator(body, config).rollout(parameters, torch.zeros(2, 0, 3))

@@ -16,9 +16,11 @@ from data.rig.hidden.together import Together
 from data.rig.rig_scene import RigScene
 from data.rig.session import Session
 from data.rig.specimen import Specimen, run, stiffened
+from data.rig.thin_body import ThinBody
 from physreal_core.array_types import Array, Float
 
 SPACING = 0.022  # [m], of the elements of a volume
+THIN = 2.0  # spacing of a rope's or a cloth's nodes, over that of its captures
 MODULI = np.log([0.55, 0.75, 1.0, 1.35, 1.8])  # of shares of the true modulus that are simulated
 FINE = np.sort(np.append(np.linspace(MODULI[0], MODULI[-1], 60), 0.0))  # and between them
 
@@ -30,7 +32,7 @@ def visibility(specimen: Specimen, session: Session, hidden: Hidden) -> dict[str
     """
     if hidden is NOTHING or hidden == Together(()):
         return dict.fromkeys(session.motions, 0.0)
-    scenes = {m: replace(specimen.scene(m, session), mesh_spacing=SPACING) for m in session.motions}
+    scenes = {motion: coarse(specimen.scene(motion, session)) for motion in session.motions}
     here = {motion: clean_tracks(scene, hidden) for motion, scene in scenes.items()}
     squares = {motion: distances(elastic(scenes[motion]), here[motion]) for motion in session.seen}
     nearest = int(np.sum(list(squares.values()), axis=0).argmin())
@@ -39,6 +41,13 @@ def visibility(specimen: Specimen, session: Session, hidden: Hidden) -> dict[str
         plain = clean_tracks(stiffened(scenes[session.held_out], float(np.exp(FINE[nearest]))), NOTHING)
         found[session.held_out] = float(np.sqrt(3 * np.square(plain - here[session.held_out]).mean()))
     return found
+
+
+def coarse(scene: RigScene) -> RigScene:
+    """The scene with coarse elements."""
+    if isinstance(scene.body, ThinBody):
+        return replace(scene, body=replace(scene.body, spacing=THIN * scene.body.spacing))
+    return replace(scene, mesh_spacing=SPACING)
 
 
 def clean_tracks(scene: RigScene, hidden: Hidden) -> Float[Array, "T J 3"]:

@@ -63,7 +63,7 @@ class Discretisation:
     particles: int = 1000
     patches: int = 6
     segment: float = 0.006
-    edge: float = 0.01
+    edge: float = 0.0125
 
 
 def problems_of(

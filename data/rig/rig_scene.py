@@ -159,9 +159,12 @@ def plush_body() -> RoundedShape:
     return RoundedShape(tuple(torso + head + ears + arms + legs))
 
 
-def mitten(grasp: tuple[float, float, float], towards: tuple[float, float, float]) -> RoundedShape:
+_THUMB = 0.013  # radius of a mitten's thumb [m]
+
+
+def mitten(grasp: tuple[float, float, float], towards: tuple[float, float, float], across: float = 0.0) -> RoundedShape:
     """A hand in a mitten around the point `grasp` [m]: palm above, fingers and thumb down its two sides, forearm
-    leaving along `towards`. About 0.08 m wide."""
+    leaving along `towards`. About 0.08 m wide. The thumb's end may lie across, along x, on so much of an edge to both sides [m]."""
     g = np.asarray(grasp, float)
     arm = np.asarray(towards, float) / np.linalg.norm(towards)
 
@@ -174,7 +177,12 @@ def mitten(grasp: tuple[float, float, float], towards: tuple[float, float, float
             Capsule(at(-0.012, 0.010, 0.034), at(0.012, -0.010, 0.034), 0.018),
             Capsule(at(-0.010, 0.012, 0.034), at(-0.012, 0.033, 0.008), 0.014),
             Capsule(at(0.012, 0.012, 0.034), at(0.010, 0.033, 0.008), 0.014),
-            Capsule(at(0.004, -0.014, 0.034), at(0.000, -0.033, 0.010), 0.013),
+            Capsule(at(0.004, -0.014, 0.034), at(0.000, -0.033, 0.010), _THUMB),
+            *(
+                [Capsule(at(-ball, -0.033, 0.010), at(ball, -0.033, 0.010), _THUMB)]
+                if (ball := across - _THUMB) > 0
+                else []
+            ),
             Capsule(at(0.0, 0.0, 0.036), tuple(map(float, wrist)), 0.021),
             Capsule(tuple(map(float, wrist)), tuple(map(float, wrist + 0.5 * arm)), 0.023),
         ),

@@ -95,8 +95,8 @@ def _cloth(name: str, motion: Motion) -> RigScene:
         name=name,
         description="a cloth",
         body=CLOTH,
-        hand=mitten((0.0, 0.118, -0.010), (0.45, 0.6, 0.65)),
-        grasp=Block((-0.03, 0.072, -1.0), (0.03, 0.14, 1.0)),  # what lies in the mitten
+        hand=mitten((0.0, 0.118, -0.010), (0.45, 0.6, 0.65), across=0.03),
+        grasp=Block((-0.03, 0.072, -1.0), (0.03, 0.14, 1.0)),  # what lies under the thumb, and on to the edge
         motion=motion,
         material=Material(friction_coefficient=0.4),
         view=View(eye=(0.22, -0.80, 0.52), target=(0.0, 0.02, 0.107), focal=500.0),

@@ -250,3 +250,16 @@ def test_scenes_of_one_object_are_of_one_material():
     for kind in ("rope", "cloth"):
         lift, swing = (THIN_SCENES[f"{kind}_{motion}"]() for motion in ("lift", "swing"))
         assert lift.body == swing.body and lift.grasp == swing.grasp and lift.motion != swing.motion
+
+
+@pytest.mark.parametrize("name", ["cloth_lift", "cloth_swing"])
+def test_what_is_held_of_a_cloth_lies_under_the_thumb_or_behind_it(name):
+    """A camera in front sees where the hold ends."""
+    scene = THIN_SCENES[name]()
+    nodes = scene.body.mesh().vertices
+    held = nodes[scene.grasp.distance(nodes) < 1e-6]
+    first = held[held[:, 1] < held[:, 1].min() + 1e-6]
+    assert scene.hand.distance(first).max() < 0.003  # the thumb stands on the row where the hold begins, all along it
+    beside = nodes[np.abs(nodes[:, 1] - first[0, 1]) < 1e-6]
+    free = beside[np.abs(beside[:, 0]) > np.abs(first[:, 0]).max() + 0.012]
+    assert scene.hand.distance(free).min() > 0.004

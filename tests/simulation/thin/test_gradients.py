@@ -27,7 +27,7 @@ STEPS = {
     "friction_coefficient": 1e-5,
     "grip_stiffness": 1e-6,
     "grip_damping": 1e-7,
-    "initial_velocity": 1e-7,
+    "initial_velocity": 3e-7,
     "gravity": 1e-5,
     "density": 1e-4,
     "force": 1e-8,

@@ -153,6 +153,9 @@ class Capture(_Checked):
     corrections: list[Correction] = Field(default_factory=list, description="what `physreal label` was told, by frame")
     clamps: list[Clamp] = Field(default_factory=list)
     payloads: list[Payload] = Field(default_factory=list)
+    holds: list[tuple[int, int | None]] | None = Field(
+        None, description="frames from which the controller holds the object and from which no more; null: to the end"
+    )
     notes: dict[str, Any] = Field(default_factory=dict, description="anything for the reader; nothing computes with it")
 
     @model_validator(mode="after")
@@ -166,6 +169,14 @@ class Capture(_Checked):
     def _thin_has_a_thickness(self) -> "Capture":
         if (self.thickness is None) != (self.geometry == "volumetric"):
             raise ValueError("a linear or planar object has the key thickness, and no other has it")
+        return self
+
+    @model_validator(mode="after")
+    def _holds_follow_one_another(self) -> "Capture":
+        ends = [frame for hold in self.holds or [] for frame in hold]
+        known = [frame for frame in ends if frame is not None]
+        if self.holds == [] or None in ends[:-1] or known != sorted(set(known)) or min(known, default=0) < 0:
+            raise ValueError("holds [first, end], one after another, from frame 0 on; only the last end may be null")
         return self
 
     def observed(self, frame_count: int) -> Split:

@@ -12,6 +12,7 @@ from physreal_core.fitting.hand_record import estimate_hand
 from physreal_core.fitting.problem import MaskObservations, Problem, TrackObservations, reduce_masks
 from physreal_core.rendering import Binding, Camera
 from physreal_core.simulation import Body, Clamp, Grip, PointLoad
+from physreal_core.simulation.body import NEVER
 from pipeline.capture import Capture, read_capture
 from pipeline.config._fitting import Masks as MaskParameters
 from pipeline.products.controllers import Controllers
@@ -94,11 +95,16 @@ def carry_payloads(body: Body, capture: Capture) -> tuple[Body, tuple[PointLoad,
 def _grip(particles: Particles) -> Grip | None:
     if len(particles.grip_particles) == 0:
         return None
+    released = particles.grip_released
+    if released is not None:
+        released = np.where(released < 0, NEVER, released.astype(np.int64))
     return Grip(
         particles.grip_particles,
         particles.grip_controllers,
         particles.grip_weights,
         rest_lengths=particles.grip_rest_lengths,
+        taken=particles.grip_taken,
+        released=released,
     )
 
 

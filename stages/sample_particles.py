@@ -8,14 +8,30 @@ centre line.
 import numpy as np
 
 from physreal_core.fitting.thin import bind_to_body, cells_of, ways_along
-from physreal_core.geometry import Mesh, bind_grip, farthest_points, patch_weights, sample_surface
-from pipeline.capture import read_capture
+from physreal_core.geometry import (
+    GripPairs,
+    Hold,
+    Mesh,
+    bind_grip,
+    bind_holds,
+    carried,
+    farthest_points,
+    holds_of,
+    patch_weights,
+    sample_surface,
+)
+from physreal_core.simulation import Body
+from pipeline.capture import Capture, read_capture
+from pipeline.config.sample_particles import GripParameters
 from pipeline.products.controllers import Controllers
 from pipeline.products.particles import Particles
 from pipeline.products.placed_object import PlacedObject
 from pipeline.products.tracks import MeasuredTracks
 from pipeline.stage import StageContext, main
 from stages._body import Material, elements_of, make_body, require_geometry
+
+HOLD_REACH = 2.0
+"""Times the grip's radius from the controller's points are tracks of the object that tell whether it is held."""
 
 
 def run(context: StageContext) -> None:
@@ -31,11 +47,11 @@ def run(context: StageContext) -> None:
     patch_neighbours, weights = patch_weights(body.x0, patches, params.patch_neighbours, ways)
     gaussians = bind_to_body(placed.gaussians.means, body, params.binding_neighbours)
     controllers = Controllers.load(perceived).points
-    grip = bind_grip(body.x0, controllers, spacing=body.spacing, **params.grip.model_dump())
     measured = MeasuredTracks.load(perceived)
     ids = tracks_on(placed.mesh, measured.points3d[0], measured.valid3d[0], params.track_distance)
     points0 = measured.points3d[0, ids].astype(float)
     tracks = bind_to_body(points0, body, params.binding_neighbours)
+    grip = _grip(body, controllers, measured.points3d[:, ids], measured.valid3d[:, ids], capture, params.grip)
     Particles(
         x0=body.x0,
         volume=body.volume,
@@ -54,11 +70,33 @@ def run(context: StageContext) -> None:
         grip_controllers=grip.controllers,
         grip_weights=grip.weights,
         grip_rest_lengths=grip.rest_lengths,
+        grip_taken=grip.taken,
+        grip_released=grip.released,
         **elements_of(body),
     ).save(context.output)
     held, cells = len(np.unique(grip.particles)), cells_of(body)
     kind = "" if cells is None else f" of {len(cells)} {'triangles' if cells.shape[1] == 3 else 'segments'}"
     print(f"{len(body.x0)} particles{kind}, {len(ids)} tracks, {held} particles held by {len(grip.weights)} bonds")
+
+
+def _grip(
+    body: Body, controllers: np.ndarray, points: np.ndarray, valid: np.ndarray, capture: Capture, params: GripParameters
+) -> GripPairs:
+    """What the controller holds: all the time, in the frames that the capture states, or while the tracks on the object go where it goes."""
+    how = {"radius": params.radius, "spacing": body.spacing, "per_particle": params.per_particle}
+    if controllers.shape[1] == 0 or (capture.holds is None and params.holds == "from_frame_0"):
+        return bind_grip(body.x0, controllers, **how)
+    points = np.where(valid[..., None], points, 0.0).astype(float)
+    if capture.holds is not None:
+        holds = [Hold(*ends) for ends in capture.holds]
+    else:
+        seen = slice(capture.observed(len(points)).train[1])  # what the fit may see; the last state lasts
+        reach = HOLD_REACH * params.radius
+        holds = holds_of(controllers[seen].astype(float), points[seen], valid[seen], reach=reach, fps=capture.fps)
+    for hold in holds:
+        end = "to the end" if hold.released is None else f"to frame {hold.released}"
+        print(f"the controller holds from frame {hold.taken} {end}")
+    return bind_holds(body.x0, controllers, holds, lambda frame: carried(body.x0, points, valid, frame), **how)
 
 
 def tracks_on(mesh: Mesh, points0: np.ndarray, valid: np.ndarray, reach: float) -> np.ndarray:

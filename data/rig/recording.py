@@ -44,7 +44,7 @@ def ideal(scene: RigScene, trajectory: Trajectory, random: np.random.Generator) 
     return Recording(
         fps=scene.fps,
         tracks=np.einsum("tpck,pc->tpk", corners, weights),
-        controllers=trajectory.vertices[0, surface] + trajectory.hand[:, None],
+        controllers=trajectory.vertices[0, surface] + (trajectory.hand - scene.on_the_way)[:, None],
         view=scene.view,
     )
 

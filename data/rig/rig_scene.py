@@ -123,8 +123,8 @@ class FurtherHand:
 class RigScene:
     """One capture: `body` and `hand` at time 0 in the world frame, what the hand does, and how it is filmed.
 
-    The hand holds the nodes in `grasp`, or where that is None those within `grip_reach` [m] of its surface. Hands are
-    meshed with `hand_spacing` [m].
+    The hand holds the nodes in `grasp`, or where that is None those within `grip_reach` [m] of its surface when it takes them. It holds
+    all the time, or from and to the times `holds` [s]. Hands are meshed with `hand_spacing` [m].
     """
 
     name: str
@@ -146,6 +146,12 @@ class RigScene:
     look: Look = Look()
     others: tuple[FurtherHand, ...] = ()
     hand_spacing: float = 0.009
+    holds: tuple[float, float] | None = None
+
+    @property
+    def on_the_way(self) -> Float[Array, "3"]:
+        """How far the hand has moved when it takes the body [m]."""
+        return np.zeros(3) if self.holds is None else self.motion.displacement(self.holds[0])
 
 
 def plush_body() -> RoundedShape:
@@ -264,4 +270,23 @@ def plush_push() -> RigScene:
     )
 
 
-SCENES = {"plush_lift": plush_lift, "plush_push": plush_push}
+def plush_take() -> RigScene:
+    """The same animal: a hand comes down to its head, takes it, lifts it, lets it fall from some centimetres and goes away."""
+    return RigScene(
+        name="plush_take",
+        description="a stuffed animal",
+        body=plush_body(),
+        hand=mitten((0.130, 0.0, 0.120), (0.55, 0.45, 0.75)),
+        motion=Motion(
+            (
+                (0.0, 0.3, (-0.05, 0.0, -0.09)),
+                (0.4, 0.8, (-0.01, 0.0, 0.07)),
+                (0.8, 1.0, (0.0, 0.02, 0.0)),
+                (1.15, 1.5, (0.06, 0.0, 0.07)),
+            )
+        ),
+        holds=(0.35, 1.1),
+    )
+
+
+SCENES = {"plush_lift": plush_lift, "plush_push": plush_push, "plush_take": plush_take}

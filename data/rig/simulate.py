@@ -70,7 +70,8 @@ def simulate(
     hand = scene.motion.displacement(times)
     held = hidden.held(hand, times, scene.motion)
     others = np.stack([o.motion.displacement(times) for o in scene.others], 1) if scene.others else None
-    kept = checkpoints() if hidden is NOTHING else Checkpoints()  # hidden effects may have a state of their own
+    # hidden effects may have a state of their own, and so has a hand that takes and lets go
+    kept = checkpoints() if hidden is NOTHING and scene.holds is None else Checkpoints()
     frames = _resumed(world, kept, held)
     if not frames:
         _settle(world, step, settle, calm)
@@ -79,6 +80,7 @@ def simulate(
         world.hold_at(held[number], ahead=punctual)
         if others is not None:
             world.hold_others_at(others[number])
+        world.take_or_let_go(times[number])
         step(times[number])
         if number % world.steps == 0:
             frames.append(_recorded(world, punctual))

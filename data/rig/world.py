@@ -73,6 +73,9 @@ class World:
         self._directors = Directors(self.model, self.mesh) if isinstance(self.mesh, Line) else None
         self._origin = self.model.body_pos[self.bodies]  # slide joints along the world's axes: x = origin + q
         self._hand = np.zeros(3)
+        self._taken = scene.holds is None
+        if not self._taken:
+            self._let_hold(False)
         self.model.body_mass[self.bodies] = self.mesh.lumped_mass(scene.material.density)
 
     @property
@@ -109,6 +112,23 @@ class World:
         velocity = (displacement - self._hand) / self.timestep
         self._hand = np.array(displacement)
         self.data.mocap_pos[0] = displacement + ahead * damping / stiffness * velocity
+
+    def take_or_let_go(self, time: float) -> None:
+        """Hold the body, where it is now, or let it go, as the scene says of a time [s]."""
+        if self.scene.holds is None:
+            return
+        taken = self.scene.holds[0] <= time < self.scene.holds[1]
+        if taken != self._taken:
+            if taken:
+                self.model.eq_data[: len(self.gripped), :3] = self.positions[self.gripped] - self.data.mocap_pos[0]
+            self._let_hold(taken)
+            self._taken = taken
+
+    def _let_hold(self, holds: bool) -> None:
+        """Switch the first hand's constraints on or off: those of its nodes come first, those of a rope's twist last."""
+        others = sum(map(len, self.held_by_others))
+        own = np.delete(np.arange(self.model.neq), len(self.gripped) + np.arange(others))
+        self.model.eq_active0[own] = self.data.eq_active[own] = holds
 
     def hold_others_at(self, displacements: Float[Array, "A 3"]) -> None:
         """Puts what the further hands hold at their displacements [m] from where it was at time 0."""
@@ -195,7 +215,7 @@ def _radius(scene: RigScene) -> float:
 def _held(scene: RigScene, vertices: Float[Array, "V 3"]) -> Int[Array, " B"]:
     if scene.grasp is not None:
         return np.flatnonzero(scene.grasp.distance(vertices) < TOUCHING)
-    return np.flatnonzero(scene.hand.distance(vertices) < scene.grip_reach)
+    return np.flatnonzero(scene.hand.moved(scene.on_the_way).distance(vertices) < scene.grip_reach)
 
 
 def _numbers(values: Float[Array, "..."]) -> str:

@@ -3,7 +3,8 @@
 from physreal_core.geometry.alignment import Alignment, AlignmentSettings, align
 from physreal_core.geometry.centre_lines import centre_line, resampled
 from physreal_core.geometry.filling import fill_mesh, fill_pieces
-from physreal_core.geometry.grip import GripPairs, bind_grip, bind_within
+from physreal_core.geometry.grip import GripPairs, bind_grip, bind_holds, bind_within
+from physreal_core.geometry.holds import Hold, carried, holds_of
 from physreal_core.geometry.mesh import Mesh, close_mesh, load_mesh, require_closed, save_mesh
 from physreal_core.geometry.middle_surfaces import middle_surface
 from physreal_core.geometry.observation import Observation
@@ -22,6 +23,7 @@ __all__ = [
     "Alignment",
     "AlignmentSettings",
     "GripPairs",
+    "Hold",
     "Mesh",
     "Observation",
     "Plane",
@@ -30,7 +32,9 @@ __all__ = [
     "SurfacePoints",
     "align",
     "bind_grip",
+    "bind_holds",
     "bind_within",
+    "carried",
     "centre_line",
     "close_mesh",
     "distances_along",
@@ -39,6 +43,7 @@ __all__ = [
     "fill_mesh",
     "fill_pieces",
     "fit_plane",
+    "holds_of",
     "load_centre_line",
     "load_mesh",
     "load_middle_surface",

@@ -1,12 +1,15 @@
 """Which particles a controller holds, and how firmly (eq. interaction_force)."""
 
-from dataclasses import dataclass
+from collections.abc import Callable, Sequence
+from dataclasses import dataclass, fields
 
 import numpy as np
 
 from physreal_core.array_types import Array, Float, Int
 from physreal_core.errors import InputError
+from physreal_core.geometry.holds import Hold
 
+NEVER = -1  # is released what is not released
 NEAREST = 0.25  # pairs nearer than this share of the spacing are left out: the force divides by their length
 
 
@@ -17,13 +20,59 @@ class GripPairs:
     Attributes:
         particles, controllers: indices.
         weights: w of eq. interaction_force; those of one particle sum to one.
-        rest_lengths: initial distances l_0 [m].
+        rest_lengths: initial distances l_0 [m]; not a number for a bond that is as long as it is when taken.
+        taken, released: frames from which each bond acts, and from which it does no more, -1 for never; None, both: it acts in all frames.
     """
 
     particles: Int[Array, " pairs"]
     controllers: Int[Array, " pairs"]
     weights: Float[Array, " pairs"]
     rest_lengths: Float[Array, " pairs"]
+    taken: Int[Array, " pairs"] | None = None
+    released: Int[Array, " pairs"] | None = None
+
+
+def bind_holds(
+    x0: Float[Array, "particles 3"],
+    controllers: Float[Array, "frames controllers 3"],
+    holds: Sequence[Hold],
+    where: Callable[[int], Float[Array, "particles 3"]],
+    *,
+    radius: float,
+    spacing: float,
+    per_particle: int = 8,
+) -> GripPairs:
+    """Binds particles for every hold, where they are when the hand takes them.
+
+    Args:
+        x0: particles in frame 0 [m].
+        controllers: controller points [m]; NaN where unknown.
+        holds: when the hand holds (`holds.holds_of`).
+        where: gives about where the particles are in a frame [m] (`holds.carried`).
+        radius, spacing, per_particle: as of `bind_grip`.
+
+    Raises:
+        InputError: there are no holds, or none of the particles is near the hand when it takes them.
+    """
+    if not holds:
+        raise InputError(
+            "the object never goes where the hand goes",
+            where="sample_particles.grip.holds = measured",
+            expected="a hand that holds the object in some frames",
+            remedy="set it to from_frame_0 where the hand holds the object all the time, or check the masks and tracks",
+        )
+    found = []
+    for hold in holds:
+        x, points = (x0, controllers) if hold.taken == 0 else (where(hold.taken), controllers[hold.taken :])
+        own = bind_grip(x, points, radius=radius, spacing=spacing, per_particle=per_particle, frame=hold.taken)
+        lengths = own.rest_lengths if hold.taken == 0 else np.full(len(own.rest_lengths), np.nan)
+        times = [
+            np.full(len(lengths), hold.taken),
+            np.full(len(lengths), NEVER if hold.released is None else hold.released),
+        ]
+        found.append(GripPairs(own.particles, own.controllers, own.weights, lengths, *times))
+    names = [field.name for field in fields(GripPairs)]
+    return GripPairs(**{name: np.concatenate([getattr(pairs, name) for pairs in found]) for name in names})
 
 
 def bind_grip(
@@ -33,19 +82,19 @@ def bind_grip(
     radius: float,
     spacing: float,
     per_particle: int = 8,
+    frame: int = 0,
 ) -> GripPairs:
-    """Binds the particles within `radius` of controller points, spots in and on a hand, in frame 0, each as `springs` says.
-
-    The pairs are those of frame 0, so a hand that only comes to the object later cannot be bound.
+    """Binds the particles within `radius` of controller points, spots in and on a hand, in the first frame, each as `springs` says.
 
     Args:
-        x0: particles [m].
-        controllers: controller points [m]; NaN where unknown.
+        x0: particles there [m].
+        controllers: controller points from there on [m]; NaN where unknown.
         radius: [m].
         spacing: of the particles [m].
+        frame: number of the first frame, for the message.
 
     Raises:
-        InputError: there are controllers, but none is near any particle in frame 0.
+        InputError: there are controllers, but none is near any particle then.
     """
     from scipy.spatial import cKDTree
 
@@ -53,15 +102,17 @@ def bind_grip(
         return GripPairs(np.empty(0, np.int32), np.empty(0, np.int32), np.empty(0), np.empty(0))
     known = np.flatnonzero(np.isfinite(controllers[0]).all(axis=1))
     if len(known) == 0:
-        raise InputError("no controller point is known in frame 0", where="controllers.npz", expected="positions [m]")
+        raise InputError(
+            f"no controller point is known in frame {frame}", where="controllers.npz", expected="positions [m]"
+        )
     points = controllers[0][known].astype(float)
     distance, _ = cKDTree(points).query(x0)
     if not (distance < radius).any():
         raise InputError(
-            f"the controller grips nothing in frame 0: nearest distance {distance.min():.4f} m",
+            f"the controller grips nothing in frame {frame}: nearest distance {distance.min():.4f} m",
             where="sample_particles.grip",
-            expected=f"a particle within grip.radius = {radius} m; {_first_contact(x0, controllers, radius)}",
-            remedy="raise sample_particles.grip.radius, or begin the capture where the hand holds the object",
+            expected=f"a particle within grip.radius = {radius} m; {_first_contact(x0, controllers, radius, frame)}",
+            remedy="raise sample_particles.grip.radius, or set sample_particles.grip.holds: measured for a hand that comes later",
         )
     pairs = springs(x0, np.flatnonzero(distance < radius), points, spacing, per_particle)
     return GripPairs(pairs.particles, known[pairs.controllers].astype(np.int32), pairs.weights, pairs.rest_lengths)
@@ -115,13 +166,13 @@ def springs(x0: Array, held: Array, points: Array, spacing: float, per_particle:
     return GripPairs(*pairs, weights[row, slot], length[row, slot])
 
 
-def _first_contact(x0: Array, controllers: Array, radius: float) -> str:
-    """When the controller comes near the object's place in frame 0, in words."""
+def _first_contact(x0: Array, controllers: Array, radius: float, first: int) -> str:
+    """When the controller comes near the object's place in the first frame, in words."""
     from scipy.spatial import cKDTree
 
     tree = cKDTree(x0)
-    for frame, points in enumerate(controllers):
+    for frame, points in enumerate(controllers, start=first):
         points = points[np.isfinite(points).all(axis=1)]
         if len(points) and tree.query(points)[0].min() < radius:
             return f"it comes that near in frame {frame}"
-    return "it never comes that near to where the object lies in frame 0"
+    return "it never comes that near to where the object lies then"

@@ -1,5 +1,7 @@
 """Parameters of `sample_particles`: particles, patches, and what is bound to them."""
 
+from typing import Literal
+
 from pydantic import Field
 
 from pipeline.config._base import StageParameters
@@ -10,6 +12,10 @@ class GripParameters(StageParameters):
 
     radius: float = Field(0.016, gt=0, description="particles this near to a controller point are held [m]")
     per_particle: int = Field(8, ge=1, description="controller points a particle is bound to at most")
+    holds: Literal["from_frame_0", "measured"] = Field(
+        "from_frame_0",
+        description="when the controller holds: all the time; or while the object goes where it goes, so that it may come late, let go and take again",
+    )
 
 
 class SampleParticles(StageParameters):

@@ -26,7 +26,9 @@ class Particles(ArrayFile):
         track_neighbours, track_weights: [J, L], particles that carry each track.
         grip_particles, grip_controllers: [B], a held particle and the controller point that holds it.
         grip_weights: [B], those of one particle sum to 1.
-        grip_rest_lengths: [B] m.
+        grip_rest_lengths: [B] m; not a number for a bond that is as long as it is when taken.
+        grip_taken, grip_released: [B], frames from which each bond acts, and from which it does no more, -1 for never; None, both: it
+            always acts.
         pieces: [N], number from 0 of each particle's piece, which move apart; None where the mesh is one.
         triangles: [E, 3], of a shell: vertices, which the particles are, counter-clockwise from one side; thickness [m]; warp [3], the
             direction of a fabric's first threads. None, all three, for any other body.
@@ -59,6 +61,8 @@ class Particles(ArrayFile):
     rows: Int[Array, " R"] | None = None
     radius: float | None = None
     pieces: Int[Array, " N"] | None = None
+    grip_taken: Int[Array, " B"] | None = None
+    grip_released: Int[Array, " B"] | None = None
 
     def __post_init__(self) -> None:
         shell, rod = (self.triangles, self.thickness, self.warp), (self.rows, self.radius)

@@ -160,14 +160,15 @@ class Experiment:
         return States(x, v, F)
 
     def coarsened(self, factor: float) -> tuple[Experiment, dict[str, float]] | None:
-        """As of `Interaction`; None where too few particles would be left, something is fastened to places of the body, or it is thin:
-        half as many vertices bend by another error."""
+        """As of `Interaction`; None where too few particles would be left, something is fastened to places of the body, a hand takes it or
+        lets it go, or it is thin: half as many vertices bend by another error."""
         problem = self.problem
         if (
             problem.body.elements is not None
             or len(problem.body.x0) < FEWEST * factor**3
             or problem.loads
             or problem.clamps
+            or (problem.grip is not None and not problem.grip.steady)
         ):
             return None
         coarse = coarsened(problem, factor)

@@ -147,7 +147,8 @@ def search_pose(
     closer = LowResolutionLoss(surface, observation, rests=rests, cells=COLOUR_CELLS if coloured else 0)
     starts = [pose for _, pose in found] + _look_alikes(loss, best, centre, axes)
     if observation.hidden.any() and coloured:  # without colours, mask and depth tell no size of what is hidden
-        starts = [_resized(closer, pose, axes[0]) for pose in starts]
+        resized = [(0.0, _resized(closer, pose, axes[0])) for pose in starts]
+        starts += [pose for _, pose in _distinct(resized)]
     improved = [
         remembered_pose(
             "look-alike", lambda pose=pose: _evolve_around(closer, pose, centre, settings.seed), pose.matrix

@@ -16,6 +16,7 @@ from physreal_core.geometry import (
     edge_inset,
     paint,
     pose_error,
+    pose_search,
     sample_surface,
     surface_gaussians,
 )
@@ -102,6 +103,21 @@ def test_the_pattern_of_a_rope_tells_its_ends_and_its_length():
     ends = prior.vertices[-2:]
     assert np.linalg.norm(found.pose.apply(ends) - true.apply(ends), axis=1).max() < 0.004
     assert found.pose.scale == pytest.approx(true.scale, rel=0.01)
+
+
+def test_other_sizes_do_not_take_the_place_of_the_one_that_was_found(scene, monkeypatch):
+    """Where a hand hides a part, sizes with the same end in sight are compared by colour. All of them may be wrong."""
+    body, seen = scene
+
+    def turned_and_small(loss, pose, axis):
+        across = np.cross(axis, np.eye(3)[np.argmin(np.abs(axis))])
+        return pose.turned_about(prior.centroid, 1.2 * (axis + across)).scaled_about(prior.centroid, 0.75)
+
+    monkeypatch.setattr(pose_search, "_resized", turned_and_small)
+    prior, true = prior_of(body, 3, coloured=True)
+    settings = AlignmentSettings(SearchSettings(restarts=1, generations=60), candidates=1, fine_iterations=40)
+    found = align(sample_surface(prior, 2000), seen, settings)
+    assert max(np.divide(pose_error(found.pose, true, prior.centroid), TOLERANCE)) < 1
 
 
 @pytest.mark.slow

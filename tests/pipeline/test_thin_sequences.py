@@ -127,7 +127,9 @@ def capture_rope(folder: Path, lift: float = 0.05) -> None:
     along = np.linspace(0.0, ROPE["length"], 49)[:, None]
     path = along * [1.0, 0.0, 0.0] + [0.0, 0.0, HEIGHT]
     body = rod_body(path, radius, ROPE["density"])
-    u, v, w = np.meshgrid([0.0, 0.01, 0.019], [-0.006, 0.006], [HEIGHT - 0.006, HEIGHT + 0.006], indexing="ij")
+    u, v, w = np.meshgrid(
+        [0.0, 0.005, 0.01, 0.015, 0.019], [-0.006, 0.006], [HEIGHT - 0.006, HEIGHT + 0.006], indexing="ij"
+    )
     controllers = hand(np.stack([u, v, w], -1).reshape(-1, 3), lift)
     x, F = simulated(body, ROPE_TRUTH, controllers)
     marked = np.arange(2, 49, 3)

@@ -86,17 +86,18 @@ def _grip(
     how = {"radius": params.radius, "spacing": body.spacing, "per_particle": params.per_particle}
     if controllers.shape[1] == 0 or (capture.holds is None and params.holds == "from_frame_0"):
         return bind_grip(body.x0, controllers, **how)
-    points = np.where(valid[..., None], points, 0.0).astype(float)
+    seen = slice(capture.observed(len(points)).train[1])  # what the fit may see; the last state lasts
+    points, valid = np.where(valid[seen, :, None], points[seen], 0.0).astype(float), valid[seen]
     if capture.holds is not None:
         holds = [Hold(*ends) for ends in capture.holds]
     else:
-        seen = slice(capture.observed(len(points)).train[1])  # what the fit may see; the last state lasts
         reach = HOLD_REACH * params.radius
-        holds = holds_of(controllers[seen].astype(float), points[seen], valid[seen], reach=reach, fps=capture.fps)
+        holds = holds_of(controllers[seen].astype(float), points, valid, reach=reach, fps=capture.fps)
     for hold in holds:
         end = "to the end" if hold.released is None else f"to frame {hold.released}"
         print(f"the controller holds from frame {hold.taken} {end}")
-    return bind_holds(body.x0, controllers, holds, lambda frame: carried(body.x0, points, valid, frame), **how)
+    where = lambda frame: carried(body.x0, points, valid, min(frame, len(points) - 1))
+    return bind_holds(body.x0, controllers, holds, where, **how)
 
 
 def tracks_on(mesh: Mesh, points0: np.ndarray, valid: np.ndarray, reach: float) -> np.ndarray:

@@ -52,7 +52,7 @@ def bind_holds(
         radius, spacing, per_particle: as of `bind_grip`.
 
     Raises:
-        InputError: there are no holds, or none of the particles is near the hand when it takes them.
+        InputError: there are no holds, one begins after the last frame, or none of the particles is near the hand when it takes them.
     """
     if not holds:
         raise InputError(
@@ -60,6 +60,12 @@ def bind_holds(
             where="sample_particles.grip.holds = measured",
             expected="a hand that holds the object in some frames",
             remedy="set it to from_frame_0 where the hand holds the object all the time, or check the masks and tracks",
+        )
+    if (last := max(hold.taken for hold in holds)) >= len(controllers):
+        raise InputError(
+            f"the hand takes in frame {last} of {len(controllers)}",
+            where="capture.json, holds",
+            expected="holds that begin within the recording",
         )
     found = []
     for hold in holds:

@@ -94,5 +94,7 @@ def test_the_stage_takes_stated_or_measured_holds_and_names_the_key_otherwise(fi
         bound(given())
     with pytest.raises(InputError, match="holds"):
         given(holds=[[11, None], [40, 45]])
+    with pytest.raises(InputError, match="takes in frame 70 of 50"):
+        bound(given(holds=[[70, None]]))
     with pytest.raises(InputError, match="grips nothing"):
         bind_grip(x0, ideal.controllers, radius=RADIUS, spacing=SPACING)

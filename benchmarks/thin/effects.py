@@ -43,7 +43,10 @@ def _moved(effect: Effect, experiment: Experiment) -> float:
     starts = effect.starts(experiment.setting, experiment.motion(plain))
     trials = [Trial(plain.fields, {effect.name: _acting(effect, start)}) for start in starts]
     first, *others = experiment.predict([plain, *trials])
-    return max((_apart(other, first) for other in others), default=0.0)
+    ended = [other for other in others if np.isfinite(other).all()]
+    if trials and not ended:
+        raise ArithmeticError(f"no rollout with {effect.name} ends")
+    return max((_apart(other, first) for other in ended), default=0.0)
 
 
 def _acting(effect: Effect, start: dict[str, float]) -> dict[str, float]:
@@ -57,9 +60,8 @@ def _acting(effect: Effect, start: dict[str, float]) -> dict[str, float]:
 
 
 def _apart(one: Array, other: Array) -> float:
-    """Root mean square distance over the frames that both have [m]; zero where a rollout failed at once."""
-    square = ((one - other) ** 2).sum(-1)
-    return float(np.sqrt(np.nanmean(square))) if np.isfinite(square).any() else 0.0
+    """Root mean square distance [m]."""
+    return float(np.sqrt(((one - other) ** 2).sum(-1).mean()))
 
 
 def main() -> None:

@@ -54,6 +54,7 @@ CASES = {
     "frequency_rope": Case(_D.frequency_rope, (6, 10, 16), 0.01),
     "swing_of_chain": Case(_D.swing_of_chain, (6, 10, 16), 0.01),
     "decay_strip": Case(_D.decay_strip, (5, 6, 10), 0.01),
+    "return_strip": Case(_D.return_strip, (5, 6, 10), 0.01),
     "rigid_motion": Case(_D.rigid_motion_sheet, (4, 6, 10), 1e-9),
     "energy_sheet": Case(_D.energy_sheet, (6, 10, 16), 0.01),
     "energy_rope": Case(_D.energy_rope, (6, 10, 20), 0.01),

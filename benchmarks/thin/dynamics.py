@@ -87,6 +87,20 @@ def decay_strip(cells: int) -> tuple[float, float]:
     return _decay(time, size), retardation * frequency**2 / 2.0
 
 
+def return_strip(cells: int) -> tuple[float, float]:
+    """Rate [1/s] at which a strip comes back that viscosity keeps from swinging: of its first vibration, x'' + t w^2 x' + w^2 x = 0, the slower
+    root, near 1 / t."""
+    sheet, lag = Sheet(), 10.0  # t w
+    body, clamp = held_strip(sheet, (cells, max(1, cells // 5)))
+    frequency = clamped_frequency(sheet.bending, sheet.density * sheet.thickness, 0.1)
+    viscosity = torch.tensor([lag / frequency * sheet.youngs_modulus / 2.0, 0.0], dtype=torch.float64)
+    periods = 3.0 * lag / (2.0 * np.pi)
+    time, size = _swing(sheet, body, clamp, periods, frequency, terms=("viscosity",), viscosity=viscosity)
+    late = time > lag / frequency
+    expected = frequency * 2.0 / (lag + np.sqrt(lag**2 - 4.0))
+    return -float(np.polyfit(time[late], np.log(np.abs(size[late])), 1)[0]), expected
+
+
 def _decay(time: np.ndarray, size: np.ndarray) -> float:
     """Rate [1/s] at which the size of a swing falls, from its largest and smallest values."""
     turn = np.flatnonzero((np.abs(size[1:-1]) >= np.abs(size[:-2])) & (np.abs(size[1:-1]) > np.abs(size[2:]))) + 1

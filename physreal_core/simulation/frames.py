@@ -63,10 +63,18 @@ class Record:
 
 
 class Frames:
-    """The frame loop of a stepper's rollouts."""
+    """The frame loop of a stepper's rollouts.
 
-    def __init__(self, body: Body, config: SimulationConfig, stepper: Stepper, grip: Grip | None = None) -> None:
-        self.config, self.stepper, self._scene = config, stepper, (body, config)
+    Args:
+        body, config, grip: as for `Simulator`.
+        stepper: runs the frames.
+        strict: whether a rollout that would need too many substeps is an InputError; else it fails before the first frame.
+    """
+
+    def __init__(
+        self, body: Body, config: SimulationConfig, stepper: Stepper, grip: Grip | None = None, strict: bool = True
+    ) -> None:
+        self.config, self.stepper, self._scene, self._strict = config, stepper, (body, config), strict
         self._bonds = (
             None if grip is None or len(grip.particles) == 0 else Bonds(body, grip, stepper.rollouts, config.device)
         )
@@ -151,16 +159,16 @@ class Frames:
         return self._x0.new_zeros(frames, self.stepper.rollouts, *size)
 
     def _substeps(self, parameters: Parameters) -> tuple[list[int], list[SimulationError | None]]:
-        """Substeps per frame of each rollout; of many, those that would need too many have failed before the first frame."""
+        """Substeps per frame of each rollout, and which have failed for needing too many."""
         rollouts = self.stepper.rollouts
-        if self.stepper.in_step and (rollouts == 1 or needed_substeps(*self._scene, parameters) <= LARGEST_SUBSTEPS):
+        if self.stepper.in_step and (self._strict or needed_substeps(*self._scene, parameters) <= LARGEST_SUBSTEPS):
             return [substeps_per_frame(*self._scene, parameters)] * rollouts, [None] * rollouts
         counts, failures = [1] * rollouts, [None] * rollouts
         for rollout in range(rollouts):
             try:
                 counts[rollout] = substeps_per_frame(*self._scene, row_of(parameters, rollout))
             except InputError as error:
-                if rollouts == 1:
+                if self._strict:
                     raise
                 failures[rollout] = SimulationError(str(error), frame=0, substep=0, particle=0)
         return [max(counts)] * rollouts if self.stepper.in_step else counts, failures
@@ -177,6 +185,8 @@ class Frames:
             state.F.copy_(torch.eye(3).to(state.F) if F is None else F)
         if state.shape is not None:
             state.shape.copy_(state.F)
+        if state.rate is not None and self._scene[0].elements is not None:
+            state.rate.copy_(parameters.initial_velocity)
         if state.director is not None:
             state.director.copy_(self._scene[0].elements.directors_at(state.x, parameters.initial_director))
             state.spin.zero_()

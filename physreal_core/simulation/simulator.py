@@ -145,13 +145,13 @@ class Simulator:
         if self._batch is None or self._batch.stepper.rollouts != rollouts:
             self._batch = None  # its arrays make room for the new ones
             with self._stream():
-                self._batch = self._frames(rollouts)
+                self._batch = self._frames(rollouts, strict=False)
         return self._batch
 
-    def _frames(self, rollouts: int = 1) -> Frames:
+    def _frames(self, rollouts: int = 1, *, strict: bool = True) -> Frames:
         """A frame loop on a form of the step of its own."""
         stepper = make_stepper(*self._scene, rollouts=rollouts, threads=self._threads if rollouts == 1 else None)
-        return Frames(self.body, self.config, stepper, self.grip)
+        return Frames(self.body, self.config, stepper, self.grip, strict)
 
     def _stream(self) -> AbstractContextManager:
         """Where a loop runs: on a GPU on a stream that allows graphs."""

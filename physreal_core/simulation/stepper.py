@@ -24,8 +24,10 @@ def state_shapes(config: SimulationConfig, elements: Elements | None = None) -> 
         elements: of a thin body, whose deformation follows from the vertices' places and the segments' directors.
     """
     if elements is not None:
-        frames: dict[str, tuple[int, ...]] = {"director": (3,), "spin": ()} if elements.framed else {}
-        return {"x": (3,), "v": (3,)} | frames
+        further: dict[str, tuple[int, ...]] = {"director": (3,), "spin": ()} if elements.framed else {}
+        if "viscosity" in config.terms:
+            further["rate"] = (3,)
+        return {"x": (3,), "v": (3,)} | further
     shapes: dict[str, tuple[int, ...]] = {"x": (3,), "v": (3,), "F": (3, 3)}
     if config.shaped:
         shapes["shape"] = (3, 3)
@@ -46,7 +48,8 @@ class State:
         nodes: velocities of the grid's nodes [m/s], a fourth number to fill up, shape [R, nodes, 4].
         shape: from the place on the grid to the shape without stress (laws/shape.h), shape [R, N, 3, 3]; None where that is
             the same.
-        rate: mean rates of deformation [1/s], shape [R, N, 3, 3]; None without viscosity.
+        rate: mean rates of deformation [1/s], shape [R, N, 3, 3], of a shell mean velocities [m/s], shape [R, N, 3]; None without
+            viscosity.
         director: of the segments of rods, at the first vertex of each, unit vectors across the segment, shape [R, N, 3]; None of
             other bodies.
         spin: rates at which these segments turn about their tangents [rad/s], shape [R, N].

@@ -39,18 +39,14 @@ _USUAL = {"youngs_modulus": 1e6, "poissons_ratio": 0.3, "density": 300.0, "cell"
 def elastic_step(body: Body, config: SimulationConfig, parameters: Parameters) -> float:
     """Courant number times the time in which the fastest elastic wave crosses a cell [s].
 
-    Of a thin body that share of the longest stable step of its elements, viscous ones too, where a volume's is at LARGEST_COURANT; contact
-    of its layers adds its own frequency, in squares.
+    Of a thin body that share of the longest stable step of its elements, where a volume's is at LARGEST_COURANT; contact of its layers adds
+    its own frequency, in squares.
     The speed is sqrt((lambda + 2 mu) / rho), in a body that starts stretched as many times that as its largest stretch;
     neural residuals may add their bounded share to the stress, fibres, stiffening and Maxwell branches their tangent modulus
     at a moderate stretch.
     """
     if body.elements is not None:
-        mass = torch.as_tensor(body.volume, device=parameters.youngs_modulus.device) * _density(body, parameters)
-        squared = body.elements.frequency(parameters, mass) ** 2
-        if config.self_contact:
-            squared += body.elements.surface.squared_frequency(parameters.youngs_modulus, mass)
-        return 2.0 * config.courant / LARGEST_COURANT / math.sqrt(squared)
+        return _thin_step(body, config, replace(parameters, viscosity=None))[0]
     squared_speed = _stiffness(config, parameters) / _density(body, parameters)
     if parameters.initial_deformation is not None:
         stretch = torch.linalg.matrix_norm(parameters.initial_deformation.detach().double(), ord=2)
@@ -66,10 +62,10 @@ def viscous_step(body: Body, config: SimulationConfig, parameters: Parameters) -
         (w dt)^2 + 2 g dt / (2 n + 1) < 4
     (at the limit its amplification is -1). Of the fastest grid mode w dt = 2 at LARGEST_COURANT.
     """
-    elastic = elastic_step(body, config, parameters)
-    if parameters.viscosity is None or body.elements is not None:
-        return elastic
-    decay = _viscous_decay(body, parameters) / (2 * rate_memory(body, config, parameters) + 1)
+    if parameters.viscosity is None:
+        return elastic_step(body, config, parameters)
+    elastic, decay = _step_and_decay(body, config, parameters)
+    decay = decay / (2 * _memory(config, elastic, decay) + 1)
     safety = config.courant / LARGEST_COURANT
     frequency = 2.0 * safety / elastic
     # dt of (w dt)^2 + 2 g dt = 4 safety^2, in a form without a difference
@@ -77,26 +73,41 @@ def viscous_step(body: Body, config: SimulationConfig, parameters: Parameters) -
 
 
 def rate_memory(body: Body, config: SimulationConfig, parameters: Parameters) -> int:
-    """Substeps n over which viscosity averages the rate of deformation, with weights that fade as (n / (n + 1))^k.
+    """Substeps n over which viscosity averages the rate of deformation, a shell's the velocities, with weights that fade as (n / (n + 1))^k.
 
     Steps of an explicit viscous stress must be short, as dx^2; the average makes them 2 n + 1 times longer. n is the
     smallest that leaves the substep SHARE_OF_ELASTIC of the elastic one, as far as MEMORY and LATE allow it.
     """
-    if parameters.viscosity is None:
-        return 0
-    decay, squared_safety = _viscous_decay(body, parameters), (config.courant / LARGEST_COURANT) ** 2
-    step = SHARE_OF_ELASTIC * elastic_step(body, config, parameters)
+    return 0 if parameters.viscosity is None else _memory(config, *_step_and_decay(body, config, parameters))
+
+
+def _memory(config: SimulationConfig, elastic: float, decay: float) -> int:
+    """The same with the elastic substep [s] and the fastest decay [1/s]."""
+    squared_safety = (config.courant / LARGEST_COURANT) ** 2
+    step = SHARE_OF_ELASTIC * elastic
     needed = 2.0 * decay * step / (4.0 * (1.0 - SHARE_OF_ELASTIC**2) * squared_safety)  # 2 n + 1
     # n dt <= LATE / fps with the viscous dt = 2 safety^2 (2 n + 1) / g, which the elastic stress only shortens
     allowed = (math.sqrt(1.0 + 4.0 * LATE / config.fps * decay / squared_safety) - 1.0) / 4.0
     return min(max(MEMORY, int(allowed)), max(0, math.ceil((needed - 1.0) / 2.0)))
 
 
-def _viscous_decay(body: Body, parameters: Parameters) -> float:
-    """Decay rate of the fastest grid mode under viscosity [1/s], (w / c)^2 (2 mu_v + lambda_v) / rho."""
+def _step_and_decay(body: Body, config: SimulationConfig, parameters: Parameters) -> tuple[float, float]:
+    """The elastic substep [s] and the decay rate of the fastest mode under viscosity [1/s]: of a volume's grid
+    (w / c)^2 (2 mu_v + lambda_v) / rho."""
+    if body.elements is not None:
+        return _thin_step(body, config, parameters)
     shear, bulk = parameters.viscosity.detach().double().abs().unbind(-1)
     diffusivity = float(((2.0 * shear + bulk) / _density(body, parameters)).max())
-    return (2.0 / (LARGEST_COURANT * body.cell)) ** 2 * diffusivity
+    return elastic_step(body, config, parameters), (2.0 / (LARGEST_COURANT * body.cell)) ** 2 * diffusivity
+
+
+def _thin_step(body: Body, config: SimulationConfig, parameters: Parameters) -> tuple[float, float]:
+    """Of a thin body."""
+    mass = torch.as_tensor(body.volume, device=parameters.youngs_modulus.device) * _density(body, parameters)
+    squared, decay = body.elements.fastest(parameters, mass)
+    if config.self_contact:
+        squared += body.elements.surface.squared_frequency(parameters.youngs_modulus, mass)
+    return 2.0 * config.courant / LARGEST_COURANT / math.sqrt(squared), decay
 
 
 def _density(body: Body, parameters: Parameters) -> Tensor:
@@ -175,16 +186,12 @@ def substeps_per_frame(body: Body, config: SimulationConfig, parameters: Paramet
     return max(1, math.ceil(count))
 
 
-def _inviscid_step(body: Body, config: SimulationConfig, parameters: Parameters) -> float:
-    return elastic_step(body, config, replace(parameters, viscosity=None))
-
-
 def _remedy(body: Body, config: SimulationConfig, parameters: Parameters) -> str:
     """What to change: the parameter that shortens the substep most, beside its usual value."""
     elastic = elastic_step(body, config, parameters)
     if force_step(body, config, parameters) < elastic:
         return "weaken the drag, adhesion or obstacle that acts on the particles"
-    if viscous_step(body, config, parameters) < 0.5 * _inviscid_step(body, config, parameters):
+    if viscous_step(body, config, parameters) < 0.5 * elastic:
         return "lower the viscosity"
     E, nu = float(parameters.youngs_modulus.max()), float(parameters.poissons_ratio.max())
     density = float(_density(body, parameters).min())

@@ -100,7 +100,7 @@ FRAME = Structure(
     S beta_plastic
     S strain_scale
     S numbers:{NUMBERS.count}
-    S remembered  share of the mean rate of deformation that a substep keeps
+    S remembered  share that a substep keeps of the mean rate of deformation, or of a shell's mean velocity
 
     const int* order  [N] the caller's particle at each place, by cells
     const int* place  [N] place of the caller's particle
@@ -110,7 +110,7 @@ FRAME = Structure(
     const S* v  [N, 3]
     const S* F  [N, 3, 3]
     const S* shape  [N, 3, 3] of the body as it lies on the grid (laws/shape.h), where it has one
-    const S* rate  [N, 3, 3] mean rate of deformation, with viscosity
+    const S* rate  with viscosity [N, 3, 3] mean rate of deformation, of a shell [N, 3] mean velocity
     const S* branches  [N, B, 3, 3] of Maxwell branches
     S* x_end  at the frame's end
     S* v_end

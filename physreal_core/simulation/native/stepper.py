@@ -334,7 +334,7 @@ class NativeStepper:
             if f"network_{kind}" in self.shapes:
                 self._give(frames, f"network_{kind}", getattr(parameters, f"network_{kind}").detach())
         frames["numbers"] = self._rows.numbers(parameters).numpy()
-        if self.viscous and self._elements is None:
+        if self.viscous:
             memory = [rate_memory(self._body, self.config, row_of(parameters, r)) for r in range(self.rollouts)]
             frames["remembered"] = np.array(memory) / (np.array(memory) + 1.0)
         self._parameters, self._dt, self._acting = parameters, torch.from_numpy(dt), None

@@ -26,8 +26,9 @@ class ThinWorker : ParticleRows<S> {
     using Elastic = Element<V, V>;
     static constexpr int CORNERS = Elastic::CORNERS, FRAMES = Elastic::FRAMES;
     static constexpr bool FRAMED = FRAMES > 0;
-    static constexpr int X = 0, VELOCITY = 3, DIRECTOR = 6, SPIN = 9, STATE_ROWS = FRAMED ? 10 : 6;
-    // Of frame.element_force: forces, and torques; or what an element adds to the adjoint of x, of directors, of v and of spins.
+    // MEAN: velocities, averaged over substeps, which viscosity acts on (`rate_memory`); only of an element that has strains, without frames.
+    static constexpr int X = 0, VELOCITY = 3, DIRECTOR = 6, SPIN = 9, MEAN = 6;
+    // Of frame.element_force: forces, and torques; or what an element adds to the adjoint of x, of directors, of v (or of its mean) and of spins.
     static constexpr int TORQUE = 3, OF_DIRECTOR = 3, OF_VELOCITY = FRAMED ? 6 : 3, OF_SPIN = 9;
 
 public:
@@ -96,13 +97,14 @@ private:
     Contacts<S, Elastic::FACE> contacts_;
 
     bool viscous() const { return TERMS && HasStrains<Elastic>::value && laws_.has(term::viscosity); }
+    Index state_rows() const { return FRAMED ? SPIN + 1 : viscous() ? MEAN + 3 : VELOCITY + 3; }
     Index element_blocks() const { return frame_.element_stride / LANES; }
     const S* constants(int r) const { return frame_.constants + r * frame_.stride; }
     S constant_of(int r, Index p) const { return constants(r)[p]; }
     S* input_bars(int r) const { return frame_.bars + (bar::COUNT + r) * frame_.stride; }
     S* particle_sums() const { return frame_.particle_sums + particle_sum::COUNT * thread_; }
     S* node_sums() const { return frame_.node_sums + node_sum::COUNT * thread_; }
-    S* state(Index slot) const { return frame_.state + slot * STATE_ROWS * frame_.stride; }
+    S* state(Index slot) const { return frame_.state + slot * state_rows() * frame_.stride; }
     // After s substeps: kept, or in one of two places by turns.
     S* state_at(Index s) const { return state(frame_.keep_states ? s : s % 2); }
     S* kept_spins(Index s) const { return frame_.free + (4 * frame_.substeps + s) * frame_.particles; }
@@ -162,6 +164,7 @@ private:
         gather_columns(s + X * frame_.stride, frame_.x, 3);
         for (Index p = first_; p < padded_end(); p++)
             put_at(s, VELOCITY, p, three(read(frame_.nodes + 4 * min_of(p, frame_.particles - 1))));
+        if (viscous()) gather_columns(s + MEAN * frame_.stride, frame_.rate, 3);
         if constexpr (FRAMED) {
             gather_columns(s + DIRECTOR * frame_.stride, frame_.director, 3);
             gather_columns(s + SPIN * frame_.stride, frame_.spin, 1);
@@ -194,6 +197,7 @@ private:
             const Vec3<S> v = at(s, VELOCITY, p);
             store(frame_.nodes_end + 4 * p, Node{v[0], v[1], v[2], 0});
         }
+        if (viscous()) scatter_columns(frame_.rate_end, s + MEAN * frame_.stride, 3);
         if constexpr (FRAMED) {
             scatter_columns(frame_.director_end, s + DIRECTOR * frame_.stride, 3);
             scatter_columns(frame_.spin_end, s + SPIN * frame_.stride, 1);
@@ -204,6 +208,7 @@ private:
         S* a = frame_.adjoint;
         gather_columns(a + X * frame_.stride, frame_.x_bar, 3);
         gather_columns(a + VELOCITY * frame_.stride, frame_.v_bar, 3);
+        if (viscous()) gather_columns(a + MEAN * frame_.stride, frame_.rate_bar, 3);
         if constexpr (FRAMED) {
             gather_columns(a + DIRECTOR * frame_.stride, frame_.director_bar, 3);
             gather_columns(a + SPIN * frame_.stride, frame_.spin_bar, 1);
@@ -220,6 +225,7 @@ private:
         const S* a = frame_.adjoint;
         scatter_columns(frame_.x_bar, a + X * frame_.stride, 3);
         scatter_columns(frame_.v_bar, a + VELOCITY * frame_.stride, 3);
+        if (viscous()) scatter_columns(frame_.rate_bar, a + MEAN * frame_.stride, 3);
         if constexpr (FRAMED) {
             scatter_columns(frame_.director_bar, a + DIRECTOR * frame_.stride, 3);
             scatter_columns(frame_.spin_bar, a + SPIN * frame_.stride, 1);
@@ -295,7 +301,7 @@ private:
                         V viscosity[Elastic::STIFFNESS];
                         rows_of(viscosity_rows(frame_.element_stiffness), e, viscosity);
                         Vec3<V> v[CORNERS];
-                        at_corners(now + VELOCITY * frame_.stride, e, v);
+                        at_corners(now + MEAN * frame_.stride, e, v);
                         ViscousForces<Element, V>{constants, stiffness, viscosity}.forces(x, v, f);
                         leave(0, e, f);
                         continue;
@@ -320,7 +326,7 @@ private:
         return found;
     }
 
-    // In: frame.force_bar. Leaves what the elements add to the adjoint of x, and with viscosity of v.
+    // In: frame.force_bar. Leaves what the elements add to the adjoint of x, and with viscosity of the mean of v.
     void leave_adjoints(const S* now) const {
         for (Index e = first_element_; e < last_element_; e += LANES) {
             V constants[Elastic::CONSTANTS], stiffness[Elastic::STIFFNESS], bar[Elastic::STIFFNESS] = {};
@@ -365,7 +371,7 @@ private:
             V viscosity[Elastic::STIFFNESS], viscosity_bar[Elastic::STIFFNESS] = {};
             rows_of(viscosity_rows(frame_.element_stiffness), e, viscosity);
             Vec3<V> v[CORNERS], v_bar[CORNERS] = {};
-            at_corners(now + VELOCITY * frame_.stride, e, v);
+            at_corners(now + MEAN * frame_.stride, e, v);
             ViscousForces<Element, V>{given.constants, given.stiffness, viscosity}.adjoint(x, v, f_bar, x_bar, v_bar,
                                                                                           bar, viscosity_bar);
             leave(OF_VELOCITY, e, v_bar);
@@ -395,7 +401,7 @@ private:
     void add_up(S* bar) const {
         for (Index p = first_; p < last_; p++) put_at(bar, X, p, at(bar, X, p) + left_at(p));
         if (viscous())
-            for (Index p = first_; p < last_; p++) add_to_velocity(p, left_at(p, OF_VELOCITY));
+            for (Index p = first_; p < last_; p++) put_at(bar, MEAN, p, at(bar, MEAN, p) + left_at(p, OF_VELOCITY));
         if constexpr (FRAMED) {
             Directors<S>(frame_).add_turned(bar, frame_.turned);
             for (Index p = first_; p < last_; p++) {
@@ -478,7 +484,7 @@ private:
             if (frame_.keep_grids) store(kept(s) + 4 * p, free);
             const Vec3<S> moving = three(phase.velocity(free, around(p)));
             fastest = max(fastest, contacts_.drifting(moving));
-            step(next, p, x, moving);
+            step(now, next, p, moving);
         }
         if constexpr (FRAMED) {
             for (Index p = first_; p < last_; p++) frame_.torque[p] = left_at_segment(p, TORQUE);
@@ -491,14 +497,14 @@ private:
         if (contacts_.on()) contacts_.note_speed(s, fastest);
     }
 
-    void step(S* next, Index p, const Vec3<S>& x, const Vec3<S>& v) const {
+    void step(const S* now, S* next, Index p, const Vec3<S>& v) const {
+        const S kept = frame_.remembered;
         put_at(next, VELOCITY, p, v);
-        put_at(next, X, p, x + frame_.dt * v);
+        put_at(next, X, p, at(now, X, p) + frame_.dt * v);
+        if (viscous()) put_at(next, MEAN, p, kept * at(now, MEAN, p) + (1 - kept) * v);
         if (p + 1 < last_) return;
-        for (Index filled = last_; filled < padded_end(); filled++) {  // the last block, as in `load_state`
-            put_at(next, VELOCITY, filled, v);
-            put_at(next, X, filled, at(next, X, p));
-        }
+        for (Index filled = last_; filled < padded_end(); filled++)  // the last block, as in `load_state`
+            for (int r = 0; r < (viscous() ? MEAN + 3 : MEAN); r += 3) put_at(next, r, filled, at(next, r, p));
     }
 
     // The states of a frame of which the velocities are there.
@@ -509,7 +515,7 @@ private:
             for (Index p = first_; p < last_; p++) {
                 const Vec3<S> moving = three(phase.velocity(read(kept(s) + 4 * p), around(p)));
                 fastest = max(fastest, contacts_.drifting(moving));
-                step(state(s + 1), p, at(state(s), X, p), moving);
+                step(state(s), state(s + 1), p, moving);
             }
             if constexpr (FRAMED) {
                 S* spins = state(s + 1) + SPIN * frame_.stride;
@@ -558,7 +564,7 @@ private:
         for (Index p = first_; p < last_; p++) {
             const Around<S> near = around(p);
             const Vec3<S> x_bar = at(bar, X, p), carried = three(read(frame_.carry + 4 * p)), v = at(now, VELOCITY, p);
-            const Vec3<S> v_bar = carried + frame_.dt * x_bar;
+            const Vec3<S> v_bar = carried + frame_.dt * x_bar + mean_adjoint(bar, p);
             const auto [b, mass_bar] = phase.adjoint(Node{v[0], v[1], v[2], 0}, read(kept(s) + 4 * p), near,
                                                      Node{v_bar[0], v_bar[1], v_bar[2], 0}, friction_bar);
             const S share = near.mass > frame_.mass_floor ? frame_.dt / near.mass : S(0);
@@ -581,6 +587,14 @@ private:
             sums[node_sum::friction_law + d] += friction_bar.law[d];
         }
         forces_adjoint(s, now);
+    }
+
+    // What the mean velocity's adjoint adds to that of the velocity, of which the rest stays.
+    Vec3<S> mean_adjoint(S* bar, Index p) const {
+        if (!viscous()) return {};
+        const Vec3<S> of_mean = at(bar, MEAN, p);
+        put_at(bar, MEAN, p, frame_.remembered * of_mean);
+        return (1 - frame_.remembered) * of_mean;
     }
 
     void forces_adjoint(Index s, const S* now) {

@@ -42,9 +42,9 @@ class Elements(Protocol):
         """Numbers that the forces follow from beside the shape, from complete parameters of the vertices; differentiable. With viscosity, as
         many of that follow."""
 
-    def frequency(self, parameters: Parameters, mass: Float[Tensor, "*rollouts vertices"]) -> float:
-        """2 over the longest stable substep at rest [rad/s]: without damping an upper bound of the fastest vibration. Of many
-        rollouts the largest; mass in kg."""
+    def fastest(self, parameters: Parameters, mass: Float[Tensor, "*rollouts vertices"]) -> tuple[float, float]:
+        """Upper bounds at rest of the square of the fastest vibration's frequency w [1/s2] and of the decay g by viscosity [1/s], such that a
+        substep dt is stable while w^2 dt^2 + 2 g dt < 4. Of many rollouts the largest; mass in kg."""
 
     def deformation(
         self, x: Float[Tensor, "*batch vertices 3"], director: Float[Tensor, "*batch vertices 3"] | None

@@ -90,8 +90,9 @@ class Rod(Segments):
         bending = E * (np.pi * self.radius**4 / 4.0) * (1.0 if ratio is None else ratio)
         return torch.cat([stretching, bending[..., corners[:, 1:2]]], -1).mT
 
-    def frequency(self, parameters: Parameters, mass: Float[Tensor, "*rollouts vertices"]) -> float:
-        """Upper bound of the fastest vibration of a straight rod [rad/s], of many rollouts the largest; with frames see `framed_frequency`.
+    def fastest(self, parameters: Parameters, mass: Float[Tensor, "*rollouts vertices"]) -> tuple[float, float]:
+        """Upper bound of the squared frequency of a straight rod's fastest vibration [1/s2], of many rollouts the largest, and 0; with frames
+        the square of `framed_frequency`.
 
         No vibration is faster than the fastest of one element by itself (Irons and Treharne 1971). Stretching and bending go
         across each other.
@@ -101,7 +102,7 @@ class Rod(Segments):
             mass: of the vertices [kg].
         """
         if self.framed:
-            return framed_frequency(self, parameters, mass)
+            return framed_frequency(self, parameters, mass) ** 2, 0.0
         with torch.no_grad():
             rows = self.stiffness(parameters).double()
         count = torch.bincount(torch.as_tensor(self.corners.ravel()), minlength=sum(self.rows)).to(mass)
@@ -112,7 +113,7 @@ class Rod(Segments):
         slopes = torch.stack([1.0 / lengths[:, 0], -(1.0 / lengths).sum(1), 1.0 / lengths[:, 1]], -1)
         length = torch.as_tensor(self.bend_lengths, device=mass.device)
         bending = rows[..., 2, :] / length * (slopes**2 / share).sum(-1)
-        return float(torch.maximum(stretching, bending).max()) ** 0.5
+        return float(torch.maximum(stretching, bending).max()), 0.0
 
     def directors_at(
         self, x: Float[Tensor, "*batch vertices 3"], director: Float[Tensor, "*batch vertices 3"] | None = None

@@ -28,7 +28,7 @@ from physreal_core.simulation.parameters import Parameters
 from physreal_core.simulation.thin.contact import SHARE, Surface
 from physreal_core.simulation.thin.incidence import Incidence
 from physreal_core.simulation.thin.rows import SHELL, SHELL_STIFFNESS
-from physreal_core.simulation.thin.stiffness import shell_frequency, shell_stiffness
+from physreal_core.simulation.thin.stiffness import shell_fastest, shell_stiffness
 from physreal_core.simulation.thin.triangles import Triangles
 
 STRETCH_LIMIT = 0.005
@@ -77,9 +77,9 @@ class Shell(Triangles):
         """Rows `SHELL_STIFFNESS`, see `shell_stiffness`."""
         return shell_stiffness(self, parameters)
 
-    def frequency(self, parameters: Parameters, mass: Float[Tensor, "*rollouts vertices"]) -> float:
-        """Upper bound of the fastest vibration [rad/s], see `shell_frequency`."""
-        return shell_frequency(self, parameters, mass)
+    def fastest(self, parameters: Parameters, mass: Float[Tensor, "*rollouts vertices"]) -> tuple[float, float]:
+        """Upper bounds of the squared frequency [1/s2] and of the decay [1/s], see `shell_fastest`."""
+        return shell_fastest(self, parameters, mass)
 
     # --- its motion ---------------------------------------------------------------------------------------------
 

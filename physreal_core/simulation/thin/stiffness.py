@@ -53,12 +53,13 @@ def shell_stiffness(shell: Triangles, parameters: Parameters) -> Float[Tensor, "
     return torch.cat([elastic, *viscous], -2)
 
 
-def shell_frequency(shell: Triangles, parameters: Parameters, mass: Float[Tensor, "*rollouts vertices"]) -> float:
-    """2 over the longest stable substep at rest [rad/s], of many rollouts the largest; without viscosity an upper bound of the fastest vibration.
+def shell_fastest(
+    shell: Triangles, parameters: Parameters, mass: Float[Tensor, "*rollouts vertices"]
+) -> tuple[float, float]:
+    """Upper bounds at rest of the fastest vibration's squared frequency [1/s2] and of the decay by viscosity [1/s], of many rollouts the largest.
 
     No vibration of a body is faster than the fastest of one of its elements by itself (Irons and Treharne 1971), with the vertices' mass shared
-    out among elements; those of membrane and plate add up in squares, each with all of the mass. So do decays. A mode of frequency w that decays
-    with g is stable while (w dt)^2 + 2 g dt < 4.
+    out among elements; those of membrane and plate add up in squares, each with all of the mass. So do decays.
 
     Args:
         shell: the triangles.
@@ -69,9 +70,8 @@ def shell_frequency(shell: Triangles, parameters: Parameters, mass: Float[Tensor
         rows = shell_stiffness(shell, parameters).double()
         squared = _largest_square(shell, rows[..., :ROWS, :], mass)
         if parameters.viscosity is None:
-            return float(squared) ** 0.5
-        decay = _largest_square(shell, rows[..., ROWS:, :], mass)
-    return float(decay + (decay**2 + 4.0 * squared).sqrt()) / 2.0
+            return float(squared), 0.0
+        return float(squared), float(_largest_square(shell, rows[..., ROWS:, :], mass))
 
 
 def _largest_square(shell: Triangles, rows: Float[Tensor, "*rollouts 10 triangles"], mass: Tensor) -> Float[Tensor, ""]:

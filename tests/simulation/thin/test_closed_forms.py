@@ -20,7 +20,7 @@ FAST = (
     "stretch_rope",
     "plate_twist",
 )
-FAST_MOTION = ("frequency_strip", "frequency_rope", "swing_of_chain", "decay_strip", "rigid_motion")
+FAST_MOTION = ("frequency_strip", "frequency_rope", "swing_of_chain", "decay_strip", "return_strip", "rigid_motion")
 WITHIN = 0.015
 """Of meshes of about ten cells; errors fall with their square, see the table."""
 

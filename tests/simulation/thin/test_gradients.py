@@ -34,7 +34,7 @@ STEPS = {
     "initial_position": 1e-9,
     "linear_drag": 1e-8,
     "quadratic_drag": 1e-7,
-    "viscosity": 1e-5,
+    "viscosity": 1e-4,
 }
 
 
@@ -50,7 +50,7 @@ def parameters_of(kind: str, count: int, **others) -> Parameters:
     if kind in ("shell", "viscous"):
         own |= {"weft_ratio": scattered(count, 0.7, 4), "shear_ratio": scattered(count, 0.4, 5)}
     if kind == "viscous":
-        own |= {"viscosity": scattered(count, 100.0, 10, 2)}
+        own |= {"viscosity": scattered(count, 1000.0, 10, 2)}
     elif kind == "framed":
         generator = torch.Generator().manual_seed(10)
         own["twisting_ratio"] = scattered(count, 0.8, 4)

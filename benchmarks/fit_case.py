@@ -14,9 +14,9 @@ from scipy.spatial import ConvexHull
 
 from physreal_core.array_types import Array
 from physreal_core.fitting import MaskObservations, Model, Problem, TrackObservations, reduce_masks, uniform_model
+from physreal_core.fitting.grip import bind_grip
 from physreal_core.geometry import (
     Mesh,
-    bind_grip,
     edge_inset,
     farthest_points,
     fill_mesh,
@@ -26,7 +26,7 @@ from physreal_core.geometry import (
     surface_gaussians,
 )
 from physreal_core.rendering import Binding, Camera, bind, carry_points, render_carried
-from physreal_core.simulation import Body, Grip, Parameters, SimulationConfig, Simulator, States
+from physreal_core.simulation import Body, Parameters, SimulationConfig, Simulator, States
 
 FPS, DENSITY = 30.0, 300.0
 HALF_SIZE = np.array([0.12, 0.05, 0.025])  # m
@@ -62,9 +62,8 @@ def make_case(particles: int, frames: int, device: str, seed: int = 0) -> FitCas
     x0, volume = fill_mesh(mesh, spacing)
     body = Body(x0, volume, np.full(len(x0), DENSITY), spacing)
     controllers = _hand(frames, seed)
-    pairs = bind_grip(x0, controllers, radius=0.025, spacing=spacing)
-    grip = Grip(pairs.particles, pairs.controllers, pairs.weights, pairs.rest_lengths)
-    stiffness = GRIP_STIFFNESS / len(pairs.weights)
+    grip = bind_grip(x0, controllers, radius=0.025, spacing=spacing)
+    stiffness = GRIP_STIFFNESS / len(grip.weights)
     patches = farthest_points(x0, PATCHES)
     neighbours, weights = patch_weights(x0, patches)
     binding, points0 = _tracked(mesh, x0, seed)

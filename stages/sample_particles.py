@@ -7,20 +7,11 @@ centre line.
 
 import numpy as np
 
+from physreal_core.fitting.grip import bind_grip, bind_holds
 from physreal_core.fitting.thin import bind_to_body, cells_of, ways_along
-from physreal_core.geometry import (
-    GripPairs,
-    Hold,
-    Mesh,
-    bind_grip,
-    bind_holds,
-    carried,
-    farthest_points,
-    holds_of,
-    patch_weights,
-    sample_surface,
-)
-from physreal_core.simulation import Body
+from physreal_core.geometry import Hold, Mesh, carried, farthest_points, holds_of, patch_weights, sample_surface
+from physreal_core.simulation import Body, Grip
+from physreal_core.simulation.body import NEVER
 from pipeline.capture import Capture, read_capture
 from pipeline.config.sample_particles import GripParameters
 from pipeline.products.controllers import Controllers
@@ -70,8 +61,7 @@ def run(context: StageContext) -> None:
         grip_controllers=grip.controllers,
         grip_weights=grip.weights,
         grip_rest_lengths=grip.rest_lengths,
-        grip_taken=grip.taken,
-        grip_released=grip.released,
+        **_times(grip),
         **elements_of(body),
     ).save(context.output)
     held, cells = len(np.unique(grip.particles)), cells_of(body)
@@ -81,7 +71,7 @@ def run(context: StageContext) -> None:
 
 def _grip(
     body: Body, controllers: np.ndarray, points: np.ndarray, valid: np.ndarray, capture: Capture, params: GripParameters
-) -> GripPairs:
+) -> Grip:
     """What the controller holds: all the time, in the frames that the capture states, or while the tracks on the object go where it goes."""
     how = {"radius": params.radius, "spacing": body.spacing, "per_particle": params.per_particle}
     if controllers.shape[1] == 0 or (capture.holds is None and params.holds == "from_frame_0"):
@@ -98,6 +88,13 @@ def _grip(
         print(f"the controller holds from frame {hold.taken} {end}")
     where = lambda frame: carried(body.x0, points, valid, min(frame, len(points) - 1))
     return bind_holds(body.x0, controllers, holds, where, **how)
+
+
+def _times(grip: Grip) -> dict[str, np.ndarray]:
+    """When bonds are taken and released, as `Particles` has it, unless all act all the time."""
+    if grip.steady:
+        return {}
+    return {"grip_taken": grip.taken, "grip_released": np.where(grip.released == NEVER, -1, grip.released)}
 
 
 def tracks_on(mesh: Mesh, points0: np.ndarray, valid: np.ndarray, reach: float) -> np.ndarray:

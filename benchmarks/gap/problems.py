@@ -15,11 +15,11 @@ import torch
 from physreal_core.array_types import Array, Bool, Float, Int
 from physreal_core.errors import InputError
 from physreal_core.fitting import Model, Problem, TrackObservations, uniform_model
+from physreal_core.fitting.grip import bind_within
 from physreal_core.fitting.hand_record import estimate_hand
 from physreal_core.fitting.thin import bind_to_body, cells_of, ways_along
 from physreal_core.geometry import (
     Mesh,
-    bind_within,
     farthest_points,
     fill_mesh,
     load_centre_line,
@@ -32,7 +32,7 @@ from physreal_core.geometry import (
 )
 from physreal_core.geometry.thin_files import MIDDLES
 from physreal_core.rendering import Camera
-from physreal_core.simulation import Body, Grip, rod_body, shell_body
+from physreal_core.simulation import Body, rod_body, shell_body
 
 BINDING_NEIGHBOURS, TRACK_DISTANCE = 8, 0.01  # of `sample_particles`; the latter in [m]
 GUESS = {
@@ -166,7 +166,7 @@ def _problem(capture: Path, facts: dict, mesh: Mesh, body: Body, patches: Array)
             "not all of its arrays are there", where=str(capture / measured.FILE), expected="valid3d, sigma3d"
         )
     neighbours, weights = patch_weights(body.x0, patches, ways=ways_along(body))
-    pairs = bind_within(body.x0, controllers[0], spacing=body.spacing)
+    grip = bind_within(body.x0, controllers[0], spacing=body.spacing)
     hand = estimate_hand(controllers, facts["fps"])
     return Problem(
         body=body,
@@ -175,7 +175,7 @@ def _problem(capture: Path, facts: dict, mesh: Mesh, body: Body, patches: Array)
         observed=facts["split"]["train"][1],
         patch_neighbours=torch.from_numpy(neighbours),
         patch_weights=torch.from_numpy(weights),
-        grip=Grip(pairs.particles, pairs.controllers, pairs.weights, pairs.rest_lengths),
+        grip=grip,
         tracks=_observations(measured.points3d, measured.valid3d, measured.sigma3d, mesh, body),
         camera=Camera(*map(np.asarray, (facts["K"], facts["T_world_camera"])), facts["width"], facts["height"]),
         hand_seen=False,

@@ -10,24 +10,21 @@ from scipy.spatial import cKDTree
 from physreal_core.array_types import Array, Float
 from physreal_core.fitting.curriculum import ScanConfig, fit_material, start_from_scan, uniform_start
 from physreal_core.fitting.descent import DescentConfig
+from physreal_core.fitting.grip import springs
 from physreal_core.fitting.losses import LossConfig
 from physreal_core.fitting.model import Model
 from physreal_core.fitting.objective import Objective
 from physreal_core.fitting.problem import Problem
 from physreal_core.fitting.thin import bind_to_body
 from physreal_core.fitting.variables import Variable
-from physreal_core.geometry.grip import springs
-from physreal_core.simulation import Grip
 
 
 def held_at(problem: Problem, nodes: Float[Array, "held 3"]) -> Problem:
     """The problem where the hand holds the vertices that lie nearer than a spacing to the rig's held nodes in frame 0 [m]."""
     body = problem.body
     held = np.flatnonzero(cKDTree(nodes).query(body.x0)[0] < body.spacing)
-    pairs = springs(body.x0, held, problem.controllers[0].double().numpy(), body.spacing, 8)
-    return dataclasses.replace(
-        problem, grip=Grip(pairs.particles, pairs.controllers, pairs.weights, pairs.rest_lengths)
-    )
+    grip = springs(body.x0, held, problem.controllers[0].double().numpy(), body.spacing, 8)
+    return dataclasses.replace(problem, grip=grip)
 
 
 def refitted(

@@ -9,8 +9,8 @@ import torch
 from scipy.spatial import cKDTree
 
 from physreal_core.array_types import Array, Float
+from physreal_core.fitting.grip import springs
 from physreal_core.fitting.problem import Problem, TrackObservations
-from physreal_core.geometry.grip import springs
 from physreal_core.rendering import bind
 from physreal_core.simulation import Body, Grip
 from physreal_core.simulation.pieces import numbered
@@ -112,8 +112,8 @@ def _grip(problem: Problem, body: Body, shares: Array) -> Grip:
     per_particle = int(np.bincount(problem.grip.particles).max())
     used = np.unique(problem.grip.controllers)
     points = problem.controllers[0].numpy().astype(float)[used]
-    pairs = springs(body.x0, most, points, body.spacing, per_particle)
-    return Grip(pairs.particles, used[pairs.controllers], pairs.weights, pairs.rest_lengths)
+    grip = springs(body.x0, most, points, body.spacing, per_particle)
+    return dataclasses.replace(grip, controllers=used[grip.controllers])
 
 
 def _bound(tracks: TrackObservations, body: Body) -> TrackObservations:

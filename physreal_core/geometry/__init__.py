@@ -1,9 +1,8 @@
-"""Geometry: support plane, meshes, filling, patches, grip, localisation, and Gaussians on a surface."""
+"""Geometry: support plane, meshes, filling, patches, holds, localisation, and Gaussians on a surface."""
 
 from physreal_core.geometry.alignment import Alignment, AlignmentSettings, align
 from physreal_core.geometry.centre_lines import centre_line, resampled
 from physreal_core.geometry.filling import fill_mesh, fill_pieces
-from physreal_core.geometry.grip import GripPairs, bind_grip, bind_holds, bind_within
 from physreal_core.geometry.holds import Hold, carried, holds_of
 from physreal_core.geometry.mesh import Mesh, close_mesh, load_mesh, require_closed, save_mesh
 from physreal_core.geometry.middle_surfaces import middle_surface
@@ -22,7 +21,6 @@ from physreal_core.geometry.ways import distances_along, ways_of
 __all__ = [
     "Alignment",
     "AlignmentSettings",
-    "GripPairs",
     "Hold",
     "Mesh",
     "Observation",
@@ -31,9 +29,6 @@ __all__ = [
     "Similarity",
     "SurfacePoints",
     "align",
-    "bind_grip",
-    "bind_holds",
-    "bind_within",
     "carried",
     "centre_line",
     "close_mesh",

@@ -10,9 +10,10 @@ from benchmarks.fit_case import rounded_block
 from benchmarks.gap.problems import GUESS
 from data.rig.rig_scene import View
 from physreal_core.array_types import Array
-from physreal_core.geometry import bind_within, fill_mesh, sample_surface, save_mesh
+from physreal_core.fitting.grip import bind_within
+from physreal_core.geometry import fill_mesh, sample_surface, save_mesh
 from physreal_core.rendering import bind, carry_points
-from physreal_core.simulation import Body, Grip, Parameters, SimulationConfig, Simulator
+from physreal_core.simulation import Body, Parameters, SimulationConfig, Simulator
 from pipeline.products.controllers import Controllers
 from pipeline.products.given_tracks import GivenTracks3d
 
@@ -65,8 +66,7 @@ def _hand(stroke: Array) -> Array:
 def _simulated(mesh, controllers: Array, pull: float) -> Array:
     spacing = (mesh.volume / 500) ** (1 / 3)
     x0, volume = fill_mesh(mesh, spacing)
-    pairs = bind_within(x0, controllers[0], spacing=spacing)
-    grip = Grip(pairs.particles, pairs.controllers, pairs.weights, pairs.rest_lengths)
+    grip = bind_within(x0, controllers[0], spacing=spacing)
     config = SimulationConfig(fps=FPS, gravity=(0.0, 0.0, -pull))
     simulator = Simulator(Body(x0, volume, np.full(len(x0), DENSITY), spacing), config, grip)
     values = GUESS | {"youngs_modulus": YOUNGS_MODULUS}  # a hand that holds as the search supposes

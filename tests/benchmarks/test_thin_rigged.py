@@ -8,11 +8,11 @@ import pytest
 import torch
 
 from benchmarks.thin.rigged_fit import errors_of, held_at, stiffness_errors, track_errors
+from physreal_core.fitting.grip import bind_grip
 from physreal_core.fitting.model import Model, uniform_model
 from physreal_core.fitting.problem import Problem
 from physreal_core.fitting.rollouts import Rollouts
-from physreal_core.geometry import bind_grip
-from physreal_core.simulation import Grip, rod_body
+from physreal_core.simulation import rod_body
 from tests.fitting import scene
 
 
@@ -20,9 +20,8 @@ def rope() -> tuple[Problem, Model]:
     """A rope held by one end, whose hand goes up, and a model of it."""
     given = scene.problem(scene.model(), frames=4, observed=3, with_masks=False)
     body = rod_body(np.linspace(0.0, 0.2, 11)[:, None] * [1.0, 0.0, 0.0] + [0.0, 0.0, 0.1], 0.005, 800.0)
-    pairs = bind_grip(body.x0, given.controllers.numpy() + [0.0, 0.0, 0.05], spacing=body.spacing, radius=0.05)
+    grip = bind_grip(body.x0, given.controllers.numpy() + [0.0, 0.0, 0.05], spacing=body.spacing, radius=0.05)
     own = {"patch_neighbours": torch.zeros(11, 1, dtype=torch.long), "patch_weights": torch.ones(11, 1).double()}
-    grip = Grip(pairs.particles, pairs.controllers, pairs.weights, pairs.rest_lengths)
     values = {"poissons_ratio": 0.3, "youngs_modulus": 1e6, "bending_ratio": 1.0, "friction_coefficient": 0.4}
     values |= {"grip_stiffness": 50.0, "grip_damping": 0.01}
     model = uniform_model(

@@ -8,11 +8,12 @@ import torch
 
 from physreal_core.fitting import Problem, TrackObservations, uniform_model
 from physreal_core.fitting.coarsening import coarsened, held_share
+from physreal_core.fitting.grip import bind_within
 from physreal_core.gap import Experiment, Trial
 from physreal_core.gap.interactions.quick import quick_interactions
-from physreal_core.geometry import bind_within, farthest_points, patch_weights
+from physreal_core.geometry import farthest_points, patch_weights
 from physreal_core.rendering import bind
-from physreal_core.simulation import Body, Clamp, Grip
+from physreal_core.simulation import Body, Clamp
 
 SPACING, FRAMES, FPS, FACTOR = 0.008, 12, 50.0, 1.5
 
@@ -28,7 +29,7 @@ def experiment() -> Experiment:
     neighbours, weights = (torch.from_numpy(array) for array in patch_weights(x0, patches))
     corners = np.stack(np.meshgrid([0.0, 0.05], [0.0, 0.04], [0.0, 0.04], indexing="ij"), -1).reshape(-1, 3)
     rise = 0.05 * np.clip(np.arange(FRAMES) / 5.0, 0.0, 1.0)[:, None, None] * [0.0, 0.0, 1.0]
-    pairs = bind_within(x0, corners, spacing=SPACING)
+    grip = bind_within(x0, corners, spacing=SPACING)
     points = torch.from_numpy(x0[::7]).float()
     shape = (FRAMES, len(points))
     seen = (points.expand(FRAMES, -1, -1), torch.ones(shape, dtype=torch.bool), torch.full(shape, 1e-3))
@@ -39,7 +40,7 @@ def experiment() -> Experiment:
         observed=FRAMES,
         patch_neighbours=neighbours,
         patch_weights=weights,
-        grip=Grip(pairs.particles, pairs.controllers, pairs.weights, pairs.rest_lengths),
+        grip=grip,
         tracks=TrackObservations(points, bind(points.double(), torch.from_numpy(x0), 8), *seen),
     )
     guess = {"youngs_modulus": 1.5e5, "poissons_ratio": 0.3, "friction_coefficient": 0.5, "grip_stiffness": 100.0}

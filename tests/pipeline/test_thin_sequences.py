@@ -14,10 +14,11 @@ import torch
 import yaml
 
 from physreal_core.errors import InputError
+from physreal_core.fitting.grip import bind_grip
 from physreal_core.fitting.model import load_model
 from physreal_core.gap.report import GapReport, Verdict
-from physreal_core.geometry import bind_grip, save_mesh
-from physreal_core.simulation import Body, Grip, Parameters, SimulationConfig, Simulator, rod_body, shell_body
+from physreal_core.geometry import save_mesh
+from physreal_core.simulation import Body, Parameters, SimulationConfig, Simulator, rod_body, shell_body
 from pipeline.graph import FIT_STAGES
 from pipeline.products.controllers import Controllers
 from pipeline.products.fit import Fit
@@ -81,8 +82,7 @@ def hand(around: np.ndarray, lift: float) -> np.ndarray:
 
 def simulated(body: Body, truth: dict[str, float], controllers: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
     """x [T, N, 3] m and F of the truth."""
-    pairs = bind_grip(body.x0, controllers, spacing=body.spacing, **GRIP)
-    grip = Grip(pairs.particles, pairs.controllers, pairs.weights, pairs.rest_lengths)
+    grip = bind_grip(body.x0, controllers, spacing=body.spacing, **GRIP)
     config = SimulationConfig(fps=FPS, ground_height=0.0, courant=0.6, terms=("bending",))
     own = {name: torch.tensor(value) for name, value in {**truth, **HOLD, "friction_coefficient": 0.4}.items()}
     with torch.no_grad():

@@ -13,9 +13,9 @@ from data.rig import recording
 from data.rig.rig_scene import SCENES, Material
 from data.rig.simulate import simulate
 from physreal_core.errors import InputError
-from physreal_core.geometry import Mesh, bind_grip, bind_holds, carried, fill_mesh, holds_of
-from physreal_core.simulation import Body, Grip, Parameters, SimulationConfig, Simulator
-from physreal_core.simulation.body import NEVER
+from physreal_core.fitting.grip import bind_grip, bind_holds
+from physreal_core.geometry import Mesh, carried, fill_mesh, holds_of
+from physreal_core.simulation import Body, Parameters, SimulationConfig, Simulator
 from pipeline.capture import capture_of
 from pipeline.config.sample_particles import GripParameters
 from stages import sample_particles
@@ -59,9 +59,7 @@ def test_our_simulator_takes_and_lets_go_as_the_rig_does(filmed):
     clean = np.nan_to_num(points)
     holds = holds_of(ideal.controllers, clean, valid, reach=2 * RADIUS, fps=FPS)
     where = lambda frame: carried(x0, clean, valid, frame)
-    pairs = bind_holds(x0, ideal.controllers, holds, where, radius=RADIUS, spacing=SPACING)
-    released = np.where(pairs.released < 0, NEVER, pairs.released)
-    grip = Grip(pairs.particles, pairs.controllers, pairs.weights, pairs.rest_lengths, pairs.taken, released)
+    grip = bind_holds(x0, ideal.controllers, holds, where, radius=RADIUS, spacing=SPACING)
     stuff = scene.material
     numbers = (stuff.youngs_modulus, stuff.poissons_ratio, stuff.friction_coefficient, 100.0, 0.01)
     body = Body(x0, volume, np.full(len(x0), stuff.density), SPACING)

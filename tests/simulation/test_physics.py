@@ -4,7 +4,7 @@ import numpy as np
 import pytest
 import torch
 
-from physreal_core.geometry.grip import springs
+from physreal_core.fitting.grip import springs
 from physreal_core.simulation import Body, Clamp, Grip, Parameters, SimulationConfig, Simulator, States
 from physreal_core.simulation.lattice import Lattice
 from physreal_core.simulation.start import stencils
@@ -236,8 +236,7 @@ def test_a_swing_does_not_die_out_and_its_middle_stays():
     body = block((26, 5, 5), spacing=0.008, corner=(0.0, 0.0, 0.1), density=600.0)
     held = np.flatnonzero(body.x0[:, 0] < 0.04)
     points = block((6, 6, 6), spacing=0.008, corner=(-0.004, -0.004, 0.096)).x0
-    bonds = springs(body.x0, held, points, body.spacing, 8)
-    grip = Grip(bonds.particles, bonds.controllers, bonds.weights, bonds.rest_lengths)
+    grip = springs(body.x0, held, points, body.spacing, 8)
     simulator = Simulator(body, SimulationConfig(fps=60, ground_height=None, courant=0.6), grip)
     controllers = torch.as_tensor(points).float().expand(181, -1, -1)
     states = rollout(

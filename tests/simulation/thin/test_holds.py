@@ -8,7 +8,7 @@ import torch
 
 from benchmarks.thin.bodies import FPS, Rope, Sheet, parameters_of
 from benchmarks.thin.meshes import rectangle
-from physreal_core.geometry import bind_within
+from physreal_core.fitting.grip import bind_within
 from physreal_core.simulation import Body, Grip, SimulationConfig, Simulator
 
 LENGTH, CELLS, HELD = 0.1, 20, 4
@@ -32,8 +32,7 @@ def gripped(body: Body) -> tuple[Grip, torch.Tensor]:
     held = body.x0[body.x0[:, 0] < 1e-9]
     low, high = held.min(0) - [0.002, 0.002, 0.002], held.max(0) + [1e-4, 0.002, 0.002]
     corners = np.stack(np.meshgrid(*zip(low, high, strict=True), indexing="ij"), -1).reshape(-1, 3)
-    pairs = bind_within(body.x0, corners, spacing=body.spacing)
-    grip = Grip(pairs.particles, pairs.controllers, pairs.weights, pairs.rest_lengths)
+    grip = bind_within(body.x0, corners, spacing=body.spacing)
     return grip, torch.from_numpy(corners).expand(int(1.5 * FPS), -1, -1)
 
 

@@ -4,7 +4,7 @@ import numpy as np
 import pytest
 
 from physreal_core.errors import InputError
-from physreal_core.geometry import bind_grip, bind_within
+from physreal_core.fitting.grip import bind_grip, bind_within
 
 
 def lattice():

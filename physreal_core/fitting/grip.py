@@ -1,35 +1,16 @@
 """Which particles a controller holds, and how firmly (eq. interaction_force)."""
 
 from collections.abc import Callable, Sequence
-from dataclasses import dataclass, fields
+from dataclasses import fields, replace
 
 import numpy as np
 
-from physreal_core.array_types import Array, Float, Int
+from physreal_core.array_types import Array, Float
 from physreal_core.errors import InputError
 from physreal_core.geometry.holds import Hold
+from physreal_core.simulation.body import NEVER, Grip
 
-NEVER = -1  # is released what is not released
 NEAREST = 0.25  # pairs nearer than this share of the spacing are left out: the force divides by their length
-
-
-@dataclass(frozen=True)
-class GripPairs:
-    """Bound pairs; all arrays of shape [pairs].
-
-    Attributes:
-        particles, controllers: indices.
-        weights: w of eq. interaction_force; those of one particle sum to one.
-        rest_lengths: initial distances l_0 [m]; not a number for a bond that is as long as it is when taken.
-        taken, released: frames from which each bond acts, and from which it does no more, -1 for never; None, both: it acts in all frames.
-    """
-
-    particles: Int[Array, " pairs"]
-    controllers: Int[Array, " pairs"]
-    weights: Float[Array, " pairs"]
-    rest_lengths: Float[Array, " pairs"]
-    taken: Int[Array, " pairs"] | None = None
-    released: Int[Array, " pairs"] | None = None
 
 
 def bind_holds(
@@ -41,7 +22,7 @@ def bind_holds(
     radius: float,
     spacing: float,
     per_particle: int = 8,
-) -> GripPairs:
+) -> Grip:
     """Binds particles for every hold, where they are when the hand takes them.
 
     Args:
@@ -76,9 +57,9 @@ def bind_holds(
             np.full(len(lengths), hold.taken),
             np.full(len(lengths), NEVER if hold.released is None else hold.released),
         ]
-        found.append(GripPairs(own.particles, own.controllers, own.weights, lengths, *times))
-    names = [field.name for field in fields(GripPairs)]
-    return GripPairs(**{name: np.concatenate([getattr(pairs, name) for pairs in found]) for name in names})
+        found.append(Grip(own.particles, own.controllers, own.weights, lengths, *times))
+    names = [field.name for field in fields(Grip)]
+    return Grip(**{name: np.concatenate([getattr(grip, name) for grip in found]) for name in names})
 
 
 def bind_grip(
@@ -89,7 +70,7 @@ def bind_grip(
     spacing: float,
     per_particle: int = 8,
     frame: int = 0,
-) -> GripPairs:
+) -> Grip:
     """Binds the particles within `radius` of controller points, spots in and on a hand, in the first frame, each as `springs` says.
 
     Args:
@@ -105,7 +86,7 @@ def bind_grip(
     from scipy.spatial import cKDTree
 
     if controllers.shape[1] == 0:
-        return GripPairs(np.empty(0, np.int32), np.empty(0, np.int32), np.empty(0), np.empty(0))
+        return Grip(np.empty(0, np.int32), np.empty(0, np.int32), np.empty(0), np.empty(0))
     known = np.flatnonzero(np.isfinite(controllers[0]).all(axis=1))
     if len(known) == 0:
         raise InputError(
@@ -120,13 +101,13 @@ def bind_grip(
             expected=f"a particle within grip.radius = {radius} m; {_first_contact(x0, controllers, radius, frame)}",
             remedy="raise sample_particles.grip.radius, or set sample_particles.grip.holds: measured for a hand that comes later",
         )
-    pairs = springs(x0, np.flatnonzero(distance < radius), points, spacing, per_particle)
-    return GripPairs(pairs.particles, known[pairs.controllers].astype(np.int32), pairs.weights, pairs.rest_lengths)
+    grip = springs(x0, np.flatnonzero(distance < radius), points, spacing, per_particle)
+    return replace(grip, controllers=known[grip.controllers])
 
 
 def bind_within(
     x0: Float[Array, "particles 3"], points: Float[Array, "points 3"], *, spacing: float, per_particle: int = 8
-) -> GripPairs:
+) -> Grip:
     """Binds the particles within the convex hull of `points`, a hand that is known all around what it holds, each as
     `springs` says.
 
@@ -157,7 +138,7 @@ def bind_within(
     return springs(x0, held, points, spacing, per_particle)
 
 
-def springs(x0: Array, held: Array, points: Array, spacing: float, per_particle: int) -> GripPairs:
+def springs(x0: Array, held: Array, points: Array, spacing: float, per_particle: int) -> Grip:
     """Binds particles to the `per_particle` nearest points with springs of equal constant: weights in proportion to rest
     lengths, which sum to one for every particle. Springs in all directions hold it against shifts and turns alike."""
     from scipy.spatial import cKDTree
@@ -168,8 +149,7 @@ def springs(x0: Array, held: Array, points: Array, spacing: float, per_particle:
     weights = np.where(bound, length, 0.0)
     weights /= np.maximum(weights.sum(axis=1, keepdims=True), 1e-300)
     row, slot = np.nonzero(bound)
-    pairs = held[row].astype(np.int32), nearest[row, slot].astype(np.int32)
-    return GripPairs(*pairs, weights[row, slot], length[row, slot])
+    return Grip(held[row], nearest[row, slot], weights[row, slot], length[row, slot])
 
 
 def _first_contact(x0: Array, controllers: Array, radius: float, first: int) -> str:

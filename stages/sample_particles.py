@@ -74,6 +74,7 @@ def _grip(
 ) -> Grip:
     """What the controller holds: all the time, in the frames that the capture states, or while the tracks on the object go where it goes."""
     how = {"radius": params.radius, "spacing": body.spacing, "per_particle": params.per_particle}
+    how["sheet"] = getattr(body.elements, "triangles", None) is not None
     if controllers.shape[1] == 0 or (capture.holds is None and params.holds == "from_frame_0"):
         return bind_grip(body.x0, controllers, **how)
     seen = slice(capture.observed(len(points)).train[1])  # what the fit may see; the last state lasts

@@ -22,6 +22,7 @@ def bind_holds(
     radius: float,
     spacing: float,
     per_particle: int = 8,
+    sheet: bool = False,
 ) -> Grip:
     """Binds particles for every hold, where they are when the hand takes them.
 
@@ -30,7 +31,7 @@ def bind_holds(
         controllers: controller points [m]; NaN where unknown.
         holds: when the hand holds (`holds.holds_of`).
         where: gives about where the particles are in a frame [m] (`holds.carried`).
-        radius, spacing, per_particle: as of `bind_grip`.
+        radius, spacing, per_particle, sheet: as of `bind_grip`.
 
     Raises:
         InputError: there are no holds, one begins after the last frame, or none of the particles is near the hand when it takes them.
@@ -51,7 +52,8 @@ def bind_holds(
     found = []
     for hold in holds:
         x, points = (x0, controllers) if hold.taken == 0 else (where(hold.taken), controllers[hold.taken :])
-        own = bind_grip(x, points, radius=radius, spacing=spacing, per_particle=per_particle, frame=hold.taken)
+        how = {"radius": radius, "spacing": spacing, "per_particle": per_particle, "sheet": sheet}
+        own = bind_grip(x, points, frame=hold.taken, **how)
         lengths = own.rest_lengths if hold.taken == 0 else np.full(len(own.rest_lengths), np.nan)
         times = [
             np.full(len(lengths), hold.taken),
@@ -70,8 +72,11 @@ def bind_grip(
     spacing: float,
     per_particle: int = 8,
     frame: int = 0,
+    sheet: bool = False,
 ) -> Grip:
     """Binds the particles within `radius` of controller points, spots in and on a hand, in the first frame, each as `springs` says.
+
+    Of a sheet, it binds what lies between the spots that are so near to it: how far a fold begins from the hand is a matter of millimetres.
 
     Args:
         x0: particles there [m].
@@ -79,6 +84,7 @@ def bind_grip(
         radius: [m].
         spacing: of the particles [m].
         frame: number of the first frame, for the message.
+        sheet: whether the body is one.
 
     Raises:
         InputError: there are controllers, but none is near any particle then.
@@ -101,8 +107,28 @@ def bind_grip(
             expected=f"a particle within grip.radius = {radius} m; {_first_contact(x0, controllers, radius, frame)}",
             remedy="raise sample_particles.grip.radius, or set sample_particles.grip.holds: measured for a hand that comes later",
         )
-    grip = springs(x0, np.flatnonzero(distance < radius), points, spacing, per_particle)
+    near = np.flatnonzero(distance < radius)
+    held = _between(x0, near, points, radius, spacing) if sheet else near
+    grip = springs(x0, held, points, spacing, per_particle)
     return replace(grip, controllers=known[grip.controllers])
+
+
+def _between(x0: Array, near: Array, points: Array, radius: float, spacing: float) -> Array:
+    """Vertices of a sheet within the convex hull of the points near it, as seen along the normal that it has there, and within `radius` of
+    its plane; `near`, the vertices near the points, where these enclose none or stand in a row, less than a spacing wide."""
+    from scipy.spatial import Delaunay, cKDTree
+
+    spots, centre = points[cKDTree(x0).query(points)[0] < radius], x0[near].mean(0)
+    if len(near) < 3:
+        return near
+    axes = np.linalg.svd(x0[near] - centre, full_matrices=False)[2]
+    x, seen = (x0 - centre) @ axes.T, (spots - centre) @ axes.T
+    row = np.linalg.svd(seen[:, :2] - seen[:, :2].mean(0), full_matrices=False)[2]
+    if len(spots) < 3 or np.ptp(seen[:, :2] @ row[-1]) < spacing:
+        return near
+    inside = Delaunay(seen[:, :2]).find_simplex(x[:, :2]) >= 0
+    held = np.flatnonzero(inside & (np.abs(x[:, 2]) < radius))
+    return held if len(held) else near
 
 
 def bind_within(

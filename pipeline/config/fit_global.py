@@ -105,7 +105,7 @@ class Sheet(StageParameters):
     weft_ratio: WeftRatio = Field(WeftRatio(), description="E across the warp over that along it")
     shear_ratio: ShearRatio = Field(ShearRatio(), description="shear stiffness over that of an isotropic sheet")
     grip_stiffness: ThinGripStiffness = Field(ThinGripStiffness(), description="k_f (eq. interaction_force)")
-    grip_reaches: Reaches = _reaches((0.008, 0.012, 0.016))
+    grip_reaches: Reaches = _reaches(())
 
 
 class Rope(StageParameters):

@@ -10,7 +10,11 @@ from pipeline.config._base import StageParameters
 class GripParameters(StageParameters):
     """Which particles the controller holds."""
 
-    radius: float = Field(0.016, gt=0, description="particles this near to a controller point are held [m]")
+    radius: float = Field(
+        0.016,
+        gt=0,
+        description="particles this near to a controller point are held; of a sheet those between the points this near to it [m]",
+    )
     per_particle: int = Field(8, ge=1, description="controller points a particle is bound to at most")
     holds: Literal["from_frame_0", "measured"] = Field(
         "from_frame_0",

@@ -2,6 +2,7 @@
 
 import numpy as np
 import pytest
+from scipy.spatial.transform import Rotation
 
 from physreal_core.errors import InputError
 from physreal_core.fitting.grip import bind_grip, bind_within
@@ -50,6 +51,38 @@ def test_hand_out_of_reach_says_how_far_and_when_it_comes():
         bind_grip(lattice(), path, radius=0.02, spacing=0.01)
     with pytest.raises(InputError, match="no controller point is known"):
         bind_grip(lattice(), np.full((2, 3, 3), np.nan), radius=0.02, spacing=0.01)
+
+
+def flat(height=0.0):
+    """A sheet of 20 x 20 vertices, 5 mm apart."""
+    x, y = np.meshgrid(np.arange(20) * 0.005, np.arange(20) * 0.005, indexing="ij")
+    return np.stack([x.ravel(), y.ravel(), np.full(x.size, height)], 1)
+
+
+def thumb(height=0.008):
+    """Spots around a square of 4 cm that reaches over the sheet's edge, and of the arm far above it."""
+    around = np.array([[-0.011, 0.028], [-0.011, 0.067], [0.028, 0.028], [0.028, 0.067]])
+    return np.concatenate([np.c_[around, np.full(4, height)], [[-0.1, 0.05, 0.1], [0.2, 0.05, 0.1]]])
+
+
+@pytest.mark.parametrize("turned", [False, True])
+def test_of_a_sheet_all_between_the_spots_is_held(turned):
+    x0, hand = np.concatenate([flat(), flat(0.05)]), thumb()
+    square = (x0[:, 0] < 0.028) & (x0[:, 1] > 0.028) & (x0[:, 1] < 0.067) & (x0[:, 2] == 0.0)  # not of the sheet above
+    if turned:
+        rotation = Rotation.from_rotvec([0.4, -1.1, 0.7]).as_matrix()
+        x0, hand = x0 @ rotation.T, hand @ rotation.T
+    grip = bind_grip(x0, over_time(hand), radius=0.016, spacing=0.005, sheet=True)
+    np.testing.assert_array_equal(np.unique(grip.particles), np.flatnonzero(square))
+
+
+def test_spots_that_enclose_nothing_hold_what_is_near():
+    in_a_row = np.array([[0.02, 0.02, 0.004], [0.03, 0.02, 0.004], [0.04, 0.02, 0.004]])
+    for hand in (in_a_row, in_a_row[:1]):
+        how = {"radius": 0.008, "spacing": 0.005}
+        near = bind_grip(flat(), over_time(hand), **how)
+        grip = bind_grip(flat(), over_time(hand), **how, sheet=True)
+        np.testing.assert_array_equal(grip.particles, near.particles)
 
 
 def clasp():

@@ -88,8 +88,7 @@ def decay_strip(cells: int) -> tuple[float, float]:
 
 
 def return_strip(cells: int) -> tuple[float, float]:
-    """Rate [1/s] at which a strip comes back that viscosity keeps from swinging: of its first vibration, x'' + t w^2 x' + w^2 x = 0, the slower
-    root, near 1 / t."""
+    """Return of a strip that viscosity keeps from swinging [1/s]: the slower root of x'' + t w^2 x' + w^2 x = 0, near 1 / t."""
     sheet, lag = Sheet(), 10.0  # t w
     body, clamp = held_strip(sheet, (cells, max(1, cells // 5)))
     frequency = clamped_frequency(sheet.bending, sheet.density * sheet.thickness, 0.1)

@@ -97,7 +97,7 @@ def main() -> None:
     parser = argparse.ArgumentParser(description=__doc__, formatter_class=argparse.RawDescriptionHelpFormatter)
     parser.add_argument("--data", type=Path, default=real_data(), help="folder of real recordings")
     parser.add_argument("--out", type=Path, default=RESULTS)
-    parser.add_argument("--iterations", type=int, default=20, help="of the descent")
+    parser.add_argument("--iterations", type=int, default=60, help="of the descent")
     args = parser.parse_args()
     try:
         files = recordings_at(args.data)

@@ -136,7 +136,7 @@ def with_pose(scene: Scene, objective: Objective, fabric: Fabric) -> Fitted:
         return Fitted(fabric, pose, float(objective(x, pose) + _prior(pose, start)))
 
 
-def fit(scene: Scene, tell: Callable[[str], None] = lambda _: None, iterations: int = 20) -> tuple[Fitted, Fitted]:
+def fit(scene: Scene, tell: Callable[[str], None] = lambda _: None, iterations: int = 60) -> tuple[Fitted, Fitted]:
     """The default fabric in its best pose, and what fits best: the best of `STARTS`, and a descent along the gradient from there.
 
     Args:

@@ -11,8 +11,7 @@ from physreal_core.errors import InputError
 from physreal_core.fitting.hand_record import estimate_hand
 from physreal_core.fitting.problem import MaskObservations, Problem, TrackObservations, reduce_masks
 from physreal_core.rendering import Binding, Camera
-from physreal_core.simulation import Body, Clamp, Grip, PointLoad
-from physreal_core.simulation.body import NEVER
+from physreal_core.simulation import Body, Clamp, PointLoad
 from pipeline.capture import Capture, read_capture
 from pipeline.config._fitting import Masks as MaskParameters
 from pipeline.products.controllers import Controllers
@@ -22,6 +21,7 @@ from pipeline.products.particles import Particles
 from pipeline.products.tracks import MeasuredTracks
 from stages._body import body_of
 from stages._camera import load_camera
+from stages._grip import grip_of
 
 Read = Callable[[str], Path]
 """From a stage's name to the folder with its output for the sequence, as `StageContext.input`."""
@@ -60,7 +60,7 @@ def load_problem(read: Read, masks: MaskParameters | None = None) -> Problem:
         observed=observed,
         patch_neighbours=torch.from_numpy(particles.patch_neighbours).long(),
         patch_weights=torch.from_numpy(particles.patch_weights).double(),
-        grip=_grip(particles),
+        grip=grip_of(particles),
         clamps=tuple(Clamp(clamp.lower, clamp.upper) for clamp in capture.clamps),
         loads=loads,
         tracks=_tracks(tracks, particles, camera),
@@ -90,22 +90,6 @@ def carry_payloads(body: Body, capture: Capture) -> tuple[Body, tuple[PointLoad,
         if payload.force.any():
             loads.append(PointLoad(near.astype(np.int32), body.mass[near], payload.force))
     return dataclasses.replace(body, density=density), tuple(loads)
-
-
-def _grip(particles: Particles) -> Grip | None:
-    if len(particles.grip_particles) == 0:
-        return None
-    released = particles.grip_released
-    if released is not None:
-        released = np.where(released < 0, NEVER, released.astype(np.int64))
-    return Grip(
-        particles.grip_particles,
-        particles.grip_controllers,
-        particles.grip_weights,
-        rest_lengths=particles.grip_rest_lengths,
-        taken=particles.grip_taken,
-        released=released,
-    )
 
 
 def _tracks(tracks: MeasuredTracks, particles: Particles, camera: Camera | None) -> TrackObservations | None:

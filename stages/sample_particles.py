@@ -11,7 +11,6 @@ from physreal_core.fitting.grip import bind_grip, bind_holds
 from physreal_core.fitting.thin import bind_to_body, cells_of, ways_along
 from physreal_core.geometry import Hold, Mesh, carried, farthest_points, holds_of, patch_weights, sample_surface
 from physreal_core.simulation import Body, Grip
-from physreal_core.simulation.body import NEVER
 from pipeline.capture import Capture, read_capture
 from pipeline.config.sample_particles import GripParameters
 from pipeline.products.controllers import Controllers
@@ -20,6 +19,7 @@ from pipeline.products.placed_object import PlacedObject
 from pipeline.products.tracks import MeasuredTracks
 from pipeline.stage import StageContext, main
 from stages._body import Material, elements_of, make_body, require_geometry
+from stages._grip import fields_of
 
 HOLD_REACH = 2.0
 """Times the grip's radius from the controller's points are tracks of the object that tell whether it is held."""
@@ -42,7 +42,10 @@ def run(context: StageContext) -> None:
     ids = tracks_on(placed.mesh, measured.points3d[0], measured.valid3d[0], params.track_distance)
     points0 = measured.points3d[0, ids].astype(float)
     tracks = bind_to_body(points0, body, params.binding_neighbours)
-    grip = _grip(body, controllers, measured.points3d[:, ids], measured.valid3d[:, ids], capture, params.grip)
+    sheet = context.geometry == "planar"
+    grip = _grip(
+        body, controllers, measured.points3d[:, ids], measured.valid3d[:, ids], capture, params.grip, sheet=sheet
+    )
     Particles(
         x0=body.x0,
         volume=body.volume,
@@ -57,11 +60,7 @@ def run(context: StageContext) -> None:
         track_points0=points0,
         track_neighbours=tracks.neighbours.numpy(),
         track_weights=tracks.weights.numpy(),
-        grip_particles=grip.particles,
-        grip_controllers=grip.controllers,
-        grip_weights=grip.weights,
-        grip_rest_lengths=grip.rest_lengths,
-        **_times(grip),
+        **fields_of(grip),
         **elements_of(body),
     ).save(context.output)
     held, cells = len(np.unique(grip.particles)), cells_of(body)
@@ -70,11 +69,17 @@ def run(context: StageContext) -> None:
 
 
 def _grip(
-    body: Body, controllers: np.ndarray, points: np.ndarray, valid: np.ndarray, capture: Capture, params: GripParameters
+    body: Body,
+    controllers: np.ndarray,
+    points: np.ndarray,
+    valid: np.ndarray,
+    capture: Capture,
+    params: GripParameters,
+    *,
+    sheet: bool = False,
 ) -> Grip:
     """What the controller holds: all the time, in the frames that the capture states, or while the tracks on the object go where it goes."""
-    how = {"radius": params.radius, "spacing": body.spacing, "per_particle": params.per_particle}
-    how["sheet"] = getattr(body.elements, "triangles", None) is not None
+    how = {"radius": params.radius, "spacing": body.spacing, "per_particle": params.per_particle, "sheet": sheet}
     if controllers.shape[1] == 0 or (capture.holds is None and params.holds == "from_frame_0"):
         return bind_grip(body.x0, controllers, **how)
     seen = slice(capture.observed(len(points)).train[1])  # what the fit may see; the last state lasts
@@ -89,13 +94,6 @@ def _grip(
         print(f"the controller holds from frame {hold.taken} {end}")
     where = lambda frame: carried(body.x0, points, valid, min(frame, len(points) - 1))
     return bind_holds(body.x0, controllers, holds, where, **how)
-
-
-def _times(grip: Grip) -> dict[str, np.ndarray]:
-    """When bonds are taken and released, as `Particles` has it, unless all act all the time."""
-    if grip.steady:
-        return {}
-    return {"grip_taken": grip.taken, "grip_released": np.where(grip.released == NEVER, -1, grip.released)}
 
 
 def tracks_on(mesh: Mesh, points0: np.ndarray, valid: np.ndarray, reach: float) -> np.ndarray:

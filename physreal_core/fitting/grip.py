@@ -49,17 +49,14 @@ def bind_holds(
             where="capture.json, holds",
             expected="holds that begin within the recording",
         )
-    found = []
+    found, how = [], {"radius": radius, "spacing": spacing, "per_particle": per_particle, "sheet": sheet}
     for hold in holds:
         x, points = (x0, controllers) if hold.taken == 0 else (where(hold.taken), controllers[hold.taken :])
-        how = {"radius": radius, "spacing": spacing, "per_particle": per_particle, "sheet": sheet}
         own = bind_grip(x, points, frame=hold.taken, **how)
-        lengths = own.rest_lengths if hold.taken == 0 else np.full(len(own.rest_lengths), np.nan)
-        times = [
-            np.full(len(lengths), hold.taken),
-            np.full(len(lengths), NEVER if hold.released is None else hold.released),
-        ]
-        found.append(Grip(own.particles, own.controllers, own.weights, lengths, *times))
+        bonds = len(own.particles)
+        lengths = own.rest_lengths if hold.taken == 0 else np.full(bonds, np.nan)
+        released = np.full(bonds, NEVER if hold.released is None else hold.released)
+        found.append(replace(own, rest_lengths=lengths, taken=np.full(bonds, hold.taken), released=released))
     names = [field.name for field in fields(Grip)]
     return Grip(**{name: np.concatenate([getattr(grip, name) for grip in found]) for name in names})
 
@@ -119,12 +116,12 @@ def _between(x0: Array, near: Array, points: Array, radius: float, spacing: floa
     from scipy.spatial import Delaunay, cKDTree
 
     spots, centre = points[cKDTree(x0).query(points)[0] < radius], x0[near].mean(0)
-    if len(near) < 3:
+    if min(len(near), len(spots)) < 3:
         return near
     axes = np.linalg.svd(x0[near] - centre, full_matrices=False)[2]
     x, seen = (x0 - centre) @ axes.T, (spots - centre) @ axes.T
     row = np.linalg.svd(seen[:, :2] - seen[:, :2].mean(0), full_matrices=False)[2]
-    if len(spots) < 3 or np.ptp(seen[:, :2] @ row[-1]) < spacing:
+    if np.ptp(seen[:, :2] @ row[-1]) < spacing:
         return near
     inside = Delaunay(seen[:, :2]).find_simplex(x[:, :2]) >= 0
     held = np.flatnonzero(inside & (np.abs(x[:, 2]) < radius))

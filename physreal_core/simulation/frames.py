@@ -185,8 +185,8 @@ class Frames:
             state.F.copy_(torch.eye(3).to(state.F) if F is None else F)
         if state.shape is not None:
             state.shape.copy_(state.F)
-        if state.rate is not None and self._scene[0].elements is not None:
-            state.rate.copy_(parameters.initial_velocity)
+        if state.mean_velocity is not None:
+            state.mean_velocity.copy_(parameters.initial_velocity)
         if state.director is not None:
             state.director.copy_(self._scene[0].elements.directors_at(state.x, parameters.initial_director))
             state.spin.zero_()

@@ -163,8 +163,8 @@ class ParticleRows:
             elements: adjoints of parameters through the elements of a thin body, by name.
         """
         found = {"initial_velocity": state_bars["v"], "initial_position": state_bars["x"].clone()}
-        if "rate" in state_bars and "F" not in state_bars:  # a shell's mean velocity
-            found["initial_velocity"] = state_bars["v"] + state_bars["rate"]
+        if "mean_velocity" in state_bars:
+            found["initial_velocity"] = state_bars["v"] + state_bars["mean_velocity"]
         if "initial_director" in self.shapes:
             found["initial_director"] = torch.zeros_like(state_bars["x"])  # the elements' to add to
         if "shape" in state_bars:

@@ -26,7 +26,7 @@ def state_shapes(config: SimulationConfig, elements: Elements | None = None) -> 
     if elements is not None:
         further: dict[str, tuple[int, ...]] = {"director": (3,), "spin": ()} if elements.framed else {}
         if "viscosity" in config.terms:
-            further["rate"] = (3,)
+            further["mean_velocity"] = (3,)
         return {"x": (3,), "v": (3,)} | further
     shapes: dict[str, tuple[int, ...]] = {"x": (3,), "v": (3,), "F": (3, 3)}
     if config.shaped:
@@ -48,11 +48,11 @@ class State:
         nodes: velocities of the grid's nodes [m/s], a fourth number to fill up, shape [R, nodes, 4].
         shape: from the place on the grid to the shape without stress (laws/shape.h), shape [R, N, 3, 3]; None where that is
             the same.
-        rate: mean rates of deformation [1/s], shape [R, N, 3, 3], of a shell mean velocities [m/s], shape [R, N, 3]; None without
-            viscosity.
+        rate: mean rates of deformation [1/s], shape [R, N, 3, 3]; None without viscosity.
         director: of the segments of rods, at the first vertex of each, unit vectors across the segment, shape [R, N, 3]; None of
             other bodies.
         spin: rates at which these segments turn about their tangents [rad/s], shape [R, N].
+        mean_velocity: velocities of a shell's vertices, averaged over substeps [m/s], shape [R, N, 3]; None without viscosity.
         branches: b - 1 of the springs of B Maxwell branches (laws/maxwell_branches.h), shape [R, N, B, 3, 3]; None without
             branches.
     """
@@ -66,6 +66,7 @@ class State:
     branches: Tensor | None = None
     director: Tensor | None = None
     spin: Tensor | None = None
+    mean_velocity: Tensor | None = None
 
     def named(self) -> dict[str, Tensor]:
         """What is there, by name."""

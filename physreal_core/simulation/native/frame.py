@@ -110,7 +110,7 @@ FRAME = Structure(
     const S* v  [N, 3]
     const S* F  [N, 3, 3]
     const S* shape  [N, 3, 3] of the body as it lies on the grid (laws/shape.h), where it has one
-    const S* rate  with viscosity [N, 3, 3] mean rate of deformation, of a shell [N, 3] mean velocity
+    const S* rate  [N, 3, 3] mean rate of deformation, with viscosity
     const S* branches  [N, B, 3, 3] of Maxwell branches
     S* x_end  at the frame's end
     S* v_end
@@ -175,6 +175,9 @@ THIN_FRAME = Structure(
     S* spin_end
     S* director_bar
     S* spin_bar
+    const S* mean_velocity  [N, 3] of a viscous shell
+    S* mean_velocity_end
+    S* mean_velocity_bar
     const S* element_constants  [constants, element_stride]
     const S* element_stiffness  [stiffness, element_stride]
     S* element_bars  [stiffness, element_stride] adjoints; grow

@@ -164,7 +164,7 @@ private:
         gather_columns(s + X * frame_.stride, frame_.x, 3);
         for (Index p = first_; p < padded_end(); p++)
             put_at(s, VELOCITY, p, three(read(frame_.nodes + 4 * min_of(p, frame_.particles - 1))));
-        if (viscous()) gather_columns(s + MEAN * frame_.stride, frame_.rate, 3);
+        if (viscous()) gather_columns(s + MEAN * frame_.stride, frame_.mean_velocity, 3);
         if constexpr (FRAMED) {
             gather_columns(s + DIRECTOR * frame_.stride, frame_.director, 3);
             gather_columns(s + SPIN * frame_.stride, frame_.spin, 1);
@@ -197,7 +197,7 @@ private:
             const Vec3<S> v = at(s, VELOCITY, p);
             store(frame_.nodes_end + 4 * p, Node{v[0], v[1], v[2], 0});
         }
-        if (viscous()) scatter_columns(frame_.rate_end, s + MEAN * frame_.stride, 3);
+        if (viscous()) scatter_columns(frame_.mean_velocity_end, s + MEAN * frame_.stride, 3);
         if constexpr (FRAMED) {
             scatter_columns(frame_.director_end, s + DIRECTOR * frame_.stride, 3);
             scatter_columns(frame_.spin_end, s + SPIN * frame_.stride, 1);
@@ -208,7 +208,7 @@ private:
         S* a = frame_.adjoint;
         gather_columns(a + X * frame_.stride, frame_.x_bar, 3);
         gather_columns(a + VELOCITY * frame_.stride, frame_.v_bar, 3);
-        if (viscous()) gather_columns(a + MEAN * frame_.stride, frame_.rate_bar, 3);
+        if (viscous()) gather_columns(a + MEAN * frame_.stride, frame_.mean_velocity_bar, 3);
         if constexpr (FRAMED) {
             gather_columns(a + DIRECTOR * frame_.stride, frame_.director_bar, 3);
             gather_columns(a + SPIN * frame_.stride, frame_.spin_bar, 1);
@@ -225,7 +225,7 @@ private:
         const S* a = frame_.adjoint;
         scatter_columns(frame_.x_bar, a + X * frame_.stride, 3);
         scatter_columns(frame_.v_bar, a + VELOCITY * frame_.stride, 3);
-        if (viscous()) scatter_columns(frame_.rate_bar, a + MEAN * frame_.stride, 3);
+        if (viscous()) scatter_columns(frame_.mean_velocity_bar, a + MEAN * frame_.stride, 3);
         if constexpr (FRAMED) {
             scatter_columns(frame_.director_bar, a + DIRECTOR * frame_.stride, 3);
             scatter_columns(frame_.spin_bar, a + SPIN * frame_.stride, 1);

@@ -114,7 +114,7 @@ def benchmark_cases(effects: Iterable[str], *, variant: Variant, seed: int = 0) 
     """
     if variant == "thin":
         return [case for pair in zip_longest(*_thin_cases(effects, seed)) for case in pair if case is not None]
-    deal = _Deal(sorted(effects), seed)
+    deal = _Deal(sorted(_acting_on("volume", effects)), seed)
     controls = [deal.case("none", "middle", number, number) for number in range(CONTROLS[variant])]
     high = [deal.single(effect, "high") for effect in deal.effects]
     if variant == "rgbd":
@@ -152,11 +152,12 @@ def _thin_cases(effects: Iterable[str], seed: int) -> list[list[GapCase]]:
 
 
 def _acting_on(body: str, effects: Iterable[str]) -> list[str]:
-    """Effects of the library that act on a thin body."""
+    """Effects of the library that act on a thin body, or on a volume."""
     from physreal_core.effects import EFFECTS, lacking
-    from physreal_core.simulation import rod_body, shell_body
+    from physreal_core.simulation import Body, rod_body, shell_body
 
     make = {
+        "volume": lambda: Body(np.eye(3), np.ones(3), np.ones(3), 1.0),
         "rope": lambda: rod_body(np.outer(np.arange(3.0), np.eye(3)[0]), 0.1, 1.0),
         "cloth": lambda: shell_body(np.eye(3), np.array([[0, 1, 2]]), 0.1, 1.0),
     }
@@ -200,7 +201,8 @@ class _Deal:
 
 def calibration_cases(effects: Iterable[str], count: int, *, seed: int = 0) -> list[GapCase]:
     """Captures that are in no benchmark, on which numbers of the search are set: every other one without an effect."""
-    known, deal = list(effects), _Deal(sorted(effects), seed)
+    known = _acting_on("volume", effects)
+    deal = _Deal(sorted(known), seed)
     hidden = [known[(3 * number) % len(known)] for number in range(count // 2)]
     singles = [deal.case(name, ("high", "middle")[i % 2], i, -1 - i) for i, name in enumerate(hidden)]
     controls = [deal.case("none", "middle", number, -1 - number) for number in range(count - len(singles))]

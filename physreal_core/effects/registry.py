@@ -3,6 +3,7 @@
 from physreal_core.effects.around.gravity import Gravity
 from physreal_core.effects.around.linear_drag import LinearDrag
 from physreal_core.effects.around.quadratic_drag import QuadraticDrag
+from physreal_core.effects.around.surface_drag import SurfaceDrag
 from physreal_core.effects.around.wind import Wind
 from physreal_core.effects.contact.ground_adhesion import GroundAdhesion
 from physreal_core.effects.contact.ground_plane import GroundPlane
@@ -36,6 +37,7 @@ EFFECTS: dict[str, Effect] = {
     for effect in (
         LinearDrag(),
         QuadraticDrag(),
+        SurfaceDrag(),
         Wind(),
         Gravity(),
         SoftSpot(),

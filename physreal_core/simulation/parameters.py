@@ -55,6 +55,8 @@ class Parameters:
         rest_curvature: curvature without stress of a framed rod by its two directors (`thin.rod`) [1/m], shape [N, 2].
         initial_director: directors of its segments where the rollout starts, shape [N, 3]; instead of the body's.
         retardation_time: Kelvin-Voigt's, by which its bending and its twisting lag behind their moments [s], shape [N, 2].
+        surface_drag: of the surroundings on a thin body, rho C_d / 2 [kg/m3]: on its area by the square of the speed along its normal
+            or across its segments, shape [N].
         hysteresis_modulus: shear moduli of three Maxwell branches [Pa], shape [N, 3].
         hysteresis_time: of these branches [s], shape [3].
     """
@@ -98,6 +100,7 @@ class Parameters:
     rest_curvature: Float[Tensor, "... 2"] | None = None
     initial_director: Float[Tensor, "... 3"] | None = None
     retardation_time: Float[Tensor, "... 2"] | None = None
+    surface_drag: Float[Tensor, "..."] | None = None
     layer_friction: Float[Tensor, "..."] | None = None
 
 
@@ -230,6 +233,7 @@ def _check_ranges(tensors: dict[str, Tensor]) -> None:
         "tool_stiffness",
         "tool_friction",
         "retardation_time",
+        "surface_drag",
     )
     for name in own:
         _check_range(name, tensors, lambda value: value >= 0, "a value >= 0")

@@ -236,19 +236,16 @@ def _check_kind(body: Body, config: SimulationConfig) -> None:
             where="SimulationConfig.self_contact",
             expected="a shell or a rod on the CPU",
         )
-    if thin and "viscosity" in config.terms and config.device != "cpu":
-        raise InputError(
-            f"viscosity of a thin body on {config.device}", where="SimulationConfig.device", expected="cpu"
-        )
     if thin and body.elements.framed and config.device != "cpu":
         raise InputError(
             f"a rod with directors on {config.device}",
             where="SimulationConfig.device",
             expected="cpu, or rod_body(..., frames=False)",
         )
+    absent = absent_terms(body, config.device)
     for term in config.terms:
-        if term in absent_terms(body):
-            kind = f"a {body.elements.element.lower()} has" if thin else "a volume has"
+        if term in absent:
+            kind = f"a {body.elements.element.lower()} has on {config.device}" if thin else "a volume has"
             raise InputError(f"{term!r}", where="SimulationConfig.terms", expected=f"a term that {kind}")
     if thin and (config.plastic_law != "identity" or config.residual is not None):
         raise InputError(

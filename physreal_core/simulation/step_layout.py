@@ -19,7 +19,7 @@ from physreal_core.simulation.thin.rows import FRAMED_ROD_STIFFNESS, ROD, ROD_ST
 
 LAWS_FOLDER = Path(__file__).parent / "laws"
 THIN_FOLDER = Path(__file__).parent / "thin"
-LAW_TERMS = (*FORCE_TERMS, *STRESS_TERMS, "friction_law", "retardation")
+LAW_TERMS = (*FORCE_TERMS, *STRESS_TERMS, "friction_law", "retardation", "surface_drag")
 """Terms by their bits."""
 
 

@@ -66,13 +66,14 @@ TERMS: dict[str, dict[str, TermField]] = {
     "rest_curvature": {"rest_curvature": TermField((PARTICLES, 2))},
     "initial_director": {"initial_director": TermField((PARTICLES, 3), None)},
     "retardation": {"retardation_time": TermField((PARTICLES, 2))},
+    "surface_drag": {"surface_drag": TermField((PARTICLES,), visible=5.0)},
     "fabric": {"weft_ratio": TermField((PARTICLES,), 1.0), "shear_ratio": TermField((PARTICLES,), 1.0)},
 }
 """Parameters by term, then by name of the field of `Parameters`."""
 
 FORCE_TERMS = ("drag", "adhesion", "obstacle")
 """Terms whose law is a force on particles."""
-THIN_TERMS = ("bending", "fabric", "twisting", "rest_curvature", "retardation", "initial_director")
+THIN_TERMS = ("bending", "fabric", "twisting", "rest_curvature", "retardation", "initial_director", "surface_drag")
 """Terms that only thin bodies have."""
 BRANCH_TERMS = ("relaxation", "hysteresis")
 """Terms whose law is the stress of Maxwell branches, whose strain is a state of each particle."""

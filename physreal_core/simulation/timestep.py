@@ -148,6 +148,9 @@ def force_step(body: Body, config: SimulationConfig, parameters: Parameters) -> 
     for drag, slope in ((parameters.linear_drag, 1.0), (parameters.quadratic_drag, 2.0 * FASTEST)):
         if drag is not None:
             damping = damping + slope * drag.detach().double().abs() / mass
+    if parameters.surface_drag is not None:
+        area = torch.as_tensor(body.elements.drag_area, device=mass.device)
+        damping = damping + 2.0 * FASTEST * area * parameters.surface_drag.detach().double() / mass
     if parameters.adhesion is not None:
         slope = math.e * parameters.adhesion.abs() / parameters.adhesion_range[..., None]
         stiffness = stiffness + slope.detach().double() / mass

@@ -225,11 +225,12 @@ def test_a_set_is_balanced_over_bodies_and_forms():
     assert len({case.name for case in cases}) == len(cases) and 95 <= len(cases) <= 115
     assert all(GapCase.named(case.name) == case for case in cases)
     strong = [case for case in cases if case.kind == "single" and case.strength != "weak"]
-    assert len(strong) >= 60 and {case.effect for case in strong} == set(EFFECTS)
+    of_volumes = set(EFFECTS) - {"surface_drag"}
+    assert len(strong) >= 60 and {case.effect for case in strong} == of_volumes
     for name in BODIES:
         assert abs(sum(case.body == name for case in strong) - len(strong) / len(BODIES)) <= 2
         assert sum(case.body == name and case.kind == "none" for case in cases) == 4
-    for effect_name in EFFECTS:
+    for effect_name in of_volumes:
         bodies = [case.body for case in strong if case.effect == effect_name]
         assert len(set(bodies)) == len(bodies)
     assert 0.35 < sum(case.form == "other" for case in strong) / len(strong) < 0.5

@@ -6,6 +6,7 @@ from functools import cache
 import numpy as np
 import pytest
 import torch
+from scipy.spatial.transform import Rotation
 
 from physreal_core.effects import EFFECTS, lacking
 from physreal_core.effects.shape import exposure
@@ -53,7 +54,10 @@ def test_what_does_not_act_says_why_and_is_refused(kind):
     body = specimen(kind).body
     left = {name: reason for name, reason in LEFT_OUT.items() if name not in OWN[kind]}
     assert {name: reason for name, effect in EFFECTS.items() if (reason := lacking(effect, body))} == left
-    assert not any(lacking(effect, held_specimen().body) for effect in EFFECTS.values())
+    of_volumes = {name: reason for name, effect in EFFECTS.items() if (reason := lacking(effect, held_specimen().body))}
+    assert of_volumes == {"surface_drag": "a volume has no surface drag"}
+    on_a_gpu = lacking(EFFECTS["surface_drag"], body, "cuda:0")
+    assert on_a_gpu == "a thin body on a GPU has no surface drag" and not lacking(EFFECTS["payload"], body, "cuda:0")
     for name in left:
         with pytest.raises(InputError, match="thin|shell|rod"):
             specimen(kind).simulator(name)
@@ -94,3 +98,29 @@ def test_gradient_of_the_whole_chain(kind, name):
 def test_all_of_a_sheet_lies_open():
     body = specimen("sheet").body
     np.testing.assert_allclose(exposure(body), body.volume / body.volume.sum())
+
+
+def falling(kind: str, turn: float, **values: dict[str, float]) -> np.ndarray:
+    """Speed of a stiff sheet's or rope's centre of mass [m/s] in free fall, turned about y [rad], by frame."""
+    vertices, triangles = sheet((4, 4), (0.2, 0.2), 5.0)
+    along = np.linspace(0.0, 0.2, 9)
+    start = vertices if kind == "sheet" else np.stack([along, 0.0 * along, 0.0 * along + 5.0], 1)
+    start = (start - start.mean(0)) @ Rotation.from_euler("y", turn).as_matrix().T + [0.0, 0.0, 5.0]
+    body = shell_body(start, triangles, 0.002, 100.0) if kind == "sheet" else rod_body(start, 0.005, 50.0)
+    points = torch.zeros(31, 0, 3, dtype=torch.float64)
+    free = Specimen(body, points, 30.0, material(body, 1e6), ground_height=None)
+    with torch.no_grad():
+        return -free.rollout(**values).v[:, :, 2].mean(1).numpy()
+
+
+@pytest.mark.parametrize(
+    ("kind", "per_mass"), [("sheet", 1.0 / (100.0 * 0.002)), ("rope", 0.01 / (50.0 * np.pi * 0.005**2))]
+)
+def test_surface_drag_brakes_a_fall_across_and_not_along(kind, per_mass):
+    """Across, the speed is v tanh(g t / v), v the root of g over the drag per mass; the sheet bends a little on its way. Along, it falls freely."""
+    drag = 0.6 * 10.0 * per_mass
+    time, final = np.arange(31) / 30, np.sqrt(9.81 / drag)
+    across = falling(kind, 0.0, surface_drag={"coefficient": 10.0})
+    np.testing.assert_allclose(across, final * np.tanh(9.81 * time / final), rtol=0.01, atol=2e-3)
+    along = falling(kind, np.pi / 2, surface_drag={"coefficient": 10.0})
+    np.testing.assert_allclose(along, 9.81 * time, rtol=1e-6, atol=1e-9)

@@ -100,6 +100,15 @@ def test_quadratic_drag_slows_as_one_over_time():
     assert run(drag, world, act, 0.3)[-1, 0] == pytest.approx(1 / (1 + 3.0 * 0.3), rel=1e-3)
 
 
+def test_surface_drag_brakes_a_solid_by_both_of_its_sides():
+    """A block of depth l that moves along x: v = 1 / (1 + c t), c the drag on its cross-section over its mass, half on each face."""
+    drag = around.SurfaceDrag(50.0)
+    world, act = start(drag, block())
+    launch(world, [1.0, 0.0, 0.0])
+    per_mass = 0.6 * 50.0 / (world.scene.material.density * np.ptp(world.mesh.vertices[:, 0]))
+    assert run(drag, world, act, 0.3)[-1, 0] == pytest.approx(1 / (1 + per_mass * 0.3), rel=1e-3)
+
+
 def test_wind_accelerates_the_whole_and_presses_the_surface_only():
     wind = around.Wind(0.7, -0.2, 0.1)
     world, act = start(wind, block(upper=(0.06, 0.04, 0.56)))

@@ -71,6 +71,18 @@ def test_stiffness_follows_the_seed_and_scales_as_a_whole(made):
     assert all(getattr(twice, n) == pytest.approx(2 * getattr(scene.body, n)) for n in names)
 
 
+def test_surface_drag_is_that_of_the_area_across_the_motion(made):
+    """Of a body that lies flat and moves at a slant: its area for a cloth, diameter times length for a rope, by the speed across it."""
+    world, act = start(around.SurfaceDrag(2.0), made)
+    world.data.qvel[world.dofs] = [0.3, 0.0, -0.4]
+    force = pushed(world, act).sum(0)
+    mesh = world.mesh
+    area = mesh.volumes().sum() / mesh.thickness
+    if made.body.name == "rope":
+        area = mesh.thickness * np.ptp(mesh.vertices[:, 0])
+    np.testing.assert_allclose(force, [0.0, 0.0, 0.6 * 2.0 * area * 0.4**2], rtol=1e-6, atol=1e-12)
+
+
 @pytest.mark.parametrize("make", [around.Wind, other_laws.ProfiledWind])
 def test_wind_pushes_all_of_it(made, make):
     world, act = start(make(2.0, -1.0, 0.0), made)

@@ -9,7 +9,7 @@ from dataclasses import dataclass
 import numpy as np
 
 from data.rig.bodies import Body
-from data.rig.hidden.around import Gravity, LinearDrag, QuadraticDrag, Wind
+from data.rig.hidden.around import Gravity, LinearDrag, QuadraticDrag, SurfaceDrag, Wind
 from data.rig.hidden.contact import (
     GroundAdhesion,
     GroundPlane,
@@ -283,6 +283,7 @@ def _charge(amplitude: float, staging: Staging, random: np.random.Generator) -> 
 LIBRARY: dict[str, Maker] = {
     "linear_drag": _alone(LinearDrag),
     "quadratic_drag": _alone(QuadraticDrag),
+    "surface_drag": _alone(SurfaceDrag),
     "wind": _wind,
     "gravity": _gravity,
     "kelvin_voigt": _alone(KelvinVoigt),

@@ -25,6 +25,7 @@ TARGETS = (0.0012, 0.003, 0.007)
 AMPLITUDES: dict[str, tuple[float, float, float]] = {
     "linear_drag": (0.873, 3.24, 12),
     "quadratic_drag": (3.35, 11.0, 34),
+    "surface_drag": (2.0, 6.0, 18.0),
     "wind": (1.36, 2.86, 6),
     "gravity": (0.135, 0.238, 0.42),
     "kelvin_voigt": (0.00141, 0.00651, 0.02),

@@ -207,7 +207,7 @@ class NativeStepper:
     def _set_elements(self, body: Body) -> ElementArrays:
         """Take over the elements of a thin body."""
         frames = self._frames
-        arrays = ElementArrays(body.elements, self.particles, BLOCK, self.dtype, viscous=self.viscous)
+        arrays = ElementArrays(body.elements, self.particles, BLOCK, self.dtype, terms=self.config.terms)
         frames["elements"], frames["element_stride"] = arrays.count, arrays.stride
         for name in ("corners", "incident_first", "incident"):
             self._give(frames, name, getattr(arrays, name), shared=True)
@@ -261,7 +261,8 @@ class NativeStepper:
             self._give(work, name, self._zeros(count, *shape))
         if self._elements is not None:
             corners, framed = len(self._elements.corners), self._segments is not None
-            left = 10 if framed else 3 * (1 + self.viscous)  # adjoints of x, directors, v and spins
+            # adjoints of x, directors, v and spins; of x, the mean of v and v
+            left = 10 if framed else 3 * (1 + self.viscous + ("surface_drag" in self.config.terms))
             self._give(work, "element_force", self._zeros(count, left, corners, self._elements.stride))
             for name, rows in (("torque", 1), ("turned", 3)) if framed else ():
                 self._give(work, name, self._zeros(count, rows, stride))

@@ -14,6 +14,7 @@
 #include "hand.h"
 #include "nodes.h"
 #include "rows.h"
+#include "surface_drag.h"
 #include "term_laws.h"
 
 namespace physreal {
@@ -28,6 +29,7 @@ class ThinWorker : ParticleRows<S> {
     static constexpr bool FRAMED = FRAMES > 0;
     // MEAN: velocities, averaged over substeps, which viscosity acts on (`rate_memory`); only of an element that has strains, without frames.
     static constexpr int X = 0, VELOCITY = 3, DIRECTOR = 6, SPIN = 9, MEAN = 6;
+    using Drag = SurfaceDrag<V, Elastic::FACE>;
     // Of frame.element_force: forces, and torques; or what an element adds to the adjoint of x, of directors, of v (or of its mean) and of spins.
     static constexpr int TORQUE = 3, OF_DIRECTOR = 3, OF_VELOCITY = FRAMED ? 6 : 3, OF_SPIN = 9;
 
@@ -97,6 +99,9 @@ private:
     Contacts<S, Elastic::FACE> contacts_;
 
     bool viscous() const { return TERMS && HasStrains<Elastic>::value && laws_.has(term::viscosity); }
+    bool dragged() const { return TERMS && laws_.has(term::surface_drag); }
+    // Where an element leaves what its drag adds to the adjoint of v; of a viscous one OF_VELOCITY is that of the mean.
+    int of_dragged() const { return viscous() ? OF_VELOCITY + 3 : OF_VELOCITY; }
     Index state_rows() const { return FRAMED ? SPIN + 1 : viscous() ? MEAN + 3 : VELOCITY + 3; }
     Index element_blocks() const { return frame_.element_stride / LANES; }
     const S* constants(int r) const { return frame_.constants + r * frame_.stride; }
@@ -284,33 +289,65 @@ private:
     S* viscosity_rows(S* rows) const { return rows + Elastic::STIFFNESS * frame_.element_stride; }
     const S* viscosity_rows(const S* rows) const { return rows + Elastic::STIFFNESS * frame_.element_stride; }
 
+    // Last, the coefficients of the drag.
+    template <class Any>
+    Any* drag_rows(Any* rows) const {
+        return rows + (viscous() ? 2 : 1) * Elastic::STIFFNESS * frame_.element_stride;
+    }
+
     void leave_forces(const S* now) const {
         for (Index e = first_element_; e < last_element_; e += LANES) {
             V constants[Elastic::CONSTANTS], stiffness[Elastic::STIFFNESS];
             rows_of(frame_.element_constants, e, constants);
             rows_of(frame_.element_stiffness, e, stiffness);
+            Vec3<V> f[CORNERS] = {};
             if constexpr (FRAMED) {
                 const auto found = FramedRodForces<V>(constants, stiffness).forces(elements_at(now, e), damped());
-                for (int c = 0; c < CORNERS; c++) leave(0, c, e, found.force[c]);
+                for (int c = 0; c < CORNERS; c++) f[c] = found.force[c];
                 for (int i = 0; i < FRAMES; i++) leave(TORQUE, i, e, found.torque[i]);
             } else {
-                Vec3<V> x[CORNERS], f[CORNERS] = {};
-                at_corners(now + X * frame_.stride, e, x);
-                if constexpr (HasStrains<Elastic>::value) {
-                    if (viscous()) {
-                        V viscosity[Elastic::STIFFNESS];
-                        rows_of(viscosity_rows(frame_.element_stiffness), e, viscosity);
-                        Vec3<V> v[CORNERS];
-                        at_corners(now + MEAN * frame_.stride, e, v);
-                        ViscousForces<Element, V>{constants, stiffness, viscosity}.forces(x, v, f);
-                        leave(0, e, f);
-                        continue;
-                    }
-                }
-                ElasticForces<Element, V>{constants, stiffness}.forces(x, f);
-                leave(0, e, f);
+                add_elastic(constants, stiffness, now, e, f);
+            }
+            if (dragged()) add_drag(now, e, f);
+            leave(0, e, f);
+        }
+    }
+
+    // With viscosity where there is one.
+    void add_elastic(const V (&constants)[Elastic::CONSTANTS], const V (&stiffness)[Elastic::STIFFNESS], const S* now, Index e,
+                     Vec3<V> (&f)[CORNERS]) const {
+        Vec3<V> x[CORNERS];
+        at_corners(now + X * frame_.stride, e, x);
+        if constexpr (HasStrains<Elastic>::value) {
+            if (viscous()) {
+                V viscosity[Elastic::STIFFNESS];
+                rows_of(viscosity_rows(frame_.element_stiffness), e, viscosity);
+                Vec3<V> v[CORNERS];
+                at_corners(now + MEAN * frame_.stride, e, v);
+                return ViscousForces<Element, V>{constants, stiffness, viscosity}.forces(x, v, f);
             }
         }
+        ElasticForces<Element, V>{constants, stiffness}.forces(x, f);
+    }
+
+    void add_drag(const S* now, Index e, Vec3<V> (&f)[CORNERS]) const {
+        V coefficients[Drag::ROWS];
+        rows_of(drag_rows(frame_.element_stiffness), e, coefficients);
+        Vec3<V> x[CORNERS], v[CORNERS];
+        at_corners(now + X * frame_.stride, e, x);
+        at_corners(now + VELOCITY * frame_.stride, e, v);
+        Drag::forces(coefficients, x, v, f);
+    }
+
+    void add_drag_adjoint(const S* now, Index e, const Vec3<V> (&f_bar)[CORNERS], Vec3<V> (&x_bar)[CORNERS],
+                          Vec3<V> (&v_bar)[CORNERS]) const {
+        V coefficients[Drag::ROWS], bar[Drag::ROWS] = {};
+        rows_of(drag_rows(frame_.element_stiffness), e, coefficients);
+        Vec3<V> x[CORNERS], v[CORNERS];
+        at_corners(now + X * frame_.stride, e, x);
+        at_corners(now + VELOCITY * frame_.stride, e, v);
+        Drag::adjoint(coefficients, x, v, f_bar, x_bar, v_bar, bar);
+        add_rows_of(drag_rows(frame_.element_bars), e, bar);
     }
 
     typename FramedRodForces<V>::State elements_at(const S* now, Index e) const {
@@ -340,6 +377,11 @@ private:
                 at_corners(frame_.force_bar, e, f_bar);
                 if (!leave_viscous_adjoint(ViscousRows{constants, stiffness}, now, e, x, f_bar, x_bar, bar))
                     ElasticForces<Element, V>{constants, stiffness}.adjoint(x, f_bar, x_bar, bar);
+                if (dragged()) {
+                    Vec3<V> v_bar[CORNERS] = {};
+                    add_drag_adjoint(now, e, f_bar, x_bar, v_bar);
+                    leave(of_dragged(), e, v_bar);
+                }
                 leave(0, e, x_bar);
             }
             add_rows_of(frame_.element_bars, e, bar);
@@ -351,12 +393,12 @@ private:
         typename Forces::Forces of;
         for (int c = 0; c < CORNERS; c++) of.force[c] = at_corner(frame_.force_bar, c, e);
         for (int i = 0; i < FRAMES; i++) of.torque[i] = number_at(frame_.torque, i, e);
-        const auto found = forces.adjoint(elements_at(now, e), of, damped(), bar);
-        for (int c = 0; c < CORNERS; c++) leave(0, c, e, found.x[c]);
+        auto found = forces.adjoint(elements_at(now, e), of, damped(), bar);
+        if (dragged()) add_drag_adjoint(now, e, of.force, found.x, found.v);
+        leave(0, e, found.x);
         for (int i = 0; i < FRAMES; i++) leave(OF_DIRECTOR, i, e, found.director[i]);
-        if (!damped()) return;
-        for (int c = 0; c < CORNERS; c++) leave(OF_VELOCITY, c, e, found.v[c]);
-        for (int i = 0; i < FRAMES; i++) leave(OF_SPIN, i, e, found.spin[i]);
+        if (damped() || dragged()) leave(OF_VELOCITY, e, found.v);
+        for (int i = 0; damped() && i < FRAMES; i++) leave(OF_SPIN, i, e, found.spin[i]);
     }
 
     struct ViscousRows {
@@ -406,11 +448,11 @@ private:
             Directors<S>(frame_).add_turned(bar, frame_.turned);
             for (Index p = first_; p < last_; p++) {
                 put_at(bar, DIRECTOR, p, at(bar, DIRECTOR, p) + left_at(p, OF_DIRECTOR, FRAMES));
-                if (!damped()) continue;
-                bar[SPIN * frame_.stride + p] += left_at_segment(p, OF_SPIN);
-                add_to_velocity(p, left_at(p, OF_VELOCITY));
+                if (damped()) bar[SPIN * frame_.stride + p] += left_at_segment(p, OF_SPIN);
             }
         }
+        if (damped() || dragged())
+            for (Index p = first_; p < last_; p++) add_to_velocity(p, left_at(p, of_dragged()));
     }
     // To the adjoint of the velocity.
     void add_to_velocity(Index p, const Vec3<S>& bar) const {

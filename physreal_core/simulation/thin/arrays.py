@@ -19,6 +19,7 @@ BY_ELEMENTS = (
     "rest_curvature",
     "retardation_time",
     "viscosity",
+    "surface_drag",
 )
 """Parameters that act through the elements' stiffness."""
 
@@ -32,11 +33,11 @@ class ElementArrays:
         block: elements in a block.
         dtype: of the numbers.
         device: of the arrays.
-        viscous: whether rows of viscosity follow those of the stiffness.
+        terms: in use; with `viscosity` its rows follow those of the stiffness, with `surface_drag` its coefficients come last.
 
     Attributes:
         count, stride: elements, and with those that fill the last block.
-        rows: numbers of stiffness of an element.
+        rows: numbers of an element.
         corners: vertices of each.
         incident: of each vertex the corners that are at it, as corner * stride + element, vertex after vertex.
         incident_first: where each vertex's begin, and the end of the last.
@@ -49,10 +50,11 @@ class ElementArrays:
         block: int,
         dtype: torch.dtype,
         device: str = "cpu",
-        viscous: bool = False,
+        terms: tuple[str, ...] = (),
     ) -> None:
         self._elements, self._dtype, self._device = elements, dtype, device
-        self.count, self.rows = len(elements.corners), elements.stiffness_rows * (1 + viscous)
+        self.count, self.rows = len(elements.corners), elements.stiffness_rows * (1 + ("viscosity" in terms))
+        self.rows += elements.drag_rows * ("surface_drag" in terms)
         self.stride = -(-self.count // block) * block
         filled = np.minimum(np.arange(self.stride), self.count - 1)
         self._filled = torch.as_tensor(filled, device=device)
@@ -73,13 +75,19 @@ class ElementArrays:
         return constants[:, self._filled].to(self._dtype).contiguous()
 
     def stiffness(self, parameters: Parameters) -> Float[Tensor, "rollouts stiffness stride"]:
-        """`Elements.stiffness` of them.
+        """`Elements.stiffness` of them, and `Elements.drag` with that term.
 
         Args:
             parameters: complete, with an axis of rollouts, on the device.
         """
         with torch.no_grad():
-            return self._elements.stiffness(parameters)[..., self._filled].to(self._dtype)
+            return self._numbers(parameters)[..., self._filled].to(self._dtype)
+
+    def _numbers(self, parameters: Parameters) -> Float[Tensor, "rollouts stiffness elements"]:
+        stiffness = self._elements.stiffness(parameters)
+        if parameters.surface_drag is None:
+            return stiffness
+        return torch.cat([stiffness, self._elements.drag(parameters.surface_drag).to(stiffness)], -2)
 
     def gradients(self, parameters: Parameters, bars: Float[Tensor, "rollouts stiffness stride"]) -> dict[str, Tensor]:
         """Adjoints of the parameters by name, from those of the stiffness.
@@ -91,7 +99,7 @@ class ElementArrays:
         values = {f.name: getattr(parameters, f.name) for f in fields(Parameters)}
         asked = {n: values[n].detach().double().requires_grad_() for n in BY_ELEMENTS if values[n] is not None}
         with torch.enable_grad():
-            stiffness = self._elements.stiffness(Parameters(**values | asked))
+            stiffness = self._numbers(Parameters(**values | asked))
         found = torch.autograd.grad(stiffness, [*asked.values()], bars[..., : self.count].double(), allow_unused=True)
         return {
             name: torch.zeros_like(value) if bar is None else bar.to(self._dtype)

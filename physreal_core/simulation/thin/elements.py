@@ -17,6 +17,7 @@ class Elements(Protocol):
         framed: whether segments have directors (`State.director`).
         terms: optional terms that only some bodies have and these do.
         stiffness_rows: how many numbers of stiffness an element has, and of viscosity.
+        drag_rows: how many coefficients of `surface_drag` it has.
         half_height: of the body over its middle [m], as it touches the ground.
         surface: with which it touches itself.
     """
@@ -25,6 +26,7 @@ class Elements(Protocol):
     framed: bool
     terms: tuple[str, ...]
     stiffness_rows: int
+    drag_rows: int
 
     @property
     def corners(self) -> Int[Array, "elements corners"]: ...
@@ -41,6 +43,13 @@ class Elements(Protocol):
     def stiffness(self, parameters: Parameters) -> Float[Tensor, "*rollouts stiffness elements"]:
         """Numbers that the forces follow from beside the shape, from complete parameters of the vertices; differentiable. With viscosity, as
         many of that follow."""
+
+    @property
+    def drag_area(self) -> Float[Array, " vertices"]:
+        """Of each vertex, the largest that it turns to the surroundings [m2]."""
+
+    def drag(self, coefficient: Float[Tensor, "*rollouts vertices"]) -> Float[Tensor, "*rollouts rows elements"]:
+        """Coefficients as `surface_drag.h` has them, from those of the vertices [kg/m3]; differentiable."""
 
     def fastest(self, parameters: Parameters, mass: Float[Tensor, "*rollouts vertices"]) -> tuple[float, float]:
         """Upper bounds at rest of the square of the fastest vibration's frequency w [1/s2] and of the decay g by viscosity [1/s], such that a

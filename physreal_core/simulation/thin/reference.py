@@ -1,4 +1,5 @@
-"""The energies of thin bodies in plain torch, for tests and notebooks; the step has them in C++ (`shell.h`, `rod.h`)."""
+"""Energies, dissipation and drag of thin bodies in plain torch, for tests and notebooks; the step has them in C++ (`shell.h`, `rod.h`,
+`surface_drag.h`)."""
 
 import torch
 
@@ -133,3 +134,51 @@ def rod_strains(
     led = cosine * a1 + torch.linalg.cross(axis, a1) + axis * (axis * a1).sum(-1, keepdim=True) / (1.0 + cosine)
     twist = torch.atan2((torch.linalg.cross(led, b1) * tb).sum(-1), (led * b1).sum(-1))
     return torch.cat([stretches, curvatures, twist[None]])
+
+
+def shell_drag(
+    shell: Shell,
+    x: Float[Tensor, "vertices 3"],
+    v: Float[Tensor, "vertices 3"],
+    coefficient: Float[Tensor, " vertices"],
+) -> Float[Tensor, "vertices 3"]:
+    """Drag [N] of the surroundings on the vertices of a shell: of a triangle with area A and unit normal n, whose corners have the mean
+    velocity v, -c A |v . n| (v . n) n, a third at each corner.
+
+    Args:
+        shell: the triangles.
+        x, v: places [m] and velocities [m/s] of the vertices.
+        coefficient: c = rho C_d / 2 of the vertices [kg/m3]; of a triangle the mean of its corners'. C_d is about 1.2 for a square plate
+            across the stream (Hoerner, Fluid-Dynamic Drag, 1965).
+    """
+    triangles = torch.as_tensor(shell.triangles)
+    a, b, c = x[triangles].unbind(1)
+    twice = torch.linalg.cross(b - a, c - a)
+    area, normal = twice.norm(dim=1) / 2.0, twice / twice.norm(dim=1, keepdim=True)
+    speed = (v[triangles].mean(1) * normal).sum(1)
+    force = -(coefficient[triangles].mean(1) * area * speed.abs() * speed)[:, None] * normal
+    return torch.zeros_like(x).index_add(0, triangles.ravel(), force.repeat_interleave(3, 0) / 3.0)
+
+
+def rod_drag(
+    rod: Rod,
+    x: Float[Tensor, "vertices 3"],
+    v: Float[Tensor, "vertices 3"],
+    coefficient: Float[Tensor, " vertices"],
+) -> Float[Tensor, "vertices 3"]:
+    """Drag [N] of the surroundings on the vertices of a rod: of a segment of length l, whose ends have the mean velocity v with the part p across
+    it, -c 2 r l |p| p, half at each end.
+
+    Args:
+        rod: the segments.
+        x, v: places [m] and velocities [m/s] of the vertices.
+        coefficient: c = rho C_d / 2 of the vertices [kg/m3]; of a segment the mean of its ends'. C_d is about 1.1 for a cylinder across the
+            stream (Hoerner 1965).
+    """
+    segments = torch.as_tensor(rod.segments)
+    way = x[segments[:, 1]] - x[segments[:, 0]]
+    tangent, mean = way / way.norm(dim=1, keepdim=True), v[segments].mean(1)
+    across = mean - (mean * tangent).sum(1, keepdim=True) * tangent
+    area = 2.0 * rod.radius * torch.as_tensor(rod.rest_lengths).to(x)
+    force = -(coefficient[segments].mean(1) * area * across.norm(dim=1))[:, None] * across
+    return torch.zeros_like(x).index_add(0, segments.ravel(), force.repeat_interleave(2, 0) / 2.0)

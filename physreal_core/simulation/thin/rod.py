@@ -38,6 +38,8 @@ FRAMED_TERMS = ("twisting", "rest_curvature", "retardation", "initial_director")
 class Rod(Segments):
     """The segments of a body of vertices, with the stiffness of a round section; see `Segments` for the arguments."""
 
+    drag_rows = 2
+
     @property
     def element(self) -> str:
         """See `Elements`."""
@@ -46,7 +48,7 @@ class Rod(Segments):
     @property
     def terms(self) -> tuple[str, ...]:
         """See `Elements`."""
-        return ("bending", *FRAMED_TERMS) if self.framed else ("bending",)
+        return ("bending", "surface_drag", *(FRAMED_TERMS if self.framed else ()))
 
     @property
     def stiffness_rows(self) -> int:
@@ -89,6 +91,18 @@ class Rod(Segments):
         stretching = of_segments * (np.pi * self.radius**2) * torch.as_tensor(self.shares).to(E)
         bending = E * (np.pi * self.radius**4 / 4.0) * (1.0 if ratio is None else ratio)
         return torch.cat([stretching, bending[..., corners[:, 1:2]]], -1).mT
+
+    @property
+    def drag_area(self) -> Float[Array, " vertices"]:
+        """Half of the segments at each vertex, by the diameter [m2]."""
+        return 2.0 * self.radius * self.vertex_length
+
+    def drag(self, coefficient: Float[Tensor, "*rollouts vertices"]) -> Float[Tensor, "*rollouts 2 bends"]:
+        """The mean of each segment's ends times diameter and length, the part of it that falls to the element [kg/m]."""
+        corners = torch.as_tensor(self.corners, device=coefficient.device)
+        mean = (coefficient[..., corners[:, :2]] + coefficient[..., corners[:, 1:]]) / 2.0
+        area = 2.0 * self.radius * self.rest_lengths[self.bend_segments] * self.shares
+        return (mean * torch.as_tensor(area).to(coefficient)).mT
 
     def fastest(self, parameters: Parameters, mass: Float[Tensor, "*rollouts vertices"]) -> tuple[float, float]:
         """Upper bound of the squared frequency of a straight rod's fastest vibration [1/s2], of many rollouts the largest, and 0; with frames

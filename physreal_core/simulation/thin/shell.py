@@ -43,8 +43,9 @@ class Shell(Triangles):
 
     element = "Shell"
     framed = False
-    terms = ("bending", "fabric", "viscosity")
+    terms = ("bending", "fabric", "viscosity", "surface_drag")
     stiffness_rows = SHELL_STIFFNESS.count
+    drag_rows = 1
 
     # --- as the step sees it ------------------------------------------------------------------------------------
 
@@ -76,6 +77,15 @@ class Shell(Triangles):
     def stiffness(self, parameters: Parameters) -> Float[Tensor, "*rollouts stiffness triangles"]:
         """Rows `SHELL_STIFFNESS`, see `shell_stiffness`."""
         return shell_stiffness(self, parameters)
+
+    @property
+    def drag_area(self) -> Float[Array, " vertices"]:
+        """A third of the triangles around each vertex [m2]."""
+        return self.vertex_area
+
+    def drag(self, coefficient: Float[Tensor, "*rollouts vertices"]) -> Float[Tensor, "*rollouts 1 triangles"]:
+        """The mean over each triangle's corners [kg/m3]."""
+        return coefficient[..., torch.as_tensor(self.triangles, device=coefficient.device)].mean(-1)[..., None, :]
 
     def fastest(self, parameters: Parameters, mass: Float[Tensor, "*rollouts vertices"]) -> tuple[float, float]:
         """Upper bounds of the squared frequency [1/s2] and of the decay [1/s], see `shell_fastest`."""

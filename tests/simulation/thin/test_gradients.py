@@ -7,7 +7,14 @@ import pytest
 import torch
 
 from physreal_core.simulation import Body, Grip, Parameters, SimulationConfig, Simulator
-from physreal_core.simulation.thin.reference import framed_rod_energy, rod_energy, shell_dissipation, shell_energy
+from physreal_core.simulation.thin.reference import (
+    framed_rod_energy,
+    rod_drag,
+    rod_energy,
+    shell_dissipation,
+    shell_drag,
+    shell_energy,
+)
 from physreal_core.simulation.thin.rod import FRAMED_TERMS, Rod
 from tests.simulation.conftest import FUSED
 from tests.simulation.scenes import assert_adjoints_agree, directional_errors, path_derivatives, random_loss
@@ -35,6 +42,7 @@ STEPS = {
     "linear_drag": 1e-8,
     "quadratic_drag": 1e-7,
     "viscosity": 1e-4,
+    "surface_drag": 1e-4,
 }
 
 
@@ -47,7 +55,9 @@ def scattered(count: int, value: float, seed: int, *axes: int) -> torch.Tensor:
 def parameters_of(kind: str, count: int, **others) -> Parameters:
     own = {"youngs_modulus": scattered(count, 2e5, 1), "bending_ratio": scattered(count, 0.5, 3)}
     own["poissons_ratio"] = scattered(count, 0.25, 2)
-    if kind in ("shell", "viscous"):
+    if kind in DRAGGED:
+        own["surface_drag"] = scattered(count, 5.0, 12)
+    if kind in ("shell", "viscous", "dragged"):
         own |= {"weft_ratio": scattered(count, 0.7, 4), "shear_ratio": scattered(count, 0.4, 5)}
     if kind == "viscous":
         own |= {"viscosity": scattered(count, 1000.0, 10, 2)}
@@ -75,24 +85,30 @@ def framed_energy(rod: Rod, x: torch.Tensor, stiffness: torch.Tensor) -> torch.T
 
 BODIES = {
     "shell": (crumpled, shell_energy, ("bending", "fabric")),
-    "viscous": (crumpled, shell_energy, ("bending", "fabric", "viscosity")),
+    "viscous": (crumpled, shell_energy, ("bending", "fabric", "viscosity", "surface_drag")),
+    "dragged": (crumpled, shell_energy, ("bending", "fabric", "surface_drag")),
     "rod": (ropes, rod_energy, ("bending",)),
-    "framed": (framed_ropes, framed_energy, ("bending", *FRAMED_TERMS)),
+    "dragged_rod": (ropes, rod_energy, ("bending", "surface_drag")),
+    "framed": (framed_ropes, framed_energy, ("bending", "surface_drag", *FRAMED_TERMS)),
 }
+DRAGGED = tuple(kind for kind, (_, _, terms) in BODIES.items() if "surface_drag" in terms)
 OF_FRAMES = {"twisting_ratio", "rest_curvature", "retardation_time", "initial_director"}
+OF_SHELLS = {"poissons_ratio", "weft_ratio", "shear_ratio", "viscosity"}
 ABSENT = {
-    "shell": {"viscosity", *OF_FRAMES},
+    "shell": {"viscosity", "surface_drag", *OF_FRAMES},
     "viscous": OF_FRAMES,
-    "rod": {"poissons_ratio", "weft_ratio", "shear_ratio", "viscosity", *OF_FRAMES},
-    "framed": {"weft_ratio", "shear_ratio", "viscosity"},
+    "dragged": {"viscosity", *OF_FRAMES},
+    "rod": {"surface_drag", *OF_SHELLS, *OF_FRAMES},
+    "dragged_rod": {*OF_SHELLS, *OF_FRAMES},
+    "framed": OF_SHELLS - {"poissons_ratio"},
 }
 
 
 @pytest.fixture(params=BODIES)
 def kind(request) -> str:
     fused = "form" in request.fixturenames and request.getfixturevalue("form") == FUSED
-    if fused and request.param in ("framed", "viscous"):
-        pytest.skip("rods with directors and viscous shells have the native form alone")
+    if fused and request.param in ("framed", *DRAGGED):
+        pytest.skip("directors, viscosity and drag by area have the native form alone")
     return request.param
 
 
@@ -113,7 +129,7 @@ def test_forces_are_the_slope_of_the_energy(kind, count, form):
 def test_spins_follow_the_slope_of_the_energy_by_a_turn_of_directors():
     body = framed_ropes()
     rod, count = body.elements, len(body.x0)
-    terms = ("bending", *FRAMED_TERMS)
+    terms = BODIES["framed"][2]
     config = SimulationConfig(fps=1e6, dtype="float64", ground_height=None, gravity=(0.0, 0.0, 0.0), terms=terms)
     parameters = parameters_of("framed", count)
     player = Simulator(body, config).play(parameters, torch.zeros(0, 3))
@@ -133,7 +149,7 @@ def test_viscous_forces_are_the_slope_of_the_dissipation():
     terms = BODIES["viscous"][2]
     config = SimulationConfig(fps=1e6, dtype="float64", ground_height=None, gravity=(0.0, 0.0, 0.0), terms=terms)
     v = torch.randn(body.x0.shape, generator=torch.Generator().manual_seed(3), dtype=torch.float64).requires_grad_()
-    still = parameters_of("viscous", len(body.x0))
+    still = dataclasses.replace(parameters_of("viscous", len(body.x0)), surface_drag=None)
     moving = dataclasses.replace(still, initial_velocity=v.detach())
     simulator = Simulator(body, config)
     elastic, whole = (simulator.rollout(p, torch.zeros(2, 0, 3)).v[1] for p in (still, moving))
@@ -141,6 +157,23 @@ def test_viscous_forces_are_the_slope_of_the_dissipation():
     shell_dissipation(body.elements, torch.tensor(body.x0), v, stiffness).backward()
     force = (whole - v.detach() - elastic) * config.fps * torch.tensor(body.mass)[:, None]
     assert torch.allclose(force, -v.grad, rtol=0, atol=1e-9 * float(v.grad.abs().max()))
+
+
+@pytest.mark.parametrize(("kind", "drag"), [("dragged", shell_drag), ("dragged_rod", rod_drag), ("framed", rod_drag)])
+def test_drag_is_that_of_the_formula(kind, drag):
+    make, _, terms = BODIES[kind]
+    body = make()
+    config = SimulationConfig(fps=1e6, dtype="float64", ground_height=None, gravity=(0.0, 0.0, 0.0), terms=terms)
+    x = torch.tensor(body.x0)
+    v = torch.randn(x.shape, generator=torch.Generator().manual_seed(3), dtype=torch.float64)
+    moving = parameters_of(kind, len(x), initial_velocity=v)
+    without = dataclasses.replace(moving, surface_drag=torch.zeros(len(x), dtype=torch.float64))
+    if kind == "framed":  # what lags behind its moment does so by the velocity as well
+        moving, without = (dataclasses.replace(p, retardation_time=torch.zeros(len(x), 2)) for p in (moving, without))
+    dragged, free = (Simulator(body, config).rollout(p, torch.zeros(2, 0, 3)).v[1] for p in (moving, without))
+    force = (dragged - free) * config.fps * torch.tensor(body.mass)[:, None]
+    expected = drag(body.elements, x, v, moving.surface_drag)
+    assert torch.allclose(force, expected, rtol=0, atol=1e-8 * float(expected.abs().max()))
 
 
 def scene(kind: str, speed: tuple, friction: float):

@@ -1,7 +1,7 @@
 """Pose and fabric of a real cloth from the frames that are observed, by a robust Chamfer distance and the simulator's gradients."""
 
 from collections.abc import Callable
-from dataclasses import dataclass, fields
+from dataclasses import dataclass, fields, replace
 
 import numpy as np
 import torch
@@ -22,6 +22,8 @@ STARTS = (
     Fabric(200.0, 30.0, 3e-4, 0.4, 6.0, 0.001),
 )
 """From the best of which the descent begins."""
+OF_AIR = (0.3, 0.7, 3.0)
+"""Least, usual and largest drag of air by area [kg/m3]: rho C_d / 2 with C_d = 1.2 is 0.7."""
 SATURATED = 0.015
 """Distance [m] at which a point's share in the objective is half of what it can be at most."""
 RISEN = 0.05
@@ -147,6 +149,7 @@ def fit(scene: Scene, tell: Callable[[str], None] = lambda _: None, iterations: 
     objective = Objective(scene)
     tried = []
     for fabric in STARTS:
+        fabric = fabric if scene.drag == "linear_drag" else replace(fabric, drag=OF_AIR[1])
         tried.append(with_pose(scene, objective, fabric))
         tell(f"{fabric}: {tried[-1].objective:.4f}")
     best = min(tried, key=lambda found: found.objective)
@@ -156,7 +159,10 @@ def fit(scene: Scene, tell: Callable[[str], None] = lambda _: None, iterations: 
 def descend(scene: Scene, objective: Objective, begun: Fitted, tell: Callable[[str], None], iterations: int) -> Fitted:
     """Adam by the logarithms of the fabric's numbers and by the pose, within bounds; the best that it comes by."""
     names = [field.name for field in fields(Fabric)]
-    low, high = (torch.tensor([np.log(getattr(f, name)) for name in names]) for f in (LOWEST, LARGEST))
+    bounds = LOWEST, LARGEST
+    if scene.drag == "surface_drag":
+        bounds = replace(LOWEST, drag=OF_AIR[0]), replace(LARGEST, drag=OF_AIR[2])
+    low, high = (torch.tensor([np.log(getattr(f, name)) for name in names]) for f in bounds)
     logs = torch.tensor([np.log(getattr(begun.fabric, name)) for name in names]).requires_grad_()
     pose, start, best = begun.pose.clone().requires_grad_(), start_of_pose(scene.recording), begun
     descent = torch.optim.Adam([{"params": [logs], "lr": 0.25}, {"params": [pose], "lr": 0.002}], betas=(0.8, 0.95))

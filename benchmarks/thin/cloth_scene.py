@@ -31,7 +31,7 @@ class Fabric:
         shear: the membrane's [N/m].
         bending: [N m].
         friction: of the table.
-        drag: by the air, rate [1/s].
+        drag: by mass, rate [1/s]; or by area and normal, rho C_d / 2 [kg/m3].
         damping: time by which the bending's viscosity is late [s].
     """
 
@@ -50,10 +50,11 @@ class Scene:
         recording: of the cloth.
         away: 1 where the cloth lies along +y from its held corner, -1 along -y.
         cells: along each side.
+        drag: `linear_drag` by mass, or `surface_drag` by area and normal.
     """
 
-    def __init__(self, recording: Recording, away: float, cells: int = CELLS) -> None:
-        self.recording = recording
+    def __init__(self, recording: Recording, away: float, cells: int = CELLS, drag: str = "linear_drag") -> None:
+        self.recording, self.drag = recording, drag
         flat, triangles = rectangle((cells, cells), (SIDE, SIDE))
         across, along = flat[:, 0] - flat[:, 1], flat[:, 0] + flat[:, 1]  # of the diagonals
         vertices = np.stack([across, away * along, 0.0 * along], 1) / np.sqrt(2.0)
@@ -68,8 +69,10 @@ class Scene:
         grip = Grip(held, np.arange(2), np.full(2, 0.5), np.full(2, POINT_HEIGHT))
         self._held = torch.tensor(points, dtype=torch.float32)
         self._path = torch.tensor(recording.path[:, None], dtype=torch.float32)
-        config = SimulationConfig(fps=recording.fps, terms=("bending", "fabric", "drag", "viscosity"))
+        config = SimulationConfig(fps=recording.fps, terms=("bending", "fabric", "drag", "surface_drag", "viscosity"))
         self.simulator = Simulator(self.body, config, grip)
+        by_mass = drag == "linear_drag"
+        self._dragged = torch.tensor(self.body.mass if by_mass else np.ones(len(vertices)), dtype=torch.float32)
 
     def parameters(self, fabric: Fabric) -> Parameters:
         """Of the simulator. Without Poisson's ratio, E t is the stretching and E t^3 / 12 the bending times its ratio."""
@@ -80,7 +83,7 @@ class Scene:
         return Parameters(
             E, torch.zeros(()), number(fabric.friction), torch.tensor(10.0), torch.tensor(0.05),
             bending_ratio=bending, shear_ratio=2.0 * number(fabric.shear) / number(fabric.stretching),
-            linear_drag=number(fabric.drag) * torch.tensor(self.body.mass, dtype=torch.float32), viscosity=viscosity,
+            viscosity=viscosity, **{self.drag: number(fabric.drag) * self._dragged},
         )  # fmt: skip
 
     def motion(

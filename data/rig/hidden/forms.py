@@ -37,5 +37,5 @@ OTHER_FORMS: dict[str, Callable[[Hidden], Hidden]] = {
 }
 """Gravity, the ground plane, the wall and the frame rate are not in it: another form of them would be another effect."""
 
-VOLUMES_ALONE = ("kelvin_voigt",)
+VOLUMES_ALONE = ("kelvin_voigt", "fibres")
 """Effects of thin bodies whose law of another form is one of tetrahedra."""

@@ -9,7 +9,8 @@ from data.rig.hidden.effect import Act, Hidden
 from data.rig.hidden.elements import PLASTIC, Elements, EnergyForces, deviator
 from data.rig.rig_scene import RigScene
 from data.rig.shapes import Block
-from data.rig.thin_body import ThinBody, scale_stiffness
+from data.rig.thin import Cloth
+from data.rig.thin_body import ThinBody, scale_stiffness, stiffen_along
 from data.rig.world import World
 from physreal_core.array_types import Array, Float
 
@@ -88,7 +89,10 @@ class StrainStiffening(Hidden):
 
 @dataclass(frozen=True)
 class Fibres(Hidden):
-    """Straight fibres at `azimuth` and `elevation` [rad], energy k/2 (a . E a)^2 of Green's strain E, k = `ratio` of Young's."""
+    """Straight fibres at `azimuth` and `elevation` [rad], energy k/2 (a . E a)^2 of Green's strain E, k = `ratio` of Young's.
+
+    A cloth's go through its thickness and bend with it (`stiffen_along`).
+    """
 
     ratio: float
     azimuth: float
@@ -100,6 +104,9 @@ class Fibres(Hidden):
     def prepare(self, world: World) -> Act:
         flat = np.cos(self.elevation)
         a, b, c = flat * np.cos(self.azimuth), flat * np.sin(self.azimuth), np.sin(self.elevation)
+        if isinstance(world.scene.body, Cloth):
+            stiffen_along(world.model, world.mesh, world.scene.body, np.array([a, b]), self.ratio)
+            return super().prepare(world)
         elements, along = Elements(world), np.array([a * a, b * b, c * c, b * c, a * c, a * b])  # shears are doubled
         modulus = self.ratio * world.scene.material.youngs_modulus
         count = len(elements.edges)

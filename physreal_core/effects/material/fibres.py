@@ -43,8 +43,8 @@ class Fibres(Effect):
 
     def starts(self, setting: Setting, motion: States | None = None) -> tuple[dict[str, float], ...]:
         """Along each of the body's principal axes and half way between any two, for what bends sideways or twists is no sum
-        of what stretches along axes."""
-        along = axes(setting.body)
+        of what stretches along axes. A sheet has none across it."""
+        along = axes(setting.body)[: 3 if setting.body.elements is None else 2]
         between = [(a + sign * b) / np.sqrt(2.0) for a, b in combinations(along, 2) for sign in (1.0, -1.0)]
         return tuple(_angles(axis) for axis in (*along, *between))
 

@@ -19,6 +19,8 @@ BY_ELEMENTS = (
     "rest_curvature",
     "retardation_time",
     "viscosity",
+    "fibre_modulus",
+    "fibre_direction",
     "surface_drag",
 )
 """Parameters that act through the elements' stiffness."""

@@ -16,9 +16,9 @@ def shell_energy(
     Args:
         shell: the triangles.
         x: where the vertices are.
-        stiffness: as of `stiffness.shell_stiffness`; its first ten rows count.
+        stiffness: as of `stiffness.shell_stiffness`; its first twelve rows count.
     """
-    return _half_square(shell, shell_strains(shell, x), stiffness[:10])
+    return _half_square(shell, shell_strains(shell, x), stiffness[:12])
 
 
 def shell_dissipation(
@@ -32,10 +32,10 @@ def shell_dissipation(
     Args:
         shell: the triangles.
         x, v: places [m] and velocities [m/s] of the vertices.
-        stiffness: as of `stiffness.shell_stiffness` with viscosity; its last ten rows count.
+        stiffness: as of `stiffness.shell_stiffness` with viscosity; its last twelve rows count.
     """
     rates = torch.func.jvp(lambda x: shell_strains(shell, x), (x,), (v,))[1]
-    return _half_square(shell, rates, stiffness[10:])
+    return _half_square(shell, rates, stiffness[12:])
 
 
 def shell_strains(shell: Shell, x: Float[Tensor, "vertices 3"]) -> Float[Tensor, "6 triangles"]:
@@ -52,12 +52,12 @@ def shell_strains(shell: Shell, x: Float[Tensor, "vertices 3"]) -> Float[Tensor,
 
 def _half_square(shell: Shell, strains: Tensor, stiffness: Tensor) -> Float[Tensor, ""]:
     e0, e1, e2 = strains[:3]
-    C11, C22, C12, C33 = stiffness[:4]
-    membrane = 0.5 * (C11 * e0**2 + C22 * e1**2 + C33 * e2**2) + C12 * e0 * e1
+    C11, C22, C12, C33, C13, C23 = stiffness[:6]
+    membrane = 0.5 * (C11 * e0**2 + C22 * e1**2 + C33 * e2**2) + C12 * e0 * e1 + (C13 * e0 + C23 * e1) * e2
     bent = strains[3:]
-    bending = 0.5 * (stiffness[4:7] * bent**2).sum()
+    bending = 0.5 * (stiffness[6:9] * bent**2).sum()
     for e in range(3):
-        bending = bending + (stiffness[7 + e] * bent[(e + 1) % 3] * bent[(e + 2) % 3]).sum()
+        bending = bending + (stiffness[9 + e] * bent[(e + 1) % 3] * bent[(e + 2) % 3]).sum()
     return (torch.as_tensor(shell.area).to(strains) * membrane).sum() + bending
 
 

@@ -4,7 +4,7 @@ from physreal_core.simulation.layout import Rows
 
 SHELL = Rows("shell", (("inverse", 4), ("area", 1), ("width", 3), ("rest_angle", 3), ("neighbour", 3)))
 """The shape of a triangle without stress: `Shell.inverse`, area, and of each edge width, angle, and one where it has a neighbour."""
-SHELL_STIFFNESS = Rows("shell_stiffness", (("membrane", 4), ("bending", 6)))
+SHELL_STIFFNESS = Rows("shell_stiffness", (("membrane", 6), ("bending", 6)))
 """As `stiffness.shell_stiffness`."""
 
 ROD = Rows("rod", (("rest_length", 2), ("per_length", 1)))

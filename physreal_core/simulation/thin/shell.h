@@ -55,9 +55,12 @@ public:
     void stress(const V (&stiffness)[STIFFNESS], const U (&e)[STRAINS], U (&s)[STRAINS]) const {
         const auto k = [&](int row) { return lifted<U>(stiffness[row]); };
         const U area = lifted<U>(area_);
-        s[0] = area * (k(shell_stiffness::membrane) * e[0] + k(shell_stiffness::membrane + 2) * e[1]);
-        s[1] = area * (k(shell_stiffness::membrane + 2) * e[0] + k(shell_stiffness::membrane + 1) * e[1]);
-        s[2] = area * k(shell_stiffness::membrane + 3) * e[2];
+        const U C11 = k(shell_stiffness::membrane), C22 = k(shell_stiffness::membrane + 1);
+        const U C12 = k(shell_stiffness::membrane + 2), C33 = k(shell_stiffness::membrane + 3);
+        const U C13 = k(shell_stiffness::membrane + 4), C23 = k(shell_stiffness::membrane + 5);
+        s[0] = area * (C11 * e[0] + C12 * e[1] + C13 * e[2]);
+        s[1] = area * (C12 * e[0] + C22 * e[1] + C23 * e[2]);
+        s[2] = area * (C13 * e[0] + C23 * e[1] + C33 * e[2]);
         for (int i = 0; i < 3; ++i) {
             s[3 + i] = k(shell_stiffness::bending + i) * e[3 + i];
             for (int o = 1; o < 3; ++o) {  // row 3 + i couples the two edges beside edge i
@@ -72,6 +75,8 @@ public:
         bar[shell_stiffness::membrane + 1] -= area_ * e[1] * e_bar[1];
         bar[shell_stiffness::membrane + 2] -= area_ * (e[0] * e_bar[1] + e[1] * e_bar[0]);
         bar[shell_stiffness::membrane + 3] -= area_ * e[2] * e_bar[2];
+        bar[shell_stiffness::membrane + 4] -= area_ * (e[0] * e_bar[2] + e[2] * e_bar[0]);
+        bar[shell_stiffness::membrane + 5] -= area_ * (e[1] * e_bar[2] + e[2] * e_bar[1]);
         for (int i = 0; i < 3; ++i) {
             const int a = 3 + (i + 1) % 3, b = 3 + (i + 2) % 3;
             bar[shell_stiffness::bending + i] -= e[3 + i] * e_bar[3 + i];

@@ -43,7 +43,7 @@ class Shell(Triangles):
 
     element = "Shell"
     framed = False
-    terms = ("bending", "fabric", "viscosity", "surface_drag")
+    terms = ("bending", "fabric", "fibres", "viscosity", "surface_drag")
     stiffness_rows = SHELL_STIFFNESS.count
     drag_rows = 1
 
@@ -110,7 +110,7 @@ class Shell(Triangles):
     def _weighed_directions(self) -> Float[Array, "3 triangles axes"]:
         """What the ways along two edges and the normal are multiplied by in the deformation gradient, times the area."""
         normal = self._normal / np.linalg.norm(self._normal, axis=1, keepdims=True)
-        return self.area[:, None] * np.stack([*np.moveaxis(self.inverse @ self._axes, 1, 0), normal])
+        return self.area[:, None] * np.stack([*np.moveaxis(self.inverse @ self.axes, 1, 0), normal])
 
     @cached_property
     def _incidence(self) -> Incidence:

@@ -7,6 +7,12 @@ With t the thickness, E and nu of a vertex averaged over the triangle's corners,
 and the plate `bending` t^2 / 12 times that: with all ratios one a homogeneous isotropic sheet. A fabric's threads slip over each other, so its
 shear and its bending are far softer than that.
 
+Fibres along a with the modulus k have the energy t k / 8 (|F a|^2 - 1)^2 of an area, as in a volume. With a = c warp + s weft they add
+
+    t k (c^4, s^4, c^2 s^2, c^2 s^2, c^3 s, c s^3)   to   C11, C22, C12, C33, C13, C23 ,
+
+the last two of which couple stretch and shear and are zero without them; they go through the whole thickness and bend with it.
+
 A membrane stiffer than `Triangles.largest_stiffness` counts as that stiff: C11, C22 and C12 are scaled down to it, and C33 by itself to half of it. The
 plate is that of the given E.
 
@@ -34,9 +40,9 @@ tens of times shorter."""
 
 
 def shell_stiffness(shell: Triangles, parameters: Parameters) -> Float[Tensor, "*rollouts stiffness triangles"]:
-    """Rows as `shell_stiffness` of the layout: C11, C22, C12, C33 [N/m], then the bending energy's second derivatives by the curvatures k_e of
-    the three edges (shell.py) and by those of edges 1 and 2, 2 and 0, 0 and 1 [N m3]. With viscosity the same ten of it follow,
-    [N s/m] and [N s m3].
+    """Rows as `shell_stiffness` of the layout: C11, C22, C12, C33, C13, C23 [N/m], then the bending energy's second derivatives by the
+    curvatures k_e of the three edges (shell.py) and by those of edges 1 and 2, 2 and 0, 0 and 1 [N m3]. With viscosity the same twelve
+    of it follow, [N s/m] and [N s m3].
 
     Args:
         shell: the triangles.
@@ -74,23 +80,33 @@ def shell_fastest(
         return float(squared), float(_largest_square(shell, rows[..., ROWS:, :], mass))
 
 
-def _largest_square(shell: Triangles, rows: Float[Tensor, "*rollouts 10 triangles"], mass: Tensor) -> Float[Tensor, ""]:
+def _largest_square(shell: Triangles, rows: Float[Tensor, "*rollouts 12 triangles"], mass: Tensor) -> Float[Tensor, ""]:
     """Upper bound of the squared frequencies with these rows [1/s2]."""
-    C11, C22, C12, C33 = rows[..., :4, :].unbind(-2)
-    zero = torch.zeros_like(C12)
-    membrane = torch.stack([C11, C22, C33, zero, zero, C12], -2)
+    C11, C22, C12, C33, C13, C23 = rows[..., :6, :].unbind(-2)
+    membrane = torch.stack([C11, C22, C33, C23, C13, C12], -2)
     squared = _largest(membrane, shell.membrane_flexibility(mass.to(rows)))
-    return squared + _largest(rows[..., 4:, :], shell.bending_flexibility(mass.to(rows)))
+    return squared + _largest(rows[..., 6:, :], shell.bending_flexibility(mass.to(rows)))
 
 
-def _plane_stress(shell: Triangles, parameters: Parameters) -> Float[Tensor, "*rollouts 4 triangles"]:
-    """C11, C22, C12, C33."""
+def _plane_stress(shell: Triangles, parameters: Parameters) -> Float[Tensor, "*rollouts 6 triangles"]:
+    """C11, C22, C12, C33, C13, C23."""
     E, nu = (_of_triangles(shell, p) for p in (parameters.youngs_modulus, parameters.poissons_ratio))
     weft, shear = (_of_triangles(shell, p) for p in (parameters.weft_ratio, parameters.shear_ratio))
     root = torch.ones_like(E) if weft is None else weft.sqrt()
     first = E * shell.thickness / (1.0 - nu**2)
     third = (1.0 if shear is None else shear) * root * E * shell.thickness / (2.0 * (1.0 + nu))
-    return torch.stack([first, root**2 * first, nu * root * first, third], -2)
+    zero = torch.zeros_like(third)
+    C = torch.stack([first, root**2 * first, nu * root * first, third, zero, zero], -2)
+    return C if parameters.fibre_modulus is None else C + _of_fibres(shell, parameters)
+
+
+def _of_fibres(shell: Triangles, parameters: Parameters) -> Float[Tensor, "*rollouts 6 triangles"]:
+    """What fibres add; their direction is that of the corners' mean, of which the part in the triangle's plane counts."""
+    axes = torch.as_tensor(shell.axes, device=parameters.fibre_direction.device).to(parameters.fibre_direction)
+    of_corners = parameters.fibre_direction[..., torch.as_tensor(shell.triangles, device=axes.device), :]
+    c, s = (axes @ of_corners.mean(-2)[..., None])[..., 0].unbind(-1)
+    forms = torch.stack([c**4, s**4, c**2 * s**2, c**2 * s**2, c**3 * s, c * s**3], -2)
+    return shell.thickness * _of_triangles(shell, parameters.fibre_modulus)[..., None, :] * forms
 
 
 def _of_triangles(shell: Triangles, values: Tensor | None) -> Tensor | None:
@@ -98,34 +114,37 @@ def _of_triangles(shell: Triangles, values: Tensor | None) -> Tensor | None:
     return None if values is None else values[..., torch.as_tensor(shell.triangles, device=values.device)].mean(-1)
 
 
-def _limited(shell: Triangles, C: Float[Tensor, "*rollouts 4 triangles"]) -> Float[Tensor, "*rollouts 4 triangles"]:
-    """C, scaled down where it is stiffer along warp or weft than the membrane may be; shear by itself, to half of that."""
+def _limited(shell: Triangles, C: Float[Tensor, "*rollouts 6 triangles"]) -> Float[Tensor, "*rollouts 6 triangles"]:
+    """C, scaled down where it is stiffer along warp or weft than the membrane may be; shear by itself, to half of that, and what couples
+    both by the root of either."""
     if shell.largest_stiffness is None:
         return C
     stretch = (shell.largest_stiffness / torch.maximum(C[..., 0, :], C[..., 1, :])).clamp(max=1.0)
     shear = (shell.largest_stiffness / 2.0 / C[..., 3, :]).clamp(max=1.0)
-    return C * torch.stack([stretch, stretch, stretch, shear], -2)
+    coupling = (stretch * shear).sqrt()
+    return C * torch.stack([stretch, stretch, stretch, shear, coupling, coupling], -2)
 
 
-def _viscous_plane_stress(shell: Triangles, parameters: Parameters) -> Float[Tensor, "*rollouts 4 triangles"]:
+def _viscous_plane_stress(shell: Triangles, parameters: Parameters) -> Float[Tensor, "*rollouts 6 triangles"]:
     shear, volume = (_of_triangles(shell, value) for value in parameters.viscosity.unbind(-1))
     sum_ = 2.0 * shear + volume
     across = torch.where(sum_ != 0.0, 2.0 * shear * volume / torch.where(sum_ != 0.0, sum_, 1.0), 0.0)
     along = 2.0 * shear + across
-    return shell.thickness * torch.stack([along, along, across, shear], -2)
+    zero = torch.zeros_like(shear)
+    return shell.thickness * torch.stack([along, along, across, shear, zero, zero], -2)
 
 
 def _borne(shell: Triangles, C: Tensor, R: Tensor) -> Float[Tensor, "*rollouts triangles"]:
     """Share of the membrane's viscosity that acts, see `MEMBRANE_DECAY`."""
     if shell.density is None:
         return torch.ones_like(R[..., 0, :])
-    largest = lambda rows: torch.maximum(rows[..., 0, :], rows[..., 1, :]) + rows[..., 2, :]
+    largest = lambda rows: torch.maximum(rows[..., 0, :], rows[..., 1, :]) + rows[..., 2, :]  # of stretching
     flexibility = torch.as_tensor(shell.flexibility_alone / (shell.density * shell.thickness)).to(C)
     allowed, decay = MEMBRANE_DECAY * (flexibility * largest(C)).sqrt(), flexibility * largest(R)
     return torch.where(decay > allowed, allowed / torch.where(decay > allowed, decay, 1.0), 1.0)
 
 
-def _outer_curvature(shell: Triangles, C: Float[Tensor, "*rollouts 4 triangles"]) -> Float[Tensor, "*rollouts n 3 3"]:
+def _outer_curvature(shell: Triangles, C: Float[Tensor, "*rollouts 6 triangles"]) -> Float[Tensor, "*rollouts n 3 3"]:
     """Of the n triangles with free edges the curvature (11, 22, twice 12) by the k_e, such that no moment acts across free edges."""
     outer = np.flatnonzero(shell.free_edges.any(1))
     free, directions = (torch.as_tensor(a[outer], device=C.device) for a in (shell.free_edges, shell.curvatures))
@@ -138,22 +157,21 @@ def _outer_curvature(shell: Triangles, C: Float[Tensor, "*rollouts 4 triangles"]
     return directions.mT @ (inside - torch.linalg.solve(among, towards))
 
 
-def _plates(rows: Float[Tensor, "*rollouts 4 n"]) -> Float[Tensor, "*rollouts n 3 3"]:
-    """C11, C22, C12, C33 as matrices."""
-    C11, C22, C12, C33 = rows.unbind(-2)
-    zero = torch.zeros_like(C11)
-    return torch.stack([torch.stack(r, -1) for r in ([C11, C12, zero], [C12, C22, zero], [zero, zero, C33])], -2)
+def _plates(rows: Float[Tensor, "*rollouts 6 n"]) -> Float[Tensor, "*rollouts n 3 3"]:
+    """C11, C22, C12, C33, C13, C23 as matrices."""
+    C11, C22, C12, C33, C13, C23 = rows.unbind(-2)
+    return torch.stack([torch.stack(r, -1) for r in ([C11, C12, C13], [C12, C22, C23], [C13, C23, C33])], -2)
 
 
 def _bending(
-    shell: Triangles, curvature: Float[Tensor, "*rollouts n 3 3"], plate: Float[Tensor, "*rollouts 4 triangles"]
+    shell: Triangles, curvature: Float[Tensor, "*rollouts n 3 3"], plate: Float[Tensor, "*rollouts 6 triangles"]
 ) -> Float[Tensor, "*rollouts 6 triangles"]:
     """Second derivatives of the bending energy by k_e.
 
     Args:
         shell: the triangles.
         curvature: of those with free edges, see `_outer_curvature`.
-        plate: C11, C22, C12, C33 of the plate [N m].
+        plate: C11, C22, C12, C33, C13, C23 of the plate [N m].
     """
     G = (torch.as_tensor(shell.plate_forms).to(plate) * plate[..., None, :, :]).sum(-2)
     numbers = np.flatnonzero(shell.free_edges.any(1))

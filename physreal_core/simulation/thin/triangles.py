@@ -128,7 +128,7 @@ class Triangles:
         return self.corners[:, 3:] == self.triangles
 
     @cached_property
-    def _axes(self) -> Float[Array, "triangles 2 3"]:
+    def axes(self) -> Float[Array, "triangles 2 3"]:
         """Warp and weft in each triangle's plane, unit vectors."""
         normal = self._normal / np.linalg.norm(self._normal, axis=1, keepdims=True)
         laid = np.asarray(self.warp, dtype=np.float64) - normal * (normal @ np.asarray(self.warp))[:, None]
@@ -141,7 +141,7 @@ class Triangles:
     def inverse(self) -> Float[Array, "triangles 2 2"]:
         """D with [x1 - x0, x2 - x0] D the deformation gradient by warp and weft [1/m]."""
         flat = np.stack([self._edges[:, 2], -self._edges[:, 1]], axis=-1)  # x1 - x0, x2 - x0
-        return np.linalg.inv(self._axes @ flat)
+        return np.linalg.inv(self.axes @ flat)
 
     @cached_property
     def gradients(self) -> Float[Array, "triangles 3 2"]:
@@ -221,11 +221,18 @@ class Triangles:
         return slopes
 
     @cached_property
-    def plate_forms(self) -> Float[Array, "6 4 triangles"]:
-        """Of the six second derivatives of the bending energy by k_e (`symmetric.PAIRS`) by C11, C22, C12, C33 of the plate."""
+    def plate_forms(self) -> Float[Array, "6 6 triangles"]:
+        """Of the six second derivatives of the bending energy by k_e (`symmetric.PAIRS`) by C11, C22, C12, C33, C13, C23 of the plate."""
         d = np.moveaxis(self.curvatures, 0, -1)  # [edge, component, triangle]
+        both = lambda e, f, i, j: d[e, i] * d[f, j] + d[e, j] * d[f, i]
         products = [
-            [d[e, 0] * d[f, 0], d[e, 1] * d[f, 1], d[e, 0] * d[f, 1] + d[e, 1] * d[f, 0], d[e, 2] * d[f, 2]]
+            [
+                *(d[e, i] * d[f, i] for i in range(2)),
+                both(e, f, 0, 1),
+                d[e, 2] * d[f, 2],
+                both(e, f, 0, 2),
+                both(e, f, 1, 2),
+            ]
             for e, f in PAIRS
         ]
         return np.array(products) * self.area

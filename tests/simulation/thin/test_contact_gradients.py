@@ -15,7 +15,7 @@ from tests.simulation.thin.test_gradients import ABSENT, STEPS, parameters_of, s
 BODIES = {
     "shell": (stacked_sheets, ("bending", "fabric")),
     "rod": (crossing_ropes, ("bending",)),
-    "framed": (functools.partial(crossing_ropes, frames=True), ("bending", *FRAMED_TERMS)),
+    "framed": (functools.partial(crossing_ropes, frames=True), ("bending", "surface_drag", *FRAMED_TERMS)),
 }
 NO_POINTS = torch.zeros(4, 0, 3, dtype=torch.float64)
 

@@ -43,6 +43,8 @@ STEPS = {
     "quadratic_drag": 1e-7,
     "viscosity": 1e-4,
     "surface_drag": 1e-4,
+    "fibre_modulus": 1e-1,
+    "fibre_direction": 1e-6,
 }
 
 
@@ -57,8 +59,11 @@ def parameters_of(kind: str, count: int, **others) -> Parameters:
     own["poissons_ratio"] = scattered(count, 0.25, 2)
     if kind in DRAGGED:
         own["surface_drag"] = scattered(count, 5.0, 12)
-    if kind in ("shell", "viscous", "dragged"):
+    if kind in ("shell", "viscous", "dragged", "fibrous"):
         own |= {"weft_ratio": scattered(count, 0.7, 4), "shear_ratio": scattered(count, 0.4, 5)}
+    if kind == "fibrous":
+        direction = torch.randn(count, 3, generator=torch.Generator().manual_seed(13), dtype=torch.float64)
+        own |= {"fibre_modulus": scattered(count, 3e5, 14), "fibre_direction": direction}
     if kind == "viscous":
         own |= {"viscosity": scattered(count, 1000.0, 10, 2)}
     elif kind == "framed":
@@ -87,17 +92,20 @@ BODIES = {
     "shell": (crumpled, shell_energy, ("bending", "fabric")),
     "viscous": (crumpled, shell_energy, ("bending", "fabric", "viscosity", "surface_drag")),
     "dragged": (crumpled, shell_energy, ("bending", "fabric", "surface_drag")),
+    "fibrous": (crumpled, shell_energy, ("bending", "fabric", "fibres")),
     "rod": (ropes, rod_energy, ("bending",)),
     "dragged_rod": (ropes, rod_energy, ("bending", "surface_drag")),
     "framed": (framed_ropes, framed_energy, ("bending", "surface_drag", *FRAMED_TERMS)),
 }
 DRAGGED = tuple(kind for kind, (_, _, terms) in BODIES.items() if "surface_drag" in terms)
 OF_FRAMES = {"twisting_ratio", "rest_curvature", "retardation_time", "initial_director"}
-OF_SHELLS = {"poissons_ratio", "weft_ratio", "shear_ratio", "viscosity"}
+OF_FIBRES = {"fibre_modulus", "fibre_direction"}
+OF_SHELLS = {"poissons_ratio", "weft_ratio", "shear_ratio", "viscosity", *OF_FIBRES}
 ABSENT = {
-    "shell": {"viscosity", "surface_drag", *OF_FRAMES},
-    "viscous": OF_FRAMES,
-    "dragged": {"viscosity", *OF_FRAMES},
+    "shell": {"viscosity", "surface_drag", *OF_FIBRES, *OF_FRAMES},
+    "viscous": OF_FIBRES | OF_FRAMES,
+    "dragged": {"viscosity", *OF_FIBRES, *OF_FRAMES},
+    "fibrous": {"viscosity", "surface_drag", *OF_FRAMES},
     "rod": {"surface_drag", *OF_SHELLS, *OF_FRAMES},
     "dragged_rod": {*OF_SHELLS, *OF_FRAMES},
     "framed": OF_SHELLS - {"poissons_ratio"},

@@ -94,7 +94,7 @@ def markdown(part: dict[str, Any]) -> str:
         "were settled by looking at the last eight, too. Numbers of fabric and pose come from the first 17 alone. The square's size is that of the",
         "published simulation, not measured. Drag and shear that end at their bounds (20 1/s, 1 N/m) are no material's numbers: they stand in for",
         "what the scene lacks, creases at the start and layers that touch. It is not the air: drag by area and normal in place of drag by mass, with a",
-        "coefficient that air can have (at most 3 kg/m3), ends at that bound and predicts worse (the last two columns).",
+        "coefficient that air can have (at most 3 kg/m3), ends at that bound in three of four and predicts no better (the last two columns).",
     ]
     return "\n".join(lines) + "\n"
 

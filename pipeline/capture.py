@@ -146,7 +146,11 @@ class Capture(_Checked):
     geometry: Literal["linear", "planar", "volumetric"] = Field(
         "volumetric", description="a rope, a cloth, or a body that is thick everywhere"
     )
-    thickness: float | None = Field(None, gt=0, description="of a cloth, or the diameter of a rope [m]")
+    thickness: float | None = Field(
+        None,
+        gt=0,
+        description="of a cloth, or the diameter of a rope [m]; without, it is that of the mesh or what the picture shows",
+    )
     frame_count: int | None = Field(None, gt=0, description="number of frames")
     split: Split | None = Field(None, description="default: the first 70 % are observed")
     hints: dict[Literal["object", "controller"], Hint] = Field(default_factory=dict)
@@ -166,9 +170,9 @@ class Capture(_Checked):
         return self
 
     @model_validator(mode="after")
-    def _thin_has_a_thickness(self) -> "Capture":
-        if (self.thickness is None) != (self.geometry == "volumetric"):
-            raise ValueError("a linear or planar object has the key thickness, and no other has it")
+    def _only_thin_has_a_thickness(self) -> "Capture":
+        if self.thickness is not None and self.geometry == "volumetric":
+            raise ValueError("only a linear or planar object has the key thickness")
         return self
 
     @model_validator(mode="after")

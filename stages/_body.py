@@ -85,7 +85,7 @@ def _shell(placed: PlacedObject, given: Path | None, material: Material, params:
         vertices, triangles = load_middle_surface(given)
         vertices = _moved(vertices, placed.T_world_prior)
     elif mesh.open_edges():
-        vertices, triangles = mesh.vertices, mesh.faces
+        vertices, triangles, measured = mesh.vertices, mesh.faces, placed.thickness
     else:
         vertices, triangles, measured = middle_surface(mesh)
     thickness = _thickness(material, measured)

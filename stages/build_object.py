@@ -14,7 +14,9 @@ from physreal_core.geometry import (
     mesh_from_gaussians,
     mesh_from_view,
     require_closed,
+    rope_from_view,
     sample_surface,
+    sheet_from_view,
     surface_gaussians,
 )
 from physreal_core.rendering import Gaussians, load_gaussians
@@ -29,8 +31,10 @@ def run(context: StageContext) -> None:
 
     Where both are given they share one frame. A prior is moved into a canonical frame (centroid at the origin, longest
     side of its box 1; `T_object_prior`); what is built from frame 0 stays in the world frame. The prior of a cloth may be its
-    middle surface, an open mesh; any other is closed.
+    middle surface, an open mesh; any other is closed. From frame 0 a cloth gets the side that is seen and a rope the line in the middle of
+    its silhouette; their thickness is the capture's, or is measured.
     """
+    thickness = None
     glb, ply = context.capture / "shape_prior.glb", context.capture / "shape_prior.ply"
     gaussians = load_gaussians(ply) if ply.exists() else None
     if glb.exists():
@@ -38,7 +42,7 @@ def run(context: StageContext) -> None:
     elif gaussians is not None:
         mesh, source = mesh_from_gaussians(gaussians, context.params.voxels_across), "prior Gaussians"
     else:
-        mesh, source = _from_view(context), "frame 0"
+        (mesh, thickness), source = _from_view(context), "frame 0"
     T = np.eye(4) if source == "frame 0" else canonical_frame(mesh)
     mesh = mesh.transformed(T)
     if gaussians is None:
@@ -48,7 +52,7 @@ def run(context: StageContext) -> None:
         gaussians, drawn = _moved(gaussians, T), "prior"
         mesh = mesh if mesh.colours is not None else _coloured_by(mesh, gaussians)
     frame = "world" if source == "frame 0" else "canonical"
-    BuiltObject(mesh, gaussians, source, frame, drawn, mesh.colours is not None, T).save(context.output)
+    BuiltObject(mesh, gaussians, source, frame, drawn, mesh.colours is not None, T, thickness).save(context.output)
 
 
 def canonical_frame(mesh: Mesh) -> np.ndarray:
@@ -72,15 +76,28 @@ def _whole(mesh: Mesh, path: Path, close_holes: bool, geometry: str) -> Mesh:
     return require_closed(mesh, where=str(path), remedy="mend the mesh, or set build_object.close_holes: true")
 
 
-def _from_view(context: StageContext) -> Mesh:
-    if read_capture(context.input("parse_video")).kind != "video":
+def _from_view(context: StageContext) -> tuple[Mesh, float | None]:
+    """A closed mesh, or the middle surface of a cloth and its thickness [m]."""
+    capture = read_capture(context.input("parse_video"))
+    if capture.kind != "video":
         raise InputError(
             "a capture without images needs a shape",
             where=str(context.capture),
             expected="shape_prior.glb or shape_prior.ply",
             remedy="add one",
         )
-    return mesh_from_view(first_frame(context), voxel=context.params.voxel, underside=context.params.underside)
+    params, observation, stated = context.params, first_frame(context), capture.thickness
+    if context.geometry == "planar":
+        spacing, usual = params.voxel, params.sheet_thickness
+        mesh, thickness = sheet_from_view(observation, spacing=spacing, thickness=stated, usual=usual)
+        print(f"a cloth of {1e4 * mesh.area:.0f} cm2, {1e3 * thickness:.2g} mm thick, as frame 0 shows it")
+        return mesh, thickness
+    if context.geometry == "linear":
+        mesh, diameter = rope_from_view(observation, diameter=stated)
+        length = mesh.volume / (np.pi * diameter**2 / 4.0)
+        print(f"a rope of {1e2 * length:.0f} cm, {1e3 * diameter:.2g} mm thick, as frame 0 shows it")
+        return mesh, None
+    return mesh_from_view(observation, voxel=params.voxel, underside=params.underside), None
 
 
 def _coloured_by(mesh: Mesh, gaussians: Gaussians) -> Mesh:

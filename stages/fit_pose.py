@@ -50,7 +50,8 @@ def run(context: StageContext) -> None:
     T_world_object = pose.matrix
     T_world_object[:3, :3] /= pose.scale
     T_world_prior = pose.matrix @ built.T_object_prior
-    PlacedObject(mesh, gaussians, T_world_object, pose.scale, T_world_prior, notes).save(context.output)
+    thickness = None if built.thickness is None else pose.scale * built.thickness
+    PlacedObject(mesh, gaussians, T_world_object, pose.scale, T_world_prior, notes, thickness).save(context.output)
 
 
 def _search(context: StageContext, mesh: Mesh, observation: Observation) -> Alignment:

@@ -13,6 +13,8 @@ from physreal_core.geometry.plane import Plane, fit_plane, world_frame
 from physreal_core.geometry.pose_search import SearchSettings
 from physreal_core.geometry.reconstruction import mesh_from_gaussians, mesh_from_view
 from physreal_core.geometry.remeshing import remesh
+from physreal_core.geometry.rope_view import rope_from_view
+from physreal_core.geometry.sheet_view import sheet_from_view
 from physreal_core.geometry.similarity import Similarity, pose_error
 from physreal_core.geometry.surface import SurfacePoints, edge_inset, sample_surface, scatter, surface_gaussians
 from physreal_core.geometry.thin_files import load_centre_line, load_middle_surface
@@ -51,9 +53,11 @@ __all__ = [
     "remesh",
     "require_closed",
     "resampled",
+    "rope_from_view",
     "sample_surface",
     "save_mesh",
     "scatter",
+    "sheet_from_view",
     "surface_gaussians",
     "visible_points",
     "ways_of",

@@ -17,7 +17,15 @@ class BuildObject(StageParameters):
     voxels_across: int = Field(
         64, ge=16, le=256, description="voxels along the longest side of a mesh made from Gaussians"
     )
-    voxel: float = Field(0.004, gt=0, description="voxel edge of a mesh built from frame 0 [m]")
+    voxel: float = Field(
+        0.004, gt=0, description="voxel edge of a mesh built from frame 0; of a cloth, the spacing of its vertices [m]"
+    )
+    sheet_thickness: float = Field(
+        0.002,
+        gt=0,
+        description="of a cloth built from frame 0, where neither capture.json states its thickness nor enough of it lies "
+        "on the support plane to measure it [m]",
+    )
     underside: Literal["round", "flat"] = Field(
         "round",
         description="unseen underside of a mesh built from frame 0: round mirrors the seen upper side about half the "

@@ -21,13 +21,14 @@ class BuiltObject:
     """object.glb, gaussians.ply and object.json of build_object.
 
     Attributes:
-        mesh: closed; in `frame`.
+        mesh: closed, or the middle surface of a cloth; in `frame`.
         gaussians: in `frame`.
         source: what the mesh was made from, in words.
         frame: canonical (centroid at the origin, longest side of the box 1) or world [m].
         gaussians_from: the prior's own, or spread over the mesh's surface, without colours of their own.
         coloured: whether the mesh has colours.
         T_object_prior: [4, 4], takes the prior (rotation, translation, scale) to `frame`.
+        thickness: of the cloth whose middle surface was measured, in `frame`; None where the mesh tells it, or nobody.
     """
 
     mesh: Mesh
@@ -37,6 +38,7 @@ class BuiltObject:
     gaussians_from: Literal["prior", "surface"]
     coloured: bool
     T_object_prior: Float[Array, "4 4"]
+    thickness: float | None = None
 
     def save(self, folder: Path) -> None:
         """Write the three files; object.json also says, for the reader, how large and how whole the mesh is."""
@@ -52,6 +54,8 @@ class BuiltObject:
             "extents": np.ptp(self.mesh.vertices, axis=0).tolist(),
             "T_object_prior": self.T_object_prior.tolist(),
         }
+        if self.thickness is not None:
+            facts["thickness"] = self.thickness
         write_record(folder / FACTS, facts)
 
     @classmethod
@@ -67,6 +71,7 @@ class BuiltObject:
                 gaussians_from=facts["gaussians"],
                 coloured=facts["coloured"],
                 T_object_prior=np.array(facts["T_object_prior"], dtype=np.float64).reshape(4, 4),
+                thickness=facts.get("thickness"),
             )
 
 

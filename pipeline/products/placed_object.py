@@ -22,12 +22,13 @@ class PlacedObject:
     """mesh.glb, gaussians.ply and pose.json of fit_pose; world frame [m].
 
     Attributes:
-        mesh: closed.
+        mesh: closed, or the middle surface of a cloth.
         gaussians: with the colours of frame 0.
         T_world_object: [4, 4], rigid; with `scale` it takes what build_object made to the world.
         scale: of the object [m per unit of its own frame].
         T_world_prior: [4, 4], takes the capture's shape_prior (rotation, translation, scale) to the world.
         notes: how the pose was found and how well frame 0 is reproduced; nothing computes with it.
+        thickness: of the cloth whose middle surface was measured [m]; None where the mesh tells it, or nobody.
     """
 
     mesh: Mesh
@@ -36,6 +37,7 @@ class PlacedObject:
     scale: float
     T_world_prior: Float[Array, "4 4"]
     notes: dict[str, Any] = field(default_factory=dict)
+    thickness: float | None = None
 
     def save(self, folder: Path) -> None:
         """Write the three files."""
@@ -46,6 +48,8 @@ class PlacedObject:
             "scale": self.scale,
             "T_world_prior": self.T_world_prior.tolist(),
         }
+        if self.thickness is not None:
+            pose["thickness"] = self.thickness
         write_record(folder / POSE, {**pose, **self.notes})
 
     @classmethod
@@ -54,5 +58,6 @@ class PlacedObject:
         record = read_record(folder / POSE, (*_MATRICES, "scale"), run_again("fit_pose"))
         with understood(folder / POSE, run_again("fit_pose")):
             matrices = {name: np.array(record.pop(name), dtype=np.float64).reshape(4, 4) for name in _MATRICES}
-            scale = float(record.pop("scale"))
-        return cls(load_mesh(folder / MESH), load_gaussians(folder), scale=scale, notes=record, **matrices)
+            scale, thickness = float(record.pop("scale")), record.pop("thickness", None)
+        mesh, gaussians = load_mesh(folder / MESH), load_gaussians(folder)
+        return cls(mesh, gaussians, scale=scale, notes=record, thickness=thickness, **matrices)

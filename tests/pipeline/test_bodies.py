@@ -92,5 +92,6 @@ def test_capture_and_parameters_agree_about_the_geometry():
     require_geometry(capture_of({"kind": "tracks", "fps": 30}), "planar", "cloth")
     with pytest.raises(InputError, match="sequences.rope.geometry = volumetric, but the capture is of a linear object"):
         require_geometry(capture, "volumetric", "rope")
+    assert capture_of({"kind": "tracks", "fps": 30, "geometry": "linear"}).thickness is None
     with pytest.raises(InputError, match="the key thickness"):
-        capture_of({"kind": "tracks", "fps": 30, "geometry": "linear"})
+        capture_of({"kind": "tracks", "fps": 30, "thickness": 0.01})

@@ -132,6 +132,39 @@ inline unsigned bits(Lanes<I, N> mask) {
     return found;
 }
 
+// Numbers at places of an array.
+template <class S, int N = LANES>
+inline Lanes<S, N> gather(const S* from, const int* places) {
+    Lanes<S, N> value;
+    for (int i = 0; i < N; ++i) value[i] = from[places[i]];
+    return value;
+}
+template <class S, int N>
+inline void scatter(S* to, const int* places, Lanes<S, N> value) {
+    for (int i = 0; i < N; ++i) to[places[i]] = value[i];
+}
+// Those of N numbers whose bits are set, one after the other, and anything behind them up to N.
+template <int N = LANES>
+inline void put_set(int* to, const int* from, unsigned set) {
+    for (; set; set &= set - 1) *to++ = from[__builtin_ctz(set)];
+}
+
+#if defined(__AVX512F__)
+// The same in one instruction each.
+template <>
+inline Lanes<float, 16> gather<float, 16>(const float* from, const int* places) {
+    return __builtin_ia32_gathersiv16sf(Lanes<float, 16>{}, from, load<int, 16>(places), 0xffff, sizeof(float));
+}
+template <>
+inline void scatter<float, 16>(float* to, const int* places, Lanes<float, 16> value) {
+    __builtin_ia32_scattersiv16sf(to, 0xffff, load<int, 16>(places), value, sizeof(float));
+}
+template <>
+inline void put_set<16>(int* to, const int* from, unsigned set) {
+    store<int, 16>(to, __builtin_ia32_compresssi512_mask(load<int, 16>(from), Lanes<int, 16>{}, set));
+}
+#endif
+
 // Natural logarithm, below one ulp: log(2^k (1 + f)) by the odd series in s = f / (2 + f) of fdlibm (Sun Microsystems,
 // e_log.c). Minus infinity at 0, NaN below.
 template <class V>

@@ -36,7 +36,10 @@ struct Dual {
         const V root = physreal::sqrt(a.x);
         return {root, Scalar<V>(0.5) * a.slope / root};
     }
-    friend Dual inverse_sqrt(Dual a) { return Dual(1) / sqrt(a); }
+    friend Dual inverse_sqrt(Dual a) {
+        const V value = physreal::inverse_sqrt(a.x);
+        return {value, Scalar<V>(-0.5) * a.slope * value * value * value};
+    }
     friend Dual log(Dual a) { return {physreal::log(a.x), a.slope / a.x}; }
     friend Dual exp(Dual a) {
         const V value = physreal::exp(a.x);

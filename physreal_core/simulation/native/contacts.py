@@ -14,6 +14,9 @@ FIRST_ROOM = 4
 LEFT = 28
 """Numbers that a pair leaves at its corners: adjoints of x, v and Young's modulus."""
 
+ROWS = 6
+"""Of pairs: corners, numbers and places."""
+
 
 class ContactArrays:
     """What frames are given, and the room for pairs, which grows.
@@ -70,23 +73,26 @@ class ContactArrays:
         return {
             "marks": torch.zeros(count, self._threads, len(self._body.x0), dtype=torch.int32),
             "balls": torch.zeros(count, items, 4, dtype=self._dtype),
+            "sorted_balls": torch.zeros(count, 4, items + 2 * BLOCK, dtype=self._dtype),
             "bin_boxes": torch.zeros(count, 2, 8, dtype=self._dtype),
-            "bins": torch.zeros(count, 2 * (self._cells + 1) + 2 * items, dtype=torch.int32),
+            "bins": torch.zeros(count, 2 * (self._cells + 1) + 2 * items + BLOCK, dtype=torch.int32),
             "pairs_listed": torch.zeros(count, self._threads, 2, dtype=torch.int64),
-            "pairs_awake": torch.zeros(count, self._threads, 2, dtype=torch.int64),
+            "pairs_nearby": torch.zeros(count, self._threads, 2, dtype=torch.int64),
+            "pairs_touch": torch.zeros(count, self._threads, 2, dtype=torch.int64),
         }
 
     def pairs(self, count: int) -> dict[str, Tensor]:
         """Room for the pairs of `count` frames at once."""
         lists = (count, self._threads, 2)
         return {
-            "pairs": torch.zeros(*lists, self.capacity, 4, dtype=torch.int32),
+            "pairs": torch.zeros(*lists, ROWS, self.capacity, dtype=torch.int32),
             "pairs_wake": torch.zeros(*lists, self.capacity, dtype=self._dtype),
             "pairs_stiffness": torch.zeros(*lists, self.capacity, dtype=self._dtype),
             "pairs_by_modulus": torch.zeros(*lists, self.capacity, dtype=self._dtype),
-            "awake": torch.zeros(*lists, self.capacity, dtype=torch.int32),
-            "pairs_touch": torch.zeros(*lists, self.capacity // 4, dtype=torch.int32),
-            "pairs_left": torch.zeros(*lists, LEFT, self.capacity, dtype=self._dtype),
+            "pairs_near": torch.zeros(*lists, ROWS, self.capacity, dtype=torch.int32),
+            "near_wake": torch.zeros(*lists, self.capacity, dtype=self._dtype),
+            "pairs_touching": torch.zeros(*lists, ROWS, self.capacity, dtype=torch.int32),
+            "pairs_left": torch.zeros(*lists, self.capacity, LEFT, dtype=self._dtype),
         }
 
     def grow(self, needed: int) -> bool:

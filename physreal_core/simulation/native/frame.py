@@ -35,20 +35,25 @@ WORKSPACE = Structure(
     int* shared  [128] barriers and stop
     # With self-contact (contacts.h)
     S* contact_force  [3, stride]
-    S* speeds  [substeps, threads] of the vertices against the drift, at most
-    int* pairs  [threads, 2, pair_capacity, 4] vertices of pairs that may touch: of points and faces, of edges
+    S* places  [2, 3, stride] of the vertices when pairs were listed, and when those near were kept apart
+    S* path  [stride] of the vertices against the drift since then [m]
+    S* farthest  [substeps + 1, threads, 2] distances of a thread's vertices from these places, at most [m]
+    int* pairs  [threads, 2, 6, pair_capacity] vertices of pairs that are listed, of points and faces and of edges; and their numbers
     Index* pairs_listed  [threads, 2]
-    Index* pairs_awake  [threads, 2]
-    S* pairs_wake  [threads, 2, pair_capacity] what the vertices may move before a pair may touch [m]
+    Index* pairs_nearby  [threads, 2] how many of them may touch soon
+    Index* pairs_touch  [threads, 2] how many do
+    S* pairs_wake  [threads, 2, pair_capacity] how much nearer their things may come before they touch [m]
     S* pairs_stiffness  [threads, 2, pair_capacity] [N/m]
     S* pairs_by_modulus  [threads, 2, pair_capacity] stiffness over the sum of the corners' Young's moduli [m]
-    int* awake  [threads, 2, pair_capacity] numbers of those that may touch
-    int* pairs_touch  [threads, 2, pair_capacity / lanes] bits of those that do in each block of them
-    S* pairs_left  [threads, 2, 28, pair_capacity] forces, or adjoints of x, v and Young's modulus
+    int* pairs_near  [threads, 2, 6, pair_capacity] corners of those that may touch soon, their numbers and places
+    S* near_wake  [threads, 2, pair_capacity] paths of their corners, added up, up to which they do not touch [m]
+    int* pairs_touching  [threads, 2, 6, pair_capacity] of those that touch
+    S* pairs_left  [threads, 2, pair_capacity / lanes, 28, lanes] forces, or adjoints of x, v and Young's modulus
     int* marks  [threads, N] 0
     S* balls  [contact_faces + contact_edges, 4] centre and radius
+    S* sorted_balls  [4, contact_faces + contact_edges, and two blocks] the same by their cells, first of faces
     S* bin_boxes  [2, 8]
-    int* bins  [2 (bin_cells + 1) + 2 (contact_faces + contact_edges)]
+    int* bins  [2 (bin_cells + 1) + 2 (contact_faces + contact_edges), and a block]
     """,
 )
 FRAME = Structure(

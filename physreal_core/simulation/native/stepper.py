@@ -82,7 +82,7 @@ class NativeStepper:
         self._sharing = self.threads if rollouts == 1 else 1  # threads of one rollout
         self._body, self._start = body, self._numbers(body.x0)
         self._kept_bytes = KEPT_BYTES if kept_bytes is None else kept_bytes
-        self.slots = self._grid_numbers = self._speeds = 0
+        self.slots = self._grid_numbers = self._measured = 0
         self.substeps: list[int] = []
         self.holder: object | None = None
         self._settled = self._weight_bar = torch.zeros(())
@@ -270,6 +270,8 @@ class NativeStepper:
             self._give(work, name, self._zeros(count, grids, self.lattice.nodes + 4, 4))
         if self._contacts is not None:
             self._give(work, "contact_force", self._zeros(count, 3, stride))
+            self._give(work, "places", self._zeros(count, 2, 3, stride))
+            self._give(work, "path", self._zeros(count, stride))
             self._give_all(work, self._contacts.workspace(count), shared=False)
             self._reserve_pairs()
         self._give(work, "around", self._zeros(count, self.lattice.nodes, 2))
@@ -283,9 +285,9 @@ class NativeStepper:
             self.slots, stride = slots, int(self._frames["stride"][0])
             states = torch.empty(count, slots, self._state_rows, stride, dtype=self.dtype)
             self._give(work, "state", states)
-        if self._contacts is not None and max(self.substeps) > self._speeds:
-            self._speeds = max(self.substeps)
-            self._give(work, "speeds", self._zeros(count, self._speeds, self._sharing))
+        if self._contacts is not None and max(self.substeps) > self._measured:
+            self._measured = max(self.substeps)
+            self._give(work, "farthest", self._zeros(count, self._measured + 1, self._sharing, 2))
         if grid_numbers > self._grid_numbers:
             self._grid_numbers = grid_numbers
             self._give(work, "free", torch.empty(count, self._grid_numbers, dtype=self.dtype))

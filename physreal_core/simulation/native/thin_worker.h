@@ -55,7 +55,7 @@ public:
         for (Index s = 0; s < frame_.substeps; s++) {
             const S* now = state_at(s);
             if (contacts_.on()) {
-                contacts_.update(now, s - 1);
+                contacts_.update(now, s);
                 contacts_.leave_forces(now);
             }
             leave_forces(now);
@@ -76,6 +76,7 @@ public:
         for (Index s = frame_.substeps - 1; s >= 0; s--) {
             if constexpr (FRAMED) turn_adjoint(s);
             move_adjoint(s);
+            if (contacts_.on()) contacts_.measure(state(s), state(s + 1), s);
             barrier_.wait();
             leave_adjoints(state(s));
             if (contacts_.on()) leave_contact_adjoints(s);
@@ -466,28 +467,28 @@ private:
     void add_up_contact_forces() const {
         clear(frame_.contact_force, 3);
         S *x = frame_.contact_force, *y = x + frame_.stride, *z = y + frame_.stride;
-        contacts_.for_left([=](Index p, const S* left, Index stride, int corner) {
-            const S* from = left + 3 * corner * stride;
+        contacts_.for_left([=](Index p, const S* left, int corner) {
+            const S* from = left + 3 * corner * LANES;
             x[p] += from[0];
-            y[p] += from[stride];
-            z[p] += from[2 * stride];
+            y[p] += from[LANES];
+            z[p] += from[2 * LANES];
         });
     }
 
     void leave_contact_adjoints(Index s) {
-        contacts_.update(state(s), s + 1 < frame_.substeps ? s : -1);
+        contacts_.update(state(s), s);
         contacts_.leave_adjoints(state(s), node_sums()[node_sum::layer_friction]);
     }
 
     // To the adjoints of x, of the velocity in frame.carry and of Young's modulus.
     void add_up_contacts() const {
         S *x_bar = frame_.adjoint + X * frame_.stride, *modulus_bar = frame_.bars + bar::youngs_modulus * frame_.stride;
-        contacts_.for_left([&](Index p, const S* left, Index stride, int corner) {
+        contacts_.for_left([&](Index p, const S* left, int corner) {
             for (int d = 0; d < 3; d++) {
-                x_bar[d * frame_.stride + p] += left[(3 * corner + d) * stride];
-                frame_.carry[4 * p + d] += left[(12 + 3 * corner + d) * stride];
+                x_bar[d * frame_.stride + p] += left[(3 * corner + d) * LANES];
+                frame_.carry[4 * p + d] += left[(12 + 3 * corner + d) * LANES];
             }
-            modulus_bar[p] += left[(24 + corner) * stride];
+            modulus_bar[p] += left[(24 + corner) * LANES];
         });
     }
 
@@ -514,7 +515,6 @@ private:
         const NodePhase<S> phase = node_phase();
         apply_forces(s, now);
         if (contacts_.on()) add_up_contact_forces();
-        S fastest = 0;
         for (Index p = first_; p < last_; p++) {
             const Vec3<S> x = at(now, X, p), v = at(now, VELOCITY, p);
             Vec3<S> f = at(frame_.force, 0, p) + left_at(p);
@@ -524,9 +524,7 @@ private:
             const Node free = phase.free(Node{v[0], v[1], v[2], 0}, push, around(p));
             check(s, p, x, three(free));
             if (frame_.keep_grids) store(kept(s) + 4 * p, free);
-            const Vec3<S> moving = three(phase.velocity(free, around(p)));
-            fastest = max(fastest, contacts_.drifting(moving));
-            step(now, next, p, moving);
+            step(now, next, p, three(phase.velocity(free, around(p))));
         }
         if constexpr (FRAMED) {
             for (Index p = first_; p < last_; p++) frame_.torque[p] = left_at_segment(p, TORQUE);
@@ -536,7 +534,7 @@ private:
             const S* spins = next + SPIN * frame_.stride;
             for (Index p = first_; frame_.keep_grids && p < last_; p++) kept_spins(s)[p] = spins[p];
         }
-        if (contacts_.on()) contacts_.note_speed(s, fastest);
+        if (contacts_.on()) contacts_.measure(next, next, s + 1);
     }
 
     void step(const S* now, S* next, Index p, const Vec3<S>& v) const {
@@ -553,18 +551,13 @@ private:
     void replay() {
         const NodePhase<S> phase = node_phase();
         for (Index s = 0; s < frame_.substeps; s++) {
-            S fastest = 0;
-            for (Index p = first_; p < last_; p++) {
-                const Vec3<S> moving = three(phase.velocity(read(kept(s) + 4 * p), around(p)));
-                fastest = max(fastest, contacts_.drifting(moving));
-                step(state(s), state(s + 1), p, moving);
-            }
+            for (Index p = first_; p < last_; p++)
+                step(state(s), state(s + 1), p, three(phase.velocity(read(kept(s) + 4 * p), around(p))));
             if constexpr (FRAMED) {
                 S* spins = state(s + 1) + SPIN * frame_.stride;
                 for (Index p = first_; p < last_; p++) spins[p] = kept_spins(s)[p];
                 Directors<S>(frame_).turn(state(s), state(s + 1));
             }
-            if (contacts_.on()) contacts_.note_speed(s, fastest);
         }
         barrier_.wait();
     }

@@ -1,7 +1,8 @@
 // Two simplices of thin bodies that come nearer than a distance (contact.py): a point and a triangle, a point and a segment, two edges.
 //
-// The way between their nearest points is g = sum_c s_c x_c over four corners, where s = base + a first + b second, with a and b such that g
-// is shortest. Which of a and b are free depends on where the nearest point lies: within a triangle both, on its border one, at a corner none.
+// The way between their nearest points is g = from + a D0 + b D1 = sum_c s_c x_c over four corners x, with a and b such that g is shortest:
+// on edges places along either, on a triangle along two of its sides, of a segment there is no b. Which of a and b are free depends on where
+// the nearest point lies: within a triangle both, on its border one combination, at a corner none.
 // With depth = distance - |g| > 0 the energy is W k depth^2 / 2. W is 1 where a point takes part. Of two edges it is
 //     W = bump(a) bump(b) crossing(sin^2 of the angle between them) ,
 // which fades towards their ends, where points and faces meet, and towards parallel edges, which have no nearest points.
@@ -14,33 +15,51 @@ namespace physreal {
 
 enum ContactKind : int { POINT_TRIANGLE, POINT_SEGMENT, EDGES };
 
-// How s may change: see above.
-template <class V>
-struct Freedom {
-    V base[4] = {}, first[4] = {}, second[4] = {};
+// Products of D0 and D1 with each other, and minus theirs with `from`.
+template <class T>
+struct Products {
+    T A00, A01, A11, r0, r1;
 };
 
+// The part of a triangle or segment on which the nearest point lies: all of it, or a border from (a, b) along (da, db), or a corner.
 template <class V>
-inline V chosen(Mask<V> mask, Scalar<V> where_set, Scalar<V> elsewhere) {
-    return select(mask, splat<V>(where_set), splat<V>(elsewhere));
+struct Part {
+    Mask<V> whole;
+    V a = {}, b = {}, da = {}, db = {};
+
+    void set(Mask<V> mask, Scalar<V> a_, Scalar<V> b_, Scalar<V> da_, Scalar<V> db_) {
+        whole = whole & ~mask;
+        a = select(mask, splat<V>(a_), a);
+        b = select(mask, splat<V>(b_), b);
+        da = select(mask, splat<V>(da_), da);
+        db = select(mask, splat<V>(db_), db);
+    }
+};
+
+// Ericson, Real-Time Collision Detection (2005), 5.1.5; the part that he asks for first is set last.
+template <class V, class T>
+inline Part<V> part_of_triangle(const Products<T>& of) {
+    const T zero = {}, r0 = of.r0, r1 = of.r1;
+    const T second0 = r0 - of.A00, second1 = r1 - of.A01, third0 = r0 - of.A01, third1 = r1 - of.A11;  // from the other corners
+    Part<V> part = {zero <= zero};
+    part.set((second0 * third1 <= third0 * second1) & (second1 >= second0) & (third0 >= third1), 1, 0, -1, 1);
+    part.set((third0 * r1 <= r0 * third1) & (r1 >= zero) & (third1 <= zero), 0, 0, 0, 1);
+    part.set((third1 >= zero) & (third0 <= third1), 0, 1, 0, 0);
+    part.set((r0 * second1 <= second0 * r1) & (r0 >= zero) & (second0 <= zero), 0, 0, 1, 0);
+    part.set((second0 >= zero) & (second1 <= second0), 1, 0, 0, 0);
+    part.set((r0 <= zero) & (r1 <= zero), 0, 0, 0, 0);
+    return part;
 }
 
-// Of point x[0] and the segment from corner i to j.
-template <class V>
-inline Freedom<V> segment_freedom(const Vec3<V> (&x)[4], int i, int j) {
-    const Vec3<V> edge = x[j] - x[i];
-    const V along = dot(x[0] - x[i], edge), length = dot(edge, edge);
-    const Mask<V> before = along <= Scalar<V>(0), behind = along >= length;
-    Freedom<V> f;
-    f.base[0] = splat<V>(1);
-    f.base[i] = chosen<V>(behind, 0, -1);
-    f.base[j] = chosen<V>(behind, -1, 0);
-    f.first[i] = chosen<V>(before | behind, 0, 1);
-    f.first[j] = chosen<V>(before | behind, 0, -1);
-    return f;
+template <class V, class T>
+inline Part<V> part_of_segment(const Products<T>& of) {
+    Part<V> part = {of.r0 < of.r0, {}, {}, splat<V>(1), {}};
+    part.set(of.r0 >= of.A00, 1, 0, 0, 0);
+    part.set(of.r0 <= T{}, 0, 0, 0, 0);
+    return part;
 }
 
-// Square of the shortest way of point x[0] to the segment.
+// Square of the shortest way of point x[0] to the segment from x[i] to x[j].
 template <class V>
 inline V squared_way(const Vec3<V> (&x)[4], int i, int j) {
     const Vec3<V> edge = x[j] - x[i], to = x[0] - x[i];
@@ -49,55 +68,9 @@ inline V squared_way(const Vec3<V> (&x)[4], int i, int j) {
     return dot(way, way);
 }
 
-template <class V>
-inline void take(Freedom<V>& into, Mask<V> mask, const Freedom<V>& other) {
-    for (int c = 0; c < 4; ++c) {
-        into.base[c] = select(mask, other.base[c], into.base[c]);
-        into.first[c] = select(mask, other.first[c], into.first[c]);
-        into.second[c] = select(mask, other.second[c], into.second[c]);
-    }
-}
-
-template <class V>
-inline Freedom<V> triangle_freedom(const Vec3<V> (&x)[4]) {
-    const Vec3<V> e = x[2] - x[1], f = x[3] - x[1], w = x[0] - x[1];
-    const V ee = dot(e, e), ef = dot(e, f), ff = dot(f, f), we = dot(w, e), wf = dot(w, f);
-    const V p = ff * we - ef * wf, q = ee * wf - ef * we, whole = ee * ff - ef * ef;
-    const Mask<V> inside = (p > Scalar<V>(0)) & (q > Scalar<V>(0)) & (p + q < whole);
-    Freedom<V> border = segment_freedom(x, 1, 2);
-    V nearest = squared_way(x, 1, 2);
-    for (int i = 2; i < 4; ++i) {
-        const int j = i == 2 ? 3 : 1;
-        const V way = squared_way(x, i, j);
-        take(border, way < nearest, segment_freedom(x, i, j));
-        nearest = min(nearest, way);
-    }
-    Freedom<V> within;
-    const Scalar<V> base[4] = {1, -1, 0, 0}, first[4] = {0, 1, -1, 0}, second[4] = {0, 1, 0, -1};
-    for (int c = 0; c < 4; ++c) {
-        within.base[c] = splat<V>(base[c]);
-        within.first[c] = splat<V>(first[c]);
-        within.second[c] = splat<V>(second[c]);
-    }
-    take(border, inside, within);
-    return border;
-}
-
-template <int KIND, class V>
-inline Freedom<V> freedom_of(const Vec3<V> (&x)[4]) {
-    if constexpr (KIND == POINT_TRIANGLE) return triangle_freedom(x);
-    if constexpr (KIND == POINT_SEGMENT) return segment_freedom(x, 1, 2);
-    Freedom<V> f;
-    const Scalar<V> base[4] = {1, 0, -1, 0}, first[4] = {-1, 1, 0, 0}, second[4] = {0, 0, 1, -1};
-    for (int c = 0; c < 4; ++c) {
-        f.base[c] = splat<V>(base[c]);
-        f.first[c] = splat<V>(first[c]);
-        f.second[c] = splat<V>(second[c]);
-    }
-    return f;
-}
-
-// Square of the distance between edges x[0] x[1] and x[2] x[3]: one of a point of either where their lines' nearest points lie outside.
+// Square of the distance between edges x[0] x[1] and x[2] x[3]: one of a point of either where their lines' nearest points lie outside, or
+// where the edges are parallel but for 0.001 rad. There the result may be too large by as much of an edge. Such a pair has no force before its
+// corners have moved by a tenth of an edge in all, so one that wakes after 0.98 of the way to go wakes in time.
 template <class V>
 inline V squared_distance_of_edges(const Vec3<V> (&x)[4]) {
     const Vec3<V> swapped[4] = {x[2], x[0], x[1], x[3]}, end[4] = {x[3], x[0], x[1], x[2]};
@@ -106,7 +79,7 @@ inline V squared_distance_of_edges(const Vec3<V> (&x)[4]) {
     const Vec3<V> u = x[1] - x[0], v = x[3] - x[2], w = x[0] - x[2];
     const V uu = dot(u, u), uv = dot(u, v), vv = dot(v, v), wu = dot(w, u), wv = dot(w, v);
     const V whole = uu * vv - uv * uv, a = uv * wv - vv * wu, b = uu * wv - uv * wu;
-    const Mask<V> inside = (a > V{}) & (a < whole) & (b > V{}) & (b < whole);
+    const Mask<V> inside = (a > V{}) & (a < whole) & (b > V{}) & (b < whole) & (whole > Scalar<V>(1e-6) * (uu * vv));
     const V volume = dot(w, cross(u, v));
     return select(inside, volume * volume / select(inside, whole, splat<V>(1)), least);
 }
@@ -122,55 +95,66 @@ template <int KIND, class T, class V>
 class Contact {
     using S = Scalar<V>;
     static constexpr S SHALLOW = S(0.01), STEEP = S(0.1);  // sin^2 between which edges come to count as crossing
+    static constexpr int I = KIND == EDGES ? 0 : 2, J = KIND == EDGES ? 2 : 1;  // D0 = x[1] - x[I], D1 = x[J] - x[3]
 
 public:
-    Contact(const Vec3<V> (&at)[4], const Vec3<T> (&x)[4], V distance) : free_(freedom_of<KIND, V>(at)) {
+    Contact(const Vec3<T> (&x)[4], V distance) {
         const T one = constant(1);
-        Vec3<T> from = {};
-        for (int c = 0; c < 4; ++c) {
-            from = from + lifted<T>(free_.base[c]) * x[c];
-            D_[0] = D_[0] + lifted<T>(free_.first[c]) * x[c];
-            D_[1] = D_[1] + lifted<T>(free_.second[c]) * x[c];
+        const Vec3<T> from = x[0] - x[J];
+        D_[0] = x[1] - x[I];
+        of_.A00 = dot(D_[0], D_[0]);
+        of_.r0 = -dot(D_[0], from);
+        if constexpr (KIND != POINT_SEGMENT) {
+            D_[1] = x[J] - x[3];
+            of_.A01 = dot(D_[0], D_[1]);
+            of_.A11 = dot(D_[1], D_[1]);
+            of_.r1 = -dot(D_[1], from);
         }
-        A00_ = dot(D_[0], D_[0]) + lifted<T>(fixed(free_.first));
-        A11_ = dot(D_[1], D_[1]) + lifted<T>(fixed(free_.second));
-        A01_ = dot(D_[0], D_[1]);
-        weight_ = one;
-        if constexpr (KIND == EDGES) {
-            const T squared_sine = one - A01_ * A01_ / (A00_ * A11_);
-            cross_ = ramp(squared_sine);
-            A01_ = select(squared_sine > constant(SHALLOW / 2), A01_, T{});
-        }
-        const T whole = A00_ * A11_ - A01_ * A01_, r0 = -dot(D_[0], from), r1 = -dot(D_[1], from);
-        inverse_ = one / whole;
-        a_ = inverse_ * (A11_ * r0 - A01_ * r1);
-        b_ = inverse_ * (A00_ * r1 - A01_ * r0);
+        if constexpr (KIND == EDGES)
+            place_on_edges();
+        else
+            place_on_part(KIND == POINT_TRIANGLE ? part_of_triangle<V>(of_) : part_of_segment<V>(of_));
         way_ = from + a_ * D_[0] + b_ * D_[1];
-        for (int c = 0; c < 4; ++c)
-            s_[c] = lifted<T>(free_.base[c]) + a_ * lifted<T>(free_.first[c]) + b_ * lifted<T>(free_.second[c]);
-        length_ = sqrt(dot(way_, way_) + constant(S(1e-20)));
+        s_[0] = one;
+        s_[J] = s_[J] - one;
+        s_[1] = s_[1] + a_;
+        s_[I] = s_[I] - a_;
+        s_[J] = s_[J] + b_;
+        s_[3] = s_[3] - b_;
+        const T squared = dot(way_, way_) + constant(S(1e-20));
+        per_length_ = inverse_sqrt(squared);
+        length_ = squared * per_length_;
         const T deep = lifted<T>(distance) - length_;
         depth_ = select(deep > T{}, deep, T{});
-        if constexpr (KIND == EDGES) weight_ = bump(a_).value * bump(b_).value * cross_.value;
     }
 
     // Lanes in which there is a force.
-    Mask<V> touches() const { return (depth_ > T{}) & (weight_ > T{}); }
+    Mask<V> touches() const {
+        const Mask<V> near = depth_ > T{};
+        if constexpr (KIND != EDGES) return near;
+        const T one = constant(1);
+        return near & crosses_ & (a_ > T{}) & (a_ < one) & (b_ > T{}) & (b_ < one);
+    }
+
+    // Lanes in which `length` is that of the shortest way: all but of parallel edges.
+    Mask<V> distinct() const { return KIND == EDGES ? crosses_ : depth_ >= T{}; }
 
     // How far the nearest points are apart; of edges those of their lines.
     T length() const { return length_; }
 
     // Energy over stiffness.
-    T energy() const { return constant(S(0.5)) * weight_ * depth_ * depth_; }
+    T energy() const { return constant(S(0.5)) * weight() * depth_ * depth_; }
 
-    // Subtracts the energy's derivative by x from f.
+    // Subtracts the energy's derivative by x from f. As the way is shortest, places do not matter but for the weight.
     void forces(V stiffness, Vec3<T> (&f)[4]) const {
         const T k = lifted<T>(stiffness);
-        const Vec3<T> way_bar = -(k * weight_ * depth_ / length_) * way_;
-        Vec3<T> x_bar[4] = {};
-        T s_bar[4] = {};
-        pull_back(way_bar, s_bar, constant(S(0.5)) * k * depth_ * depth_, x_bar);
-        for (int c = 0; c < 4; ++c) f[c] = f[c] - x_bar[c];
+        const Vec3<T> push = (k * weight() * depth_ * per_length_) * way_;
+        for (int c = 0; c < 4; ++c) f[c] = f[c] + s_[c] * push;
+        if constexpr (KIND == EDGES) {
+            Vec3<T> x_bar[4] = {};
+            pull_back({}, {}, {}, constant(S(0.5)) * k * depth_ * depth_, x_bar);
+            for (int c = 0; c < 4; ++c) f[c] = f[c] - x_bar[c];
+        }
     }
 
     // The rest is for T = V. v: velocities of the corners. Adds to f.
@@ -194,7 +178,7 @@ public:
         }
         const V size_bar = dot(pull_bar, slide.across), over_bar = mu * N * size_bar;
         const V e_bar = over_bar * slide.over_by_e;
-        Vec3<V> across_bar = (mu * N * slide.over) * pull_bar + (over_bar * slide.over_by_speed / slide.speed) * slide.across;
+        Vec3<V> across_bar = (mu * N * slide.over) * pull_bar + (over_bar * slide.over_by_speed * slide.per_speed) * slide.across;
         coefficient_bar += N * slide.over * size_bar + e_bar * law.softening * N;
         const V N_bar = mu * slide.over * size_bar + e_bar * law.softening * mu;
         const Vec3<V> n = slide.n, u_bar = across_bar - dot(n, across_bar) * n;
@@ -204,29 +188,65 @@ public:
             v_bar[c] = v_bar[c] + s_[c] * u_bar;
             s_bar[c] += dot(v[c], u_bar);
         }
-        const Vec3<V> way_bar = (S(1) / length_) * (n_bar - dot(n, n_bar) * n)
-                                - select(touches(), N_bar * weight_ * stiffness, V{}) * n;
-        stiffness_bar += N_bar * weight_ * depth_;
-        pull_back(way_bar, s_bar, N_bar * stiffness * depth_, x_bar);
+        const V W = weight();
+        const Vec3<V> way_bar = per_length_ * (n_bar - dot(n, n_bar) * n) - select(touches(), N_bar * W * stiffness, V{}) * n;
+        stiffness_bar += N_bar * W * depth_;
+        const V a_bar = s_bar[1] - s_bar[I] + dot(D_[0], way_bar), b_bar = s_bar[J] - s_bar[3] + dot(D_[1], way_bar);
+        pull_back(way_bar, a_bar, b_bar, N_bar * stiffness * depth_, x_bar);
     }
 
 private:
-    Freedom<V> free_;
+    Products<T> of_;
     Vec3<T> D_[2] = {}, way_;
-    T A00_, A11_, A01_, inverse_, a_, b_, s_[4], length_, depth_, weight_;
+    T a_ = {}, b_ = {}, G00_, G01_ = {}, G11_ = {};  // G: what a and b change with minus the products of D and the way
+    T s_[4] = {}, per_length_, length_, depth_;
+    T per_squares_;  // of edges: over the product of their squared lengths
+    Mask<V> crosses_;
 
     struct Faded {
         T value = {}, slope = {};
     };
-    Faded cross_;
 
     static T constant(S value) { return lifted<T>(splat<V>(value)); }
-    // One where a direction is not free, so that it has an inverse.
-    static V fixed(const V (&direction)[4]) {
-        V size = {};
-        for (int c = 0; c < 4; ++c) size += direction[c] * direction[c];
-        return select(size > V{}, V{}, splat<V>(1));
+
+    void place_on_part(const Part<V>& part) {
+        const T da = lifted<T>(part.da), db = lifted<T>(part.db), a = lifted<T>(part.a), b = lifted<T>(part.b);
+        const auto [A00, A01, A11, r0, r1] = of_;
+        if constexpr (KIND == POINT_SEGMENT) {
+            G00_ = da / A00;
+            a_ = a + G00_ * r0;
+            return;
+        }
+        const T border = da * da * A00 + constant(2) * da * db * A01 + db * db * A11;
+        const T size = select(part.whole, A00 * A11 - A01 * A01, select(border > T{}, border, constant(1)));
+        const T inverse = constant(1) / size;
+        G00_ = inverse * select(part.whole, A11, da * da);
+        G01_ = inverse * select(part.whole, -A01, da * db);
+        G11_ = inverse * select(part.whole, A00, db * db);
+        const T to_a = r0 - a * A00 - b * A01, to_b = r1 - a * A01 - b * A11;
+        a_ = a + G00_ * to_a + G01_ * to_b;
+        b_ = b + G01_ * to_a + G11_ * to_b;
     }
+
+    void place_on_edges() {
+        const T squares = of_.A00 * of_.A11, across = squares - of_.A01 * of_.A01;
+        crosses_ = across > constant(SHALLOW) * squares;
+        const Mask<V> distinct = across > constant(SHALLOW / 2) * squares;
+        of_.A01 = select(distinct, of_.A01, T{});
+        const T inverse = constant(1) / select(distinct, across, squares);
+        G00_ = inverse * of_.A11;
+        G01_ = -inverse * of_.A01;
+        G11_ = inverse * of_.A00;
+        a_ = G00_ * of_.r0 + G01_ * of_.r1;
+        b_ = G01_ * of_.r0 + G11_ * of_.r1;
+        per_squares_ = constant(1) / squares;
+    }
+
+    T weight() const {
+        if constexpr (KIND != EDGES) return constant(1);
+        return bump(a_).value * bump(b_).value * crossing().value;
+    }
+    Faded crossing() const { return ramp(constant(1) - of_.A01 * of_.A01 * per_squares_); }
 
     static Faded bump(T a) {
         const T one = constant(1), other = one - a;
@@ -241,45 +261,46 @@ private:
         return {value, select(low | high, T{}, constant(6 / (STEEP - SHALLOW)) * u * (one - u))};
     }
 
-    // Adds to x_bar what comes from the adjoints of the way, of s and of the weight W.
-    void pull_back(const Vec3<T>& way_bar, const T (&s_bar)[4], T weight_bar, Vec3<T> (&x_bar)[4]) const {
-        T a_bar = dot(D_[0], way_bar), b_bar = dot(D_[1], way_bar);
-        for (int c = 0; c < 4; ++c) {
-            a_bar = a_bar + lifted<T>(free_.first[c]) * s_bar[c];
-            b_bar = b_bar + lifted<T>(free_.second[c]) * s_bar[c];
-        }
+    // Adds to x_bar what comes from the adjoints of the way, of a, of b and of the weight W.
+    void pull_back(const Vec3<T>& way_bar, T a_bar, T b_bar, T weight_bar, Vec3<T> (&x_bar)[4]) const {
         Vec3<T> D_bar[2] = {};
         if constexpr (KIND == EDGES) {
-            const Faded first = bump(a_), second = bump(b_);
-            a_bar = a_bar + weight_bar * first.slope * second.value * cross_.value;
-            b_bar = b_bar + weight_bar * first.value * second.slope * cross_.value;
-            const T bar = constant(2) * weight_bar * first.value * second.value * cross_.slope * A01_ / (A00_ * A11_);
-            D_bar[0] = bar * (A01_ / A00_ * D_[0] - D_[1]);
-            D_bar[1] = bar * (A01_ / A11_ * D_[1] - D_[0]);
+            const Faded first = bump(a_), second = bump(b_), cross = crossing();
+            a_bar = a_bar + weight_bar * first.slope * second.value * cross.value;
+            b_bar = b_bar + weight_bar * first.value * second.slope * cross.value;
+            const T bar = constant(2) * weight_bar * first.value * second.value * cross.slope * of_.A01 * per_squares_;
+            const T both = of_.A01 * per_squares_;
+            D_bar[0] = bar * (both * of_.A11 * D_[0] - D_[1]);
+            D_bar[1] = bar * (both * of_.A00 * D_[1] - D_[0]);
         }
-        const T along = inverse_ * (A11_ * a_bar - A01_ * b_bar), beside = inverse_ * (A00_ * b_bar - A01_ * a_bar);
+        const T along = G00_ * a_bar + G01_ * b_bar, beside = G01_ * a_bar + G11_ * b_bar;
         const Vec3<T> kept = way_bar - along * D_[0] - beside * D_[1];
         D_bar[0] = D_bar[0] - along * way_;
         D_bar[1] = D_bar[1] - beside * way_;
-        for (int c = 0; c < 4; ++c)
-            x_bar[c] = x_bar[c] + s_[c] * kept + lifted<T>(free_.first[c]) * D_bar[0] + lifted<T>(free_.second[c]) * D_bar[1];
+        for (int c = 0; c < 4; ++c) x_bar[c] = x_bar[c] + s_[c] * kept;
+        x_bar[1] = x_bar[1] + D_bar[0];
+        x_bar[I] = x_bar[I] - D_bar[0];
+        x_bar[J] = x_bar[J] + D_bar[1];
+        x_bar[3] = x_bar[3] - D_bar[1];
     }
 
     // How the layers slide: mu normal over across is the friction.
     struct Slide {
-        V normal, speed, over, over_by_speed, over_by_e;
+        V normal, speed, per_speed, over, over_by_speed, over_by_e;
         Vec3<V> n, u = {}, across;
 
         Slide(const Contact& o, V stiffness, const LayerFriction<V>& law, const Vec3<V> (&v)[4]) {
-            normal = o.weight_ * stiffness * o.depth_;
-            n = (S(1) / o.length_) * o.way_;
+            normal = o.weight() * stiffness * o.depth_;
+            n = o.per_length_ * o.way_;
             for (int c = 0; c < 4; ++c) u = u + o.s_[c] * v[c];
             across = u - dot(u, n) * n;
-            speed = sqrt(dot(across, across) + splat<V>(S(1e-20)));
+            const V squared = dot(across, across) + splat<V>(S(1e-20));
+            per_speed = inverse_sqrt(squared);
+            speed = squared * per_speed;
             const V e = law.speed + law.softening * law.coefficient * normal, inverse = S(1) / e;
             const Mask<V> sticks = speed < e;
-            over = select(sticks, (S(2) - speed * inverse) * inverse, S(1) / speed);
-            over_by_speed = select(sticks, -inverse * inverse, -S(1) / (speed * speed));
+            over = select(sticks, (S(2) - speed * inverse) * inverse, per_speed);
+            over_by_speed = select(sticks, -inverse * inverse, -per_speed * per_speed);
             over_by_e = select(sticks, S(2) * inverse * inverse * (speed * inverse - S(1)), V{});
         }
     };

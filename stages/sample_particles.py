@@ -8,7 +8,7 @@ centre line.
 import numpy as np
 
 from physreal_core.errors import InputError
-from physreal_core.fitting.grip import bind_grip, bind_holds
+from physreal_core.fitting.grip import bind_grip, bind_holds, no_bonds
 from physreal_core.fitting.thin import bind_to_body, cells_of, ways_along
 from physreal_core.fitting.tool import bind_tool
 from physreal_core.geometry import Hold, Mesh, carried, farthest_points, holds_of, patch_weights, sample_surface
@@ -113,7 +113,7 @@ def _nothing_held(capture: Capture) -> Grip:
             expected="one of the two",
             remedy="set sample_particles.grip.contact to hold or hold_and_push, or take holds out of capture.json",
         )
-    return Grip(np.empty(0, np.int32), np.empty(0, np.int32), np.empty(0), np.empty(0))
+    return no_bonds()
 
 
 def _tool(body: Body, hand: Controllers, grip: Grip, params: GripParameters) -> Tool | None:

@@ -129,12 +129,10 @@ class GripDamping(Variable):
 
 class ToolStiffness(Variable):
     initial: float = Field(
-        1e5,
-        gt=0,
-        description="push per mass and depth; a firm contact's depth, not a property of the body, start [1/s2]",
+        1e7, gt=0, description="push per mass and depth, start; so firm that the hand sinks in by a millimetre [1/s2]"
     )
-    lower: float = Field(1e3, gt=0, description="[1/s2]; the hand sinks in by its acceleration over this")
-    upper: float = Field(1e6, gt=0, description="[1/s2]; the time step shrinks with its root")
+    lower: float = Field(1e4, gt=0, description="[1/s2]")
+    upper: float = Field(1e8, gt=0, description="[1/s2]; the time step shrinks with its root")
     rate: float = Field(0.0, ge=0, description=_RATE.format("logarithm"))
 
 

@@ -30,7 +30,12 @@ class Controllers(ArrayFile):
     def __post_init__(self) -> None:
         if (self.ends is None) != (self.radius is None):
             missing = "ends" if self.ends is None else "radius"
-            raise InputError(f"capsules without {missing}", where=self.FILE, expected="ends with radius, or neither")
+            raise InputError(
+                f"capsules without {missing}",
+                where=self.FILE,
+                expected="ends with radius, or neither",
+                remedy=self.REMEDY,
+            )
         if self.ends is None:
             return
         count = self.points.shape[1]
@@ -39,10 +44,12 @@ class Controllers(ArrayFile):
                 f"ends of {len(self.ends)} capsules, numbers {self.ends.min(initial=0)} to {self.ends.max(initial=0)}",
                 where=self.FILE,
                 expected=f"a capsule or more between points 0 to {count - 1}",
+                remedy=self.REMEDY,
             )
         if not (np.isfinite(self.radius).all() and self.radius.min() > 0):
             raise InputError(
                 f"smallest radius is {self.radius.min():g} m",
                 where=f"{self.FILE}, radius",
                 expected="positive lengths [m]",
+                remedy=self.REMEDY,
             )

@@ -316,7 +316,6 @@ def plush_poke() -> RigScene:
             )
         ),
         view=View(target=(0.0, 0.0, 0.03)),
-        hand_spacing=0.0045,
         push_friction=0.3,
     )
 
@@ -330,7 +329,6 @@ def plush_shove() -> RigScene:
         hand=stick((-0.045, 0.068, 0.030), (-0.35, 0.55, 0.75)),
         motion=Motion(((0.1, 0.8, (0.015, -0.07, 0.0)), (1.0, 1.6, (0.0, -0.05, 0.0)))),
         view=View(target=(0.0, 0.0, 0.03)),
-        hand_spacing=0.0045,
         push_friction=0.3,
     )
 

@@ -48,7 +48,7 @@ def bind_tool(
     if tool.ends.max() >= controllers.shape[1]:
         raise InputError(
             f"a capsule ends at controller point {tool.ends.max()} of {controllers.shape[1]}",
-            where="controllers.npz, ends",
+            where="the capsules of the controller",
             expected=f"numbers below {controllers.shape[1]}",
         )
     tool = _outside(tool, body, controllers[0].astype(float), given)
@@ -63,13 +63,13 @@ def _check_points(controllers: Array) -> None:
             "no controller point",
             where="sample_particles.grip.contact",
             expected="a hand or a tool that pushes",
-            remedy="check the controller's mask, give controllers.npz in the capture, or set contact: hold",
+            remedy="check the controller's mask, give the controller's points with the capture, or set contact: hold",
         )
     if not np.isfinite(controllers).all():
         frame = int(np.argwhere(~np.isfinite(controllers))[0, 0])
         raise InputError(
             "a controller point is not known",
-            where=f"controllers.npz, frame {frame}",
+            where=f"the controller, frame {frame}",
             expected="positions in all frames [m]",
         )
 
@@ -98,7 +98,7 @@ def _outside(tool: Tool, body: Body, points: Array, given: bool) -> Tool:
         raise InputError(
             f"the capsule between controller points {a} and {b} lies in the object in frame 0: its surface is "
             f"{tool.radius[number] - gaps[number]:.4f} m within the nearest particle",
-            where="controllers.npz",
+            where="the capsules of the controller",
             expected="a tool beside the object then",
             remedy="check the tool's points and the object's pose, or set sample_particles.grip.contact: hold_and_push where it holds too",
         )

@@ -62,7 +62,8 @@ def test_what_cannot_push_is_named():
     bar, ends = scene.body(), np.array([[0, 1]])
     beside, within = still([[-0.02, 0.03, 0.02], [-0.02, 0.03, 0.1]]), still([[0.07, 0.03, 0.02], [0.07, 0.03, 0.1]])
     with pytest.raises(
-        InputError, match=r"controllers.npz: the capsule between controller points 0 and 1 lies in the object"
+        InputError,
+        match=r"the capsules of the controller: the capsule between controller points 0 and 1 lies in the object",
     ):
         bind_tool(bar, within, ends=ends, radius=0.01)
     with pytest.raises(

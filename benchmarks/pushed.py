@@ -4,6 +4,9 @@ FOLDER is a project that `physreal compose sequences=pushing` has set up, in whi
 `sample_particles` of `plush_shove` have run (`physreal run`). Each model is rolled out on both and compared with where all nodes of the rig's
 mesh truly were; each starts where frame 0 has it.
 
+Where FOLDER also has a sequence `plush_poke_seen`, the capture `plush_poke` without its `controllers.npz`, with the stages up to
+`sample_particles`, Stage 1's model is rolled out on it, too: its stick is what the pictures show.
+
 Writes `results/pushed.md`.
 """
 
@@ -22,7 +25,7 @@ from physreal_core.fitting.model import Model, load_model
 from physreal_core.fitting.transfer import transferred
 from pipeline.project import Project
 
-FITTED, OTHER = "plush_poke", "plush_shove"
+FITTED, OTHER, SEEN = "plush_poke", "plush_shove", "plush_poke_seen"
 STAGES = {"fit_global": "one material (Stage 1)", "fit_patches": "a material per patch (Stage 2)"}
 
 
@@ -47,8 +50,12 @@ def report(project: Project) -> str:
         for name, problem in problems.items():
             pair = (models[stage], problem) if name == FITTED else transferred(models[stage], own, problem)
             rows[words][name] = _errors(*pair, truths[name])
+    if project.artifact("sample_particles", SEEN).is_dir():
+        seen = _errors(*transferred(models["fit_global"], own, problem_of(project, SEEN)), truths[FITTED])
+        rows["Stage 1, with the stick as the pictures show it"] = {FITTED: seen}
     table = [
-        f"| {words} | {' | '.join(_cell(errors[n], observed) for n in problems)} |" for words, errors in rows.items()
+        f"| {words} | {' | '.join(_cell(errors[n], observed) if n in errors else '' for n in problems)} |"
+        for words, errors in rows.items()
     ]
     return "\n".join([*_head(truths[FITTED]), *table, "", *_found(models["fit_global"], truths[FITTED])]) + "\n"
 

@@ -1,14 +1,23 @@
-"""The hand's bonds, to and from `particles.npz`, where -1 stands for a bond that is never released."""
+"""What the hand does, to and from `particles.npz`: its bonds, where -1 stands for one that is never released, and the capsules that push."""
 
 import numpy as np
 
-from physreal_core.simulation import Grip
+from physreal_core.simulation import Grip, Tool
 from physreal_core.simulation.body import NEVER
 from pipeline.products.particles import Particles
 
 
-def fields_of(grip: Grip) -> dict[str, np.ndarray]:
-    """The bonds as `Particles` has them; without times where all act all the time."""
+def fields_of(grip: Grip, tool: Tool | None = None) -> dict[str, np.ndarray]:
+    """Bonds and capsules as `Particles` has them; bonds without times where all act all the time."""
+    return _bonds(grip) | ({} if tool is None else _capsules(tool))
+
+
+def _capsules(tool: Tool) -> dict[str, np.ndarray]:
+    spared = {"tool_spared": tool.spared} if len(tool.spared) else {}
+    return {"tool_ends": tool.ends, "tool_radius": tool.radius} | spared
+
+
+def _bonds(grip: Grip) -> dict[str, np.ndarray]:
     bonds = {
         "grip_particles": grip.particles,
         "grip_controllers": grip.controllers,
@@ -35,3 +44,10 @@ def grip_of(particles: Particles) -> Grip | None:
         taken=particles.grip_taken,
         released=released,
     )
+
+
+def tool_of(particles: Particles) -> Tool | None:
+    """The capsules that were saved, None where the hand does not push."""
+    if not particles.pushed:
+        return None
+    return Tool(particles.tool_ends, particles.tool_radius, particles.tool_spared)

@@ -21,7 +21,7 @@ from pipeline.products.particles import Particles
 from pipeline.products.tracks import MeasuredTracks
 from stages._body import body_of
 from stages._camera import load_camera
-from stages._grip import grip_of
+from stages._grip import grip_of, tool_of
 
 Read = Callable[[str], Path]
 """From a stage's name to the folder with its output for the sequence, as `StageContext.input`."""
@@ -67,6 +67,7 @@ def load_problem(read: Read, masks: MaskParameters | None = None) -> Problem:
         masks=_masks(read, particles, camera, observed, masks) if masks is not None and camera is not None else None,
         camera=camera,
         hand_modes=hand.modes,
+        tool=tool_of(particles),
     )
 
 

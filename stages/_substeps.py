@@ -9,7 +9,7 @@ from physreal_core.fitting.variables import Variable
 from physreal_core.simulation.timestep import USUAL_SUBSTEPS
 from pipeline.stage import StageContext
 
-STIFFNESS = ("youngs_modulus", "poissons_ratio")
+STIFFNESS = ("youngs_modulus", "poissons_ratio", "tool_stiffness", "tool_friction")
 """Variables of a fit that shorten the time step as they grow."""
 
 

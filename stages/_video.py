@@ -1,5 +1,6 @@
 """Frames of parse_video and what the capture brings beside them (masks, candidates, tracks, controllers), checked."""
 
+from dataclasses import replace
 from pathlib import Path
 
 import numpy as np
@@ -106,16 +107,17 @@ def given_tracks3d(
     return np.where(valid[..., None], points, nan), valid, np.where(valid, sigma, nan).astype(np.float32)
 
 
-def given_controllers(folder: Path, count: int) -> Float[Array, "T C 3"] | None:
-    """controllers.npz of a capture [m], or None."""
+def given_controllers(folder: Path, count: int) -> Controllers | None:
+    """controllers.npz of a capture [m], of its first frames, or None."""
     path = folder / Controllers.FILE
     if not path.is_file():
         return None
-    points = _first(Controllers.load(folder).points, path, count).astype(np.float32)
+    given = Controllers.load(folder)
+    points = _first(given.points, path, count).astype(np.float32)
     if not np.isfinite(points).all():
         frame = int(np.argwhere(~np.isfinite(points))[0, 0])
         raise InputError("a controller point is not finite", where=f"{path}, frame {frame}", expected="metres, no gaps")
-    return points
+    return replace(given, points=points)
 
 
 def _frames(folder: Path, count: int) -> list[Path]:

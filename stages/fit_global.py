@@ -1,4 +1,5 @@
-"""Stage 1: a homogeneous expert material (Theta_1 = E, nu, mu_f) and the grip's stiffness and damping (eq. interaction_force).
+"""Stage 1: a homogeneous expert material (Theta_1 = E, nu, mu_f), the grip's stiffness and damping (eq. interaction_force), and the friction
+of a hand that pushes.
 
 A scan of E and the grip's stiffness gives the start of a descent with a growing horizon; what has rate 0 is held. A thin body
 has the ratios of its bending, weft and shear stiffness beside E; a rope has no Poisson's ratio to be found. How far a hand holds it is
@@ -31,7 +32,7 @@ def run(context: StageContext) -> None:
     problem = load_problem(context.input, params.masks if params.losses.mask > 0 else None)
     particles = Particles.load(context.input("sample_particles"))
     model = initial_model(params, particles)
-    variables = variables_of(params.variables(particles.geometry))
+    variables = acting(variables_of(params.variables(particles.geometry, pushed=particles.pushed)), problem)
     tell_substeps(context, objective_of(context, problem, model).rollouts, model.fields, variables)
     reaches = _distinct(problem, params.of(particles.geometry).grip_reaches)
     fits = [_fit(context, problem, dataclasses.replace(model, grip_reach=reach), variables) for reach in reaches]
@@ -62,6 +63,12 @@ def _fit(context: StageContext, problem: Problem, model: Model, variables: list[
     return _Fitted(objective, model, result, scan)
 
 
+def acting(variables: list[Variable], problem: Problem) -> list[Variable]:
+    """The variables without those of a grip where the hand only pushes."""
+    pushes_only = problem.tool is not None and problem.grip is None
+    return [v for v in variables if not (pushes_only and v.name.startswith("grip_"))]
+
+
 def _distinct(problem: Problem, reaches: tuple[float, ...]) -> list[float | None]:
     """Those that hold something, and each another set of particles; None, all that is bound, where there is none."""
     held = {len(problem.grip.within(reach).particles): reach for reach in sorted(reaches)} if problem.grip else {}
@@ -70,12 +77,12 @@ def _distinct(problem: Problem, reaches: tuple[float, ...]) -> list[float | None
 
 def initial_model(params: FitGlobal, particles: Particles) -> Model:
     """One material for the whole object, of the starting values."""
-    variables = params.variables(particles.geometry)
-    acting = {name: v for name, v in variables.items() if name not in OPTIONAL or v.rate > 0 or v.initial != 1.0}
+    variables = params.variables(particles.geometry, pushed=particles.pushed)
+    present = {name: v for name, v in variables.items() if name not in OPTIONAL or v.rate > 0 or v.initial != 1.0}
     held = {"poissons_ratio": params.poissons_ratio.initial}  # a rope has none of its own
     return uniform_model(
         torch.from_numpy(particles.patch_positions).double(),
-        held | {name: variable.initial for name, variable in acting.items()},
+        held | {name: variable.initial for name, variable in present.items()},
         elastic_law=params.material.elastic_law,
         plastic_law=params.material.plastic_law,
         plastic=params.material.plastic(),

@@ -7,10 +7,12 @@ centre line.
 
 import numpy as np
 
-from physreal_core.fitting.grip import bind_grip, bind_holds
+from physreal_core.errors import InputError
+from physreal_core.fitting.grip import bind_grip, bind_holds, no_bonds
 from physreal_core.fitting.thin import bind_to_body, cells_of, ways_along
+from physreal_core.fitting.tool import bind_tool
 from physreal_core.geometry import Hold, Mesh, carried, farthest_points, holds_of, patch_weights, sample_surface
-from physreal_core.simulation import Body, Grip
+from physreal_core.simulation import Body, Grip, Tool
 from pipeline.capture import Capture, read_capture
 from pipeline.config.sample_particles import GripParameters
 from pipeline.products.controllers import Controllers
@@ -37,15 +39,16 @@ def run(context: StageContext) -> None:
     patches = farthest_points(body.x0, params.patches, ways=ways)
     patch_neighbours, weights = patch_weights(body.x0, patches, params.patch_neighbours, ways)
     gaussians = bind_to_body(placed.gaussians.means, body, params.binding_neighbours)
-    controllers = Controllers.load(perceived).points
+    hand = Controllers.load(perceived)
     measured = MeasuredTracks.load(perceived)
     ids = tracks_on(placed.mesh, measured.points3d[0], measured.valid3d[0], params.track_distance)
     points0 = measured.points3d[0, ids].astype(float)
     tracks = bind_to_body(points0, body, params.binding_neighbours)
     sheet = context.geometry == "planar"
     grip = _grip(
-        body, controllers, measured.points3d[:, ids], measured.valid3d[:, ids], capture, params.grip, sheet=sheet
+        body, hand.points, measured.points3d[:, ids], measured.valid3d[:, ids], capture, params.grip, sheet=sheet
     )
+    tool = _tool(body, hand, grip, params.grip)
     Particles(
         x0=body.x0,
         volume=body.volume,
@@ -60,12 +63,16 @@ def run(context: StageContext) -> None:
         track_points0=points0,
         track_neighbours=tracks.neighbours.numpy(),
         track_weights=tracks.weights.numpy(),
-        **fields_of(grip),
+        **fields_of(grip, tool),
         **elements_of(body),
     ).save(context.output)
     held, cells = len(np.unique(grip.particles)), cells_of(body)
     kind = "" if cells is None else f" of {len(cells)} {'triangles' if cells.shape[1] == 3 else 'segments'}"
     print(f"{len(body.x0)} particles{kind}, {len(ids)} tracks, {held} particles held by {len(grip.weights)} bonds")
+    if tool is not None:
+        print(
+            f"the controller pushes with {len(tool.ends)} capsules of {1e3 * tool.radius.min():.1f} mm to {1e3 * tool.radius.max():.1f} mm"
+        )
 
 
 def _grip(
@@ -78,7 +85,9 @@ def _grip(
     *,
     sheet: bool = False,
 ) -> Grip:
-    """What the controller holds: all the time, in the frames that the capture states, or while the tracks on the object go where it goes."""
+    """What the controller holds, nothing where it only pushes: all the time, in the frames that the capture states, or while the tracks on the object go where it goes."""
+    if params.contact == "push":
+        return _nothing_held(capture)
     how = {"radius": params.radius, "spacing": body.spacing, "per_particle": params.per_particle, "sheet": sheet}
     if controllers.shape[1] == 0 or (capture.holds is None and params.holds == "from_frame_0"):
         return bind_grip(body.x0, controllers, **how)
@@ -94,6 +103,25 @@ def _grip(
         print(f"the controller holds from frame {hold.taken} {end}")
     where = lambda frame: carried(body.x0, points, valid, min(frame, len(points) - 1))
     return bind_holds(body.x0, controllers, holds, where, **how)
+
+
+def _nothing_held(capture: Capture) -> Grip:
+    if capture.holds is not None:
+        raise InputError(
+            "the capture states when the controller holds, and it shall only push",
+            where="capture.json, holds, and sample_particles.grip.contact = push",
+            expected="one of the two",
+            remedy="set sample_particles.grip.contact to hold or hold_and_push, or take holds out of capture.json",
+        )
+    return no_bonds()
+
+
+def _tool(body: Body, hand: Controllers, grip: Grip, params: GripParameters) -> Tool | None:
+    """With what the controller pushes: the capsules that are given, or those between the points that were seen of it."""
+    if params.contact == "hold":
+        return None
+    radius = params.push_radius if hand.radius is None else hand.radius
+    return bind_tool(body, hand.points, ends=hand.ends, radius=radius, held=np.unique(grip.particles))
 
 
 def tracks_on(mesh: Mesh, points0: np.ndarray, valid: np.ndarray, reach: float) -> np.ndarray:

@@ -41,7 +41,7 @@ def _pass_through(context: StageContext, parsed: Path, capture: Capture) -> None
     pixels = np.full((*valid.shape, 2), np.nan, np.float32)
     MeasuredTracks(pixels, valid, points, valid, sigma).save(context.output)
     controllers = given_controllers(context.capture, frames)
-    Controllers(np.zeros((frames, 0, 3), np.float32) if controllers is None else controllers).save(context.output)
+    (Controllers(np.zeros((frames, 0, 3), np.float32)) if controllers is None else controllers).save(context.output)
     PerceptionQuality().save(context.output)
     report = {"kind": "tracks", "tracks": "given", "controllers": "none" if controllers is None else "given"}
     _write_report(context, report)
@@ -73,7 +73,7 @@ def _with_given_3d(context: StageContext, video: Video, result: Perceived) -> Pe
     controllers = given_controllers(context.capture, len(video.frames))
     if controllers is not None:
         poses = np.tile(np.eye(4), (len(video.frames), 1, 1))
-        result = replace(result, controllers=ControllerMotion(controllers, poses, []))
+        result = replace(result, controllers=ControllerMotion(controllers.points, poses, []))
         result.report["controller"] = Controllers.FILE
     return result
 
@@ -96,7 +96,8 @@ def _write(context: StageContext, video: Video, result: Perceived, fps: float) -
         starts=tracks.starts,
     ).save(output)
     controllers = np.zeros((frames, 0, 3), np.float32) if result.controllers is None else result.controllers.points
-    Controllers(controllers).save(output)
+    given = given_controllers(context.capture, frames)
+    (given or Controllers(controllers)).save(output)
     pixels = project(controllers, video.K, video.T_world_camera)
     pictures = draw_overlay(
         video.frames,

@@ -33,6 +33,7 @@ ABOVE = {
     "benchmarks.perception",
     "benchmarks.perception_report",
     "benchmarks.perception_runs",
+    "benchmarks.pushed",
     "benchmarks.taken",
     "benchmarks.thin.rigged",
 }

@@ -10,7 +10,7 @@ from typing import Literal
 
 import numpy as np
 
-from data.rig import texture
+from data.rig import recording, texture
 from data.rig.hidden.effect import NOTHING, Hidden
 from data.rig.mesh import TetMesh
 from data.rig.render import HAND, OBJECT, Picture, Stage
@@ -82,6 +82,8 @@ def film(
     T_world_prior = random_similarity(random)
     _write_prior(draft / "shape_prior.glb", trajectory, T_world_prior, scene.look)
     write_middle(draft, trajectory, scene.body, T_world_prior)
+    if scene.push_friction is not None:
+        recording.pushing(scene, trajectory).save(draft)
     truth = simulated_truth(scene, trajectory, stage.hand, T_world_prior)
     replace(truth, **_further_hands(stage, trajectory), **further_truth).save(draft)
     shutil.rmtree(destination, ignore_errors=True)

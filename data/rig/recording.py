@@ -26,7 +26,7 @@ class Recording:
     Attributes:
         fps: frames per second, as stated.
         tracks: [T, J, 3] m.
-        controllers: [T, C, 3] m, points of the hand where it holds the object.
+        controllers: [T, C, 3] m, points of the hand where it holds the object, or the ends of its capsules where it pushes.
         view: the depth camera that saw the points; the hand's record comes from elsewhere.
     """
 
@@ -41,12 +41,22 @@ def ideal(scene: RigScene, trajectory: Trajectory, random: np.random.Generator) 
     triangles, weights = _scattered(trajectory.mesh, POINTS, random)
     corners = trajectory.vertices[:, trajectory.mesh.faces[triangles]]
     surface = np.intersect1d(trajectory.gripped, trajectory.mesh.faces)
+    hand = trajectory.vertices[0, surface] + (trajectory.hand - scene.on_the_way)[:, None]
     return Recording(
         fps=scene.fps,
         tracks=np.einsum("tpck,pc->tpk", corners, weights),
-        controllers=trajectory.vertices[0, surface] + (trajectory.hand - scene.on_the_way)[:, None],
+        controllers=hand if scene.push_friction is None else pushing(scene, trajectory).points.astype(float),
         view=scene.view,
     )
+
+
+def pushing(scene: RigScene, trajectory: Trajectory) -> Controllers:
+    """The shape and the way of a hand that pushes, as a robot knows those of its tool: the ends of its capsules, and their radii."""
+    capsules = scene.hand.capsules
+    ends = np.array([(c.start, c.end) for c in capsules]).reshape(-1, 3)
+    pairs = np.arange(len(ends)).reshape(-1, 2)
+    points = ends + trajectory.hand[:, None]
+    return Controllers(points.astype(np.float32), pairs, np.array([c.radius for c in capsules]))
 
 
 def with_hand_off(recording: Recording, motion: Motion, unknowns: Unknowns, random: np.random.Generator) -> Recording:

@@ -125,6 +125,8 @@ class RigScene:
 
     The hand holds the nodes in `grasp`, or where that is None those within `grip_reach` [m] of its surface when it takes them. It holds
     all the time, or from and to the times `holds` [s]. Hands are meshed with `hand_spacing` [m].
+
+    With `push_friction`, Coulomb's of its surface on the body, the hand holds nothing: it pushes by contact, as a stick does.
     """
 
     name: str
@@ -147,6 +149,7 @@ class RigScene:
     others: tuple[FurtherHand, ...] = ()
     hand_spacing: float = 0.009
     holds: tuple[float, float] | None = None
+    push_friction: float | None = None
 
     @property
     def on_the_way(self) -> Float[Array, "3"]:
@@ -289,4 +292,51 @@ def plush_take() -> RigScene:
     )
 
 
-SCENES = {"plush_lift": plush_lift, "plush_push": plush_push, "plush_take": plush_take}
+STICK = 0.012  # radius of the stick that pushes [m]
+
+
+def stick(tip: tuple[float, float, float], towards: tuple[float, float, float], length: float = 0.3) -> RoundedShape:
+    """A stick with round ends: the ball at its lower end around `tip` [m], the rest leaving along `towards`."""
+    way = np.asarray(towards, float) / np.linalg.norm(towards)
+    return RoundedShape((Capsule(tip, tuple(map(float, tip + length * way)), STICK),))
+
+
+def plush_poke() -> RigScene:
+    """The same animal: a stick comes to the side of its head, pushes it over the table, which turns and bends it, lets go, and pushes on."""
+    return RigScene(
+        name="plush_poke",
+        description="a stuffed animal",
+        body=plush_body(),
+        hand=stick((0.072, 0.062, 0.030), (0.35, 0.55, 0.75)),
+        motion=Motion(
+            (
+                (0.1, 0.9, (-0.035, -0.075, 0.0)),
+                (0.95, 1.15, (0.0, 0.02, 0.0)),
+                (1.2, 1.8, (0.02, -0.065, 0.0)),
+            )
+        ),
+        view=View(target=(0.0, 0.0, 0.03)),
+        push_friction=0.3,
+    )
+
+
+def plush_shove() -> RigScene:
+    """The same animal, pushed by the same stick at its hips from the same side, with the head left behind."""
+    return RigScene(
+        name="plush_shove",
+        description="a stuffed animal",
+        body=plush_body(),
+        hand=stick((-0.045, 0.068, 0.030), (-0.35, 0.55, 0.75)),
+        motion=Motion(((0.1, 0.8, (0.015, -0.07, 0.0)), (1.0, 1.6, (0.0, -0.05, 0.0)))),
+        view=View(target=(0.0, 0.0, 0.03)),
+        push_friction=0.3,
+    )
+
+
+SCENES = {
+    "plush_lift": plush_lift,
+    "plush_push": plush_push,
+    "plush_take": plush_take,
+    "plush_poke": plush_poke,
+    "plush_shove": plush_shove,
+}

@@ -19,6 +19,7 @@ FRICTION_IMPEDANCE = 100  # over that of contact; with 1, what friction holds cr
 TOUCHING = 1e-6  # [m]; nodes in the surface of what the hand holds are held
 CONTACT_IMPEDANCE = ".9 .95 .001"  # MuJoCo's `solimp`
 HOLD_IMPEDANCE = ".99 .99 .001"  # stiffer than contact: the hold shall take nothing off a swing
+STICK_MASS = 100.0  # [kg], of a hand that pushes; nothing that it pushes slows it
 
 
 class World:
@@ -73,6 +74,9 @@ class World:
         self._directors = Directors(self.model, self.mesh) if isinstance(self.mesh, Line) else None
         self._origin = self.model.body_pos[self.bodies]  # slide joints along the world's axes: x = origin + q
         self._hand = np.zeros(3)
+        self._pushing = self.model.body_dofadr[self.model.body("hand").id] + np.arange(
+            3
+        )  # where the hand is no mocap body
         self._taken = scene.holds is None
         if not self._taken:
             self._let_hold(False)
@@ -111,7 +115,13 @@ class World:
         stiffness, damping = self._hold
         velocity = (displacement - self._hand) / self.timestep
         self._hand = np.array(displacement)
-        self.data.mocap_pos[0] = displacement + ahead * damping / stiffness * velocity
+        if self.scene.push_friction is None:
+            self.data.mocap_pos[0] = displacement + ahead * damping / stiffness * velocity
+        else:
+            self.data.qpos[self._pushing], self.data.qvel[self._pushing] = (
+                displacement - self.timestep * velocity,
+                velocity,
+            )
 
     def take_or_let_go(self, time: float) -> None:
         """Hold the body, where it is now, or let it go, as the scene says of a time [s]."""
@@ -132,10 +142,10 @@ class World:
 
     def hold_others_at(self, displacements: Float[Array, "A 3"]) -> None:
         """Puts what the further hands hold at their displacements [m] from where it was at time 0."""
-        self.data.mocap_pos[1:] = displacements
+        self.data.mocap_pos[-len(displacements) :] = displacements
 
     def _describe(self, integrator: str, further: str, flex: str) -> str:
-        """The MuJoCo model as XML; a hand is a mocap body at the origin that carries its displacement."""
+        """The MuJoCo model as XML; a hand is a body at the origin that carries its displacement, a mocap body unless it pushes."""
         scene, stiff, held_fast = self.scene, firm(firmness(self.timestep)), firm(self._hold, HOLD_IMPEDANCE)
         friction = f'friction="{scene.material.friction_coefficient} .001 .0001"'
         holds = [("hand", self.gripped), *((f"hand_{n}", nodes) for n, nodes in enumerate(self.held_by_others, 1))]
@@ -145,7 +155,8 @@ class World:
             for i in nodes
         )
         held += held_twists(self.mesh, self.gripped, held_fast)
-        hands = "".join(f'<body name="{hand}" mocap="true"/>' for hand, _ in holds)
+        hands = "".join(f'<body name="{hand}" mocap="true"/>' for hand, _ in holds[self._pushes :])
+        hands = (self._stick(stiff) if self._pushes else "") + hands
         return f"""<mujoco>
       <option timestep="{self.timestep}" gravity="{_numbers(scene.gravity)}" solver="Newton" tolerance="1e-8"
               iterations="1000" integrator="{integrator}" cone="elliptic" impratio="{FRICTION_IMPEDANCE}"/>
@@ -162,7 +173,23 @@ class World:
         {further}
       </worldbody>
       <equality>{held}</equality>
+      {'<contact><exclude body1="hand" body2="world"/></contact>' if self._pushes else ""}
     </mujoco>"""
+
+    @property
+    def _pushes(self) -> bool:
+        return self.scene.push_friction is not None
+
+    def _stick(self, stiff: str) -> str:
+        """A hand that pushes: a heavy body whose velocity is set, which contact and its friction know, as they do not know a mocap body's."""
+        slides = "".join(f'<joint type="slide" axis="{axis}"/>' for axis in ("1 0 0", "0 1 0", "0 0 1"))
+        geoms = "".join(
+            f'<geom type="capsule" fromto="{_numbers(np.array([c.start, c.end]))}" size="{c.radius}" mass="0" priority="1" condim="3" '
+            f'friction="{self.scene.push_friction} .001 .0001" {stiff}/>'
+            for c in self.scene.hand.capsules
+        )
+        inertial = f'<inertial pos="0 0 0" mass="{STICK_MASS}" diaginertia="1 1 1"/>'
+        return f'<body name="hand" gravcomp="1">{inertial}{slides}{geoms}</body>'
 
     def _elements(self) -> str:
         """Attributes of the flex that say what it is made of."""
@@ -213,6 +240,8 @@ def _radius(scene: RigScene) -> float:
 
 
 def _held(scene: RigScene, vertices: Float[Array, "V 3"]) -> Int[Array, " B"]:
+    if scene.push_friction is not None:
+        return np.zeros(0, int)
     if scene.grasp is not None:
         return np.flatnonzero(scene.grasp.distance(vertices) < TOUCHING)
     return np.flatnonzero(scene.hand.moved(scene.on_the_way).distance(vertices) < scene.grip_reach)

@@ -6,7 +6,7 @@ from typing import ClassVar, Literal
 
 from physreal_core.array_types import Array, Float, Tensor
 from physreal_core.errors import InputError
-from physreal_core.simulation import Body, Clamp, Grip, Parameters, SimulationConfig, States
+from physreal_core.simulation import Body, Clamp, Grip, Parameters, SimulationConfig, States, Tool
 from physreal_core.simulation.body_terms import absent_terms
 
 Family = Literal["around", "material", "mass", "contact", "grip", "measurement"]
@@ -53,6 +53,7 @@ class Setting:
         controllers: measured controller points [m], shape [T, C, 3].
         T_world_camera: pose of the camera, shape [4, 4]; None for motion capture.
         hand_seen: whether the controller points were seen by that camera too; a robot's own record is not.
+        tool: the simulator's.
     """
 
     body: Body
@@ -64,6 +65,12 @@ class Setting:
     controllers: Float[Tensor, "frames controllers 3"]
     T_world_camera: Float[Array, "4 4"] | None = None
     hand_seen: bool = True
+    tool: Tool | None = None
+
+    @property
+    def hand_acts(self) -> bool:
+        """Whether the controller points move the body: by holding it, or by pushing."""
+        return self.grip is not None or self.tool is not None
 
 
 @dataclass(frozen=True)

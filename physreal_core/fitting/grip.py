@@ -89,7 +89,7 @@ def bind_grip(
     from scipy.spatial import cKDTree
 
     if controllers.shape[1] == 0:
-        return Grip(np.empty(0, np.int32), np.empty(0, np.int32), np.empty(0), np.empty(0))
+        return no_bonds()
     known = np.flatnonzero(np.isfinite(controllers[0]).all(axis=1))
     if len(known) == 0:
         raise InputError(
@@ -108,6 +108,11 @@ def bind_grip(
     held = _between(x0, near, points, radius, spacing) if sheet else near
     grip = springs(x0, held, points, spacing, per_particle)
     return replace(grip, controllers=known[grip.controllers])
+
+
+def no_bonds() -> Grip:
+    """Of a hand that holds nothing."""
+    return Grip(np.empty(0, np.int32), np.empty(0, np.int32), np.empty(0), np.empty(0))
 
 
 def _between(x0: Array, near: Array, points: Array, radius: float, spacing: float) -> Array:

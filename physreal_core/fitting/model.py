@@ -23,6 +23,8 @@ UNITS = {
     "friction_coefficient": "1",
     "grip_stiffness": "N",
     "grip_damping": "N s/m",
+    "tool_stiffness": "1/s2",
+    "tool_friction": "1",
     "bending_ratio": "1",
     "weft_ratio": "1",
     "shear_ratio": "1",
@@ -38,6 +40,9 @@ UNITS = {
 THIN_FIELDS = ("bending_ratio", "weft_ratio", "shear_ratio")
 """Tensors that only the model of a thin body has."""
 
+TOOL_FIELDS = ("tool_stiffness", "tool_friction")
+"""Numbers that only the model of a body has that a hand pushes without holding it."""
+
 PATCH_FIELDS = ("youngs_modulus", "poissons_ratio", "plastic", "latent_elastic", "latent_plastic", *THIN_FIELDS)
 """Tensors with one row per patch; the others hold for the whole object."""
 
@@ -51,7 +56,7 @@ class Model:
         fields: youngs_modulus [K], poissons_ratio [K], friction_coefficient [], grip_stiffness [], grip_damping [],
             patch_positions [K,3] (world frame, frame 0), and where they apply plastic [K,2], latent_elastic [K,L],
             latent_plastic [K,L], network_elastic [W], network_plastic [W]. Of a thin body bending_ratio [K], of a fabric weft_ratio and
-            shear_ratio [K]; Young's modulus is then that of stretching.
+            shear_ratio [K]; Young's modulus is then that of stretching. Where a hand pushes tool_stiffness [] and tool_friction [].
         residual: sizes and bounds of the residual networks, None before Stage 3.
         simulation: what else the parameters hold for, as `SimulationConfig` takes it: `gravity`, `ground_height`, `courant`,
             `dtype`.
@@ -110,8 +115,8 @@ def uniform_model(
 
     Args:
         patch_positions: [m], world frame at frame 0.
-        values: youngs_modulus [Pa], poissons_ratio, friction_coefficient, grip_stiffness [N], grip_damping [N s/m], and of a thin body
-            those of `THIN_FIELDS` that differ from 1 or may.
+        values: youngs_modulus [Pa], poissons_ratio, friction_coefficient, grip_stiffness [N], grip_damping [N s/m], of a thin body
+            those of `THIN_FIELDS` that differ from 1 or may, and of one that a hand pushes those of `TOOL_FIELDS`.
         plastic: the plastic law's two parameters; None for `identity`.
         simulation: see `Model`.
     """
@@ -153,7 +158,7 @@ def particle_parameters(
 
     return Parameters(
         **{name: spread(name) for name in PATCH_FIELDS},
-        **{name: whole(name) for name in ("friction_coefficient", "grip_stiffness", "grip_damping")},
+        **{name: whole(name) for name in ("friction_coefficient", "grip_stiffness", "grip_damping", *TOOL_FIELDS)},
         **{name: whole(name) for name in ("network_elastic", "network_plastic")},
         initial_velocity=torch.zeros(neighbours.shape[0], 3, dtype=dtype, device=device),
     )

@@ -11,7 +11,7 @@ from torch import Tensor
 from physreal_core.array_types import Array, Bool, Float, Int
 from physreal_core.errors import InputError
 from physreal_core.rendering import Binding, Camera, Gaussians
-from physreal_core.simulation import Body, Clamp, Grip, PointLoad
+from physreal_core.simulation import Body, Clamp, Grip, PointLoad, Tool
 
 
 @dataclass(frozen=True)
@@ -69,7 +69,7 @@ class Problem:
     """One sequence to fit a material to.
 
     Args:
-        body, grip, clamps, loads: the simulator's own inputs.
+        body, grip, clamps, loads, tool: the simulator's own inputs.
         fps: frames per second.
         controllers: [T,C,3] m, where the controller points most likely were over the whole interval (C may be 0).
         observed: number of leading frames the fit may see.
@@ -94,6 +94,7 @@ class Problem:
     camera: Camera | None = None
     hand_seen: bool = True
     hand_modes: Float[Array, "modes frames"] | None = None
+    tool: Tool | None = None
 
     def __post_init__(self) -> None:
         if self.tracks is None and self.masks is None:
@@ -122,15 +123,16 @@ class Problem:
 
 
 def require_hold(problem: Problem) -> None:
-    """InputError where a hand is measured that holds nothing: the model knows no other way in which it moves the body."""
+    """InputError where a hand is measured that neither holds nor pushes: the model knows no other way in which it moves the body."""
     controllers = problem.controllers.shape[1]
-    held = problem.clamps or (problem.grip is not None and len(problem.grip.particles) > 0)
+    held = problem.clamps or problem.tool or (problem.grip is not None and len(problem.grip.particles) > 0)
     if controllers > 0 and not held:
         raise InputError(
             f"none of {controllers} controller points holds a particle",
             where="the grip",
             expected="a hand that touches the object in frame 0",
-            remedy="check the controller's mask and the object's pose, or widen sample_particles.grip.radius in params.yaml",
+            remedy="check the controller's mask and the object's pose, widen sample_particles.grip.radius in params.yaml, or set "
+            "sample_particles.grip.contact: push for a hand that only pushes",
         )
 
 

@@ -14,7 +14,8 @@ from torch import Tensor
 from physreal_core.array_types import Float
 from physreal_core.effects import EFFECTS, Inputs, Setting, configured
 from physreal_core.effects.paths import prolonged
-from physreal_core.fitting.model import Model, particle_parameters
+from physreal_core.errors import InputError
+from physreal_core.fitting.model import TOOL_FIELDS, Model, particle_parameters
 from physreal_core.fitting.problem import Problem
 from physreal_core.simulation import Parameters, SimulationConfig, Simulator, States
 from physreal_core.simulation.body_terms import dormant_values
@@ -47,9 +48,13 @@ class Rollouts:
         config: of the simulator, with the terms and laws that the model's effects need.
         setting: what the effects may look at.
         values: the model's coefficients of every effect, tensors of shape [].
+
+    Raises:
+        InputError: a hand pushes in the problem, and the model does not say how firmly and with which friction.
     """
 
     def __init__(self, problem: Problem, model: Model, *, device: str = "cpu") -> None:
+        _require_push(problem, model)
         self.problem, self.device = problem.held_within(model.grip_reach).to(device), device
         self.config = model.simulation_config(problem.fps, device, problem.body)
         self.dtype = torch.float64 if self.config.dtype == "float64" else torch.float32
@@ -127,7 +132,7 @@ class Rollouts:
     @cached_property
     def _simulator(self) -> Simulator:
         problem = self.problem
-        return Simulator(problem.body, self.config, problem.grip, problem.clamps, problem.loads)
+        return Simulator(problem.body, self.config, problem.grip, problem.clamps, problem.loads, problem.tool)
 
     def _acting(self, values: EffectValues | None) -> dict[str, dict[str, Tensor]]:
         """Coefficients of all effects, in the order in which they act: the model's own first."""
@@ -135,6 +140,17 @@ class Rollouts:
 
     def _numbers(self, values: Mapping[str, Tensor | float]) -> dict[str, Tensor]:
         return {name: torch.as_tensor(value).to(self.device, self.dtype) for name, value in values.items()}
+
+
+def _require_push(problem: Problem, model: Model) -> None:
+    missing = [name for name in TOOL_FIELDS if name not in model.fields]
+    if problem.tool is not None and missing:
+        raise InputError(
+            f"a hand pushes here, and the model has no {' and no '.join(missing)}",
+            where="the fitted model",
+            expected="a model of a motion in which a hand pushes",
+            remedy="fit one to such a motion, or set sample_particles.grip.contact: hold for this sequence",
+        )
 
 
 def _merged(known: Mapping[str, Mapping], given: Mapping[str, Mapping]) -> dict[str, dict]:
@@ -152,6 +168,7 @@ def setting_of(problem: Problem, config: SimulationConfig, dtype: torch.dtype) -
     return Setting(
         body=problem.body,
         grip=problem.grip,
+        tool=problem.tool,
         clamps=problem.clamps,
         fps=float(problem.fps),
         gravity=tuple(config.gravity),

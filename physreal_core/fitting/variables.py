@@ -21,6 +21,8 @@ TRANSFORMS: dict[str, Transform] = {
     "friction_coefficient": "log",
     "grip_stiffness": "log",
     "grip_damping": "log",
+    "tool_stiffness": "log",
+    "tool_friction": "log",
     "bending_ratio": "log",
     "weft_ratio": "log",
     "shear_ratio": "log",

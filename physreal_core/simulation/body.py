@@ -87,6 +87,9 @@ class Body:
 NEVER = np.iinfo(np.int64).max
 """Frame time at which a bond is released that is not released."""
 
+FAR = 1e3
+"""Distance that no capsule's radius comes near [m]."""
+
 
 @dataclass(frozen=True)
 class Grip:
@@ -178,10 +181,12 @@ class Tool:
     Args:
         ends: the two controller points of each capsule, shape [K, 2]; twice the same one for a ball.
         radius: of each capsule [m], shape [K].
+        spared: particles that it passes through, shape [P]: those that the same hand holds lie within it. None by default.
     """
 
     ends: Int[Array, "capsules 2"]
     radius: Float[Array, " capsules"]
+    spared: Int[Array, " spared"] | None = None
 
     def __post_init__(self) -> None:
         ends = np.ascontiguousarray(self.ends, dtype=np.int32).reshape(-1, 2)
@@ -194,6 +199,22 @@ class Tool:
             raise InputError(f"smallest radius is {radius.min():g} m", where="Tool.radius", expected="positive lengths")
         object.__setattr__(self, "ends", ends)
         object.__setattr__(self, "radius", radius)
+        spared = np.zeros(0) if self.spared is None else self.spared
+        object.__setattr__(self, "spared", np.ascontiguousarray(spared, dtype=np.int64))
+
+    def reach(self, body: Body) -> Float[Array, " particles"]:
+        """How far from the capsules' surfaces particles are pushed [m], shape [N]: half of their size, and never where they are spared.
+
+        Raises:
+            InputError: a particle is spared that the body does not have.
+        """
+        if len(self.spared) and not 0 <= self.spared.min() <= self.spared.max() < len(body.x0):
+            raise InputError(
+                "a particle is spared that is not there", where="Tool.spared", expected=f"0..{len(body.x0) - 1}"
+            )
+        reach = body.reach.copy()
+        reach[self.spared] = -FAR
+        return reach
 
 
 @dataclass(frozen=True)

@@ -9,6 +9,7 @@ from pipeline.config._fitting import Descent, Device, Losses, Masks, Variable, d
 
 _MATERIAL = ("youngs_modulus", "poissons_ratio", "bending_ratio", "weft_ratio", "shear_ratio")
 _CONTACT = ("friction_coefficient", "grip_stiffness", "grip_damping")
+_PUSH = ("tool_stiffness", "tool_friction")
 _RATE = "Adam's step in its {} per iteration; 0: held at the start"
 
 
@@ -126,6 +127,22 @@ class GripDamping(Variable):
     rate: float = Field(0.0, ge=0, description=_RATE.format("logarithm"))
 
 
+class ToolStiffness(Variable):
+    initial: float = Field(
+        1e7, gt=0, description="push per mass and depth, start; so firm that the hand sinks in by a millimetre [1/s2]"
+    )
+    lower: float = Field(1e4, gt=0, description="[1/s2]")
+    upper: float = Field(1e8, gt=0, description="[1/s2]; the time step shrinks with its root")
+    rate: float = Field(0.0, ge=0, description=_RATE.format("logarithm"))
+
+
+class ToolFriction(Variable):
+    initial: float = Field(0.4, gt=0, description="start")
+    lower: float = Field(0.01, gt=0, description="")
+    upper: float = Field(1.0, gt=0, description="the time step shrinks in proportion to it")
+    rate: float = Field(0.1, ge=0, description=_RATE.format("logarithm"))
+
+
 class Material(StageParameters):
     """Expert laws and what of them is not fitted."""
 
@@ -189,6 +206,10 @@ class FitGlobal(StageParameters):
     friction_coefficient: FrictionCoefficient = Field(FrictionCoefficient(), description="mu_f of the ground")
     grip_stiffness: GripStiffness = Field(GripStiffness(), description="k_f (eq. interaction_force)")
     grip_damping: GripDamping = Field(GripDamping(), description="")
+    tool_stiffness: ToolStiffness = Field(
+        ToolStiffness(), description="of a hand that pushes (sample_particles.grip.contact)"
+    )
+    tool_friction: ToolFriction = Field(ToolFriction(), description="mu of a hand that pushes")
     grip_reaches: Reaches = _reaches(())
     simulation: Simulation = Field(Simulation(), description="")
     losses: Losses = Field(Losses(), description="")
@@ -200,7 +221,7 @@ class FitGlobal(StageParameters):
     @model_validator(mode="after")
     def _starts_in_range(self) -> "FitGlobal":
         for geometry in ("volumetric", "planar", "linear"):
-            for name, variable in self.variables(geometry).items():
+            for name, variable in self.variables(geometry, pushed=True).items():
                 if variable.rate > 0 and not variable.lower <= variable.initial <= variable.upper:
                     where = name if geometry == "volumetric" else f"{geometry}.{name}"
                     raise ValueError(
@@ -208,11 +229,12 @@ class FitGlobal(StageParameters):
                     )
         return self
 
-    def variables(self, geometry: str) -> dict[str, Variable]:
-        """What may move of the model of a body of this geometry, by the model's field."""
+    def variables(self, geometry: str, *, pushed: bool = False) -> dict[str, Variable]:
+        """What may move of the model of a body of this geometry, by the model's field; `pushed`: with what a hand has that pushes."""
         block = self.of(geometry)
         material = {name: getattr(block, name) for name in _MATERIAL if hasattr(block, name)}
-        return material | {name: getattr(block, name, getattr(self, name)) for name in _CONTACT}
+        contact = (*_CONTACT, *_PUSH) if pushed else _CONTACT
+        return material | {name: getattr(block, name, getattr(self, name)) for name in contact}
 
     def of(self, geometry: str) -> "FitGlobal | Sheet | Rope":
         """The block for a body of this geometry."""

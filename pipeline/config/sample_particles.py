@@ -8,7 +8,17 @@ from pipeline.config._base import StageParameters
 
 
 class GripParameters(StageParameters):
-    """Which particles the controller holds."""
+    """What the controller does to the object: which particles it holds, and how wide it is where it pushes."""
+
+    contact: Literal["hold", "push", "hold_and_push"] = Field(
+        "hold",
+        description="the controller holds what is near it; or pushes it without holding, with friction; or does both",
+    )
+    push_radius: float = Field(
+        0.006,
+        gt=0,
+        description="the controller pushes with capsules of this radius between its points, where controllers.npz gives none [m]",
+    )
 
     radius: float = Field(
         0.016,

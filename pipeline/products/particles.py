@@ -29,6 +29,9 @@ class Particles(ArrayFile):
         grip_rest_lengths: [B] m; not a number for a bond that is as long as it is when taken.
         grip_taken, grip_released: [B], frames from which each bond acts, and from which it does no more, -1 for never; None, both: it
             always acts.
+        tool_ends: [Q, 2], of a hand that pushes: the controller points at the ends of each of its capsules; tool_radius [Q] m. None, both,
+            for one that does not.
+        tool_spared: [S], particles that it holds and does not push; None where there are none.
         pieces: [N], number from 0 of each particle's piece, which move apart; None where the mesh is one.
         triangles: [E, 3], of a shell: vertices, which the particles are, counter-clockwise from one side; thickness [m]; warp [3], the
             direction of a fabric's first threads. None, all three, for any other body.
@@ -63,10 +66,20 @@ class Particles(ArrayFile):
     pieces: Int[Array, " N"] | None = None
     grip_taken: Int[Array, " B"] | None = None
     grip_released: Int[Array, " B"] | None = None
+    tool_ends: Int[Array, "Q 2"] | None = None
+    tool_radius: Float[Array, " Q"] | None = None
+    tool_spared: Int[Array, " S"] | None = None
 
     def __post_init__(self) -> None:
         shell, rod = (self.triangles, self.thickness, self.warp), (self.rows, self.radius)
         given = [sum(value is not None for value in group) for group in (shell, rod)]
+        if (self.tool_ends is None) != (self.tool_radius is None):
+            raise InputError(
+                "capsules of a hand that are not whole",
+                where=self.FILE,
+                expected="tool_ends with tool_radius, or neither",
+                remedy=self.REMEDY,
+            )
         if given not in ([0, 0], [len(shell), 0], [0, len(rod)]):
             raise InputError(
                 "elements of a thin body that are not whole",
@@ -74,6 +87,11 @@ class Particles(ArrayFile):
                 expected="triangles with thickness and warp, or rows with radius, or none of them",
                 remedy=self.REMEDY,
             )
+
+    @property
+    def pushed(self) -> bool:
+        """Whether a hand pushes the body."""
+        return self.tool_ends is not None
 
     @property
     def geometry(self) -> str:

@@ -13,7 +13,7 @@ from physreal_core.fitting.problem import MaskObservations, Problem, TrackObserv
 from physreal_core.fitting.rollouts import Rollouts
 from physreal_core.geometry import farthest_points, patch_weights
 from physreal_core.rendering import Camera, Gaussians, bind, carry_points, render_carried
-from physreal_core.simulation import Body, Grip
+from physreal_core.simulation import Body, Grip, Tool
 
 SPACING = 0.02
 DENSITY = 300.0
@@ -25,6 +25,10 @@ MATERIAL = {
     "grip_stiffness": 4.0,
     "grip_damping": 0.02,
 }
+
+
+PUSH = {"tool_stiffness": 1e5, "tool_friction": 0.4}
+"""What a model has beside `MATERIAL` where the bar is pushed."""
 
 
 def body() -> Body:
@@ -42,6 +46,11 @@ def grip(bar: Body) -> tuple[Grip, np.ndarray]:
     return Grip(held, np.zeros_like(held), np.ones(len(held)), lengths), hand
 
 
+def tool() -> tuple[Tool, np.ndarray]:
+    """A stick that leans, its lower end beside the first columns; its two ends [2,3]."""
+    return Tool(np.array([[0, 1]]), np.array([0.015])), np.array([[0.02, -0.018, 0.02], [0.01, -0.06, 0.12]])
+
+
 def model(patch_count: int = 4, *, dtype: str = "float32", **values: float) -> Model:
     """The true material, but for `values`."""
     bar = body()
@@ -51,16 +60,25 @@ def model(patch_count: int = 4, *, dtype: str = "float32", **values: float) -> M
 
 
 def problem(
-    truth: Model, *, frames: int = 12, observed: int = 12, with_masks: bool = True, device: str = "cpu"
+    truth: Model,
+    *,
+    frames: int = 12,
+    observed: int = 12,
+    with_masks: bool = True,
+    device: str = "cpu",
+    pushed: bool = False,
 ) -> Problem:
     """What a camera and a tracker would have seen of `truth`: the hand goes up and along, the far end drags.
 
-    Simulated and rendered on `device`; what is returned is on the CPU.
+    Simulated and rendered on `device`; what is returned is on the CPU. Of a bar that is `pushed`, a stick goes against its end and along it.
     """
     bar = body()
     bonds, hand = grip(bar)
+    pusher, way = None, np.array([-0.05, 0.0, 0.06])
+    if pushed:
+        bonds, (pusher, hand), way = None, tool(), np.array([0.03, 0.05, 0.005])
     times = np.linspace(0.0, 1.0, frames)[:, None, None]
-    controllers = torch.from_numpy(hand + times**2 * (3.0 - 2.0 * times) * np.array([-0.05, 0.0, 0.06]))
+    controllers = torch.from_numpy(hand + times**2 * (3.0 - 2.0 * times) * way)
     neighbours, weights = patch_weights(bar.x0, farthest_points(bar.x0, truth.patch_count), 3)
     empty = Problem(
         body=bar,
@@ -70,6 +88,7 @@ def problem(
         patch_neighbours=torch.from_numpy(neighbours),
         patch_weights=torch.from_numpy(weights),
         grip=bonds,
+        tool=pusher,
         tracks=_tracks(bar, np.zeros((frames, len(bar.x0), 3)), None),
     )
     states = simulate(empty, truth, device)

@@ -14,6 +14,7 @@ import pytest
 import yaml
 
 from physreal_core.errors import InputError
+from physreal_core.fitting.grip import no_bonds
 from physreal_core.fitting.model import load_model
 from physreal_core.fitting.problem import Problem
 from pipeline.capture import capture_of, write_capture
@@ -31,6 +32,7 @@ from pipeline.project import Project
 from pipeline.provenance import digest_folder, write_provenance
 from pipeline.stage import run_stage
 from stages import add_effect, find_gap, fit_global, fit_patches, fit_residual, predict
+from stages._grip import fields_of
 from tests.fitting import scene
 
 ROOT = Path(__file__).parents[2]
@@ -58,13 +60,15 @@ def project(tmp_path_factory) -> Project:
     return _project(tmp_path_factory.mktemp("project"))
 
 
-def _project(root: Path) -> Project:
+def _project(root: Path, given: Problem | None = None) -> Project:
+    """Both sequences are those of `given`, by default of the hand that lifts."""
     root.mkdir(exist_ok=True)
     descent = {"iterations": 4, "checkpoint_every": 1}
     blocks = {
         "fit_global": {
             "youngs_modulus": {"initial": 1.2e4},
             "grip_stiffness": {"initial": scene.MATERIAL["grip_stiffness"], "rate": 0.0},
+            "tool_stiffness": {"initial": scene.PUSH["tool_stiffness"]},
             "scan": {"count": 3, "factor": 3.0},
             "masks": {"frames": 2, "reduction": 1, "hidden_margin": 0},
             "descent": {**descent, "warmup": 1},
@@ -79,7 +83,7 @@ def _project(root: Path) -> Project:
         "predictions": {"push": {"model_from": "lift"}},
     }
     (root / "params.yaml").write_text(yaml.safe_dump({"seed": 0, **roles, **blocks}))
-    given = scene.problem(scene.model(), frames=8, observed=6)
+    given = given or scene.problem(scene.model(), frames=8, observed=6)
     for sequence in ("lift", "push"):
         write_artifacts(Project(root), sequence, given)
     return Project(root)
@@ -122,7 +126,7 @@ def _write_perception(folder: Path, given: Problem) -> None:
 
 
 def _particles(given: Problem) -> Particles:
-    body, tracks, grip = given.body, given.tracks, given.grip
+    body, tracks, grip = given.body, given.tracks, given.grip or no_bonds()
     return Particles(
         x0=body.x0,
         volume=body.volume,
@@ -137,10 +141,7 @@ def _particles(given: Problem) -> Particles:
         track_points0=tracks.points0.numpy(),
         track_neighbours=tracks.binding.neighbours.numpy(),
         track_weights=tracks.binding.weights.numpy(),
-        grip_particles=grip.particles,
-        grip_controllers=grip.controllers,
-        grip_weights=grip.weights,
-        grip_rest_lengths=grip.rest_lengths,
+        **fields_of(grip, given.tool),
     )
 
 
@@ -178,6 +179,27 @@ def test_predict_rolls_another_sequence_out_with_every_model(project):
         given, taken = (Rollout.load(path).x for path in (project.artifact(stage, "lift"), folder / stage))
         # Same scene, so the same rollout, but for the registration of the patches.
         assert np.abs(given - taken).max() < 1e-3
+
+
+def test_how_a_hand_pushes_is_fitted_kept_and_taken_to_other_motions(tmp_path):
+    project = _project(tmp_path, scene.problem(scene.model(**scene.PUSH), frames=8, observed=6, pushed=True))
+    friction = {}
+    for stage, run in RUNS.items():
+        folder = run_stage(stage, "lift", run, project)
+        if stage in FIT_STAGES:
+            fields, values = load_model(folder).fields, Fit.load(folder).values
+            friction[stage] = float(fields["tool_friction"])
+            assert values["tool_friction"]["value"] == friction[stage] and values["tool_stiffness"]["unit"] == "1/s2"
+    found = load_model(project.artifact("fit_global", "lift"))
+    assert float(found.fields["grip_stiffness"]) == scene.MATERIAL["grip_stiffness"]  # no bond, so nothing moves it
+    assert friction["fit_global"] != 0.4 and friction["fit_patches"] == friction["fit_global"]
+    assert len(Fit.load(project.artifact("fit_global", "lift")).scan) == 3  # moduli; no grip
+    folder = run_stage("predict", "push", predict.run, project)
+    for stage in FIT_STAGES:
+        given, taken = (Rollout.load(path).x for path in (project.artifact(stage, "lift"), folder / stage))
+        assert np.abs(given - taken).max() < 1e-3
+    x = Rollout.load(folder / "fit_patches").x
+    assert np.abs(x[-1] - x[0]).max() > 0.02
 
 
 def test_a_fit_killed_at_any_moment_and_rerun_writes_the_same_bytes(tmp_path):

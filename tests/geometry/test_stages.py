@@ -176,3 +176,33 @@ def test_tracks_without_a_shape_are_refused(tmp_path):
     root = write_capture(tmp_path, None)
     with pytest.raises(InputError, match="needs a shape"):
         build_object.run(Context(root, "build_object", BuildObject()))
+
+
+def test_a_controller_that_pushes_holds_nothing_or_holds_too(tmp_path):
+    body = ellipsoid()
+    root = write_capture(tmp_path, None, holds=[[0, None]])
+    save_mesh(root / "capture/shape_prior.glb", body)
+    high = float(body.vertices[:, 2].max())
+    points = np.array([[0.0, 0.0, high + 0.015], [0.0, 0.0, high + 0.1]])[None] - np.linspace(0, 0.02, 3)[:, None, None]
+    Controllers(points, np.array([[0, 1]]), np.array([0.012])).save(root / "segment_and_track")
+    build_object.run(Context(root, "build_object", BuildObject(gaussians=200)))
+    fit_pose.run(Context(root, "fit_pose", FitPose()))
+
+    def sampled(name, **grip):
+        context = Context(root, name, SampleParticles(grip={"radius": 0.025, **grip}))
+        sample_particles.run(context)
+        return Particles.load(context.output)
+
+    with pytest.raises(InputError, match=r"capture.json, holds.*shall only push.*hold_and_push"):
+        sampled("refused", contact="push")
+    both = sampled("both", contact="hold_and_push")
+    assert both.tool_ends.tolist() == [[0, 1]] and both.tool_radius[0] == pytest.approx(0.012)
+    assert both.pushed and set(both.tool_spared) == set(both.grip_particles) and len(both.tool_spared)
+    held = sampled("held")
+    assert not held.pushed and held.tool_ends is None and held.grip_particles.tolist() == both.grip_particles.tolist()
+    capture_files.write_capture(root / "parse_video", capture_of({"kind": "tracks", "fps": 30}))
+    push = sampled("push", contact="push")
+    assert len(push.grip_particles) == 0 and push.tool_spared is None
+    assert push.tool_radius[0] == pytest.approx(0.012)
+    Controllers(points).save(root / "segment_and_track")
+    assert sampled("seen", contact="push", push_radius=0.01).tool_radius[0] == pytest.approx(0.01)

@@ -104,11 +104,13 @@ def test_given_tracks_and_controllers_are_used(capture):
     points = np.tile(0.01 * np.arange(FRAMES, dtype=np.float32)[:, None, None], (1, 5, 3))
     points[2, 3] = np.nan
     GivenTracks3d(points, np.isfinite(points).all(-1)).save(capture)
-    Controllers(np.ones((FRAMES, 3, 3), np.float32)).save(capture)
+    Controllers(np.ones((FRAMES, 3, 3), np.float32), np.array([[0, 1], [2, 2]]), np.array([0.01, 0.02])).save(capture)
     output = segment(capture, segmenter="none")
     tracks = MeasuredTracks.load(output)
     assert np.array_equal(tracks.points3d, points, equal_nan=True) and not tracks.valid3d[2, 3]
-    assert np.array_equal(Controllers.load(output).points, np.ones((FRAMES, 3, 3)))
+    hand = Controllers.load(output)
+    assert np.array_equal(hand.points, np.ones((FRAMES, 3, 3)))
+    assert hand.ends.tolist() == [[0, 1], [2, 2]] and hand.radius == pytest.approx([0.01, 0.02])
 
 
 def test_given_2d_tracks_replace_the_tracker(capture):

@@ -110,7 +110,22 @@ def test_friction_of_a_tool_holds_what_it_presses():
     assert fallen[0.05] > 0.05
 
 
+@pytest.mark.parametrize("kind", BODIES)
+def test_particles_that_are_spared_are_not_pushed(kind):
+    """With all spared the body moves as with a tool that is far away; with some, these alone are left out of the first substeps' push."""
+    _, parameters, controllers = scene(kind)
+    body, ends, radius = BODIES[kind](), TOOL.ends, TOOL.radius
+    config = SimulationConfig(fps=60, dtype="float64", terms=("density",))
+    moved = lambda tool, path: Simulator(body, config, tool=tool).rollout(parameters, path).x
+    everything = np.arange(len(body.x0))
+    assert torch.equal(moved(Tool(ends, radius, everything), controllers), moved(TOOL, controllers + 10.0))
+    assert not torch.equal(moved(Tool(ends, radius, everything[:1]), controllers), moved(TOOL, controllers + 10.0))
+
+
 def test_a_tool_is_checked():
+    body = block((2, 2, 2))
+    with pytest.raises(InputError, match=r"Tool.spared.*0\.\.7"):
+        Simulator(body, SimulationConfig(fps=30), tool=Tool(TOOL.ends, TOOL.radius, np.array([8])))
     with pytest.raises(InputError, match=r"Tool.radius"):
         Tool(np.array([[0, 1]]), np.array([0.0]))
     simulator = Simulator(block((2, 2, 2)), SimulationConfig(fps=30), tool=TOOL)

@@ -26,5 +26,5 @@ class GripLag(Effect):
         return replace(inputs, controllers=resampled(points, times))
 
     def starts(self, setting: Setting, motion: States | None = None) -> tuple[dict[str, float], ...]:
-        """Only where a hand holds."""
-        return () if setting.grip is None else ({},)
+        """Only where a hand holds or pushes."""
+        return ({},) if setting.hand_acts else ()

@@ -37,5 +37,5 @@ class GripOffset(Effect):
         return replace(inputs, controllers=points + u**2 * (3 - 2 * u) * vector(values, "x", "y", "z", like=points))
 
     def starts(self, setting: Setting, motion: States | None = None) -> tuple[dict[str, float], ...]:
-        """Only where a hand holds."""
-        return () if setting.grip is None else ({},)
+        """Only where a hand holds or pushes."""
+        return ({},) if setting.hand_acts else ()

@@ -82,6 +82,7 @@ def unknown_scalars(experiment: Interaction, settings: GapSettings) -> tuple[str
         "friction_coefficient": experiment.setting.ground_height is not None,
         "grip_stiffness": settings.grip_fitted and experiment.setting.grip is not None,
         "bending_ratio": "bending_ratio" in experiment.model.fields,
+        "tool_friction": experiment.setting.tool is not None,
     }
     return tuple(name for name, acts in acting.items() if acts)
 

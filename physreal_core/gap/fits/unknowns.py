@@ -70,6 +70,7 @@ SCALARS = {
     "friction_coefficient": Scalar("friction", 0.15, lower=1e-3, upper=3.0),
     "grip_stiffness": Scalar("grip", 0.15, factor=5.0),
     "bending_ratio": Scalar("bending", 0.08, factor=20.0),
+    "tool_friction": Scalar("friction", 0.15, lower=1e-3, upper=1.5),
 }
 """Fields of the model that may be unknown beside the moduli and Poisson's ratio; of one with a value for every patch it is the geometric mean,
 which scales them all."""

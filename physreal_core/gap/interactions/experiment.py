@@ -161,13 +161,14 @@ class Experiment:
 
     def coarsened(self, factor: float) -> tuple[Experiment, dict[str, float]] | None:
         """As of `Interaction`; None where too few particles would be left, something is fastened to places of the body, a hand takes it or
-        lets it go, or it is thin: half as many vertices bend by another error."""
+        lets it go or pushes its surface, or it is thin: half as many vertices bend by another error."""
         problem = self.problem
         if (
             problem.body.elements is not None
             or len(problem.body.x0) < FEWEST * factor**3
             or problem.loads
             or problem.clamps
+            or problem.tool is not None
             or (problem.grip is not None and not problem.grip.steady)
         ):
             return None
@@ -275,7 +276,8 @@ class Experiment:
         key = config, discretisation
         if key not in self._simulators:
             given = self.problem
-            self._simulators[key] = Simulator(problem.body, problem.config, given.grip, given.clamps, given.loads)
+            scene = given.grip, given.clamps, given.loads, given.tool
+            self._simulators[key] = Simulator(problem.body, problem.config, *scene)
         return problem, self._simulators[key]
 
     def _observed(

@@ -102,7 +102,8 @@ def _stepped(
 ) -> Float[Array, "R 3 T J 3"]:
     rollouts = Rollouts(problem, model, device=device)
     config = dataclasses.replace(rollouts.config, terms=tuple(sorted({*rollouts.config.terms, "force"})))
-    simulator = Simulator(problem.body, config, rollouts.problem.grip, problem.clamps, problem.loads)
+    given = rollouts.problem
+    simulator = Simulator(given.body, config, given.grip, given.clamps, given.loads, given.tool)
     base = rollouts.inputs(model.fields, frames=problem.frame_count)
     share = torch.as_tensor(step * weights * problem.body.mass[:, None]).to(rollouts.dtype).to(device)
     pushes = torch.einsum("nr,ac->ranc", share, torch.eye(3, dtype=share.dtype, device=device)).flatten(0, 1)

@@ -52,7 +52,7 @@ def _by_effects(experiment: Interaction, trial: Trial) -> list[Trial]:
     known = {record["name"] for record in experiment.model.effects} | set(trial.effects)
     setting = experiment.setting
     acts = {
-        "grip_lag": setting.grip is not None and not setting.hand_seen,
+        "grip_lag": setting.hand_acts and not setting.hand_seen,
         "ground_plane": setting.ground_height is not None,
     }
     acting = [usual for usual in USUAL if acts[usual[0]] and usual[0] not in known]
@@ -65,5 +65,5 @@ def _by_effects(experiment: Interaction, trial: Trial) -> list[Trial]:
 def _by_the_hand(experiment: Interaction, trial: Trial) -> list[Trial]:
     """By what is not known of the hand's place. Not in quick rollouts: a body that swings for seconds comes out of phase with a
     coarser one."""
-    modes = experiment.hand_modes if experiment.setting.grip is not None else ()
+    modes = experiment.hand_modes if experiment.setting.hand_acts else ()
     return [replace(trial, hand=mode[:, None] * axis) for mode in modes for axis in np.eye(3)]

@@ -54,7 +54,7 @@ class BodyModel:
         self.dtype, self.config, self.rollouts = config.torch_dtype, config, rollouts
         self.device, self.particles = config.device, len(body.x0)
         self.state_shapes = state_shapes(config, body.elements)
-        self._body, self._held = body, {}
+        self._body, self._tool, self._held = body, tool, {}
         self.frame = np.zeros((), self.layout.dtype(config.dtype))
         self._mass, self._volume = self._numbers(body.mass), self._numbers(body.volume)
         self._load, self._start = self._numbers(load_forces(body, loads)), self._numbers(body.x0)
@@ -95,7 +95,7 @@ class BodyModel:
         r = self.rollouts
         rows = self._zeros(self._rows.constant_count, r, self.particles)
         heights = self._numbers(touch_heights(self._body, self.config.ground_height))
-        reach = self._numbers(self._body.reach)
+        reach = self._numbers(self._body.reach if self._tool is None else self._tool.reach(self._body))
         place = self._numbers(self.lattice.place)
         self._rows.fill_body(rows.transpose(0, 1), place, reach, heights, self._volume)
         self._given, self._sorted = rows, self._give("constants", rows.flatten(1).clone())

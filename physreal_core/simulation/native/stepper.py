@@ -9,7 +9,7 @@ import numpy as np
 import torch
 import warp as wp
 
-from physreal_core.array_types import Array, Bool, Int, Tensor
+from physreal_core.array_types import Array, Bool, Float, Int, Tensor
 from physreal_core.cores import available_cores
 from physreal_core.native import launch_on_threads
 from physreal_core.simulation.body import Body, Clamp, Grip, PointLoad, Tool, controller_count, load_forces
@@ -96,7 +96,7 @@ class NativeStepper:
         gripped = self._set_grip(body, grip)
         self._rows = ParticleRows(config, self.particles, gripped, tool is not None)
         self.shapes = self._rows.shapes
-        self._set_model(body, clamps, loads)
+        self._set_model(body, clamps, loads, body.reach if tool is None else tool.reach(body))
         self._elements = self._set_elements(body) if thin else None
         self._segments = self._set_segments(body, clamps, grip) if framed else None
         self._contacts = ContactArrays(body, self._sharing, self.dtype) if config.self_contact else None
@@ -171,7 +171,9 @@ class NativeStepper:
         self._inertia.hold(acting, lengths)
         self._load_forces()
 
-    def _set_model(self, body: Body, clamps: tuple[Clamp, ...], loads: tuple[PointLoad, ...]) -> None:
+    def _set_model(
+        self, body: Body, clamps: tuple[Clamp, ...], loads: tuple[PointLoad, ...], reach: Float[Array, " particles"]
+    ) -> None:
         frames, config = self._frames, self.config
         frames["particles"], frames["threads"] = self.particles, self._sharing
         frames["stride"] = -(-self.particles // BLOCK) * BLOCK
@@ -193,7 +195,7 @@ class NativeStepper:
         self._volume = self._numbers(body.volume)
         rows = self._zeros(self.rollouts, self._rows.constant_count, self.particles)
         heights = self._numbers(touch_heights(body, config.ground_height))
-        self._rows.fill_body(rows, self._numbers(lattice.place), self._numbers(body.reach), heights, self._volume)
+        self._rows.fill_body(rows, self._numbers(lattice.place), self._numbers(reach), heights, self._volume)
         self._give(frames, "given", rows)
         frames["constant_rows"], frames["bar_rows"] = self._rows.constant_count, self._rows.bar_count
         for kind, residual in (("elastic", config.elastic_residual), ("plastic", config.plastic_residual)):

@@ -99,6 +99,9 @@ def _dual(x: Array, faces: Array, spacing: float, regular: bool) -> tuple[Array,
         _, cell = cKDTree(sided[seeds]).query(sided)
         middle = _middles(x, weight, cell, len(seeds))
         seeds[len(rim) :] = _nearest_own(x, middle, cell, len(seeds))[len(rim) :]
+    if len(rim):  # where the rim is jagged a cell inside may have come through to it
+        edge = np.concatenate(rims_of(faces))
+        cell[edge] = cKDTree(x[rim]).query(x[edge])[1]
     cell = _connected(x, faces, seeds, cell)
     middle = _middles(x, weight, cell, len(seeds))
     near = _nearest_own(x, middle, cell, len(seeds))

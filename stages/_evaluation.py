@@ -40,6 +40,48 @@ class Measured:
 
 
 @dataclass(frozen=True)
+class Annotated:
+    """What a benchmark's annotators marked, for scores alone.
+
+    Args:
+        tracks: [T, A, 3] m, NaN where not marked; None without any.
+        points: of every frame, [P, 3] m, those of the object that were seen; None without any.
+    """
+
+    tracks: Array | None
+    points: list[Array] | None
+
+    @classmethod
+    def of(cls, capture: Path, frames: int) -> "Annotated | None":
+        """That of a capture's first frames.
+
+        Raises:
+            InputError: it is of fewer frames.
+        """
+        if not (capture / CaptureTruth.FILE).is_file():
+            return None
+        truth = CaptureTruth.load(capture)
+        if truth.gt_track_3d is None and truth.object_points is None:
+            return None
+        for name in ("gt_track_3d", "object_points"):
+            marked = getattr(truth, name)
+            if marked is not None and len(marked) < frames:
+                raise InputError(
+                    f"{name} of {len(marked)} frames",
+                    where=str(capture / CaptureTruth.FILE),
+                    expected=f"as many as the capture has, {frames}",
+                    remedy="import the capture again",
+                )
+        tracks = None if truth.gt_track_3d is None else truth.gt_track_3d[:frames].astype(np.float64)
+        if truth.object_points is None:
+            return cls(tracks, None)
+        seen = truth.object_visibilities
+        points = truth.object_points[:frames].astype(np.float64)
+        seen = np.isfinite(points).all(-1) if seen is None else seen[:frames]
+        return cls(tracks, [own[known] for own, known in zip(points, seen, strict=True)])
+
+
+@dataclass(frozen=True)
 class Sequence:
     """The measurement, and the model at frame 0 (world frame).
 
@@ -50,6 +92,7 @@ class Sequence:
         gaussians: appearance model, None without a camera.
         images, perceived: frames of parse_video, and segment_and_track's output with the masks.
         truth: None for a capture whose true motion is not known.
+        annotated: what annotators marked, None where they marked nothing.
     """
 
     capture: Capture
@@ -66,6 +109,7 @@ class Sequence:
     images: FrameImages
     perceived: Path
     truth: CaptureTruth | None
+    annotated: "Annotated | None" = None
 
     @property
     def K(self) -> Array:
@@ -121,6 +165,7 @@ def load_sequence(context: StageContext) -> Sequence:
         images=FrameImages(video),
         perceived=perceived,
         truth=_truth(context.capture),
+        annotated=Annotated.of(context.capture, len(tracks3d)),
     )
 
 

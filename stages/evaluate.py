@@ -87,15 +87,17 @@ def _score_frames(
     import cv2
 
     surface = np.stack([replay.carry(t, sequence.surface, replay.surface) for t in range(sequence.frame_count)])
-    errors = track_errors(surface, sequence.tracks3d, sequence.tracks_valid)
+    errors = _track_errors(sequence, surface)
     scores, pictures = [], []
     side = None if sequence.camera else SideView(sequence.tracks3d, sequence.tracks_valid)
     for t in range(sequence.frame_count):
         found = remembered(
             "frame",
-            lambda t=t: [t, errors[t]],
+            lambda t=t: [t, *(own[t] for own in errors.values())],
             {"scores": (None,), "picture": (None,)},
-            lambda t=t: _score_frame(sequence, replay, params, t, errors[t], surface[t]),
+            lambda t=t: _score_frame(
+                sequence, replay, params, t, {kind: own[t] for kind, own in errors.items()}, surface[t]
+            ),
         )
         scores.append(FrameScores(frame=t, **record_of(found["scores"])))
         if side is None:
@@ -108,16 +110,27 @@ def _score_frames(
     return scores, pictures
 
 
+def _track_errors(sequence: Sequence, surface: np.ndarray) -> dict[str, np.ndarray]:
+    """Errors of tracks [T, J], NaN where there is none: of the annotated ones with the measured ones beside them, or of the measured ones."""
+    measured = track_errors(surface, sequence.tracks3d, sequence.tracks_valid)
+    if sequence.annotated is None or sequence.annotated.tracks is None:
+        return {"track": measured}
+    marked = sequence.annotated.tracks
+    return {"track": track_errors(surface, marked, np.isfinite(marked).all(-1)), "measured_track": measured}
+
+
 def _score_frame(
-    sequence: Sequence, replay: Replay, params: Any, t: int, errors: np.ndarray, surface: np.ndarray
+    sequence: Sequence, replay: Replay, params: Any, t: int, errors: dict[str, np.ndarray], surface: np.ndarray
 ) -> dict[str, np.ndarray]:
     """Scores of one frame, and its picture as the bytes of a PNG."""
     import cv2
 
-    annotated, picture = errors[np.isfinite(errors)], np.zeros(0, np.uint8)
-    found: dict[str, Any] = {"track_count": len(annotated)}
-    if len(annotated):
-        found["track_error"] = float(annotated.mean())
+    picture, found = np.zeros(0, np.uint8), {}
+    for kind, own in errors.items():
+        known = own[np.isfinite(own)]
+        found[f"{kind}_count"] = len(known)
+        if len(known):
+            found[f"{kind}_error"] = float(known.mean())
     if sequence.camera:
         measured = sequence.measured(t)
         found |= _distances(sequence, measured, surface, params)
@@ -125,6 +138,8 @@ def _score_frame(
         found |= _image_scores(measured, rgb, alpha)
         shown = side_by_side(sequence, measured, replay, rgb, alpha, t, params.video_scale)
         picture = cv2.imencode(".png", shown, (cv2.IMWRITE_PNG_COMPRESSION, 1))[1]
+    if sequence.annotated is not None and sequence.annotated.points is not None:
+        found["cd_l1_oneway"] = cd_l1_oneway(sequence.annotated.points[t], surface)
     return {"scores": record_array(found), "picture": picture}
 
 

@@ -79,7 +79,7 @@ class FinalData:
                 f"points over {len(self.seen)} frames",
                 where=str(self.path),
                 expected=f"the {frames} frames of color/ and of metadata.json's frame_num",
-                remedy="bring all frames, or import with results=false",
+                remedy="bring all frames, or import with results=none",
             )
 
     def truth(self) -> dict[str, Array]:

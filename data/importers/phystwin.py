@@ -9,7 +9,7 @@ Only images, metadata.json and calibrate.pkl must be there. What was annotated f
 
 import re
 from pathlib import Path
-from typing import Any
+from typing import Any, Literal
 
 import numpy as np
 
@@ -32,6 +32,7 @@ from pipeline.reading.files import regular_file
 from pipeline.reading.images import image_size
 from pipeline.reading.text import read_record
 
+Results = Literal["camera", "all", "none"]
 _LAYOUT = "color/, metadata.json and calibrate.pkl, as PhysTwin's cases have"
 _METADATA = ("WH", "intrinsics", "fps")
 
@@ -41,7 +42,7 @@ def import_capture(
     destination: Path,
     *,
     camera: Index = 0,
-    results: bool = True,
+    results: Results = "camera",
     description: str = "",
     controller: str = "hand",
 ) -> None:
@@ -51,7 +52,9 @@ def import_capture(
         source: a case's folder.
         destination: capture folder.
         camera: which of its cameras.
-        results: bring its masks, point tracks and controller points along, in place of our perception.
+        results: what of the benchmark's own perception comes in place of ours: `camera`, the masks and point tracks of this camera, as
+            for a comparison from a single view; `all`, beside these the points in space and the hand's points, which its authors have from
+            all cameras; `none`.
         description: the object in words; default: its label in mask_info.
         controller: what moves it.
 
@@ -64,11 +67,12 @@ def import_capture(
     labels, final = _labels(source, camera), FinalData.find(source)
     with new_capture(destination) as draft:
         _write_images(source, draft, camera, size, frames)
-        if results:
+        if results != "none":
             _write_masks(source, draft, camera, labels, size, frames)
             _write_tracks(source, draft, camera, frames)
             if final is not None:
                 final.require_frames(frames)
+            if results == "all" and final is not None:
                 GivenTracks3d(final.object_points.astype(np.float32), final.seen).save(draft)
                 Controllers(final.controller_points.astype(np.float32)).save(draft)
         known_shape = _write_shape(source, draft)

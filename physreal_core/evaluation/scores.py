@@ -14,7 +14,9 @@ class FrameScores:
 
     Args:
         frame: number from 0.
-        track_error: mean over the annotated tracks [m]; track_count: how many there are.
+        track_error: mean over the annotated tracks [m]; track_count: how many there are. Without annotations these are the measured ones,
+            which the fit saw too.
+        measured_track_error, measured_track_count: of the measured ones beside annotated ones.
         cd_l1_oneway, cd_l2_twoway: Chamfer distances [m].
         iou: 0 to 1; psnr: [dB]; ssim: -1 to 1.
     """
@@ -22,6 +24,8 @@ class FrameScores:
     frame: int
     track_error: float | None = None
     track_count: int = 0
+    measured_track_error: float | None = None
+    measured_track_count: int = 0
     cd_l1_oneway: float | None = None
     cd_l2_twoway: float | None = None
     iou: float | None = None
@@ -31,11 +35,12 @@ class FrameScores:
 
 @dataclass(frozen=True)
 class IntervalScores:
-    """Means over the frames [first, last): of the track error over all annotated entries, of the others over frames."""
+    """Means over the frames [first, last): of the track errors over all entries, of the others over frames."""
 
     first: int
     last: int
     track_error: float | None
+    measured_track_error: float | None
     cd_l1_oneway: float | None
     cd_l2_twoway: float | None
     iou: float | None
@@ -51,11 +56,13 @@ class IntervalScores:
             values = [value for score in chosen if (value := getattr(score, name)) is not None]
             return float(np.mean(values)) if values else None
 
-        tracked = [score for score in chosen if score.track_count]
-        total = sum(score.track_error * score.track_count for score in tracked)
-        track_error = total / sum(score.track_count for score in tracked) if tracked else None
+        def over_entries(kind: str) -> float | None:
+            entries = [(getattr(score, f"{kind}_error"), getattr(score, f"{kind}_count")) for score in chosen]
+            known = [(error, count) for error, count in entries if count]
+            return sum(error * count for error, count in known) / sum(count for _, count in known) if known else None
+
         others = {name: mean(name) for name in ("cd_l1_oneway", "cd_l2_twoway", "iou", "psnr", "ssim")}
-        return cls(first, last, track_error, **others)
+        return cls(first, last, over_entries("track"), over_entries("measured_track"), **others)
 
     def to_json(self) -> dict[str, float | list[int]]:
         """What metrics.json holds: SI units, IoU as 0 to 1, `frames` = [first, last); absent scores left out."""

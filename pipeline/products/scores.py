@@ -13,7 +13,7 @@ from pipeline.reading.text import read_record, read_rows, understood
 
 METRICS, FRAMES = "metrics.json", "frames.csv"
 _NAMES = [field.name for field in dataclasses.fields(FrameScores)]
-_COUNTS = ("frame", "track_count")
+_COUNTS = ("frame", "track_count", "measured_track_count")
 
 
 @dataclass(frozen=True)

@@ -28,7 +28,7 @@ def contents(folder):
 
 def test_everything_arrives_in_our_world(case, tmp_path):
     before, capture = contents(case), tmp_path / "sloth"
-    import_capture(case, capture, camera=1)
+    import_capture(case, capture, camera=1, results="all")
     assert contents(case) == before
     described = read_capture(capture)
     assert described.description == "a sloth" and described.split.train == (0, 3)
@@ -56,8 +56,16 @@ def test_everything_arrives_in_our_world(case, tmp_path):
     assert (masks["object"][:, 10:20] == 255).all() and masks["object"].sum() == 255 * 10 * HEIGHT
 
 
+def test_by_default_only_what_this_camera_saw(case, tmp_path):
+    """Points in space and the hand's points come from all cameras; what the scores compare with comes all the same."""
+    import_capture(case, tmp_path / "sloth", camera=1)
+    assert GivenTracks2d.load(tmp_path / "sloth").visible.all() and (tmp_path / "sloth" / "masks").is_dir()
+    assert not any((tmp_path / "sloth" / name).exists() for name in (GivenTracks3d.FILE, Controllers.FILE))
+    assert CaptureTruth.load(tmp_path / "sloth").object_points.shape == (FRAMES, 3, 3)
+
+
 def test_own_perception_when_asked_for(case, tmp_path):
-    import_capture(case, tmp_path / "sloth", camera=1, results=False)
+    import_capture(case, tmp_path / "sloth", camera=1, results="none")
     assert not (tmp_path / "sloth" / "masks").exists()
     assert not list((tmp_path / "sloth").glob("*tracks*")) and not (tmp_path / "sloth" / Controllers.FILE).exists()
 

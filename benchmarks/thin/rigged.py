@@ -5,6 +5,8 @@ FOLDER is a project that `physreal compose sequences=thin` has set up, in which 
 where the rig's middle surface or centre line truly was, at all its nodes, seen or not. Each node starts where frame 0 has it.
 
 `--hold true` gives the hold that the rig has, too, and fits once more, to the tracks alone. The parts then end in `_hold_given`.
+`--shape seen` says that the project's captures have neither shape nor thickness, so that both are those of frame 0: the parts end in
+`_shape_seen`.
 
 Writes the parts `rope_lift` and `cloth_lift` of `results/thin.json` and the page `results/thin_rigged.md`.
 """
@@ -22,6 +24,7 @@ from physreal_core.fitting.descent import DescentConfig
 from physreal_core.fitting.model import Model, load_model
 from physreal_core.fitting.problem import Problem
 from physreal_core.fitting.transfer import transferred
+from physreal_core.simulation import Body
 from pipeline.config.fit_global import FitGlobal
 from pipeline.products.fit import Fit
 from pipeline.products.particles import Particles
@@ -37,13 +40,15 @@ def main() -> None:
     parser.add_argument("bodies", nargs="+", choices=("rope", "cloth"))
     parser.add_argument("--project", type=Path, required=True)
     parser.add_argument("--hold", choices=("found", "true"), default="found")
+    parser.add_argument("--shape", choices=("given", "seen"), default="given")
     parser.add_argument("--device", default="cpu")
     arguments = parser.parse_args()
     for body in arguments.bodies:
         project = Project(arguments.project)
         measure = measured if arguments.hold == "found" else measured_with_hold
         record = measure(project, body, arguments.device)
-        write_part(f"{body}_lift" + ("" if arguments.hold == "found" else "_hold_given"), record)
+        end = "" if arguments.hold == "found" else "_hold_given"
+        write_part(f"{body}_lift{end}" + ("" if arguments.shape == "given" else "_shape_seen"), record)
         print(json.dumps(record, indent=1))
     write_page()
 
@@ -88,8 +93,14 @@ def compared(project: Project, body: str, problems: list[Problem], model: Model,
         "stiffness_error": stiffness_errors(model, vars(truths[0])),
         "friction_coefficient": [float(model.fields["friction_coefficient"]), truths[0].friction_coefficient],
         "vertices": len(own.body.x0),
+        "thickness": thickness_of(own.body),
         "corrections": len(described.get("corrections", [])),
     }
+
+
+def thickness_of(body: Body) -> float:
+    """Of a cloth, or the diameter of a rope [m]."""
+    return 2.0 * body.elements.half_height
 
 
 def problem_of(project: Project, sequence: str) -> Problem:
@@ -100,7 +111,7 @@ def problem_of(project: Project, sequence: str) -> Problem:
 def write_page() -> None:
     """results/thin_rigged.md, of what stands in thin.json."""
     record = json.loads((RESULTS / "thin.json").read_text())
-    ends = {"": "", ", hold given": "_hold_given"}
+    ends = {"": "", ", hold given": "_hold_given", ", shape seen": "_shape_seen"}
     named = [(body + words, f"{body}_lift{end}") for body in ("rope", "cloth") for words, end in ends.items()]
     rows = [_row(label, record[part]) for label, part in named if part in record]
     (RESULTS / "thin_rigged.md").write_text("\n".join([*_HEAD, *rows, "", *_FOOT, ""]))
@@ -113,7 +124,8 @@ _HEAD = [
     "`python -m benchmarks.thin.rigged --project FOLDER rope cloth`. Given: the shape and the thickness, the density, one click on the object and",
     "one on the hand, the true camera, and the boxes that the table counts, drawn round the object in later frames where its mask was wrong.",
     "Errors are means over all nodes of the true middle, seen or not. The swing is predicted with the lift's model. In a row with the hold",
-    "given (`--hold true`) the vertices that the rig holds are given, too, and the tracks alone are fitted.",
+    "given (`--hold true`) the vertices that the rig holds are given, too, and the tracks alone are fitted. In a row with the shape seen",
+    "(`--shape seen`) neither shape nor thickness is given: both are what frame 0 shows, behind the hand too.",
     "",
     "| body | vertices | boxes | observed [mm] | future [mm] | swing, frames 0 to 41 / 42 to 59 [mm] | bending | stretching | friction, true | held within [mm] |",
     "|---|--:|--:|--:|--:|--:|--:|--:|--:|--:|",

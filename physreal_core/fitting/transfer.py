@@ -16,6 +16,7 @@ from physreal_core.fitting.problem import Problem
 from physreal_core.fitting.thin import ways_along
 from physreal_core.geometry.patches import patch_weights, weights_at
 from physreal_core.geometry.ways import distances_along
+from physreal_core.simulation.laws import turned_weights
 
 _TIE = (1.05, 1e-4)
 """A larger turn must beat a smaller one by this factor, and by this share of the target's variance: a symmetric object keeps the
@@ -29,7 +30,8 @@ def transfer_model(
     neighbours: int = 4,
     ways: Int[Array, "ways 2"] | None = None,
 ) -> tuple[Model, Int[Array, "m k"], Float[Array, "m k"]]:
-    """`model` with patches and effects where they lie on the target's geometry, and the target particles' interpolation weights.
+    """`model` with patches and effects where they lie on the target's geometry and networks that turn with the body, and the target particles'
+    interpolation weights.
 
     Args:
         model: fitted with particles `source`.
@@ -45,7 +47,7 @@ def transfer_model(
         indices, weights = patch_weights(points, np.arange(len(target), len(points)), neighbours)
     else:
         indices, weights = weights_at(distances_along(target, ways, cKDTree(target).query(patches)[1]), neighbours)
-    fields = {**model.fields, "patch_positions": torch.from_numpy(patches)}
+    fields = {**model.fields, **_turned_networks(model, rotation), "patch_positions": torch.from_numpy(patches)}
     effects = [_carried(record, rotation, translation) for record in model.effects]
     moved = dataclasses.replace(model, fields=fields, effects=effects)
     return moved, indices[: len(target)], weights[: len(target)]
@@ -66,6 +68,13 @@ def transferred(
     moved, indices, weights = transfer_model(model, source, problem.body.x0, near, ways_along(problem.body))
     there = {"patch_neighbours": torch.from_numpy(indices), "patch_weights": torch.from_numpy(weights)}
     return moved, dataclasses.replace(problem, **there)
+
+
+def _turned_networks(model: Model, rotation: Float[Array, "3 3"]) -> dict[str, torch.Tensor]:
+    """Those that the model has."""
+    names = [name for name in ("network_elastic", "network_plastic") if name in model.fields]
+    R = torch.from_numpy(np.ascontiguousarray(rotation))
+    return {name: turned_weights(model.residual, model.fields[name], R) for name in names}
 
 
 def _carried(record: dict[str, Any], rotation: Float[Array, "3 3"], translation: Float[Array, "3"]) -> dict[str, Any]:

@@ -7,9 +7,12 @@ import torch
 from scipy.spatial.transform import Rotation
 
 from physreal_core.effects import EFFECTS, Coefficient, Effect
-from physreal_core.fitting.model import particle_parameters
+from physreal_core.fitting.curriculum import NETWORK_FIELDS, with_residual
+from physreal_core.fitting.model import Model, particle_parameters
 from physreal_core.fitting.named_effects import effect_record
 from physreal_core.fitting.transfer import register, transfer_model
+from physreal_core.simulation import Body, SimulationConfig, Simulator
+from physreal_core.simulation.laws import ResidualConfig
 from tests.fitting import scene
 
 
@@ -74,3 +77,45 @@ def test_a_local_effect_moves_with_its_place_in_the_body(monkeypatch):
     (found,) = moved.effects
     np.testing.assert_allclose(list(found["values"].values()), target[5], atol=1e-6)
     assert found["probability"] == 0.8 and "intervals" not in found
+
+
+def test_networks_turn_with_the_body():
+    """A quarter turn about the vertical, under which the grid and gravity are the same: the turned body moves as the first one did, turned."""
+    config = ResidualConfig(latent_size=2, hidden=8, beta_elastic=0.5, beta_plastic=0.05)
+    model = with_residual(scene.model(), config, 0)
+    generator = torch.Generator().manual_seed(1)
+    random = lambda name: torch.randn(model.fields[name].shape, generator=generator, dtype=torch.float64)
+    model = model.with_fields(**{name: random(name) for name in NETWORK_FIELDS})
+    whole = scene.body()
+    kept = (whole.x0 < np.median(whole.x0, axis=0)).any(
+        1
+    )  # without a corner, so that it is alike to none of its turned selves
+    body = Body(whole.x0[kept], whole.volume[kept], whole.density[kept], whole.spacing)
+    source = body.x0
+    quarter = np.array([[0.0, -1.0, 0.0], [1.0, 0.0, 0.0], [0.0, 0.0, 1.0]])
+    target = source @ quarter.T
+    moved, neighbours, weights = transfer_model(model, source, target, 3)
+    still, own, own_weights = transfer_model(model, source, source, 3)
+
+    def motion(body: Body, there: Model, near, near_weights) -> torch.Tensor:
+        parameters = particle_parameters(
+            there.fields, torch.from_numpy(near), torch.from_numpy(near_weights), dtype=torch.float64, device="cpu"
+        )
+        squeezed = torch.tensor(body.x0) * torch.tensor([0.0, 0.0, -3.0], dtype=torch.float64)
+        parameters = dataclasses.replace(parameters, initial_velocity=squeezed)
+        own_config = SimulationConfig(30.0, dtype="float64", residual=config, ground_height=None)
+        return Simulator(body, own_config).rollout(parameters, torch.zeros(4, 0, 3)).x
+
+    first = motion(body, still, own, own_weights)
+    turned_body = dataclasses.replace(body, x0=target)
+    second = motion(turned_body, moved, neighbours, weights)
+    untouched = motion(
+        turned_body, dataclasses.replace(moved, fields={**moved.fields, **_networks(model)}), neighbours, weights
+    )
+    R = torch.tensor(quarter)
+    assert (second - first @ R.mT).abs().max() < 1e-9
+    assert (untouched - first @ R.mT).abs().max() > 1e-6
+
+
+def _networks(model: Model) -> dict[str, torch.Tensor]:
+    return {name: model.fields[name] for name in ("network_elastic", "network_plastic")}

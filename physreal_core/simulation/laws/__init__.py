@@ -6,7 +6,7 @@ A law of elasticity is `elastic/<name>.h`, one of plastic flow `plastic/<name>.h
 
 from pathlib import Path
 
-from physreal_core.simulation.laws.residual_config import ResidualConfig, initial_weights, split_weights
+from physreal_core.simulation.laws.residual_config import ResidualConfig, initial_weights, split_weights, turned_weights
 
 ELASTIC_LAWS = tuple(sorted(header.stem for header in Path(__file__).with_name("elastic").glob("*.h")))
 """Kirchhoff stress [Pa] from F, E, nu: every header in `elastic/`. Outside det F > 0 it is not a number, so that a
@@ -22,4 +22,4 @@ PLASTIC_LAWS = {
 The yield criterion is measured in the Hencky stress of (E, nu): exact with "hencky" elasticity, and right to first order in
 strain with the other elastic laws."""
 
-__all__ = ["ELASTIC_LAWS", "PLASTIC_LAWS", "ResidualConfig", "initial_weights", "split_weights"]
+__all__ = ["ELASTIC_LAWS", "PLASTIC_LAWS", "ResidualConfig", "initial_weights", "split_weights", "turned_weights"]

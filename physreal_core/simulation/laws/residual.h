@@ -12,7 +12,7 @@
 // Features of the strain, F = R U: the three elementary symmetric functions of U - I (sorted singular values themselves
 // have no derivative where two meet); the six entries 00, 11, 22, 01, 02, 12 of F^T F - I, in the axes of the
 // undeformed body; and J - 1. Turning the deformed body changes none of them; turning the undeformed body in its axes
-// changes the six.
+// changes the six, so a network goes to the same body in another place with turned weights (residual_config.py).
 #pragma once
 
 #include "matrix.h"

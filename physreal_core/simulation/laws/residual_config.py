@@ -11,6 +11,9 @@ from physreal_core.errors import InputError
 
 STRAIN_FEATURES = 10
 OUTPUTS = 6
+_INVARIANTS = 3
+"""Features before the entries of F^T F - I (residual.h)."""
+_ENTRIES = ((0, 0), (1, 1), (2, 2), (0, 1), (0, 2), (1, 2))
 
 
 @dataclass(frozen=True)
@@ -73,6 +76,43 @@ def split_weights(config: ResidualConfig, weights: Float[Tensor, " weights"]) ->
     """Views of a flat weight vector by the names of `config.weight_shapes`."""
     parts = weights.split([math.prod(shape) for shape in config.weight_shapes.values()])
     return {name: part.view(shape) for (name, shape), part in zip(config.weight_shapes.items(), parts, strict=True)}
+
+
+def turned_weights(
+    config: ResidualConfig, weights: Float[Tensor, " weights"], rotation: Float[Tensor, "3 3"]
+) -> Float[Tensor, " weights"]:
+    """Weights of the same material in a body that lies turned, so that its residual turns with it.
+
+    Six features are entries of F^T F - I in the axes of the undeformed body, the six outputs entries of a symmetric matrix there. What was C is
+    R C R^T in the turned body. Both maps are linear, so the first layer takes the features back and the last one turns the outputs; their
+    norm, which bounds the residual, stays.
+
+    Args:
+        config: of the network.
+        weights: flat, of one network.
+        rotation: R, from the body as it lay to the body as it lies now.
+    """
+    R = rotation.to(weights)
+    scales = torch.ones(6, dtype=weights.dtype), torch.tensor([1.0, 1.0, 1.0, *3 * [0.5**0.5]], dtype=weights.dtype)
+    back, on = (_turn_of_entries(turn, scale) for turn, scale in zip((R.mT, R), scales, strict=True))
+    turned = weights.clone()
+    parts = split_weights(config, turned)
+    entries = slice(_INVARIANTS, _INVARIANTS + 6)
+    parts["weight_1"][entries] = back.mT @ parts["weight_1"][entries]
+    parts["weight_3"].copy_(on @ parts["weight_3"])
+    parts["bias_3"].copy_(on @ parts["bias_3"])
+    return turned
+
+
+def _turn_of_entries(turn: Float[Tensor, "3 3"], scale: Float[Tensor, "6"]) -> Float[Tensor, "6 6"]:
+    """How the entries 00, 11, 22, 01, 02, 12 of a symmetric matrix, those off the diagonal over `scale`, follow as it turns."""
+    columns = []
+    for (i, j), own in zip(_ENTRIES, scale, strict=True):
+        basis = torch.zeros(3, 3, dtype=turn.dtype)
+        basis[i, j] = basis[j, i] = own
+        there = turn @ basis @ turn.mT
+        columns.append(torch.stack([there[k, m] for k, m in _ENTRIES]) / scale)
+    return torch.stack(columns, 1)
 
 
 def initial_weights(config: ResidualConfig, seed: int) -> tuple[Float[Tensor, " weights"], Float[Tensor, " weights"]]:

@@ -7,7 +7,7 @@ import pytest
 import torch
 
 from physreal_core.errors import InputError
-from physreal_core.simulation.laws import ResidualConfig, initial_weights, reference, split_weights
+from physreal_core.simulation.laws import ResidualConfig, initial_weights, reference, split_weights, turned_weights
 from tests.simulation.laws.driver import CONFIG, residual
 from tests.simulation.laws.points import directional, generic_points, inner, rotations, special_points
 
@@ -198,3 +198,23 @@ def test_a_size_or_bound_out_of_range_is_refused(field):
     bad = -1 if field in ("latent_size", "hidden") else -1.0
     with pytest.raises(InputError, match=field):
         dataclasses.replace(ResidualConfig(), **{field: bad})
+
+
+@pytest.mark.parametrize("kind", KINDS)
+def test_in_a_turned_body_the_turned_network_gives_the_turned_residual(kind, form):
+    """Body and deformation turned by R: F, the expert's result and the residual become R . R^T. Without turning the network it differs."""
+    F, expert, other, latent, weights = arguments(kind, points())
+    R = rotations(1, np.random.default_rng(5))[0]
+    around = lambda matrices: R @ matrices @ R.T
+    turned = turned_weights(CONFIG, torch.tensor(weights), torch.tensor(R)).numpy()
+    there = (around(F), around(expert), other, latent)
+    expected = around(delta(kind, form, (F, expert, other, latent, weights)))
+    np.testing.assert_allclose(delta(kind, form, (*there, turned)), expected, atol=1e-10 * abs(expected).max())
+    assert abs(delta(kind, form, (*there, weights)) - expected).max() > 0.1 * abs(expected).max()
+
+
+def test_turning_a_network_back_gives_it_back():
+    weights = torch.tensor(arguments("stress", points())[-1])
+    R = torch.tensor(rotations(1, np.random.default_rng(6))[0])
+    back = turned_weights(CONFIG, turned_weights(CONFIG, weights, R), R.mT)
+    torch.testing.assert_close(back, weights, rtol=0, atol=1e-12)

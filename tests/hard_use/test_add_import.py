@@ -247,7 +247,7 @@ def test_options_of_import(project, recording, capsys, options, words):
     [
         ("phystwin", "camera=-1", "greater than or equal to 0"),
         ("phystwin", "camera=0.5", "integer"),
-        ("phystwin", "results=perhaps", "boolean"),
+        ("phystwin", "results=perhaps", "'camera'"),
         ("realsense", "frames=0", "greater than or equal to 1"),
         ("realsense", "frames=many", "integer"),
         ("silicone_beam", "duration=-1", "greater than 0"),

@@ -14,6 +14,7 @@ from physreal_core.array_types import Array, Float
 from physreal_core.errors import InputError
 from physreal_core.geometry.filling import fill_mesh
 from physreal_core.geometry.mesh import Mesh, require_closed
+from physreal_core.geometry.polylines import arc_lengths, at_arcs
 
 SLENDER = 6.0
 """Least length of a rope over its diameter."""
@@ -57,14 +58,13 @@ def centre_line(mesh: Mesh) -> tuple[Float[Array, "points 3"], float]:
     for _ in range(ROUNDS):
         line = _through_slices(points, volume, _place_on(line, points), radius, WIDE)
     line = _to_the_ends(line, mesh.vertices, radius)
-    return line, float(np.sqrt(mesh.volume / (np.pi * _arcs(line)[-1])))
+    return line, float(np.sqrt(mesh.volume / (np.pi * arc_lengths(line)[-1])))
 
 
 def resampled(line: Float[Array, "points 3"], spacing: float) -> Float[Array, "vertices 3"]:
     """Places along a line, evenly and about `spacing` apart, its ends among them [m]; three at least."""
-    arc = _arcs(line)
-    at = np.linspace(0.0, arc[-1], max(2, round(arc[-1] / spacing)) + 1)
-    return np.stack([np.interp(at, arc, column) for column in line.T], axis=1)
+    end = arc_lengths(line)[-1]
+    return at_arcs(line, np.linspace(0.0, end, max(2, round(end / spacing)) + 1))
 
 
 def _along_body(points: Array, pitch: float) -> Float[Array, " points"]:
@@ -106,7 +106,7 @@ def _through_slices(points: Array, volume: Array, place: Array, radius: float, w
 
 def _place_on(line: Array, points: Array) -> Float[Array, " points"]:
     """Arc length of the nearest place on a line, which goes straight on beyond its ends [m]."""
-    arc, number = _arcs(line), cKDTree(line).query(points)[1]
+    arc, number = arc_lengths(line), cKDTree(line).query(points)[1]
     tangent = np.gradient(line, axis=0)
     tangent /= np.linalg.norm(tangent, axis=1, keepdims=True)
     return arc[number] + ((points - line[number]) * tangent[number]).sum(1)
@@ -123,7 +123,3 @@ def _to_the_ends(line: Array, skin: Array, radius: float) -> Array:
             line = np.concatenate([line[:1] + beyond * out, line])
         line = line[::-1]
     return line
-
-
-def _arcs(line: Array) -> Float[Array, " points"]:
-    return np.concatenate([[0.0], np.cumsum(np.linalg.norm(np.diff(line, axis=0), axis=1))])

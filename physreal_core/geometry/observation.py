@@ -6,6 +6,7 @@ import numpy as np
 import torch
 
 from physreal_core.array_types import Array, Bool, Float
+from physreal_core.errors import InputError
 from physreal_core.evidence import require_pixels
 from physreal_core.rendering import Camera
 
@@ -42,6 +43,17 @@ class Observation:
         local = self.camera.to_camera(torch.as_tensor(self.points()))
         return float(local[:, 2].median()) / self.camera.intrinsics[0]
 
+    def require_depth(self) -> None:
+        """InputError where there is no depth to build a shape from, in the image or on the object."""
+        if not (self.depth > 0).any():
+            raise InputError(
+                "frame 0 has no depth to build a shape from",
+                where="build_object",
+                remedy="add depth/ or a shape_prior.glb to the capture",
+            )
+        remedy = "check the depth image and the mask, or give T_world_object in capture.json"
+        require_pixels(int(self.measured.sum()), "the depth on the object", "depth/000000.png, frame 0", remedy)
+
     def points(self) -> Float[Array, "n 3"]:
         """World positions [m] of the `measured` pixels, row by row.
 
@@ -52,9 +64,8 @@ class Observation:
         """
         if not (self.depth > 0).any():
             return self._on_plane()
+        self.require_depth()
         v, u = np.nonzero(self.measured)
-        remedy = "check the depth image and the mask, or give T_world_object in capture.json"
-        require_pixels(len(u), "the depth on the object", "depth/000000.png, frame 0", remedy)
         pixels = torch.as_tensor(np.stack([u, v], axis=1).astype(float))
         return self.camera.unproject(pixels, torch.as_tensor(self.depth[v, u].astype(float))).numpy()
 

@@ -7,6 +7,7 @@ from physreal_core.array_types import Array, Bool, Float
 from physreal_core.errors import InputError
 from physreal_core.geometry.mesh import Mesh, oriented, require_closed
 from physreal_core.geometry.observation import Observation
+from physreal_core.geometry.parts import largest_part
 from physreal_core.rendering import Gaussians
 
 SEAL = 2.5  # [voxels] gaps in a shell of Gaussians up to twice as wide are closed
@@ -31,12 +32,7 @@ def mesh_from_view(observation: Observation, *, voxel: float = 0.004, underside:
     Raises:
         InputError: too little depth, or nothing above the plane.
     """
-    if not (observation.depth > 0).any():
-        raise InputError(
-            "frame 0 has no depth to build a shape from",
-            where="build_object",
-            remedy="add depth/ or a shape_prior.glb to the capture",
-        )
+    observation.require_depth()
     points = observation.points()
     points = points[points[:, 2] > 0.5 * voxel]
     if len(points) < 20:
@@ -205,11 +201,9 @@ def _main_body(solid: Bool[Array, "X Y Z"]) -> Bool[Array, "X Y Z"]:
     """The largest connected part, without cavities."""
     from scipy import ndimage
 
-    label, count = ndimage.label(solid)
-    if count == 0:
+    if not solid.any():
         raise InputError("nothing solid is left of the object", where="build_object", remedy="lower build_object.voxel")
-    largest = 1 + int(np.argmax(np.bincount(label.ravel())[1:]))
-    return ndimage.binary_fill_holes(label == largest)
+    return ndimage.binary_fill_holes(largest_part(solid))
 
 
 def _mesh_around(solid: Bool[Array, "X Y Z"], low: Array, voxel: float, inside: float = 0.0) -> Mesh:

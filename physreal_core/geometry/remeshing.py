@@ -12,6 +12,7 @@ from scipy.spatial import cKDTree
 
 from physreal_core.array_types import Array, Float, Int
 from physreal_core.errors import InputError
+from physreal_core.geometry.polylines import arc_lengths
 from physreal_core.geometry.ways import edges_of
 
 ROUNDS = 25
@@ -231,7 +232,7 @@ def rims_of(faces: Int[Array, "faces 3"]) -> list[Int[Array, " rim"]]:
 def _along(loop: Float[Array, "points 3"], spacing: float) -> Float[Array, "places 3"]:
     """Places along a closed loop: its corners, and evenly between them about a spacing apart [m]."""
     closed = np.concatenate([loop, loop[:1]])
-    arc = np.concatenate([[0.0], np.cumsum(np.linalg.norm(np.diff(closed, axis=0), axis=1))])
+    arc = arc_lengths(closed)
     total = arc[-1]
     at = lambda s: np.stack([np.interp(s % total, arc, column) for column in closed.T], axis=-1)
     corners = _corners(at, arc[:-1], total, spacing)

@@ -11,6 +11,7 @@ from physreal_core.array_types import Array, Bool, Float, Int
 from physreal_core.errors import InputError
 from physreal_core.geometry.mesh import Mesh, require_closed
 from physreal_core.geometry.observation import Observation
+from physreal_core.geometry.polylines import arc_lengths, at_arcs
 from physreal_core.geometry.smoothed_depth import inverse_depth
 
 BESIDE = 0.15
@@ -38,14 +39,9 @@ def rope_from_view(observation: Observation, *, diameter: float | None = None) -
     Raises:
         InputError: too little depth on the rope, or a rope that branches, crosses itself, or closes to a ring in the image.
     """
-    if not observation.measured.any():
-        raise InputError(
-            "frame 0 has no depth to build a shape from",
-            where="build_object",
-            remedy="add depth/ or a shape_prior.glb to the capture",
-        )
-    half = max(1.0, _half_width(observation.mask))
-    pixels = _evenly(_to_the_ends(_smooth(_path(observation)), observation), half)
+    observation.require_depth()
+    half = _half_width(observation.mask)
+    pixels = _evenly(_to_the_ends(_smooth(_path(observation, half)), observation, half), max(1.0, half))
     z = _depths(observation, pixels, half)
     if diameter is None:
         diameter = _diameter(observation, pixels, z)
@@ -55,13 +51,13 @@ def rope_from_view(observation: Observation, *, diameter: float | None = None) -
 # --- the line in the image --------------------------------------------------------------------------------------
 
 
-def _path(observation: Observation) -> Float[Array, "pixels 2"]:
-    """Pixels (u, v) of the silhouette's skeleton in a row from end to end."""
+def _path(observation: Observation, half: float) -> Float[Array, "pixels 2"]:
+    """Pixels (u, v) of the silhouette's skeleton in a row from end to end; half: the silhouette's width."""
     from skimage.morphology import skeletonize
 
     rows = np.argwhere(skeletonize(_seen(observation.mask)))
     steps = cKDTree(rows).query_pairs(1.5, output_type="ndarray")
-    pairs = np.concatenate([steps, _bridges(rows, steps, observation)])
+    pairs = np.concatenate([steps, _bridges(rows, steps, observation, half)])
     length = np.linalg.norm(rows[pairs[:, 0]] - rows[pairs[:, 1]], axis=1)
     graph = csr_matrix((length, pairs.T), shape=(len(rows),) * 2)
     _, part = connected_components(graph, directed=False)
@@ -72,8 +68,8 @@ def _path(observation: Observation) -> Float[Array, "pixels 2"]:
     path = [int(np.argmax(far))]
     while path[-1] != start:
         path.append(int(before[path[-1]]))
-    path = rows[largest][path]
-    beside = cKDTree(path).query(rows)[0] > 2.0 * _half_width(observation.mask)
+    path = rows[largest][path].astype(float)
+    beside = cKDTree(path).query(rows)[0] > 2.0 * half
     if beside.mean() > BESIDE:
         raise InputError(
             f"{100 * beside.mean():.0f} % of the rope's silhouette lie beside its longest line",
@@ -81,10 +77,10 @@ def _path(observation: Observation) -> Float[Array, "pixels 2"]:
             expected="a rope with two ends that does not cross itself in the image",
             remedy="begin the capture where the rope lies open, or add shape_prior.glb or centre_line.ply to it",
         )
-    along = np.concatenate([[0.0], np.cumsum(np.linalg.norm(np.diff(path, axis=0), axis=1))])
-    short = ENDS * _half_width(observation.mask)  # near its ends a skeleton turns into a corner
+    along = arc_lengths(path)
+    short = ENDS * half  # near its ends a skeleton turns into a corner
     inner = (along > short) & (along < along[-1] - short)
-    return path[inner, ::-1].astype(float)
+    return path[inner, ::-1]
 
 
 def _seen(mask: Bool[Array, "H W"]) -> Bool[Array, "H W"]:
@@ -96,11 +92,11 @@ def _seen(mask: Bool[Array, "H W"]) -> Bool[Array, "H W"]:
     return remove_small_objects(remove_small_holes(closed, max_size=20), max_size=20)
 
 
-def _bridges(rows: Array, steps: Array, observation: Observation) -> Int[Array, "pairs 2"]:
+def _bridges(rows: Array, steps: Array, observation: Observation, half: float) -> Int[Array, "pairs 2"]:
     """Pairs of skeleton pixels that join its parts, the nearest ones of each two, where the hand stands between or the gap is small."""
     graph = csr_matrix((np.ones(len(steps)), steps.T), shape=(len(rows),) * 2)
     parts, part = connected_components(graph, directed=False)
-    found, small = [np.zeros((0, 2), np.int64)], 4.0 * _half_width(observation.mask) + 2.0
+    found, small = [np.zeros((0, 2), np.int64)], 4.0 * half + 2.0
     for one in range(parts):
         for other in range(one):
             a, b = np.flatnonzero(part == one), np.flatnonzero(part == other)
@@ -134,16 +130,15 @@ def _smooth(path: Float[Array, "pixels 2"]) -> Float[Array, "points 2"]:
 
 def _evenly(line: Float[Array, "points 2"], step: float) -> Float[Array, "fewer 2"]:
     """Points along the line, its ends among them, about a step apart."""
-    arc = np.concatenate([[0.0], np.cumsum(np.linalg.norm(np.diff(line, axis=0), axis=1))])
-    at = np.linspace(0.0, arc[-1], max(8, round(arc[-1] / step)))
-    return np.stack([np.interp(at, arc, column) for column in line.T], 1)
+    end = arc_lengths(line)[-1]
+    return at_arcs(line, np.linspace(0.0, end, max(8, round(end / step))))
 
 
-def _to_the_ends(line: Float[Array, "points 2"], observation: Observation) -> Float[Array, "more 2"]:
+def _to_the_ends(line: Float[Array, "points 2"], observation: Observation, half: float) -> Float[Array, "more 2"]:
     """The line prolonged straight to the border of the silhouette, or to the middle of what the hand hides of it."""
     rows, columns = observation.mask.shape
     for _ in range(2):
-        out = line[0] - line[min(len(line) - 1, max(8, round(4 * _half_width(observation.mask))))]
+        out = line[0] - line[min(len(line) - 1, max(8, round(4 * half)))]
         out /= np.linalg.norm(out)
         ahead = line[0] + 0.5 * np.arange(1, 2 * max(rows, columns))[:, None] * out
         at = np.rint(ahead).astype(int)
@@ -168,17 +163,17 @@ def _depths(observation: Observation, pixels: Array, half: float) -> Float[Array
     at = np.clip(np.rint(pixels).astype(int), 0, np.array(near.shape)[::-1] - 1)
     near[at[:, 1], at[:, 0]] = True
     near = ndimage.binary_dilation(near, iterations=2)
-    known = observation.measured & _middle(observation.mask)
+    known = observation.measured & _middle(observation.mask, half)
     inverse = inverse_depth(observation.depth, known, near, max(2.0, half))
     return _filled(1.0 / ndimage.map_coordinates(inverse, pixels[:, ::-1].T, order=1, mode="nearest"))
 
 
-def _middle(mask: Bool[Array, "H W"]) -> Bool[Array, "H W"]:
+def _middle(mask: Bool[Array, "H W"], half: float) -> Bool[Array, "H W"]:
     """Pixels in the inner half of the silhouette, whose readings are of the ridge that faces the camera."""
     from scipy import ndimage
 
     inner = ndimage.distance_transform_edt(mask)
-    return inner > 0.5 * max(_half_width(mask), 1.0)
+    return inner > 0.5 * max(half, 1.0)
 
 
 def _filled(values: Float[Array, " points"]) -> Float[Array, " points"]:
@@ -219,15 +214,13 @@ def _behind(observation: Observation, pixels: Array, z: Array, radius: float) ->
     inward = ray - along[:, None] * tangent
     line = skin + radius * inward / np.linalg.norm(inward, axis=1, keepdims=True)
     slope = along / np.sqrt(np.maximum(1.0 - along**2, 0.1))
-    arc = np.concatenate([[0.0], np.cumsum(np.linalg.norm(np.diff(line, axis=0), axis=1))])
     first, last = (2.0 * radius * max(0.0, faced) for faced in (slope[0], -slope[-1]))
-    at = np.linspace(first, arc[-1] - last, len(line))
-    return np.stack([np.interp(at, arc, column) for column in line.T], 1)
+    return at_arcs(line, np.linspace(first, arc_lengths(line)[-1] - last, len(line)))
 
 
 def _tube(line: Float[Array, "points 3"], radius: float) -> Mesh:
     """The closed tube around a line, with flat ends."""
-    arc = np.concatenate([[0.0], np.cumsum(np.linalg.norm(np.diff(line, axis=0), axis=1))])
+    arc = arc_lengths(line)
     count = max(4, round(arc[-1] / radius) + 1)
     curve, _ = splprep(line.T, u=arc, k=3, s=len(line) * (0.1 * radius) ** 2)
     at = np.linspace(0.0, arc[-1], count)

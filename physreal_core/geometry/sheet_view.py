@@ -4,10 +4,12 @@ import numpy as np
 import torch
 
 from physreal_core.array_types import Array, Bool, Float, Int
-from physreal_core.errors import InputError
 from physreal_core.geometry.mesh import Mesh
 from physreal_core.geometry.observation import Observation
+from physreal_core.geometry.parts import largest_part
+from physreal_core.geometry.polylines import arc_lengths, at_arcs
 from physreal_core.geometry.smoothed_depth import inverse_depth
+from physreal_core.geometry.surface import vertex_normals
 
 EDGE = 2
 """Pixels beside the silhouette whose readings do not count: a sensor mixes there what lies in front and behind."""
@@ -42,27 +44,26 @@ def sheet_from_view(
     Raises:
         InputError: too little depth on the cloth.
     """
-    if not observation.measured.any():
-        raise InputError(
-            "frame 0 has no depth to build a shape from",
-            where="build_object",
-            remedy="add depth/ or a shape_prior.glb to the capture",
-        )
+    observation.require_depth()
     step = max(spacing / observation.pixel_size, 1.0)
     region = _region(observation)
     inverse = inverse_depth(observation.depth, _inner(observation), region, 2.0 * step)
     pixels, triangles = _triangulated(region & np.isfinite(inverse), step)
-    vertices = _lifted(observation, inverse, pixels)
+    seen = Mesh(_lifted(observation, inverse, pixels), triangles)
     if thickness is None:
-        thickness = measured_thickness(vertices, triangles, usual)
-    return _middle(vertices, triangles, thickness), thickness
+        thickness = measured_thickness(seen, usual)
+    return Mesh(seen.vertices - 0.5 * thickness * vertex_normals(seen), triangles), thickness
 
 
-def measured_thickness(vertices: Float[Array, "V 3"], triangles: Int[Array, "F 3"], usual: float) -> float:
-    """The median height [m] of what lies level and near the plane z = 0; `usual` where too little of the cloth does."""
-    corners = vertices[triangles]
-    normal = np.cross(corners[:, 1] - corners[:, 0], corners[:, 2] - corners[:, 0])
-    area, height = np.linalg.norm(normal, axis=1), corners[..., 2].mean(1)
+def measured_thickness(seen: Mesh, usual: float) -> float:
+    """The median height [m] of what lies level and near the plane z = 0; `usual` where too little of the cloth does.
+
+    Args:
+        seen: the side that is seen.
+        usual: [m].
+    """
+    normal = seen.area_vectors
+    area, height = np.linalg.norm(normal, axis=1), seen.corners[..., 2].mean(1)
     lies = (np.abs(normal[:, 2]) > area / np.sqrt(1.0 + LEVEL**2)) & (height < NEAR)
     if area[lies].sum() < LYING * area.sum():
         return usual
@@ -76,20 +77,13 @@ def _region(observation: Observation) -> Bool[Array, "H W"]:
     from scipy import ndimage
     from skimage.morphology import convex_hull_image, remove_small_holes
 
-    seen = _largest(observation.mask)
+    seen = largest_part(observation.mask)
     hand = ndimage.binary_dilation(observation.hidden, iterations=EDGE) & ~observation.mask
     behind = hand & convex_hull_image(seen)
     label, _ = ndimage.label(behind)
     touching = np.unique(label[ndimage.binary_dilation(seen, iterations=EDGE + 1) & behind])
-    region = _largest(seen | np.isin(label, touching[touching > 0]))
+    region = largest_part(seen | np.isin(label, touching[touching > 0]))
     return remove_small_holes(region, max_size=int(HOLE * region.sum()))
-
-
-def _largest(mask: Bool[Array, "H W"]) -> Bool[Array, "H W"]:
-    from scipy import ndimage
-
-    label, _ = ndimage.label(mask)
-    return label == 1 + int(np.argmax(np.bincount(label.ravel())[1:]))
 
 
 def _inner(observation: Observation) -> Bool[Array, "H W"]:
@@ -132,9 +126,8 @@ def _circumradius(corners: Float[Array, "F 3 2"]) -> Float[Array, " F"]:
 
 def _evenly(contour: Array, step: float) -> Float[Array, "points 2"]:
     """Points along a closed contour, about a step apart."""
-    arc = np.concatenate([[0.0], np.cumsum(np.linalg.norm(np.diff(contour, axis=0), axis=1))])
-    at = np.linspace(0.0, arc[-1], max(4, round(arc[-1] / step)), endpoint=False)
-    return np.stack([np.interp(at, arc, column) for column in contour.T], 1)
+    end = arc_lengths(contour)[-1]
+    return at_arcs(contour, np.linspace(0.0, end, max(4, round(end / step)), endpoint=False))
 
 
 def _lifted(observation: Observation, inverse: Array, pixels: Array) -> Float[Array, "V 3"]:
@@ -144,14 +137,3 @@ def _lifted(observation: Observation, inverse: Array, pixels: Array) -> Float[Ar
     nearest = ndimage.distance_transform_edt(~np.isfinite(inverse), return_distances=False, return_indices=True)
     z = 1.0 / ndimage.map_coordinates(inverse[tuple(nearest)], pixels[:, ::-1].T, order=1, mode="nearest")
     return observation.camera.unproject(torch.as_tensor(pixels), torch.as_tensor(z)).numpy()
-
-
-def _middle(vertices: Array, triangles: Array, thickness: float) -> Mesh:
-    """The surface, moved by half of a thickness away from the side that is seen."""
-    corners = vertices[triangles]
-    area_vectors = np.cross(corners[:, 1] - corners[:, 0], corners[:, 2] - corners[:, 0])
-    normals = np.zeros_like(vertices)
-    for k in range(3):
-        np.add.at(normals, triangles[:, k], area_vectors)
-    normals /= np.maximum(np.linalg.norm(normals, axis=1, keepdims=True), 1e-30)
-    return Mesh(vertices - 0.5 * thickness * normals, triangles)

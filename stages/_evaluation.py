@@ -48,21 +48,19 @@ class Annotated:
         points: of every frame, [P, 3] m, those of the object that were seen; None without any.
     """
 
-    tracks: Array | None
-    points: list[Array] | None
+    tracks: Array | None = None
+    points: list[Array] | None = None
 
     @classmethod
-    def of(cls, capture: Path, frames: int) -> "Annotated | None":
+    def of(cls, capture: Path, frames: int) -> "Annotated":
         """That of a capture's first frames.
 
         Raises:
             InputError: it is of fewer frames.
         """
         if not (capture / CaptureTruth.FILE).is_file():
-            return None
+            return cls()
         truth = CaptureTruth.load(capture)
-        if truth.gt_track_3d is None and truth.object_points is None:
-            return None
         for name in ("gt_track_3d", "object_points"):
             marked = getattr(truth, name)
             if marked is not None and len(marked) < frames:
@@ -92,7 +90,7 @@ class Sequence:
         gaussians: appearance model, None without a camera.
         images, perceived: frames of parse_video, and segment_and_track's output with the masks.
         truth: None for a capture whose true motion is not known.
-        annotated: what annotators marked, None where they marked nothing.
+        annotated: what annotators marked.
     """
 
     capture: Capture
@@ -109,7 +107,7 @@ class Sequence:
     images: FrameImages
     perceived: Path
     truth: CaptureTruth | None
-    annotated: "Annotated | None" = None
+    annotated: Annotated
 
     @property
     def K(self) -> Array:

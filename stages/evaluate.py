@@ -113,9 +113,9 @@ def _score_frames(
 def _track_errors(sequence: Sequence, surface: np.ndarray) -> dict[str, np.ndarray]:
     """Errors of tracks [T, J], NaN where there is none: of the annotated ones with the measured ones beside them, or of the measured ones."""
     measured = track_errors(surface, sequence.tracks3d, sequence.tracks_valid)
-    if sequence.annotated is None or sequence.annotated.tracks is None:
-        return {"track": measured}
     marked = sequence.annotated.tracks
+    if marked is None:
+        return {"track": measured}
     return {"track": track_errors(surface, marked, np.isfinite(marked).all(-1)), "measured_track": measured}
 
 
@@ -125,7 +125,7 @@ def _score_frame(
     """Scores of one frame, and its picture as the bytes of a PNG."""
     import cv2
 
-    picture, found = np.zeros(0, np.uint8), {}
+    picture, seen, found = np.zeros(0, np.uint8), None, {}
     for kind, own in errors.items():
         known = own[np.isfinite(own)]
         found[f"{kind}_count"] = len(known)
@@ -133,24 +133,32 @@ def _score_frame(
             found[f"{kind}_error"] = float(known.mean())
     if sequence.camera:
         measured = sequence.measured(t)
-        found |= _distances(sequence, measured, surface, params)
+        seen = _seen(sequence, measured, params)
+        if seen is not None:
+            found["cd_l2_twoway"] = _cd_l2_twoway(sequence, measured, seen, surface)
         rgb, alpha = replay.render(t)
         found |= _image_scores(measured, rgb, alpha)
         shown = side_by_side(sequence, measured, replay, rgb, alpha, t, params.video_scale)
         picture = cv2.imencode(".png", shown, (cv2.IMWRITE_PNG_COMPRESSION, 1))[1]
-    if sequence.annotated is not None and sequence.annotated.points is not None:
-        found["cd_l1_oneway"] = cd_l1_oneway(sequence.annotated.points[t], surface)
+    marked = seen if sequence.annotated.points is None else sequence.annotated.points[t]
+    if marked is not None:
+        found["cd_l1_oneway"] = cd_l1_oneway(marked, surface)
     return {"scores": record_array(found), "picture": picture}
 
 
-def _distances(sequence: Sequence, measured: Measured, surface: np.ndarray, params: Any) -> dict[str, float | None]:
+def _seen(sequence: Sequence, measured: Measured, params: Any) -> np.ndarray | None:
+    """Points of the object that the camera's depth shows [m]; None without depth."""
     if measured.depth is None:
-        return {}
+        return None
     view = sequence.K, sequence.T_world_camera
+    return lift_object(measured.depth, measured.mask, *view, edge=params.depth_edge, margin=params.mask_margin)
+
+
+def _cd_l2_twoway(sequence: Sequence, measured: Measured, points: np.ndarray, surface: np.ndarray) -> float | None:
+    """Of points that the camera's depth shows, with that part of the surface which it could see."""
     spacing = 2 * sequence.spacing  # drawn at random, the points leave gaps of about twice their spacing
-    points = lift_object(measured.depth, measured.mask, *view, edge=params.depth_edge, margin=params.mask_margin)
-    seen = surface[seen_points(surface, spacing, measured.hand, *view)]
-    return {"cd_l1_oneway": cd_l1_oneway(points, surface), "cd_l2_twoway": cd_l2_twoway(points, seen)}
+    could = seen_points(surface, spacing, measured.hand, sequence.K, sequence.T_world_camera)
+    return cd_l2_twoway(points, surface[could])
 
 
 def _image_scores(measured: Measured, rgb: np.ndarray, alpha: np.ndarray) -> dict[str, float]:

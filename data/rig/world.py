@@ -74,9 +74,8 @@ class World:
         self._directors = Directors(self.model, self.mesh) if isinstance(self.mesh, Line) else None
         self._origin = self.model.body_pos[self.bodies]  # slide joints along the world's axes: x = origin + q
         self._hand = np.zeros(3)
-        self._pushing = self.model.body_dofadr[self.model.body("hand").id] + np.arange(
-            3
-        )  # where the hand is no mocap body
+        # of a hand that pushes, which is no mocap body
+        self._pushing = self.model.body_dofadr[self.model.body("hand").id] + np.arange(3)
         self._taken = scene.holds is None
         if not self._taken:
             self._let_hold(False)
@@ -115,13 +114,11 @@ class World:
         stiffness, damping = self._hold
         velocity = (displacement - self._hand) / self.timestep
         self._hand = np.array(displacement)
-        if self.scene.push_friction is None:
-            self.data.mocap_pos[0] = displacement + ahead * damping / stiffness * velocity
+        if self._pushes:
+            self.data.qpos[self._pushing] = displacement - self.timestep * velocity
+            self.data.qvel[self._pushing] = velocity
         else:
-            self.data.qpos[self._pushing], self.data.qvel[self._pushing] = (
-                displacement - self.timestep * velocity,
-                velocity,
-            )
+            self.data.mocap_pos[0] = displacement + ahead * damping / stiffness * velocity
 
     def take_or_let_go(self, time: float) -> None:
         """Hold the body, where it is now, or let it go, as the scene says of a time [s]."""

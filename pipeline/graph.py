@@ -114,7 +114,12 @@ STAGES: Graph = graph_of(
     Stage("fit_patches", (*_OBSERVED, "fit_global"), roles=("fits",)),
     Stage("find_gap", (*_TRACKED, "fit_patches"), of_companion=_TRACKED_FILES, roles=("fits",)),
     Stage("add_effect", (*_TRACKED, "fit_patches", "find_gap"), of_companion=_TRACKED_FILES, roles=("fits",)),
-    Stage("fit_residual", (*_OBSERVED, "fit_patches", "add_effect"), roles=("fits",)),
+    Stage(
+        "fit_residual",
+        (*_OBSERVED, "fit_patches", "add_effect"),
+        of_companion=_TRACKED_FILES,
+        roles=("fits",),
+    ),
     Stage("predict", _OBSERVED, of_model=("fit_pose", "sample_particles", *FIT_STAGES), roles=("predictions",)),
     Stage(
         "evaluate",

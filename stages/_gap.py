@@ -1,8 +1,9 @@
-"""What find_gap and add_effect share: the interactions with one object, the search's settings, lines of progress."""
+"""What find_gap, add_effect and fit_residual share: the interactions with one object, the search's settings, lines of progress."""
 
 from collections.abc import Callable
 
 from physreal_core.fitting.model import Model
+from physreal_core.fitting.problem import Problem
 from physreal_core.fitting.rollouts import Rollouts
 from physreal_core.fitting.transfer import register, transferred
 from physreal_core.gap.interactions.experiment import Experiment
@@ -19,11 +20,15 @@ def interactions(context: StageContext, model: Model) -> list[Experiment]:
     tell_substeps(context, Rollouts(own, model), model.fields)
     found = [Experiment(own, model, context.params.device)]
     if context.companion:
-        other = load_problem(context.companion_input)
-        moved, other = transferred(model, own.body.x0, other, own.patch_neighbours.shape[1])
+        moved, other = in_companion(context, own, model)
         placement = register(own.body.x0, other.body.x0)
         found.append(Experiment(other, moved, context.params.device, placement=placement))
     return found
+
+
+def in_companion(context: StageContext, own: Problem, model: Model) -> tuple[Model, Problem]:
+    """The companion, and `model` where the object of `own` lies in it."""
+    return transferred(model, own.body.x0, load_problem(context.companion_input), own.patch_neighbours.shape[1])
 
 
 def settings_of(params: FindGap, seed: int) -> GapSettings:

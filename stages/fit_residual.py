@@ -1,37 +1,83 @@
 """Stage 3: the residual networks and the patches' latent codes (Theta_3), from the model with the named effect, the experts held.
 
-Of a thin body the model stays as it is. Where an effect was named, the networks are fitted once more without it, to say how much less it leaves them to do.
+The networks stay only where they lower the objective in frames that they were not fitted to; else, and of a thin body, the model stays as it
+is. Where an effect was named, the networks are fitted once more without it, to say how much less it leaves them to do.
 """
 
+from physreal_core.fitting.confirmation import confirmation, measured_from, observed_until
 from physreal_core.fitting.curriculum import NETWORK_FIELDS, patch_start, with_residual
 from physreal_core.fitting.descent import DescentResult
+from physreal_core.fitting.losses import LossConfig
 from physreal_core.fitting.model import Model, load_model, save_model
 from physreal_core.fitting.objective import Objective
 from physreal_core.fitting.problem import Problem
 from physreal_core.fitting.share import residual_share
 from physreal_core.simulation.laws.residual_config import ResidualConfig
 from pipeline.config.fit_residual import FitResidual, Rate
-from pipeline.products.fit import Fit, ResidualShare
+from pipeline.products.fit import Confirmed, Fit, ResidualShare
 from pipeline.stage import StageContext, main
 from stages._fit import descend, finite_or_none, objective_of, roll_out, summary, variables_of, write_fit
+from stages._gap import in_companion
 from stages._problem import load_problem
 from stages._substeps import tell_substeps
 
 
 def run(context: StageContext) -> None:
-    """Fits what expert laws and named effects leave unexplained in the observed frames."""
+    """Fits what expert laws and named effects leave unexplained in the first observed frames, and keeps it where the last ones confirm it."""
     params: FitResidual = context.params
     problem = load_problem(context.input, params.masks if params.losses.mask > 0 else None)
     named = load_model(context.input("add_effect"))
     if problem.body.elements is not None:
         _leave(context, problem, named)
         return
-    objective, model, result = _fit(context, problem, named)
-    share, share_without = _share(objective, model, result), None
+    seen = observed_until(problem, round(problem.observed * (1.0 - params.kept_back)))
+    objective, model, result = _fit(context, seen, named)
+    notes = {"residual": _share(objective, model, result)}
     if named.effects and params.compare:
         without = load_model(context.input("fit_patches"))
-        share_without = _share(*_fit(context, problem, without, "fit without the effect"))
-    write_fit(context, objective, model, result, residual=share, residual_without_effect=share_without)
+        notes["residual_without_effect"] = _share(*_fit(context, seen, without, "fit without the effect"))
+    if params.kept_back > 0:
+        with context.timed("confirmation"):
+            notes["confirmation"] = confirmed = _confirmed(context, problem, seen.observed, named, model)
+        if reason := _unconfirmed(confirmed):
+            objective, model = objective_of(context, seen, named), named
+            notes["left_out"] = reason
+    write_fit(context, objective, model, result, **notes)
+
+
+def _confirmed(context: StageContext, problem: Problem, fitted: int, named: Model, model: Model) -> Confirmed:
+    """The objective without and with the networks, in the observed frames from `fitted` on and in the companion."""
+    losses = LossConfig(**context.params.losses.model_dump())
+    unseen = {}
+    if losses.settled == 0.0:
+        if (late := measured_from(problem, fitted)) is not None:
+            unseen[context.sequence] = late, named, model
+        if context.companion:
+            moved, other = in_companion(context, problem, named)
+            unseen[context.companion] = other, moved, in_companion(context, problem, model)[0]
+    found = confirmation(list(unseen.values()), losses, device=context.params.device)
+    before, after = ([finite_or_none(value) for value in values] for values in (found.before, found.after))
+    return Confirmed(list(unseen), before, after)
+
+
+def _unconfirmed(found: Confirmed) -> str | None:
+    """Why the networks do not stay; None where they do."""
+    if not found.recordings:
+        return "nothing is measured in the frames that were kept back to confirm the networks"
+    worse = [
+        f"{name} ({_number(before)} without, {_number(after)} with them)"
+        for name, before, after in zip(found.recordings, found.before, found.after, strict=True)
+        if after is None or (before is not None and after >= before)
+    ]
+    return (
+        f"the networks do not lower the objective in frames that they were not fitted to, of {' and '.join(worse)}"
+        if worse
+        else None
+    )
+
+
+def _number(value: float | None) -> str:
+    return "not finite" if value is None else f"{value:.4g}"
 
 
 def _leave(context: StageContext, problem: Problem, model: Model) -> None:

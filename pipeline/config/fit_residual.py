@@ -23,7 +23,7 @@ class Rate(StageParameters):
 
 
 class FitResidual(StageParameters):
-    """Stage 3: what no expert law and no named effect explains; E and nu are held."""
+    """Stage 3: what no expert law and no named effect explains; E and nu are held. Networks stay where unseen frames confirm them."""
 
     residual: Residual = Field(Residual(), description="")
     networks: Rate = Field(Rate(rate=0.02), description="the networks' weights")
@@ -31,6 +31,13 @@ class FitResidual(StageParameters):
     losses: Losses = Field(Losses(), description="")
     masks: Masks = Field(Masks(), description="")
     descent: Descent = Field(Descent(iterations=12, every_term=True), description="")
+    kept_back: float = Field(
+        0.25,
+        ge=0,
+        lt=1,
+        description="last share of the observed frames that the networks are not fitted to: they stay if the objective is lower there and, "
+        "where the fit has a companion, in that recording; 0: they are fitted to all and stay",
+    )
     compare: bool = Field(
         True, description="where an effect was named, fit the networks without it too, for the report"
     )

@@ -11,7 +11,7 @@ from pipeline.reading.text import read_record, understood
 FILE = "fit.json"
 _SHARES = ("residual", "residual_without_effect")
 _PLAIN = ("scan", "grip_reaches", "left_out")
-_FURTHER = (*_PLAIN, *_SHARES)
+_FURTHER = (*_PLAIN, *_SHARES, "confirmation")
 
 
 @dataclass(frozen=True)
@@ -50,6 +50,20 @@ class ResidualShare:
 
 
 @dataclass(frozen=True)
+class Confirmed:
+    """What a change does to the objective where its fit did not look.
+
+    Attributes:
+        recordings: names of the recordings.
+        before, after: the objective in each, without and with the change; None where it is not finite.
+    """
+
+    recordings: list[str]
+    before: list[float | None]
+    after: list[float | None]
+
+
+@dataclass(frozen=True)
 class Fit:
     """fit.json of the fit stages and of add_effect.
 
@@ -60,7 +74,8 @@ class Fit:
         grip_reaches: of Stage 1, each distance up to which the hand holds, and its objective; None where there was no choice.
         residual: of Stage 3's networks; None for the other stages.
         residual_without_effect: the same of networks fitted without the named effect, where that was done.
-        left_out: why the stage fitted nothing and passed the model on; None where it did fit.
+        confirmation: of Stage 3's networks on frames that they were not fitted to; None where none were kept back.
+        left_out: why the stage passed the model on as it was; None where it did not.
     """
 
     values: dict[str, dict[str, Any]]
@@ -69,6 +84,7 @@ class Fit:
     grip_reaches: list[dict[str, Any]] | None = None
     residual: ResidualShare | None = None
     residual_without_effect: ResidualShare | None = None
+    confirmation: Confirmed | None = None
     left_out: str | None = None
 
     def save(self, folder: Path) -> None:
@@ -87,4 +103,6 @@ class Fit:
             descent = Descent(**{name: record[name] for name in names}) if names[0] in record else None
             shares = {name: ResidualShare(**record[name]) for name in _SHARES if name in record}
             further = {name: record.get(name) for name in _PLAIN}
+            if "confirmation" in record:
+                further["confirmation"] = Confirmed(**record["confirmation"])
             return cls(record["values"], descent, **further, **shares)

@@ -15,7 +15,7 @@ import yaml
 
 from physreal_core.errors import InputError
 from physreal_core.fitting.grip import no_bonds
-from physreal_core.fitting.model import load_model
+from physreal_core.fitting.model import load_model, save_model
 from physreal_core.fitting.problem import Problem
 from pipeline.capture import capture_of, write_capture
 from pipeline.config import load_parameters
@@ -30,7 +30,7 @@ from pipeline.products.rollout import Rollout
 from pipeline.products.tracks import MeasuredTracks
 from pipeline.project import Project
 from pipeline.provenance import digest_folder, write_provenance
-from pipeline.stage import run_stage
+from pipeline.stage import StageContext, run_stage
 from stages import add_effect, find_gap, fit_global, fit_patches, fit_residual, predict
 from stages._grip import fields_of
 from tests.fitting import scene
@@ -60,8 +60,8 @@ def project(tmp_path_factory) -> Project:
     return _project(tmp_path_factory.mktemp("project"))
 
 
-def _project(root: Path, given: Problem | None = None) -> Project:
-    """Both sequences are those of `given`, by default of the hand that lifts."""
+def _project(root: Path, given: Problem | None = None, *, kept_back: float = 0.0, companion: bool = False) -> Project:
+    """Both sequences are those of `given`, by default of the hand that lifts; Stage 3 keeps no frame back."""
     root.mkdir(exist_ok=True)
     descent = {"iterations": 4, "checkpoint_every": 1}
     blocks = {
@@ -75,11 +75,16 @@ def _project(root: Path, given: Problem | None = None) -> Project:
         },
         "fit_patches": {"descent": descent, "masks": {"frames": 2, "reduction": 2}},
         "find_gap": {"candidates": ["soft_spot"], "shortlist": 1, "seconds": 0, "iterations": 1},
-        "fit_residual": {"descent": descent, "residual": {"latent_size": 2, "hidden": 4}, "losses": {"mask": 0.0}},
+        "fit_residual": {
+            "descent": descent,
+            "residual": {"latent_size": 2, "hidden": 4},
+            "losses": {"mask": 0.0},
+            "kept_back": kept_back,
+        },
     }
     roles = {
         "sequences": {"lift": {}, "push": {}},
-        "fits": {"lift": {}},
+        "fits": {"lift": {"companion": "push"} if companion else {}},
         "predictions": {"push": {"model_from": "lift"}},
     }
     (root / "params.yaml").write_text(yaml.safe_dump({"seed": 0, **roles, **blocks}))
@@ -168,6 +173,48 @@ def test_the_three_stages_follow_each_other_and_none_ends_worse(project):
     assert fits["fit_patches"].descent.objective <= fits["fit_global"].descent.objective * 1.001
     final = load_model(project.artifact("fit_residual", "lift"))
     assert final.residual.hidden == 4 and final.fields["network_elastic"].abs().sum() > 0
+
+
+@pytest.mark.parametrize("companion", [False, True])
+@pytest.mark.parametrize("softer", [1.0, 0.85])
+def test_networks_stay_where_frames_that_they_were_not_fitted_to_confirm_them(tmp_path, softer, companion):
+    """Beside the true material they have nothing to do. Beside one that is too soft they add stress, and the last frames and the other
+    recording confirm that; in a recording of a softer body that is false."""
+    project = _project(tmp_path, kept_back=0.34, companion=companion)
+
+    def fitted(context: StageContext) -> None:
+        save_model(context.output, scene.model(youngs_modulus=softer * scene.MATERIAL["youngs_modulus"]))
+
+    for stage in ("fit_global", "fit_patches", "find_gap"):
+        run_stage(stage, "lift", fitted, project)
+    before = run_stage("add_effect", "lift", fitted, project)
+    after = run_stage("fit_residual", "lift", fit_residual.run, project)
+    fit = Fit.load(after)
+    found = fit.confirmation
+    assert fit.descent.observed_frames == fit.descent.fitted_frames == 4
+    assert found.recordings == (["lift", "push"] if companion else ["lift"])
+    if softer < 1.0:
+        assert fit.left_out is None and all(a < b for a, b in zip(found.after, found.before, strict=True))
+        assert load_model(after).residual.hidden == 4
+    else:
+        assert "were not fitted to, of lift (" in fit.left_out
+        for name in ("model.json", "model.safetensors"):
+            assert (before / name).read_bytes() == (after / name).read_bytes()
+    assert {path.name for path in after.iterdir()} == FILES
+
+
+def test_a_recording_that_denies_the_networks_is_named(tmp_path):
+    project = _project(tmp_path, kept_back=0.34, companion=True)
+    soft = scene.model(youngs_modulus=0.85 * scene.MATERIAL["youngs_modulus"])
+    write_artifacts(project, "push", scene.problem(scene.model(youngs_modulus=2e4), frames=8, observed=6))
+
+    def fitted(context: StageContext) -> None:
+        save_model(context.output, soft)
+
+    for stage in ("fit_global", "fit_patches", "find_gap", "add_effect"):
+        run_stage(stage, "lift", fitted, project)
+    fit = Fit.load(run_stage("fit_residual", "lift", fit_residual.run, project))
+    assert "of push (" in fit.left_out and "lift" not in fit.left_out
 
 
 def test_predict_rolls_another_sequence_out_with_every_model(project):

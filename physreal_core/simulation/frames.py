@@ -6,7 +6,7 @@ amount, a stepper may keep something of each substep that makes the second time 
 Arrays have axes frames, rollouts, particles.
 """
 
-from collections.abc import Callable, Generator
+from collections.abc import Callable
 from dataclasses import dataclass, field
 from functools import cached_property
 
@@ -18,7 +18,6 @@ from physreal_core.errors import InputError, SimulationError
 from physreal_core.simulation.body import Body, Grip
 from physreal_core.simulation.bonds import Bonds
 from physreal_core.simulation.config import SimulationConfig
-from physreal_core.simulation.hand_path import steered
 from physreal_core.simulation.parameters import Parameters, row_of
 from physreal_core.simulation.start import NodeStart, VertexStart
 from physreal_core.simulation.stepper import NOT_FAILED, Span, State, Stepper
@@ -107,7 +106,7 @@ class Frames:
         shown = {name: self._zeros(frames, sizes.pop(name)) for name in SHOWN if name in sizes}
         further = {name: self._zeros(frames if keep else 2, size) for name, size in sizes.items()}
         substeps, failures = self._substeps(parameters)
-        record = Record(substeps, further, failures=failures, lengths=self._given_lengths())
+        record = Record(substeps, further, failures=failures, lengths=self.given_lengths())
 
         def state(frame: int) -> State:
             return _state(shown, frame, record.carried(frame if keep else frame % 2))
@@ -128,25 +127,42 @@ class Frames:
                     values[failure.frame + 1 :, rollout] = torch.nan
         return shown, record
 
-    def play(self, parameters: Parameters, points: Tensor) -> Generator[State, Tensor, None]:
-        """Yields the state of the one rollout and takes the controller points [C, 3] of the next frame time."""
+    def begin(self, parameters: Parameters) -> tuple[State, State]:
+        """Loads the parameters of the one rollout; two states that take turns, the first at the start."""
         arrays = {name: self._zeros(2, size) for name, size in self._sizes().items()}
-        states = [State(**{"F": None} | {name: values[turn] for name, values in arrays.items()}) for turn in range(2)]
-        substeps, _ = self._substeps(parameters)
-        self._start(parameters, substeps, states[0])
-        frame, before, lengths = 0, None, self._given_lengths()
-        while True:
-            start, end = states[frame % 2], states[(frame + 1) % 2]
-            following = yield start
-            around = steered(points, following, before)[:, None]
-            record = Record(substeps, {}, failures=[None], lengths=lengths)
-            self._advance(frame, start, end, around.to(self._x0), record)
-            if record.failures[0] is not None:
-                raise _with_hand(record.failures[0], around[1:3, 0], self.stepper.lattice.cell, frame)
-            before, points, frame = points, following, frame + 1
+        states = tuple(
+            State(**{"F": None} | {name: values[turn] for name, values in arrays.items()}) for turn in (0, 1)
+        )
+        self._start(parameters, self._substeps(parameters)[0], states[0])
+        return states
 
-    def _given_lengths(self) -> Tensor | None:
-        """Lengths of the bonds [R, B], not a number for those that are as long as they are when taken."""
+    def load(self, parameters: Parameters) -> None:
+        """Loads the parameters of the one rollout, which goes on."""
+        self.stepper.load_parameters(parameters, self._substeps(parameters)[0])
+
+    def go_on(
+        self, frame: int, start: State, end: State, around: Tensor, lengths: Tensor | None, carries_on: bool
+    ) -> None:
+        """Run one frame of the one rollout.
+
+        Args:
+            frame: its number.
+            start, end: states there.
+            around: controller points [m] around it, shape [4, C, 3].
+            lengths: of the bonds [m], shape [1, B]; gets those of bonds that are taken here.
+            carries_on: whether `start` is where this loop's last frame ended.
+
+        Raises:
+            SimulationError: where the state turns non-finite.
+        """
+        record = Record([], {}, failures=[None], lengths=lengths)
+        points = around[:, None]
+        self._advance(frame, start, end, points.to(self._x0), record, carries_on)
+        if record.failures[0] is not None:
+            raise _with_hand(record.failures[0], points[1:3, 0], self.stepper.lattice.cell, frame)
+
+    def given_lengths(self) -> Tensor | None:
+        """Lengths of the bonds [R, B], not a number for those that are as long as they are when taken; None without bonds."""
         return None if self._bonds is None else self._bonds.given()
 
     def _sizes(self) -> dict[str, tuple[int, ...]]:
@@ -191,7 +207,9 @@ class Frames:
             state.director.copy_(self._scene[0].elements.directors_at(state.x, parameters.initial_director))
             state.spin.zero_()
 
-    def _advance(self, frame: int, start: State, end: State, points: Tensor, record: Record) -> None:
+    def _advance(
+        self, frame: int, start: State, end: State, points: Tensor, record: Record, carries_on: bool | None = None
+    ) -> None:
         """Run one frame of all rollouts.
 
         Args:
@@ -199,13 +217,14 @@ class Frames:
             start, end: states there.
             points: controller points [m] around it, shape [4, R, C, 3].
             record: gets failures.
+            carries_on: whether `start` is where the last frame ended; by default in all but the first.
         """
         alive = record.alive(frame)
         kept = frame if frame < record.kept and self.stepper.holder is record else None
         if self._bonds is not None:
             self._bonds.take(frame, start.x, points[1], record.lengths)
         span = Span(frame, points, alive, record.lengths, kept)
-        failures = self.stepper.forward(span, start, end, carries_on=frame > 0)
+        failures = self.stepper.forward(span, start, end, carries_on=frame > 0 if carries_on is None else carries_on)
         self._judge(frame, failures, alive, record)
         record.ran = frame + 1
 

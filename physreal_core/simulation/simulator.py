@@ -23,7 +23,7 @@ from physreal_core.simulation.hand_path import with_neighbours
 from physreal_core.simulation.native import NativeStepper
 from physreal_core.simulation.parameters import PARAMETER_NAMES, BatchStates, Parameters, States, complete
 from physreal_core.simulation.pieces import require_thickness
-from physreal_core.simulation.play import Player
+from physreal_core.simulation.play import Played, Player
 from physreal_core.simulation.stepper import Stepper
 from physreal_core.simulation.timestep import substeps_per_frame
 
@@ -52,9 +52,9 @@ class Simulator:
         if grip is not None:
             grip.check(body)
         _check_kind(body, config)
-        body = _ending_at_the_hold(body, grip)
-        self.body, self.config, self.grip = body, config, grip
-        self._scene = (body, config, grip, tuple(clamps), tuple(loads), tool)
+        self._unheld = body
+        self.body, self.config, self.grip = _ending_at_the_hold(body, grip), config, grip
+        self._scene = (self.body, config, grip, tuple(clamps), tuple(loads), tool)
         self._needed_points = controller_count(grip, tool)
         self._dormant = dormant_values(config.terms, body, config.gravity)
         self._threads = torch.get_num_threads()
@@ -129,14 +129,22 @@ class Simulator:
             parameters: as for `rollout`; no gradient.
             controllers: controller points [m] at the start, shape [C, 3].
         """
-        with torch.no_grad():
-            points = self._check_controllers(controllers.cpu()[None])[0].detach()
-            with self._stream():
-                loop = self._frames()
-            frames = loop.play(self._complete(parameters, 1), points)
-            elements = self.body.elements
-            deformation = None if elements is None else elements.deformation
-            return Player(frames, self._stream, self._check_controllers, deformation)
+        elements, tool = self.body.elements, self._scene[-1]
+        played = Played(
+            self.body,
+            self._held_by,
+            lambda points, grip: _checked_points(points[None], controller_count(grip, tool), self._stepper.dtype)[0],
+            self._complete,
+            self._stream,
+            None if elements is None else elements.deformation,
+        )
+        return Player(played, parameters, controllers, self.grip)
+
+    def _held_by(self, grip: Grip | None) -> Frames:
+        """A frame loop of the one body in another grip."""
+        body, (_, config, _, *others) = _ending_at_the_hold(self._unheld, grip), self._scene
+        stepper = make_stepper(body, config, grip, *others, threads=self._threads)
+        return Frames(body, config, stepper, grip)
 
     # --- forms of the step --------------------------------------------------------------------------------------
 
@@ -179,8 +187,11 @@ class Simulator:
 
     # --- checks -------------------------------------------------------------------------------------------------
 
-    def _complete(self, parameters: Parameters, rollouts: int | None = None) -> Parameters:
-        shapes = self._stepper.shapes
+    def _complete(
+        self, parameters: Parameters, rollouts: int | None = None, stepper: Stepper | None = None
+    ) -> Parameters:
+        """Parameters filled up for a form of the step, by default that of single rollouts."""
+        shapes = (stepper or self._stepper).shapes
         if rollouts is not None:
             shapes = {name: (rollouts, *shape) for name, shape in shapes.items()}
         return complete(parameters, shapes, self._dormant, self._stepper.dtype, self.config.device)
@@ -202,14 +213,18 @@ class Simulator:
         return next(iter(found.values()))
 
     def _check_controllers(self, controllers: Tensor) -> Tensor:
-        needed = self._needed_points
-        points = torch.as_tensor(controllers).to(self._stepper.dtype)
-        if points.ndim != 3 or points.shape[0] < 1 or points.shape[1] < needed or points.shape[2] != 3:
-            raise InputError(f"shape {tuple(points.shape)}", where="controllers", expected=f"(T, at least {needed}, 3)")
-        if not bool(torch.isfinite(points).all()):
-            frame = int((~torch.isfinite(points)).flatten(1).any(1).nonzero()[0])
-            raise InputError("a point is not finite", where=f"controllers, frame {frame}")
-        return points
+        return _checked_points(controllers, self._needed_points, self._stepper.dtype)
+
+
+def _checked_points(controllers: Tensor, needed: int, dtype: torch.dtype) -> Float[Tensor, "frames points 3"]:
+    """Controller points in the simulator's type; InputError where they are too few or not finite."""
+    points = torch.as_tensor(controllers).to(dtype)
+    if points.ndim != 3 or points.shape[0] < 1 or points.shape[1] < needed or points.shape[2] != 3:
+        raise InputError(f"shape {tuple(points.shape)}", where="controllers", expected=f"(T, at least {needed}, 3)")
+    if not bool(torch.isfinite(points).all()):
+        frame = int((~torch.isfinite(points)).flatten(1).any(1).nonzero()[0])
+        raise InputError("a point is not finite", where=f"controllers, frame {frame}")
+    return points
 
 
 def _ending_at_the_hold(body: Body, grip: Grip | None) -> Body:

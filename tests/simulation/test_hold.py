@@ -6,6 +6,7 @@ import numpy as np
 import pytest
 import torch
 
+from physreal_core.errors import InputError
 from physreal_core.simulation import Grip, Parameters, SimulationConfig, Simulator
 from tests.simulation.scenes import assert_adjoints_agree, block, directional_errors, path_derivatives, random_loss
 from tests.simulation.thin.scenes import crumpled, ropes
@@ -130,3 +131,79 @@ def test_play_takes_and_lets_go_as_a_rollout_does():
     for frame in range(1, FRAMES):
         assert torch.allclose(player.step(still[frame]).x, rolled.x[frame], rtol=0, atol=1e-12)
     assert not torch.equal(states.x[-1], rolled.x[-1])
+
+
+@pytest.mark.parametrize("kind", BODIES)
+def test_bonds_changed_in_play_act_as_bonds_with_times(kind):
+    """At every frame the player is given the bonds that act there: those taken earlier with the length that they had."""
+    simulator, parameters, controllers = scene(kind)
+    still = controllers[:1].expand_as(controllers)
+    rolled = simulator.rollout(parameters, still)
+    whole, lengths = simulator.grip, simulator.grip.rest_lengths.copy()
+    player = Simulator(simulator.body, simulator.config, part(whole, whole.acting(0), lengths)).play(
+        parameters, still[0]
+    )
+    for frame in range(FRAMES - 1):
+        acting = whole.acting(frame)
+        if frame > 0 and (acting != whole.acting(frame - 1)).any():
+            player.hold(part(whole, acting, lengths), still[0], before=still[0])
+        assert torch.allclose(player.step(still[0]).x, rolled.x[frame + 1], rtol=0, atol=1e-12)
+        lengths[acting] = player.lengths
+
+
+def part(grip: Grip, chosen: np.ndarray, lengths: np.ndarray) -> Grip:
+    """Some bonds of a grip; released at some time, so that a thin body bends within the hold as under the whole grip."""
+    released = np.full(chosen.sum(), 99)
+    return Grip(
+        grip.particles[chosen], grip.controllers[chosen], grip.weights[chosen], lengths[chosen], released=released
+    )
+
+
+def test_what_nothing_held_can_be_held_and_let_go_in_play():
+    body = block((3, 3, 3), corner=(0.0, 0.0, 0.5))
+    simulator = Simulator(body, SimulationConfig(fps=60, ground_height=None, dtype="float64"))
+    parameters = Parameters(tensor(5e4), tensor(0.3), grip_stiffness=tensor(2.0), grip_damping=tensor(2.0))
+    player, nothing = simulator.play(parameters, torch.zeros(0, 3)), torch.zeros(0, 3, dtype=torch.float64)
+    for _ in range(6):
+        player.step(nothing)
+    fallen = 0.5 - float(player.state.x[:, 2].min()) + body.x0[:, 2].min() - 0.5
+    assert fallen == pytest.approx(9.81 * 0.1**2 / 2, rel=0.02)
+    count = len(body.x0)
+    points = player.state.x + tensor([0.0, 0.0, 0.01])
+    player.hold(Grip(np.arange(count), np.arange(count), np.ones(count), np.full(count, MEASURED)), points)
+    assert np.isnan(player.lengths).all()
+    for _ in range(30):
+        player.step(points)
+    assert np.allclose(player.lengths, 0.01)
+    assert float(player.state.v.abs().max()) < 0.02
+    rest = float(player.state.x[:, 2].mean())
+    player.hold(None, nothing)
+    for _ in range(6):
+        player.step(nothing)
+    assert rest - float(player.state.x[:, 2].mean()) == pytest.approx(9.81 * 0.1**2 / 2, rel=0.05)
+
+
+def test_parameters_changed_in_play_hold_from_there_on():
+    simulator, parameters, controllers = scene("volume")
+    still = controllers[:1].expand_as(controllers)
+    floating = dataclasses.replace(parameters, gravity=tensor([0.0, 0.0, 0.0]))
+    player, same = (simulator.play(parameters, still[0]) for _ in range(2))
+    for _ in range(2):
+        player.step(still[0]), same.step(still[0])
+    player.change(parameters)
+    assert torch.equal(player.step(still[0]).x, same.step(still[0]).x)
+    player.hold(None, still[0]), same.hold(None, still[0])
+    player.change(floating)
+    gained = float((player.step(still[0]).v - same.step(still[0]).v)[:, 2].mean())
+    assert gained == pytest.approx(9 / 60, rel=0.02)
+
+
+def test_a_hold_that_does_not_fit_changes_nothing():
+    simulator, parameters, controllers = scene("volume")
+    still = controllers[0]
+    player, same = (simulator.play(parameters, still) for _ in range(2))
+    with pytest.raises(InputError, match="not there"):
+        player.hold(Grip(np.array([999]), np.array([0]), np.ones(1), np.ones(1)), still)
+    with pytest.raises(InputError, match="at least 3"):
+        player.hold(Grip(np.array([0]), np.array([2]), np.ones(1), np.ones(1)), still)
+    assert torch.equal(player.step(still).x, same.step(still).x)

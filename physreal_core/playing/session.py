@@ -1,0 +1,257 @@
+"""A twin that a user acts on, frame by frame: the filmed hand goes its way, rests or lets go, and handles pull."""
+
+from dataclasses import asdict, replace
+from typing import Any
+
+import numpy as np
+import torch
+
+from physreal_core.array_types import Array, Float
+from physreal_core.errors import InputError
+from physreal_core.fitting.model import Model
+from physreal_core.fitting.problem import Problem
+from physreal_core.fitting.rollouts import Rollouts, motion_since_start
+from physreal_core.playing.changes import Changes, braked
+from physreal_core.playing.handles import Handle, Pull, bond_force
+from physreal_core.playing.log import Action, Hand
+from physreal_core.simulation import Grip, States
+from physreal_core.simulation.play import FrameState
+
+
+class Session:
+    """A fitted twin in use.
+
+    Args:
+        problem: body, hand and its filmed path; the measurements are not read.
+        model: fitted.
+        device: of the simulator.
+
+    Attributes:
+        frame: frames since the start.
+        film: the filmed frame in which the hand stands.
+        hand: what the filmed hand does; it rests after the last filmed frame.
+        changes: of the model, from the last `change` on.
+        log: what was done since the start, as `log.replayed` takes it.
+        state: now; F is the motion since frame 0.
+
+    Raises:
+        InputError: as of `Rollouts`, and where the model has no grip stiffness.
+    """
+
+    def __init__(self, problem: Problem, model: Model, device: str = "cpu") -> None:
+        self._model, self._rollouts = braked(model), Rollouts(problem, braked(model), device=device)
+        self._body, self._grip = self._rollouts.problem.body, self._rollouts.problem.grip
+        self._stiffness = float(model.fields["grip_stiffness"])
+        if not self._stiffness > 0:
+            raise InputError("a grip stiffness of 0", where="the fitted model", expected="a grip that can hold")
+        self._path = self._rollouts.setting.controllers.detach().cpu().double().numpy()
+        self.changes = Changes()
+        self.reset()
+
+    @property
+    def fps(self) -> float:
+        """Frames per second of simulated time."""
+        return float(self._rollouts.problem.fps)
+
+    @property
+    def frames_filmed(self) -> int:
+        """Length of the filmed path."""
+        return len(self._path)
+
+    @property
+    def weight(self) -> float:
+        """Of the body [N]."""
+        gravity = np.linalg.norm(self._rollouts.config.gravity)
+        return float(self._body.mass.sum() * (gravity if gravity > 0 else 9.81))
+
+    # --- what a user does ---------------------------------------------------------------------------------------
+
+    def reset(self) -> None:
+        """Back to the start, nothing pulled; changes of the model stay."""
+        inputs = self._rollouts.inputs(*self._changed())
+        self._parameters = inputs.parameters
+        self._player = self._rollouts.play(*self._changed())
+        self.frame = self.film = 0
+        self.hand: Hand = "filmed"
+        self._handles: dict[int, Handle] = {}
+        self._numbered, self._moved = 0, set()
+        self.log: list[Action] = []
+        if self.changes != Changes():
+            self._note("change", changes=asdict(self.changes))
+        self._filmed = self._acting()
+        self._lengths = None if self._grip is None else self._grip.rest_lengths.copy()
+        self._points = self._path[0]
+        if self._grip is not None and not self._grip.steady:
+            self._hold()
+        self.state = self._shown()
+
+    def take(self, point: Float[Array, " 3"]) -> int:
+        """Take the body at a point [m], by the particles around it; the number of the handle."""
+        point = _finite(point)
+        handle = Handle.taken(self._body, self._x(), point, self.weight, self._stiffness)
+        self._numbered += 1
+        self._handles[self._numbered] = handle
+        self._note("take", point=point.tolist())
+        self._hold()
+        return self._numbered
+
+    def move(self, handle: int, target: Float[Array, " 3"]) -> None:
+        """Where the taken point is wanted from now on [m]."""
+        self._handle(handle).target = _finite(target)
+        self._moved.add(handle)
+
+    def release(self, handle: int) -> None:
+        """Let go."""
+        self._handle(handle)
+        del self._handles[handle]
+        self._moved.discard(handle)
+        self._note("release", handle=handle)
+        self._hold()
+
+    def let_hand(self, hand: Hand) -> None:
+        """What the filmed hand does from now on."""
+        self.hand = hand
+        self._note("hand", hand=hand)
+        self._hold_if_changed()
+
+    def change(self, changes: Changes) -> None:
+        """Change the model from now on; InputError, and no change, where that is not possible."""
+        before, self.changes = self.changes, changes
+        try:
+            parameters = self._rollouts.inputs(*self._changed()).parameters
+            self._player.change(parameters)
+        except InputError:
+            self.changes = before
+            raise
+        self._parameters = parameters
+        self._note("change", changes=asdict(changes))
+
+    def step(self) -> FrameState:
+        """The next frame.
+
+        Raises:
+            SimulationError: where the state turns non-finite; `reset` begins anew.
+        """
+        for number in sorted(self._moved):
+            self._note("move", handle=number, target=self._handles[number].target.tolist())
+        self._moved.clear()
+        self._hold_if_changed()
+        if self.hand == "filmed" and self.film + 1 < len(self._path):
+            self.film += 1
+        x = self._x()
+        for handle in self._handles.values():
+            handle.follow(x)
+        self._points = self._all_points()
+        self._player.step(torch.from_numpy(self._points))
+        self._remember_lengths()
+        self.frame += 1
+        self.state = self._shown()
+        return self.state
+
+    def _note(self, do: str, **what: Any) -> None:
+        self.log.append({"frame": self.frame, "do": do, **what})
+
+    # --- what it shows ------------------------------------------------------------------------------------------
+
+    @property
+    def handles(self) -> tuple[int, ...]:
+        """Numbers of the handles."""
+        return tuple(self._handles)
+
+    @property
+    def points(self) -> Float[Array, "points 3"]:
+        """Points of the filmed hand, then of the handles [m]."""
+        return self._points
+
+    def pull(self, handle: int) -> Pull:
+        """What a handle does now."""
+        own, x = self._handle(handle), self._x()
+        return Pull(own.held_place(x), own.target, own.force(x))
+
+    def hand_force(self) -> Float[Array, " 3"]:
+        """Of the filmed hand on the body [N], through its bonds; a tool's push does not count."""
+        grip = self._grip
+        if grip is None:
+            return np.zeros(3)
+        own = np.flatnonzero(self._filmed & np.isfinite(self._lengths))
+        x, points = self._x()[grip.particles[own]], self._points[grip.controllers[own]]
+        return bond_force(x, points, self._stiffness * grip.weights[own], self._lengths[own])
+
+    # --- holding ------------------------------------------------------------------------------------------------
+
+    def _acting(self) -> Array | None:
+        """Which bonds of the filmed hand act from this frame on."""
+        if self._grip is None:
+            return None
+        return self._grip.acting(self.film) & (self.hand != "open")
+
+    def _hold_if_changed(self) -> None:
+        acting = self._acting()
+        if acting is not None and (acting != self._filmed).any():
+            self._hold()
+
+    def _hold(self) -> None:
+        """Give the player the bonds that act now."""
+        acting = self._acting()
+        if acting is not None:
+            let_go = self._filmed & ~acting
+            self._lengths[let_go] = self._grip.rest_lengths[let_go]
+            self._filmed = acting
+        count = self._path.shape[1]
+        before = np.concatenate([self._points[:count], *(h.points for h in self._handles.values())])
+        self._points = self._all_points()
+        self._player.hold(self._bonds(), torch.from_numpy(self._points), torch.from_numpy(before))
+
+    def _bonds(self) -> Grip | None:
+        """Of the filmed hand and of the handles."""
+        parts, count = [], self._path.shape[1]
+        if self._grip is not None:
+            own = self._filmed
+            parts.append(
+                (self._grip.particles[own], self._grip.controllers[own], self._grip.weights[own], self._lengths[own])
+            )
+        for handle in self._handles.values():
+            own = np.arange(count, count + len(handle.particles))
+            parts.append((handle.particles, own, handle.weights, handle.lengths))
+            count += len(own)
+        if not sum(len(part[0]) for part in parts):
+            return None
+        return Grip(*map(np.concatenate, zip(*parts, strict=True)))
+
+    def _remember_lengths(self) -> None:
+        """Lengths of the filmed hand's bonds that were taken where they were."""
+        if self._grip is not None and self._filmed.any() and np.isnan(self._lengths[self._filmed]).any():
+            self._lengths[self._filmed] = self._player.lengths[: int(self._filmed.sum())]
+
+    def _all_points(self) -> Float[Array, "points 3"]:
+        return np.concatenate([self._path[self.film], *(h.points for h in self._handles.values())])
+
+    def _handle(self, number: int) -> Handle:
+        if number not in self._handles:
+            there = ", ".join(map(str, self._handles))
+            raise InputError(
+                f"handle {number}", where="Session", expected=f"one of {there}" if there else "a taken one"
+            )
+        return self._handles[number]
+
+    # --- state --------------------------------------------------------------------------------------------------
+
+    def _changed(self) -> tuple:
+        """Fields and effects' coefficients under the changes."""
+        return self.changes.fields_of(self._model), self.changes.values_of(self._model)
+
+    def _x(self) -> Float[Array, "particles 3"]:
+        return self._player.state.x.detach().cpu().double().numpy()
+
+    def _shown(self) -> FrameState:
+        """The player's state with F as the motion since frame 0."""
+        state = self._player.state
+        one = States(state.x[None], state.v[None], state.F[None])
+        return replace(state, F=motion_since_start(one, self._parameters).F[0])
+
+
+def _finite(point: Array) -> Float[Array, " 3"]:
+    point = np.asarray(point, dtype=np.float64).copy()
+    if point.shape != (3,) or not np.isfinite(point).all():
+        raise InputError(f"point {point}", where="Session", expected="three finite coordinates [m]")
+    return point

@@ -1,0 +1,193 @@
+"""A twin in use: forces against the weight, the filmed motion against a rollout, and the same actions to the same states."""
+
+import dataclasses
+import json
+
+import numpy as np
+import pytest
+import torch
+
+from physreal_core.errors import InputError
+from physreal_core.fitting.named_effects import effect_record
+from physreal_core.fitting.rollouts import Rollouts
+from physreal_core.playing import Changes, Session, replayed
+from physreal_core.playing.handles import STRONGEST
+from tests.fitting import scene
+
+FRAMES = 12
+WIND = {"x": 0.0, "y": 3.0, "z": 0.0}
+
+
+@pytest.fixture(scope="module")
+def given():
+    return scene.problem(scene.model(), frames=FRAMES, observed=FRAMES, with_masks=False)
+
+
+@pytest.fixture
+def session(given):
+    return Session(given, scene.model(youngs_modulus=1e5))
+
+
+def steps(session: Session, count: int) -> np.ndarray:
+    """Particles in every frame [m]."""
+    return np.stack([session.step().x.numpy().copy() for _ in range(count)])
+
+
+def hanging(session: Session) -> int:
+    """Lets the hand go, lifts the bar by its middle well above the ground, and waits until it hangs still."""
+    session.let_hand("open")
+    session.change(Changes(brake=20.0))
+    x = session.state.x.double().numpy()
+    handle = session.take(x.mean(0))
+    for height in np.linspace(0.0, 0.15, 20):
+        session.move(handle, x.mean(0) + [0, 0, height])
+        session.step()
+    steps(session, 60)
+    return handle
+
+
+def test_the_filmed_hand_leads_the_body_as_in_a_rollout(given):
+    """Between frames the ways differ, for a player does not know where the hand goes next."""
+    model = scene.model()
+    rollouts, session = Rollouts(given, model), Session(given, model)
+    with torch.no_grad():
+        rolled = rollouts.simulate(rollouts.inputs(model.fields)).x.numpy()
+    assert session.frames_filmed == FRAMES and session.film == 0
+    played = steps(session, FRAMES - 1)
+    assert np.abs(played - rolled[1:]).max() < 5e-4
+    assert np.abs(rolled[-1] - rolled[0]).max() > 0.05
+    assert session.film == FRAMES - 1
+    session.step()
+    assert session.film == FRAMES - 1, "after the last filmed frame the hand rests"
+
+
+def test_a_body_that_hangs_pulls_with_its_weight(session):
+    handle = hanging(session)
+    pull = session.pull(handle)
+    assert pull.force[2] == pytest.approx(session.weight, rel=0.01)
+    assert np.abs(pull.force[:2]).max() < 0.01 * session.weight
+    assert np.allclose(session.hand_force(), 0.0)
+
+
+def test_the_filmed_hand_carries_what_no_handle_carries(session):
+    session.change(Changes(brake=20.0))
+    steps(session, FRAMES - 1)
+    x = session.state.x.double().numpy()
+    other = session.take(x[x[:, 0].argmax()])
+    session.move(other, x[x[:, 0].argmax()] + [0, 0, 0.12])
+    steps(session, 200)
+    hand, pull = session.hand_force(), session.pull(other).force
+    assert hand[2] > 0.1 * session.weight and pull[2] > 0.1 * session.weight
+    assert hand[2] + pull[2] == pytest.approx(session.weight, rel=0.02)
+
+
+def test_what_is_let_go_falls_freely(session):
+    handle = hanging(session)
+    session.change(Changes())
+    session.release(handle)
+    before = session.state.x.double().numpy().mean(0)
+    steps(session, 3)
+    fallen = before - session.state.x.double().numpy().mean(0)
+    assert fallen[2] == pytest.approx(9.81 * (3 / scene.FPS) ** 2 / 2, rel=0.03)
+    assert session.handles == ()
+
+
+def test_a_pull_has_a_cap_however_far_it_is_wanted(session):
+    steps(session, 2)
+    x = session.state.x.double().numpy()
+    handle = session.take(x[-1])
+    session.move(handle, x[-1] + [5.0, 0.0, 0.0])
+    forces = []
+    for _ in range(15):
+        session.step()
+        forces.append(np.linalg.norm(session.pull(handle).force))
+    assert 0.5 * STRONGEST * session.weight < max(forces) < 1.5 * STRONGEST * session.weight
+
+
+def test_a_pinned_place_stays_where_it_is(session):
+    x = session.state.x.double().numpy()
+    end = x[x[:, 0].argmax()]
+    free = Session(session._rollouts.problem, scene.model(youngs_modulus=1e5))
+    session.take(end)
+    moved = [
+        np.linalg.norm(s.state.x.double().numpy()[x[:, 0].argmax()] - end)
+        for s in (session, free)
+        if len(steps(s, FRAMES))
+    ]
+    assert moved[0] < 0.5 * moved[1]
+
+
+def test_softer_ones_sag_more(session):
+    hanging(session)
+    lowest = [session.state.x[:, 2].min().item()]
+    session.change(Changes(stiffness=0.2, brake=20.0))
+    steps(session, 40)
+    lowest.append(session.state.x[:, 2].min().item())
+    assert lowest[1] < lowest[0] - 1e-3
+
+
+def test_an_effect_of_the_model_can_be_changed_and_switched_off(given):
+    windy = dataclasses.replace(scene.model(), effects=[effect_record("wind", WIND)])
+    one, other, third = Session(given, windy), Session(given, windy), Session(given, scene.model())
+    smooth = Changes(friction=0.0)
+    for session, changes in (
+        (one, smooth),
+        (third, smooth),
+        (other, Changes(friction=0.0, effects={"wind": {"y": 0.0}})),
+    ):
+        session.change(changes)
+    for session in (one, other, third):
+        session.let_hand("open")
+    ends = [steps(session, 6)[-1].mean(0) for session in (one, other, third)]
+    assert ends[0][1] - ends[2][1] > 1e-3 and np.allclose(ends[1], ends[2], atol=1e-6)
+
+
+def test_the_same_actions_lead_to_the_same_states(given, session):
+    """Through JSON, in another session, to the last bit."""
+    x = session.state.x.double().numpy()
+    frames = [steps(session, 2)]
+    session.change(Changes(stiffness=1.5, friction=0.1, brake=1.0))
+    handle = session.take(x[-1])
+    for step in range(5):
+        session.move(handle, x[-1] + [0.0, 0.01 * step, 0.02 * step])
+        frames.append(steps(session, 1))
+    session.let_hand("rests")
+    second = session.take(x[3])
+    frames.append(steps(session, 3))
+    session.release(handle)
+    session.let_hand("open")
+    frames.append(steps(session, 3))
+    assert session.handles == (second,)
+    log = json.loads(json.dumps(session.log))
+    again = Session(given, scene.model(youngs_modulus=1e5))
+    states = np.stack([state.x.numpy().copy() for state in replayed(again, log, session.frame)])
+    assert np.array_equal(states, np.concatenate(frames))
+    assert again.log == session.log
+
+
+def test_reset_begins_anew_and_keeps_the_changes(session):
+    session.change(Changes(stiffness=2.0))
+    session.take(session.state.x.double().numpy()[0])
+    steps(session, 4)
+    session.reset()
+    assert session.frame == session.film == 0 and session.handles == () and session.hand == "filmed"
+    assert session.changes.stiffness == 2.0 and [action["do"] for action in session.log] == ["change"]
+    assert np.allclose(session.state.x.numpy(), scene.body().x0, atol=1e-7)
+
+
+def test_what_cannot_be_done_is_said_and_changes_nothing(given, session):
+    for what, told in (
+        (lambda: session.move(7, np.zeros(3)), "handle 7.*expected a taken one"),
+        (lambda: session.take(np.array([np.nan, 0, 0])), "finite"),
+        (lambda: session.change(Changes(stiffness=0.0)), "0 times the fitted one"),
+        (lambda: session.change(Changes(effects={"wind": {"x": 1.0}})), "effects of the model"),
+        (lambda: session.change(Changes(stiffness=1e9)), "substeps"),
+        (lambda: list(replayed(session, [{"do": "jump"}], 1)), "take, move, release"),
+        (lambda: list(replayed(session, [{"do": "take"}], 1)), "point"),
+        (lambda: list(replayed(session, [{"do": "hand", "hand": "waves"}], 1)), "filmed, rests, open"),
+    ):
+        with pytest.raises(InputError, match=told):
+            what()
+    assert session.changes == Changes()
+    with pytest.raises(InputError, match="can hold"):
+        Session(given, scene.model(grip_stiffness=0.0))

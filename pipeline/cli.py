@@ -74,6 +74,33 @@ def _parser() -> argparse.ArgumentParser:
     command.add_argument("--no-browser", action="store_true", help="open no browser; print the address alone")
     command.set_defaults(command=_label)
 
+    command = commands.add_parser(
+        "play",
+        help="a page to pull, pin and change a fitted twin; or a video of that, without a browser",
+        description="The fitted twin in the browser: drag to pull it, with Shift to pin it; change its stiffness, its friction and every "
+        "effect while it moves. Every pull is written as a capture.",
+        epilog="examples: physreal play plush_lift; physreal play bar_lift --beside; physreal play plush_lift --record lift.mp4; "
+        "physreal play --replay data/played/plush_lift/pull_001 --record again.mp4",
+    )
+    command.add_argument(
+        "sequence", nargs="?", help="a name under `fits` in params.yaml; with --replay that of the log"
+    )
+    command.add_argument(
+        "--model", default=None, help="the fit stage whose model it is; default: the last, fit_residual"
+    )
+    command.add_argument("--beside", action="store_true", help="the twin without its named effects beside it")
+    command.add_argument("--device", default="cpu", help="of the simulator: cpu or cuda:0")
+    command.add_argument("--captures", type=Path, help="folder of the pulls' captures; default: data/played/SEQUENCE")
+    command.add_argument(
+        "--replay", type=Path, metavar="LOG", help="do what a log.json says, or that of a pull's folder"
+    )
+    command.add_argument("--record", type=Path, metavar="MP4", help="no page: write a video, and the states beside it")
+    command.add_argument("--frames", type=int, help="of the video; default: those of the log, or of the filmed motion")
+    command.add_argument("--port", type=int, help="default: 8080")
+    command.add_argument("--host", help="address to listen on; default: 127.0.0.1, so this machine alone")
+    command.add_argument("--no-browser", action="store_true", help="open no browser; print the address alone")
+    command.set_defaults(command=_play)
+
     command = commands.add_parser("clean", help="delete what is kept so that the next runs are faster")
     command.set_defaults(command=_clean)
 
@@ -181,6 +208,13 @@ def _label(parsed: argparse.Namespace) -> int:
     from pipeline.label.serve import HOST, PORT, serve
 
     serve(parsed.sequence, host=parsed.host or HOST, port=parsed.port or PORT, browser=not parsed.no_browser)
+    return 0
+
+
+def _play(parsed: argparse.Namespace) -> int:
+    from pipeline.play.command import play
+
+    play(parsed)
     return 0
 
 

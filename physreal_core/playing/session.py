@@ -163,6 +163,10 @@ class Session:
         """Points of the filmed hand, then of the handles [m]."""
         return self._points
 
+    def points_of(self, handle: int) -> Float[Array, "held 3"]:
+        """Where a handle's points are [m]."""
+        return self._handle(handle).points
+
     def pull(self, handle: int) -> Pull:
         """What a handle does now."""
         own, x = self._handle(handle), self._x()

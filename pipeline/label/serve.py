@@ -2,11 +2,11 @@
 
 import importlib.util
 import os
-import socket
 
 from physreal_core.errors import InputError
 from pipeline.label.clip import Clip
 from pipeline.project import Project
+from pipeline.serving import require_free
 
 HOST, PORT = "127.0.0.1", 8765
 LOCAL = (HOST, "localhost")
@@ -33,7 +33,7 @@ def serve(sequence: str, *, host: str = HOST, port: int = PORT, browser: bool = 
         )
     project = Project.find()
     clip = Clip(project, sequence)
-    _require_free(host, port)
+    require_free(host, port, "physreal label")
     os.environ.setdefault("NICEGUI_STORAGE_PATH", str(project.root / ".scratch" / "label"))
     from nicegui import app, ui
     from starlette.middleware.trustedhost import TrustedHostMiddleware
@@ -45,16 +45,3 @@ def serve(sequence: str, *, host: str = HOST, port: int = PORT, browser: bool = 
     build(clip)
     print(f"the page of {sequence}: http://{host}:{port} (Ctrl+C ends it)", flush=True)
     ui.run(host=host, port=port, show=browser, reload=False, show_welcome_message=False)
-
-
-def _require_free(host: str, port: int) -> None:
-    with socket.socket() as probe:
-        probe.setsockopt(socket.SOL_SOCKET, socket.SO_REUSEADDR, 1)
-        try:
-            probe.bind((host, port))
-        except OSError as error:
-            raise InputError(
-                f"{host}:{port} cannot be listened on ({error.strerror})",
-                where="physreal label",
-                remedy="choose another port with --port",
-            ) from None

@@ -1,0 +1,288 @@
+"""The page: the twin on its table, what pulls it, and what can be changed of it."""
+
+from collections.abc import Callable
+from dataclasses import dataclass, replace
+from pathlib import Path
+from typing import Any, get_args
+
+import numpy as np
+
+from physreal_core.effects import EFFECTS
+from physreal_core.playing import Session
+from physreal_core.playing.log import Hand
+from pipeline.play.loop import Loop
+from pipeline.play.pulls import Pulls
+from pipeline.play.shades import stretch_colours
+from pipeline.play.twin import Twin
+
+HELP = """Drag the body to **pull** it; hold Shift while dragging to **pin** what you took where you let go of it.
+Drag beside it to turn the view. The force of a pull is cut at five times the weight."""
+_TABLE = 5.0
+"""Side of the table that is drawn, in sizes of the body."""
+_BESIDE = 1.4
+"""Sizes of the body by which the twin without its effects stands beside it."""
+_PULL, _PIN, _GREY = (230, 60, 50), (60, 110, 230), (150, 158, 170)
+
+
+@dataclass
+class _Drag:
+    """A drag of one viewer: the handle, None until the loop has taken it; where it is wanted; whether it stays."""
+
+    handle: int | None = None
+    target: np.ndarray | None = None
+    pinned: bool = False
+    ended: bool = False
+
+
+class Page:
+    """What the browser shows of a twin, on a viser server.
+
+    Args:
+        server: viser's.
+        twin: what is played with.
+        sessions: with its effects, and one without them where both are compared.
+        folder: gets a capture per pull; None for none.
+    """
+
+    def __init__(self, server: Any, twin: Twin, sessions: list[Session], folder: Path | None) -> None:
+        self._server, self._twin, self._pulls = server, twin, Pulls(twin, folder)
+        self.loop = Loop(sessions, self._show, self._tell)
+        self._drags: dict[tuple[int, str], _Drag] = {}
+        self._pinned: list[int] = []
+        self._scene()
+        self._controls()
+        self._bodies = [_Drawn(server, twin, number, self._aside(number)) for number in range(len(sessions))]
+        self._bodies[0].on_drag(self._dragged)
+        server.on_client_connect(self._look)
+        self._show()
+
+    @property
+    def _session(self) -> Session:
+        return self.loop.sessions[0]
+
+    @property
+    def _size(self) -> float:
+        """Longest side of the object's box in frame 0 [m]."""
+        return float(np.ptp(self._twin.mesh.vertices, axis=0).max())
+
+    def close(self) -> None:
+        """Ends the loop; what is still pulled is written."""
+        self.loop.stop()
+        for path in self._pulls.close(self._session):
+            print(f"wrote {path}", flush=True)
+
+    # --- what the user does -------------------------------------------------------------------------------------
+
+    async def _dragged(self, event: Any) -> None:
+        """Start, movement and end of a drag; in order, for viser awaits one after the other."""
+        key = event.client_id, event.modifier or ""
+        if event.phase == "start":
+            self._drags[key] = _Drag(pinned=event.modifier == "shift")
+            place = np.array(event.start_position)
+            self.loop.do(lambda session, drag=self._drags[key]: setattr(drag, "handle", session.take(place)))
+        drag = self._drags.get(key)
+        if drag is None:
+            return
+        drag.target = np.array(event.end_position)
+        self.loop.do(self._each(drag))
+        if event.phase == "end":
+            drag.ended = True
+            self.loop.do(self._each(drag))
+            del self._drags[key]
+
+    def _each(self, drag: _Drag) -> Callable[[Session], None]:
+        target, ended = drag.target, drag.ended
+
+        def follow(session: Session) -> None:
+            if drag.handle not in session.handles:
+                return
+            session.move(drag.handle, target)
+            if ended and not drag.pinned:
+                session.release(drag.handle)
+
+        return follow
+
+    def _change(self, **what: Any) -> None:
+        def change(session: Session) -> None:
+            changes = replace(session.changes, **what)
+            if session is not self._session:  # without effects, so none of theirs can be changed
+                changes = replace(changes, effects={})
+            session.change(changes)
+
+        self.loop.do(change)
+
+    def _change_effect(self, name: str, coefficient: str, value: float) -> None:
+        own = {key: dict(values) for key, values in self._session.changes.effects.items()}
+        own.setdefault(name, {})[coefficient] = value
+        self._change(effects=own)
+
+    def _jump(self, film: int) -> None:
+        """To a filmed frame: back to the start, and on until the hand is there."""
+
+        def jump(session: Session) -> None:
+            session.reset()
+            while session.film < film:
+                session.step()
+
+        self.loop.do(jump)
+
+    def _reset(self) -> None:
+        self.loop.do(lambda session: session.reset())
+
+    def _let_go(self) -> None:
+        self.loop.do(lambda session: [session.release(handle) for handle in session.handles])
+
+    # --- what is shown ------------------------------------------------------------------------------------------
+
+    def _scene(self) -> None:
+        server, ground = self._server, self._twin.model.simulation.get("ground_height", 0.0)
+        server.scene.set_up_direction("+z")
+        if ground is not None:
+            x, y, _ = self._twin.mesh.vertices.mean(0)
+            side = _TABLE * self._size
+            thick = 0.02 * side
+            server.scene.add_box(
+                "/table", dimensions=(side, side, thick), color=_GREY, position=(x, y, ground - thick / 2)
+            )
+        self._lines = server.scene.add_line_segments(
+            "/pulls", points=np.zeros((1, 2, 3), np.float32), colors=np.zeros((1, 2, 3), np.uint8), line_width=4.0
+        )
+
+    def _controls(self) -> None:
+        gui, session, model = self._server.gui, self._session, self._twin.model
+        gui.add_markdown(HELP)
+        self._rate, self._said = gui.add_markdown(""), gui.add_markdown("")
+        running = gui.add_checkbox("time goes on", True)
+        running.on_update(lambda _: self.loop.go(running.value))
+        speed = gui.add_slider("speed", min=0.1, max=1.0, step=0.1, initial_value=1.0)
+        speed.on_update(lambda _: setattr(self.loop.pace, "speed", float(speed.value)))
+        gui.add_button("from the start").on_click(lambda _: self._reset())
+        gui.add_button("let go of all").on_click(lambda _: self._let_go())
+        if self._twin.problem.grip is not None or self._twin.problem.tool is not None:
+            hand = gui.add_dropdown("filmed hand", get_args(Hand), initial_value="filmed")
+            hand.on_update(lambda _: self.loop.do(lambda s, word=hand.value: s.let_hand(word)))
+            film = gui.add_slider("filmed frame", min=0, max=max(1, session.frames_filmed - 1), step=1, initial_value=0)
+            film.on_update(lambda event: event.client is not None and self._jump(int(film.value)))
+        with gui.add_folder("model"):
+            self._slider("stiffness, times the fitted", 0.2, 5.0, 1.0, lambda v: self._change(stiffness=v))
+            fitted = float(model.fields["friction_coefficient"])
+            self._slider("friction", 0.0, 1.5, fitted, lambda v: self._change(friction=v))
+            self._slider("brake [1/s]", 0.0, 20.0, 0.0, lambda v: self._change(brake=v))
+            for record in model.effects:
+                self._effect(record)
+        self._forces = gui.add_checkbox("forces", True)
+        self._stretch = gui.add_checkbox("stretch as colour", False)
+
+    def _effect(self, record: dict[str, Any]) -> None:
+        """A slider per amplitude of an effect, from its absence to twice what was found."""
+        for coefficient in EFFECTS[record["name"]].coefficients:
+            if coefficient.kind != "amplitude":
+                continue
+            found, name = record["values"][coefficient.name], record["name"]
+            low, high = sorted((coefficient.dormant, coefficient.dormant + 2.0 * (found - coefficient.dormant)))
+            low, high = max(low, coefficient.lower), min(high, coefficient.upper)
+            interval = record.get("intervals", {}).get(coefficient.name)
+            told = "" if interval is None else f", found {found:.3g} ({interval[0]:.3g} to {interval[1]:.3g})"
+            label = f"{name}: {coefficient.name} [{coefficient.unit}]{told}"
+            if high > low:
+                self._slider(
+                    label, low, high, found, lambda v, n=name, c=coefficient.name: self._change_effect(n, c, v)
+                )
+
+    def _slider(self, label: str, low: float, high: float, value: float, changed: Callable[[float], None]) -> None:
+        step = (high - low) / 100.0
+        slider = self._server.gui.add_slider(
+            label, min=low, max=high, step=step, initial_value=min(max(value, low), high)
+        )
+        slider.on_update(lambda _: changed(float(slider.value)))
+
+    def _show(self) -> None:
+        for body, session in zip(self._bodies, self.loop.sessions, strict=True):
+            body.draw(session, self._stretch.value)
+        for path in self._pulls.follow(self._session):
+            self._tell(f"wrote {path}")
+        self._draw_pulls()
+        self._rate.content = self._numbers()
+
+    def _numbers(self) -> str:
+        session, pace = self._session, self.loop.pace
+        newtons = [f"{np.linalg.norm(session.pull(handle).force):.2f} N" for handle in session.handles]
+        hand = f"; hand {np.linalg.norm(session.hand_force()):.2f} N" if self._twin.problem.grip is not None else ""
+        pulls = f"; pulls {', '.join(newtons)}" if newtons else ""
+        return f"frame {session.frame}, {pace.rate:.0f} a second; weight {session.weight:.2f} N{hand}{pulls}"
+
+    def _draw_pulls(self) -> None:
+        """A line from each taken place to where it is wanted, red; blue where it is pinned."""
+        session = self._session
+        pulls = [session.pull(handle) for handle in session.handles]
+        self._lines.visible = bool(pulls) and self._forces.value
+        if pulls:
+            dragged = {drag.handle for drag in self._drags.values()}
+            inks = [_PULL if handle in dragged else _PIN for handle in session.handles]
+            self._lines.points = np.array([(pull.place, pull.target) for pull in pulls], np.float32)
+            self._lines.colors = np.repeat(np.array(inks, np.uint8)[:, None], 2, axis=1)
+
+    def _tell(self, sentence: str) -> None:
+        print(sentence, flush=True)
+        self._said.content = sentence
+
+    def _aside(self, number: int) -> np.ndarray:
+        return np.array([number * _BESIDE * self._size, 0.0, 0.0])
+
+    def _look(self, client: Any) -> None:
+        """A new viewer begins at the filmed camera, or before the object."""
+        camera = self._twin.camera
+        middle = self._twin.mesh.vertices.mean(0)
+        if camera is None:
+            way = self._twin.problem.controllers.reshape(-1, 3).cpu().double().numpy()
+            middle = 0.5 * (middle + (way.mean(0) if len(way) else middle))
+            client.camera.position = middle + self._size * np.array([0.6, -3.0, 1.0])
+            client.camera.look_at = middle + self._size * np.array([0.6, 0.0, 0.0])
+            return
+        T = camera.T_world_camera.cpu().double().numpy()
+        client.camera.position = T[:3, 3]
+        client.camera.look_at = T[:3, 3] + T[:3, 2] * float((middle - T[:3, 3]) @ T[:3, 2])
+        client.camera.fov = 2.0 * float(np.arctan(camera.height / (2.0 * float(camera.K[1, 1]))))
+
+
+class _Drawn:
+    """One body on the page: splats where it was filmed, else its surface; the surface takes the drags, unseen under splats."""
+
+    def __init__(self, server: Any, twin: Twin, number: int, aside: np.ndarray) -> None:
+        self._twin, self._splats, self._splatted = twin, None, twin.gaussians is not None
+        mesh = twin.mesh
+        self._surface = server.scene.add_mesh_simple(
+            f"/body_{number}/surface",
+            vertices=mesh.vertices.astype(np.float32),
+            faces=mesh.faces.astype(np.uint32),
+            color=(90, 160, 200),
+            opacity=0.0 if self._splatted else None,
+            side="double",
+            position=tuple(aside),
+        )
+        self._aside = aside
+        if self._splatted:
+            self._colours, self._opacities = twin.colours(), twin.opacities()
+            count = len(self._colours)
+            self._splats = server.scene.add_gaussian_splats(
+                f"/body_{number}/splats",
+                centers=np.zeros((count, 3), np.float32),
+                covariances=np.zeros((count, 3, 3), np.float32),
+                rgbs=self._colours,
+                opacities=self._opacities,
+                position=tuple(aside),
+            )
+
+    def on_drag(self, called: Callable) -> None:
+        """Have drags of the body told, with and without Shift."""
+        self._surface.on_drag("left")(called)
+        self._surface.on_drag("left", modifier="shift")(called)
+
+    def draw(self, session: Session, stretch: bool) -> None:
+        """The body as it is now."""
+        twin, state = self._twin, session.state
+        self._surface.vertices = twin.surface(state).astype(np.float32)
+        if self._splatted:
+            now = twin.splats(state)
+            colours = stretch_colours(state, twin.gaussian_binding) if stretch else self._colours
+            self._splats.set_gaussians(now.centres, now.covariances, colours, self._opacities)

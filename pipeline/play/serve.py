@@ -1,0 +1,76 @@
+"""Serves the page until it is ended."""
+
+import importlib.util
+import signal
+import threading
+import webbrowser
+from pathlib import Path
+
+from physreal_core.errors import InputError
+from pipeline.graph import FIT_STAGES
+from pipeline.play.twin import Twin
+from pipeline.project import Project
+from pipeline.serving import require_free
+
+HOST, PORT = "127.0.0.1", 8080
+
+
+def serve(
+    sequence: str,
+    *,
+    stage: str = FIT_STAGES[-1],
+    beside: bool = False,
+    folder: Path | None = None,
+    device: str = "cpu",
+    host: str = HOST,
+    port: int = PORT,
+    browser: bool = True,
+) -> None:
+    """Show the page for a fitted sequence, until Ctrl+C.
+
+    Args:
+        sequence: under `fits` in params.yaml.
+        stage: whose model.
+        beside: whether the twin without its named effects stands beside it.
+        folder: gets a capture per pull; by default data/played/<sequence>.
+        device: of the simulator.
+        host: the address to listen on; only this machine reaches 127.0.0.1.
+        port: of that address.
+        browser: whether to open a browser here.
+
+    Raises:
+        InputError: viser is not installed, the port is taken, or `Twin.load` raises it.
+    """
+    if importlib.util.find_spec("viser") is None:
+        raise InputError(
+            "the page needs viser, which is not installed",
+            where="physreal play",
+            remedy='run `pip install "physreal[play]"`, in a checkout `pip install -e ".[play]"`',
+        )
+    project = Project.find()
+    twin = Twin.load(project, sequence, stage)
+    if beside and not twin.model.effects:
+        raise InputError(
+            f"the model of {sequence} has no named effect to leave out",
+            where="physreal play --beside",
+            remedy="play it alone, or another sequence",
+        )
+    require_free(host, port, "physreal play")
+    import viser
+
+    from pipeline.play.page import Page
+
+    sessions = [twin.session(device), *([twin.session(device, effects=False)] if beside else [])]
+    server = viser.ViserServer(host=host, port=port, label=f"PhysReal: {sequence}", verbose=False)
+    page = Page(server, twin, sessions, folder or project.root / "data" / "played" / sequence)
+    page.loop.start()
+    address = f"http://{host}:{port}"
+    print(f"the twin of {sequence}: {address} (Ctrl+C ends it)", flush=True)
+    if browser:
+        webbrowser.open(address)
+    ended = threading.Event()
+    for number in (signal.SIGINT, signal.SIGTERM):
+        signal.signal(number, lambda *_: ended.set())
+    ended.wait()
+    page.close()
+    server.stop()

@@ -1,0 +1,128 @@
+"""A fitted twin as the page needs it: what is simulated, and what is seen of it."""
+
+from dataclasses import dataclass, replace
+
+import numpy as np
+import torch
+
+from physreal_core.array_types import Array, Float
+from physreal_core.errors import InputError
+from physreal_core.fitting.model import Model, load_model
+from physreal_core.fitting.problem import Problem
+from physreal_core.fitting.thin import bind_to_body
+from physreal_core.geometry.mesh import Mesh
+from physreal_core.playing import Session
+from physreal_core.rendering import Binding, Camera, Gaussians, carry_gaussians, carry_points
+from physreal_core.simulation.play import FrameState
+from pipeline.config import load_parameters, unknown_key
+from pipeline.graph import FIT_STAGES
+from pipeline.products.particles import Particles
+from pipeline.products.placed_object import PlacedObject
+from pipeline.project import Project
+
+_INPUTS = ("parse_video", "segment_and_track", "fit_pose", "sample_particles")
+
+
+@dataclass(frozen=True)
+class Splats:
+    """Gaussians as they are now: centres [G, 3] m, covariances [G, 3, 3] m2."""
+
+    centres: Float[Array, "G 3"]
+    covariances: Float[Array, "G 3 3"]
+
+
+@dataclass(frozen=True)
+class Twin:
+    """A fitted sequence.
+
+    Attributes:
+        sequence, stage: which model of which sequence.
+        problem: body, hand and path.
+        model: fitted.
+        mesh: surface of the object in frame 0 [m], world frame.
+        mesh_binding: of its vertices to the particles.
+        gaussians: appearance; None of motion capture.
+        gaussian_binding: of these; None of motion capture.
+        camera: that filmed it; None of motion capture.
+    """
+
+    sequence: str
+    stage: str
+    problem: Problem
+    model: Model
+    mesh: Mesh
+    mesh_binding: Binding
+    gaussians: Gaussians | None
+    gaussian_binding: Binding | None
+    camera: Camera | None
+
+    @classmethod
+    def load(cls, project: Project, sequence: str, stage: str = FIT_STAGES[-1]) -> "Twin":
+        """The model that a fit stage found for a sequence.
+
+        Args:
+            project: where.
+            sequence: under `fits` in params.yaml.
+            stage: one of `FIT_STAGES`.
+
+        Raises:
+            InputError: no such sequence or stage, or the stages have not run.
+        """
+        from stages._problem import load_problem
+
+        fitted = list(load_parameters(project.parameters).values.fits)
+        if sequence not in fitted:
+            raise unknown_key(sequence, f"fits.{sequence}", fitted, "physreal play")
+        if stage not in FIT_STAGES:
+            raise unknown_key(stage, stage, list(FIT_STAGES), "physreal play --model")
+        for name in (*_INPUTS, stage):
+            if not project.artifact(name, sequence).is_dir():
+                raise InputError(
+                    f"{name} has not run on {sequence}",
+                    where=str(project.artifact(name, sequence)),
+                    expected="a fitted sequence",
+                    remedy="run `dvc repro`",
+                )
+        read = lambda name: project.artifact(name, sequence)
+        problem, placed = load_problem(read), PlacedObject.load(read("fit_pose"))
+        particles, filmed = Particles.load(read("sample_particles")), problem.camera is not None
+        return cls(
+            sequence=sequence,
+            stage=stage,
+            problem=problem,
+            model=load_model(read(stage)),
+            mesh=placed.mesh,
+            mesh_binding=bind_to_body(placed.mesh.vertices, problem.body),
+            gaussians=placed.gaussians if filmed else None,
+            gaussian_binding=Binding(particles.gaussian_neighbours, particles.gaussian_weights) if filmed else None,
+            camera=problem.camera,
+        )
+
+    def session(self, device: str = "cpu", *, effects: bool = True) -> Session:
+        """A session with it, or with it but for its named effects."""
+        return Session(self.problem, self.model if effects else replace(self.model, effects=[]), device)
+
+    def surface(self, state: FrameState) -> Float[Array, "V 3"]:
+        """Vertices of the mesh now [m]."""
+        return self.carried(self.mesh.vertices, self.mesh_binding, state)
+
+    def carried(self, points0: Float[Array, "P 3"], binding: Binding, state: FrameState) -> Float[Array, "P 3"]:
+        """Points of frame 0 [m] where they are now."""
+        x, F = state.x.cpu().double(), state.F.cpu().double()
+        points0, x0 = (torch.as_tensor(np.asarray(a), dtype=torch.float64) for a in (points0, self.problem.body.x0))
+        return carry_points(binding, points0, x0, x, F).numpy()
+
+    def splats(self, state: FrameState) -> Splats:
+        """Gaussians now."""
+        x, F = state.x.cpu().float(), state.F.cpu().float()
+        x0 = torch.as_tensor(self.problem.body.x0, dtype=torch.float32)
+        centres, covariances = carry_gaussians(self.gaussian_binding, self.gaussians, x0, x, F)
+        return Splats(centres.numpy(), covariances.numpy())
+
+    def colours(self) -> Float[Array, "G 3"]:
+        """Of the Gaussians, as the filmed camera sees them in frame 0, 0 to 1."""
+        return self.gaussians.colours(self.camera.centre).clamp(0, 1).detach().cpu().float().numpy()
+
+    def opacities(self) -> Float[Array, "G 1"]:
+        """Of the Gaussians, 0 to 1."""
+        return self.gaussians.opacities().detach().cpu().float().numpy().reshape(-1, 1)

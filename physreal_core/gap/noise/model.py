@@ -20,7 +20,6 @@ import numpy as np
 import torch
 
 from physreal_core.array_types import Array, Bool, Float, Tensor
-from physreal_core.checkpoints import remembered
 from physreal_core.gap.noise.sensor import SensorNoise
 
 
@@ -92,21 +91,10 @@ class Noise:
         self.sensor = SensorNoise(sigma, valid, correlation)
         given = np.zeros((0, *motion.shape)) if given is None else given
         self._parts = points0, motion, reruns, start_sensitivity, given, fps, error
-        self._device = device
-        found = remembered(
-            "noise",
-            lambda: [sigma, valid, motion, reruns, start_sensitivity, given, correlation],
-            {"basis": (3 * int(valid.sum()), None), "values": (None,)},
-            self._modes,
-        )
-        self._basis = torch.from_numpy(found["basis"]).to(device)
-        self.variances: Float[Array, " axes"] = found["values"]
-
-    def _modes(self) -> dict[str, Array]:
-        """Principal axes of the weighted columns of U, shape [n, K], and the variances along them, shape [K]."""
-        columns = np.concatenate([self.known_columns(), self.field_columns(self._parts[-1])], axis=1)
-        basis, values = principal_axes(torch.from_numpy(columns).to(self._device))
-        return {"basis": basis.cpu().numpy(), "values": values.cpu().numpy()}
+        # Of hundreds of megabytes, and sooner made again than read: no checkpoint.
+        columns = np.concatenate([self.known_columns(), self.field_columns(error)], axis=1)
+        self._basis, variances = principal_axes(torch.from_numpy(columns).to(device))
+        self.variances: Float[Array, " axes"] = variances.cpu().numpy()
 
     def known_columns(self) -> Float[Array, "entries columns"]:
         """Weighted columns of what has a known size: the start's error, the reruns, errors of given records."""

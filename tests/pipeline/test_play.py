@@ -1,0 +1,332 @@
+"""`physreal play`: a twin read from its artifacts, its pulls as captures, its sessions as videos, and the page in a real browser."""
+
+import dataclasses
+import json
+import shutil
+import time
+from types import SimpleNamespace
+
+import numpy as np
+import pytest
+import yaml
+
+from physreal_core.errors import InputError, SimulationError
+from physreal_core.fitting.model import save_model
+from physreal_core.fitting.named_effects import effect_record
+from physreal_core.geometry.mesh import Mesh
+from physreal_core.playing import replayed
+from pipeline.check import examine
+from pipeline.cli import main
+from pipeline.graph import FIT_STAGES
+from pipeline.play.film import read_log
+from pipeline.play.loop import Loop
+from pipeline.play.pulls import Pulls, tracks_of, write_log
+from pipeline.play.shades import stretch_colours
+from pipeline.play.twin import Twin
+from pipeline.products.controllers import Controllers
+from pipeline.products.gaussians import load_gaussians
+from pipeline.products.particles import Particles
+from pipeline.products.placed_object import PlacedObject
+from pipeline.project import Project
+from pipeline.stage import run_stage
+from stages import build_object, fit_pose, parse_video, sample_particles, segment_and_track
+from tests.fitting import scene
+from tests.fitting.test_stages import write_artifacts
+
+FRAMES, OBSERVED = 8, 6
+
+
+def bar_mesh() -> Mesh:
+    """The surface of the scene's bar."""
+    import trimesh
+
+    x0 = scene.body().x0
+    low, high = x0.min(0) - scene.SPACING / 2, x0.max(0) + scene.SPACING / 2
+    box = trimesh.creation.box(bounds=np.stack([low, high])).subdivide().subdivide()
+    return Mesh(np.array(box.vertices), np.array(box.faces))
+
+
+@pytest.fixture(scope="module")
+def project(tmp_path_factory) -> Project:
+    """A fitted sequence: artifacts of its perception, and a model with a wind under every fit stage."""
+    root = tmp_path_factory.mktemp("play")
+    (root / "params.yaml").write_text(yaml.safe_dump({"sequences": {"lift": {}}, "fits": {"lift": {}}}))
+    project = Project(root)
+    write_artifacts(project, "lift", scene.problem(scene.model(), frames=FRAMES, observed=OBSERVED))
+    folder = project.artifact("fit_pose", "lift")
+    PlacedObject(bar_mesh(), load_gaussians(folder), np.eye(4), 1.0, np.eye(4)).save(folder)
+    windy = dataclasses.replace(
+        scene.model(youngs_modulus=1e5),
+        effects=[effect_record("wind", {"x": 0.0, "y": 3.0, "z": 0.0}, intervals={"y": (2.0, 4.0)})],
+    )
+    for stage in FIT_STAGES:
+        run_stage(stage, "lift", lambda context: save_model(context.output, windy), project)
+    return project
+
+
+@pytest.fixture
+def twin(project) -> Twin:
+    return Twin.load(project, "lift")
+
+
+def pulled(twin: Twin, folder, frames: int = 12):
+    """A session in which the bar's end is pulled from frame 2 on and let go; with what was written."""
+    session, pulls = twin.session(), Pulls(twin, folder)
+    session.let_hand("open")
+    written, handle = [], None
+    for frame in range(frames + 6):
+        if frame == 2:
+            end = session.state.x.double().numpy()[-1]
+            handle = session.take(end)
+        if 2 <= frame < frames:
+            session.move(handle, end + [0.0, 0.0, 0.01 * (frame - 2)])
+        if frame == frames:
+            session.release(handle)
+        written += pulls.follow(session)
+        session.step()
+    return session, written
+
+
+def test_what_is_not_there_is_named(project, tmp_path):
+    with pytest.raises(InputError, match="fits.lfit; did you mean fits.lift"):
+        Twin.load(project, "lfit")
+    with pytest.raises(InputError, match="fit_patches"):
+        Twin.load(project, "lift", "fit_patch")
+    (tmp_path / "params.yaml").write_text((project.root / "params.yaml").read_text())
+    with pytest.raises(InputError, match="parse_video has not run on lift.*dvc repro"):
+        Twin.load(Project(tmp_path), "lift")
+    with pytest.raises(InputError, match=r"actions"):
+        read_log(_written(tmp_path / "log.json", {"sequence": "lift"}))
+
+
+def _written(path, record):
+    path.write_text(json.dumps(record))
+    return path
+
+
+def test_surface_and_splats_start_where_they_were_seen(twin):
+    session = twin.session()
+    assert np.allclose(twin.surface(session.state), twin.mesh.vertices, atol=1e-6)
+    now = twin.splats(session.state)
+    assert np.allclose(now.centres, twin.gaussians.means.numpy(), atol=1e-5)
+    assert twin.colours().shape == now.centres.shape and twin.opacities().shape == (len(now.centres), 1)
+
+
+def test_a_pull_is_a_capture_that_the_pipeline_takes(twin, tmp_path):
+    """Checked as any capture is, and through the stages up to the particles: the hand holds what was pulled."""
+    _, (folder,) = pulled(twin, tmp_path / "played")
+    capture = json.loads((folder / "capture.json").read_text())
+    assert capture["frame_count"] == 10 and Controllers.load(folder).points.shape == (10, 8, 3)
+    project = Project(tmp_path / "again")
+    shutil.copytree(folder, project.capture("pull"))
+    (project.root / "params.yaml").write_text(
+        yaml.safe_dump({"sequences": {"pull": {"sample_particles": {"spacing": 0.02}}}, "fits": {"pull": {}}})
+    )
+    _, found = examine(project.capture("pull"))
+    assert not found.faults
+    for stage in (parse_video, segment_and_track, build_object, fit_pose, sample_particles):
+        run_stage(stage.__name__.split(".")[-1], "pull", stage.run, project)
+    particles = Particles.load(project.artifact("sample_particles", "pull"))
+    held = particles.x0[particles.grip_particles]
+    assert len(held) and np.linalg.norm(held - Controllers.load(folder).points[0].mean(0), axis=1).max() < 0.04
+    assert len(particles.track_ids) > 100
+
+
+def test_a_pull_lasts_as_long_as_it_was_held(twin, tmp_path):
+    session, pulls = twin.session(), Pulls(twin, tmp_path)
+    handle = session.take(twin.mesh.vertices[0])
+    for _ in range(4):
+        pulls.follow(session)
+        session.step()
+    assert [path.name for path in pulls.close(session)] == ["pull_001"]
+    session.release(handle)
+    short = session.take(twin.mesh.vertices[0])
+    pulls.follow(session)
+    session.release(short)
+    assert pulls.follow(session) == [], "one frame is no capture"
+    assert Pulls(twin, None).follow(session) == []
+    assert [path.name for path in tmp_path.iterdir()] == ["pull_001"]
+
+
+def test_a_log_brings_the_same_states_again(twin, project, tmp_path, monkeypatch, capsys):
+    """By the command, too, which writes them beside the video."""
+    _, (folder,) = pulled(twin, tmp_path / "played")
+    sequence, stage, actions, frames = read_log(folder)
+    assert (sequence, stage) == ("lift", "fit_residual")
+    states = np.stack([state.x.numpy().copy() for state in replayed(twin.session(), actions, frames)])
+    first = 2
+    assert np.array_equal(states[first - 1 : first + 9], tracks_of(folder))
+    monkeypatch.chdir(project.root)
+    with pytest.raises(SystemExit) as ended:
+        main(["play", "--replay", str(folder), "--record", str(tmp_path / "again.mp4")])
+    assert ended.value.code == 0 and "again.mp4" in capsys.readouterr().out
+    with np.load(tmp_path / "again.npz") as file:
+        assert np.array_equal(file["x"], states)
+    assert (tmp_path / "again.mp4").stat().st_size > 1000
+
+
+def test_a_command_that_lacks_something_says_what(project, monkeypatch, capsys, tmp_path):
+    monkeypatch.chdir(project.root)
+    for arguments, told in (
+        (["play"], "a name under `fits`"),
+        (["play", "--replay", str(_written(tmp_path / "log.json", {"sequence": "lift"}))], "model"),
+        (["play", "lift", "--record", "a.mp4", "--model", "fit_all"], "fit_all"),
+    ):
+        with pytest.raises(SystemExit) as ended:
+            main(arguments)
+        assert ended.value.code == 2 and told in capsys.readouterr().err
+
+
+def test_colour_tells_the_stretch(twin):
+    session = twin.session()
+    calm = stretch_colours(session.state, twin.gaussian_binding)
+    x, F = session.state.x, session.state.F.clone()
+    F[:, 0, 0] = 1.5
+    torn = stretch_colours(SimpleNamespace(x=x, F=F), twin.gaussian_binding)
+    assert np.allclose(calm, calm[0], atol=0.02) and calm[0, 2] > calm[0, 0]
+    assert (torn[:, 0] > 0.75).all() and (torn[:, 2] < 0.2).all()
+
+
+def test_two_sessions_do_the_same_and_differ_by_the_effect(twin):
+    loop = Loop([twin.session(), twin.session(effects=False)], lambda: None, pytest.fail)
+    loop.do(lambda session: session.let_hand("open"))
+    handles = []
+    loop.do(lambda session: handles.append(session.take(session.state.x.double().numpy()[-1])))
+    for frame in range(10):
+        loop.do(lambda session, z=0.01 * frame: session.move(1, np.array([0.13, 0.05, 0.03 + z])))
+        loop.once()
+    assert handles == [1, 1]
+    blown, still = (session.state.x[:, 1].mean().item() for session in loop.sessions)
+    assert blown > still + 1e-3
+
+
+def test_what_cannot_be_done_is_told_and_time_goes_on(twin):
+    told, shown = [], []
+    loop = Loop([twin.session()], lambda: shown.append(1), told.append)
+    loop.do(lambda session: session.move(5, np.zeros(3)))
+    loop.once()
+    assert loop.sessions[0].frame == 1 and "handle 5" in told[0]
+
+    def broken():
+        raise SimulationError("the state is not finite", frame=1, substep=0, particle=0)
+
+    loop.sessions[0].step = broken
+    loop.once()
+    assert "begins anew" in told[1] and loop.sessions[0].frame == 0 and len(shown) == 2
+    loop.go(False)
+    loop.once()
+    assert len(shown) == 2, "time stands, and nothing was done"
+
+
+def test_the_page_answers_what_is_dragged_and_slid(twin, tmp_path):
+    """Without a browser: the events that viser would send."""
+    pytest.importorskip("viser")
+    import asyncio
+
+    import viser
+
+    from pipeline.play.page import Page
+
+    server = viser.ViserServer(host="127.0.0.1", port=0, verbose=False)
+    try:
+        page = Page(server, twin, [twin.session(), twin.session(effects=False)], tmp_path)
+        loop = page.loop
+
+        def drag(phase, place, modifier=None):
+            event = SimpleNamespace(
+                client_id=1, phase=phase, modifier=modifier, start_position=start, end_position=place
+            )
+            asyncio.run(page._dragged(event))
+            loop.once()
+
+        loop.do(lambda session: session.let_hand("open"))
+        start = twin.mesh.vertices[twin.mesh.vertices[:, 0].argmax()]
+        drag("start", start)
+        for rise in (0.02, 0.04, 0.06):
+            drag("update", start + [0, 0, rise])
+        assert all(len(session.handles) == 1 for session in loop.sessions)
+        assert "pulls" in page._rate.content and page._lines.visible
+        drag("end", start + [0, 0, 0.06])
+        assert all(len(session.handles) == 0 for session in loop.sessions)
+        assert [path.name for path in tmp_path.iterdir()] == ["pull_001"]
+        drag("start", start, "shift")
+        drag("update", start + [0, 0, 0.05], "shift")
+        drag("end", start + [0, 0, 0.05], "shift")
+        assert all(len(session.handles) == 1 for session in loop.sessions), "a pin stays"
+        page._change(stiffness=2.0)
+        page._change_effect("wind", "y", 0.0)
+        page._jump(4)
+        loop.once()
+        first, second = loop.sessions
+        assert first.changes.stiffness == second.changes.stiffness == 2.0 and first.film == 5
+        assert first.changes.effects == {"wind": {"y": 0.0}} and second.changes.effects == {}
+        page.loop.start()
+        time.sleep(0.5)
+        frame = first.frame
+        page.close()
+        assert first.frame >= frame > 5
+    finally:
+        server.stop()
+
+
+@pytest.mark.slow
+def test_in_a_browser_an_end_is_pulled_and_moves_and_the_log_repeats_it(twin, tmp_path):
+    """Chromium without a screen drags the bar's end, sees it move, and lets go; the pull's log leads to the same states."""
+    pytest.importorskip("viser")
+    webdriver = pytest.importorskip("selenium.webdriver", reason="selenium is not installed")
+    if not (shutil.which("chromium") and shutil.which("chromedriver")):
+        pytest.skip("no chromium with its driver: apt-get install chromium chromium-driver")
+    import viser
+    from selenium.webdriver.common.action_chains import ActionChains
+
+    from pipeline.play.page import Page
+
+    options = webdriver.ChromeOptions()
+    options.binary_location = shutil.which("chromium")
+    for flag in ("--headless=new", "--use-angle=swiftshader", "--enable-unsafe-swiftshader", "--no-sandbox"):
+        options.add_argument(flag)
+    options.add_argument("--window-size=1000,700")
+    server = viser.ViserServer(host="127.0.0.1", port=8377, verbose=False)
+    page = Page(server, twin, [twin.session()], tmp_path)
+    page.loop.do(lambda session: session.let_hand("open"))
+    page.loop.start()
+    browser = webdriver.Chrome(options, webdriver.ChromeService(shutil.which("chromedriver")))
+    try:
+        browser.get("http://127.0.0.1:8377")
+        deadline = time.monotonic() + 60
+        while not server.get_clients() and time.monotonic() < deadline:
+            time.sleep(0.2)
+        time.sleep(8)
+        before = browser.get_screenshot_as_png()
+        canvas = browser.find_element("tag name", "canvas")
+        # the camera of a new viewer looks at the object's middle
+        ActionChains(browser, duration=60).move_to_element(canvas).click_and_hold().perform()
+        for _ in range(15):
+            ActionChains(browser, duration=60).move_by_offset(3, -6).perform()
+        held = browser.get_screenshot_as_png()
+        session = page.loop.sessions[0]
+        assert len(session.handles) == 1, "the drag took the body"
+        assert np.linalg.norm(session.pull(session.handles[0]).force) > 0.05 * session.weight
+        ActionChains(browser).release().perform()
+        deadline = time.monotonic() + 20
+        while not list(tmp_path.glob("pull_*")) and time.monotonic() < deadline:
+            time.sleep(0.2)
+        assert before != held
+    finally:
+        browser.quit()
+        page.close()
+        server.stop()
+    (folder,) = tmp_path.glob("pull_*")
+    _, _, actions, frames = read_log(folder)
+    states = np.stack([state.x.numpy().copy() for state in replayed(twin.session(), actions, frames)])
+    seen = tracks_of(folder)
+    first = next(action["frame"] for action in actions if action["do"] == "take")
+    assert np.array_equal(states[first - 1 : first - 1 + len(seen)], seen)
+    assert np.abs(seen[-1] - seen[0]).max() > 0.005
+
+
+def test_a_log_is_whole(twin, tmp_path):
+    session = twin.session()
+    session.step()
+    path = write_log(tmp_path, twin, session)
+    assert json.loads(path.read_text()) == {"sequence": "lift", "model": "fit_residual", "frames": 1, "actions": []}

@@ -212,9 +212,9 @@ def _label(parsed: argparse.Namespace) -> int:
 
 
 def _play(parsed: argparse.Namespace) -> int:
-    from pipeline.play.command import play
+    from importlib import import_module
 
-    play(parsed)
+    import_module("applications.play.command").play(parsed)  # by name, for it stands above the pipeline
     return 0
 
 

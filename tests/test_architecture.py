@@ -5,7 +5,7 @@ import re
 
 from tests.conftest import ROOT
 
-UPPER = ("stages", "pipeline", "data", "benchmarks")
+UPPER = ("applications", "stages", "pipeline", "data", "benchmarks")
 CORE = sorted(folder.parent.name for folder in (ROOT / "physreal_core").glob("*/__init__.py"))
 
 

@@ -19,7 +19,7 @@ BLOCKED = {
     *HEAVY, "beartype", "filelock", "imageio_ffmpeg", "jaxtyping", "jinja2", "manifold3d", "matplotlib", "mujoco",
     "onnx", "PIL", "plyfile", "pydantic", "pytest", "rich", "safetensors", "skimage", "sklearn", "tflite", "tokenizers", "trimesh",
     "yaml",
-    "data", "pipeline", "stages", "tests",
+    "applications", "data", "pipeline", "stages", "tests",
 }  # fmt: skip
 # These run the pipeline's stages or importers, so they need what those need.
 ABOVE = {
@@ -98,7 +98,7 @@ def _at_module_level(node: ast.AST):
             yield from _at_module_level(child)
 
 
-FLOORS = ("benchmarks", "stages", "data", "pipeline", "physreal_core")
+FLOORS = ("benchmarks", "applications", "stages", "data", "pipeline", "physreal_core")
 """From the top floor down: each imports from those after it alone."""
 
 

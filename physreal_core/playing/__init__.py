@@ -2,7 +2,7 @@
 
 from physreal_core.playing.changes import Changes
 from physreal_core.playing.handles import Handle, Pull
-from physreal_core.playing.log import replayed
+from physreal_core.playing.replay import replayed
 from physreal_core.playing.session import Session
 
 __all__ = ["Changes", "Handle", "Pull", "Session", "replayed"]

@@ -31,7 +31,7 @@ class Session:
         film: the filmed frame in which the hand stands.
         hand: what the filmed hand does; it rests after the last filmed frame.
         changes: of the model, from the last `change` on.
-        log: what was done since the start, as `log.replayed` takes it.
+        log: what was done since the start, as `replayed` takes it.
         state: now; F is the motion since frame 0.
 
     Raises:

@@ -271,12 +271,12 @@ def test_artifacts_that_disagree_are_named(tmp_path):
     project = _project(tmp_path)
     folder = project.artifact("segment_and_track", "lift")
     Controllers(Controllers.load(folder).points[:-1]).save(folder)
-    _refresh(project, "lift")
+    refresh(project, "lift")
     with pytest.raises(InputError, match="controllers over 7 frames, tracks over 8"):
         run_stage("fit_global", "lift", fit_global.run, project)
 
 
-def _refresh(project: Project, sequence: str) -> None:
+def refresh(project: Project, sequence: str) -> None:
     """New provenance after an artifact was changed by hand."""
     for stage, upstream in UPSTREAM.items():
         path = project.artifact(stage, sequence) / "provenance.json"

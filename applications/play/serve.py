@@ -6,9 +6,9 @@ import threading
 import webbrowser
 from pathlib import Path
 
+from applications.play.twin import Twin
 from physreal_core.errors import InputError
 from pipeline.graph import FIT_STAGES
-from pipeline.play.twin import Twin
 from pipeline.project import Project
 from pipeline.serving import require_free
 
@@ -58,7 +58,7 @@ def serve(
     require_free(host, port, "physreal play")
     import viser
 
-    from pipeline.play.page import Page
+    from applications.play.page import Page
 
     sessions = [twin.session(device), *([twin.session(device, effects=False)] if beside else [])]
     server = viser.ViserServer(host=host, port=port, label=f"PhysReal: {sequence}", verbose=False)

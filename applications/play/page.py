@@ -7,13 +7,13 @@ from typing import Any, get_args
 
 import numpy as np
 
+from applications.play.loop import Loop
+from applications.play.pulls import Pulls
+from applications.play.shades import stretch_colours
+from applications.play.twin import Twin
 from physreal_core.effects import EFFECTS
 from physreal_core.playing import Session
 from physreal_core.playing.log import Hand
-from pipeline.play.loop import Loop
-from pipeline.play.pulls import Pulls
-from pipeline.play.shades import stretch_colours
-from pipeline.play.twin import Twin
 
 HELP = """Drag the body to **pull** it; hold Shift while dragging to **pin** what you took where you let go of it.
 Drag beside it to turn the view. The force of a pull is cut at five times the weight."""

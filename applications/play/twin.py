@@ -19,6 +19,7 @@ from pipeline.graph import FIT_STAGES
 from pipeline.products.particles import Particles
 from pipeline.products.placed_object import PlacedObject
 from pipeline.project import Project
+from stages._problem import load_problem
 
 _INPUTS = ("parse_video", "segment_and_track", "fit_pose", "sample_particles")
 
@@ -68,11 +69,9 @@ class Twin:
         Raises:
             InputError: no such sequence or stage, or the stages have not run.
         """
-        from stages._problem import load_problem
-
         fitted = list(load_parameters(project.parameters).values.fits)
         if sequence not in fitted:
-            raise unknown_key(sequence, f"fits.{sequence}", fitted, "physreal play")
+            raise unknown_key(f"fits.{sequence}", sequence, fitted, "physreal play")
         if stage not in FIT_STAGES:
             raise unknown_key(stage, stage, list(FIT_STAGES), "physreal play --model")
         for name in (*_INPUTS, stage):

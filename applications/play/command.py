@@ -2,11 +2,11 @@
 
 import argparse
 
+from applications.play.film import film, read_log, written
+from applications.play.twin import Twin
 from physreal_core.errors import InputError
 from physreal_core.playing import replayed
 from pipeline.graph import FIT_STAGES
-from pipeline.play.film import film, read_log, written
-from pipeline.play.twin import Twin
 from pipeline.project import Project
 
 
@@ -30,7 +30,7 @@ def play(parsed: argparse.Namespace) -> None:
             "a log without a video", where="physreal play --replay", expected="--record FILE.mp4 beside it"
         )
     if parsed.record is None:
-        from pipeline.play.serve import HOST, PORT, serve
+        from applications.play.serve import HOST, PORT, serve
 
         serve(
             sequence,

@@ -6,13 +6,13 @@ from pathlib import Path
 
 import numpy as np
 
+from applications.play.twin import Twin
 from physreal_core.array_types import Array, Float
 from physreal_core.fitting.thin import bind_to_body
 from physreal_core.geometry.mesh import Mesh, save_mesh
 from physreal_core.geometry.surface import scatter
 from physreal_core.playing import Session
 from physreal_core.rendering import Binding
-from pipeline.play.twin import Twin
 from pipeline.products.controllers import Controllers
 from pipeline.products.given_tracks import GivenTracks3d
 from pipeline.whole_files import write_whole

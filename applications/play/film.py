@@ -6,14 +6,14 @@ from pathlib import Path
 import numpy as np
 import torch
 
+from applications.play.pulls import LOG
+from applications.play.twin import Twin
 from physreal_core.array_types import Array, Float, UInt8
 from physreal_core.errors import InputError
 from physreal_core.geometry.surface import scatter
 from physreal_core.perception.overlay import write_video
 from physreal_core.rendering import Camera, Gaussians, bind, render_carried
 from physreal_core.simulation.play import FrameState
-from pipeline.play.pulls import LOG
-from pipeline.play.twin import Twin
 from pipeline.reading.text import read_record
 
 BACKGROUND = (0.93, 0.94, 0.96)

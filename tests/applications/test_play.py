@@ -10,6 +10,11 @@ import numpy as np
 import pytest
 import yaml
 
+from applications.play.film import read_log
+from applications.play.loop import Loop
+from applications.play.pulls import Pulls, tracks_of, write_log
+from applications.play.shades import stretch_colours
+from applications.play.twin import Twin
 from physreal_core.errors import InputError, SimulationError
 from physreal_core.fitting.model import save_model
 from physreal_core.fitting.named_effects import effect_record
@@ -17,12 +22,6 @@ from physreal_core.geometry.mesh import Mesh
 from physreal_core.playing import replayed
 from pipeline.check import examine
 from pipeline.cli import main
-from pipeline.graph import FIT_STAGES
-from pipeline.play.film import read_log
-from pipeline.play.loop import Loop
-from pipeline.play.pulls import Pulls, tracks_of, write_log
-from pipeline.play.shades import stretch_colours
-from pipeline.play.twin import Twin
 from pipeline.products.controllers import Controllers
 from pipeline.products.gaussians import load_gaussians
 from pipeline.products.particles import Particles
@@ -31,7 +30,7 @@ from pipeline.project import Project
 from pipeline.stage import run_stage
 from stages import build_object, fit_pose, parse_video, sample_particles, segment_and_track
 from tests.fitting import scene
-from tests.fitting.test_stages import write_artifacts
+from tests.fitting.test_stages import refresh, write_artifacts
 
 FRAMES, OBSERVED = 8, 6
 
@@ -55,11 +54,12 @@ def project(tmp_path_factory) -> Project:
     write_artifacts(project, "lift", scene.problem(scene.model(), frames=FRAMES, observed=OBSERVED))
     folder = project.artifact("fit_pose", "lift")
     PlacedObject(bar_mesh(), load_gaussians(folder), np.eye(4), 1.0, np.eye(4)).save(folder)
+    refresh(project, "lift")
     windy = dataclasses.replace(
         scene.model(youngs_modulus=1e5),
         effects=[effect_record("wind", {"x": 0.0, "y": 3.0, "z": 0.0}, intervals={"y": (2.0, 4.0)})],
     )
-    for stage in FIT_STAGES:
+    for stage in ("fit_global", "fit_patches", "find_gap", "add_effect", "fit_residual"):
         run_stage(stage, "lift", lambda context: save_model(context.output, windy), project)
     return project
 
@@ -225,7 +225,7 @@ def test_the_page_answers_what_is_dragged_and_slid(twin, tmp_path):
 
     import viser
 
-    from pipeline.play.page import Page
+    from applications.play.page import Page
 
     server = viser.ViserServer(host="127.0.0.1", port=0, verbose=False)
     try:
@@ -279,7 +279,7 @@ def test_in_a_browser_an_end_is_pulled_and_moves_and_the_log_repeats_it(twin, tm
     import viser
     from selenium.webdriver.common.action_chains import ActionChains
 
-    from pipeline.play.page import Page
+    from applications.play.page import Page
 
     options = webdriver.ChromeOptions()
     options.binary_location = shutil.which("chromium")

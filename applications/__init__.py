@@ -1,0 +1,1 @@
+"""What a fitted twin is for: each command that uses one, in a package of its own."""

@@ -12,6 +12,9 @@ from applications.play.pulls import Pulls
 from applications.play.shades import stretch_colours
 from applications.play.twin import Twin
 from physreal_core.effects import EFFECTS
+from physreal_core.fitting.thin import bind_to_body
+from physreal_core.geometry.mesh import Mesh
+from physreal_core.geometry.surface import vertex_normals
 from physreal_core.playing import Session
 from physreal_core.playing.log import Hand
 
@@ -21,6 +24,8 @@ _TABLE = 5.0
 """Side of the table that is drawn, in sizes of the body."""
 _BESIDE = 1.4
 """Sizes of the body by which the twin without its effects stands beside it."""
+_WITHIN = 0.4
+"""Depth of the surface that takes the drags under splats, in cells of the grid or in thicknesses of a thin body."""
 _PULL, _PIN, _GREY = (230, 60, 50), (60, 110, 230), (150, 158, 170)
 
 
@@ -250,13 +255,15 @@ class _Drawn:
 
     def __init__(self, server: Any, twin: Twin, number: int, aside: np.ndarray) -> None:
         self._twin, self._splats, self._splatted = twin, None, twin.gaussians is not None
-        mesh = twin.mesh
+        mesh = twin.mesh if not self._splatted else _within(twin)
+        self._mesh, self._binding = mesh, bind_to_body(mesh.vertices, twin.problem.body)
         self._surface = server.scene.add_mesh_simple(
             f"/body_{number}/surface",
             vertices=mesh.vertices.astype(np.float32),
             faces=mesh.faces.astype(np.uint32),
             color=(90, 160, 200),
             opacity=0.0 if self._splatted else None,
+            wireframe=self._splatted,  # a filled surface, though unseen, hides the splats behind it
             side="double",
             position=tuple(aside),
         )
@@ -281,8 +288,16 @@ class _Drawn:
     def draw(self, session: Session, stretch: bool) -> None:
         """The body as it is now."""
         twin, state = self._twin, session.state
-        self._surface.vertices = twin.surface(state).astype(np.float32)
+        self._surface.vertices = twin.carried(self._mesh.vertices, self._binding, state).astype(np.float32)
         if self._splatted:
             now = twin.splats(state)
             colours = stretch_colours(state, twin.gaussian_binding) if stretch else self._colours
             self._splats.set_gaussians(now.centres, now.covariances, colours, self._opacities)
+
+
+def _within(twin: Twin) -> Mesh:
+    """The surface moved into the body, behind the splats that lie on it."""
+    body = twin.problem.body
+    depth = _WITHIN * (body.cell if body.elements is None else 2 * body.elements.half_height)
+    mesh = twin.mesh
+    return replace(mesh, vertices=mesh.vertices - depth * vertex_normals(mesh))

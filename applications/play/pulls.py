@@ -7,7 +7,7 @@ from pathlib import Path
 import numpy as np
 
 from applications.play.twin import Twin
-from physreal_core.array_types import Array, Float
+from physreal_core.array_types import Array, Float, Int
 from physreal_core.fitting.thin import bind_to_body
 from physreal_core.geometry.mesh import Mesh, save_mesh
 from physreal_core.geometry.surface import scatter
@@ -93,7 +93,8 @@ class Pulls:
         )
         Controllers(np.array(pull.controllers, np.float32)).save(draft)
         save_mesh(draft / "shape_prior.glb", pull.mesh)
-        np.savez_compressed(draft / STATES, x=np.array(pull.x, np.float32), force=np.array(pull.force, np.float32))
+        frame = pull.first + np.arange(frames)
+        np.savez_compressed(draft / STATES, frame=frame, x=np.array(pull.x), force=np.array(pull.force, np.float32))
         write_whole(draft / "capture.json", json.dumps(self._described(pull, session, frames), indent=1) + "\n")
         write_log(draft, self._twin, session)
         draft.rename(folder)
@@ -121,7 +122,7 @@ def write_log(folder: Path, twin: Twin, session: Session) -> Path:
     return folder / LOG
 
 
-def tracks_of(folder: Path) -> Float[Array, "T N 3"]:
-    """Particles of a pull's frames [m]."""
+def states_of(folder: Path) -> tuple[Int[Array, " T"], Float[Array, "T N 3"]]:
+    """Frames of the session that a pull covers, and particles there [m]."""
     with np.load(folder / STATES) as file:
-        return file["x"]
+        return file["frame"], file["x"]

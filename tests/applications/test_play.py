@@ -8,11 +8,12 @@ from types import SimpleNamespace
 
 import numpy as np
 import pytest
+import torch
 import yaml
 
 from applications.play.film import read_log
 from applications.play.loop import Loop
-from applications.play.pulls import Pulls, tracks_of, write_log
+from applications.play.pulls import Pulls, states_of, write_log
 from applications.play.shades import stretch_colours
 from applications.play.twin import Twin
 from physreal_core.errors import InputError, SimulationError
@@ -154,8 +155,8 @@ def test_a_log_brings_the_same_states_again(twin, project, tmp_path, monkeypatch
     sequence, stage, actions, frames = read_log(folder)
     assert (sequence, stage) == ("lift", "fit_residual")
     states = np.stack([state.x.numpy().copy() for state in replayed(twin.session(), actions, frames)])
-    first = 2
-    assert np.array_equal(states[first - 1 : first + 9], tracks_of(folder))
+    seen, x = states_of(folder)
+    assert seen.tolist() == list(range(2, 12)) and np.array_equal(states[seen - 1], x)
     monkeypatch.chdir(project.root)
     with pytest.raises(SystemExit) as ended:
         main(["play", "--replay", str(folder), "--record", str(tmp_path / "again.mp4")])
@@ -269,6 +270,14 @@ def test_the_page_answers_what_is_dragged_and_slid(twin, tmp_path):
         server.stop()
 
 
+def shown_at(twin: Twin, point: np.ndarray, height: int) -> tuple[int, int]:
+    """Where a new viewer sees a point [m], from the middle of a picture of so many pixels' height: as the filmed camera does."""
+    camera = twin.camera
+    (pixel,), _ = camera.project(torch.tensor(point)[None])
+    offset = (pixel.numpy() - camera.K[:2, 2].numpy()) * height / camera.height
+    return round(float(offset[0])), round(float(offset[1]))
+
+
 @pytest.mark.slow
 def test_in_a_browser_an_end_is_pulled_and_moves_and_the_log_repeats_it(twin, tmp_path):
     """Chromium without a screen drags the bar's end, sees it move, and lets go; the pull's log leads to the same states."""
@@ -298,9 +307,10 @@ def test_in_a_browser_an_end_is_pulled_and_moves_and_the_log_repeats_it(twin, tm
             time.sleep(0.2)
         time.sleep(8)
         before = browser.get_screenshot_as_png()
+        (tmp_path.parent / "before.png").write_bytes(before)
         canvas = browser.find_element("tag name", "canvas")
-        # the camera of a new viewer looks at the object's middle
-        ActionChains(browser, duration=60).move_to_element(canvas).click_and_hold().perform()
+        place = shown_at(twin, twin.mesh.vertices.mean(0), canvas.size["height"])
+        ActionChains(browser, duration=60).move_to_element_with_offset(canvas, *place).click_and_hold().perform()
         for _ in range(15):
             ActionChains(browser, duration=60).move_by_offset(3, -6).perform()
         held = browser.get_screenshot_as_png()
@@ -319,10 +329,9 @@ def test_in_a_browser_an_end_is_pulled_and_moves_and_the_log_repeats_it(twin, tm
     (folder,) = tmp_path.glob("pull_*")
     _, _, actions, frames = read_log(folder)
     states = np.stack([state.x.numpy().copy() for state in replayed(twin.session(), actions, frames)])
-    seen = tracks_of(folder)
-    first = next(action["frame"] for action in actions if action["do"] == "take")
-    assert np.array_equal(states[first - 1 : first - 1 + len(seen)], seen)
-    assert np.abs(seen[-1] - seen[0]).max() > 0.005
+    seen, x = states_of(folder)
+    assert np.array_equal(states[seen - 1], x)
+    assert np.abs(x[-1] - x[0]).max() > 0.005
 
 
 def test_a_log_is_whole(twin, tmp_path):

@@ -36,6 +36,7 @@ ABOVE = {
     "benchmarks.pushed",
     "benchmarks.taken",
     "benchmarks.thin.rigged",
+    "benchmarks.two_parts",
 }
 BARE = f"""
 import importlib, pkgutil, sys

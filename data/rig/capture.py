@@ -104,6 +104,14 @@ def make_sequence(name: str, seed: int, destination: Path) -> None:
     film(scene, simulate(scene, timestep=TIMESTEP, settle=SETTLE), destination, seed=seed, hint=None)
 
 
+def parts_truth(scene: RigScene, trajectory: Trajectory) -> dict[str, Array | None]:
+    """Of a body with a soft part, the moduli of its elements in place of one modulus, as of `CaptureTruth`."""
+    if scene.soft_part is None:
+        return {}
+    centres = trajectory.mesh.vertices[trajectory.mesh.tets].mean(1)
+    return {"moduli": scene.material.youngs_modulus * scene.soft_part.left(centres)}
+
+
 def _hints(picture: Picture, kind: Literal["point", "box"] | None) -> dict[str, dict[str, list[int]]]:
     """What a person would say of frame 0."""
     hand = {"controller": {"point": _click(picture, HAND)}}
@@ -221,6 +229,7 @@ def simulated_truth(
     """What the simulation knows; `hand` is the hand's mesh at frame 0."""
     return CaptureTruth(
         **material_truth(scene),
+        **parts_truth(scene, trajectory),
         **middle_truth(trajectory),
         friction_coefficient=scene.material.friction_coefficient,
         rest_vertices=trajectory.mesh.vertices.astype(np.float32),

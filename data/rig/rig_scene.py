@@ -22,6 +22,18 @@ class Material:
 
 
 @dataclass(frozen=True)
+class SoftPart:
+    """A part of a solid body that is softer than the rest: what lies at x < `border` [m] at rest has the `share` of its Young's modulus."""
+
+    share: float
+    border: float
+
+    def left(self, places: Float[Array, "P 3"]) -> Float[Array, " P"]:
+        """Share of the modulus at places [m]."""
+        return np.where(places[:, 0] < self.border, self.share, 1.0)
+
+
+@dataclass(frozen=True)
 class Motion:
     """The hand's path: smooth strokes, each `(start [s], end [s], displacement [m])`, that add up."""
 
@@ -126,6 +138,8 @@ class RigScene:
     The hand holds the nodes in `grasp`, or where that is None those within `grip_reach` [m] of its surface when it takes them. It holds
     all the time, or from and to the times `holds` [s]. Hands are meshed with `hand_spacing` [m].
 
+    With a `soft_part`, `material` is that of the rest.
+
     With `push_friction`, Coulomb's of its surface on the body, the hand holds nothing: it pushes by contact, as a stick does.
     """
 
@@ -150,6 +164,7 @@ class RigScene:
     hand_spacing: float = 0.009
     holds: tuple[float, float] | None = None
     push_friction: float | None = None
+    soft_part: SoftPart | None = None
 
     @property
     def on_the_way(self) -> Float[Array, "3"]:
@@ -273,6 +288,45 @@ def plush_push() -> RigScene:
     )
 
 
+SOFT_LEGS = SoftPart(share=0.25, border=0.0)
+"""Of `toy_lift` and `toy_swing`: the rear half with the legs is four times as soft as the front half with the head."""
+
+
+def toy_lift() -> RigScene:
+    """The same animal with a stiff and a soft part, held at its chest and lifted, moved sideways and held: legs and head hang from it."""
+    grasp = (0.030, 0.0, 0.030)
+    return RigScene(
+        name="toy_lift",
+        description="a stuffed animal",
+        body=plush_body(),
+        hand=mitten(grasp, (0.35, 0.5, 0.8)),
+        motion=Motion(
+            ((0.1, 0.8, (0.0, 0.0, 0.12)), (0.85, 1.15, (0.0, 0.04, -0.02)), (1.2, 1.5, (0.03, -0.04, 0.02)))
+        ),
+        soft_part=SOFT_LEGS,
+    )
+
+
+def toy_swing() -> RigScene:
+    """The same toy held at its head: lifted, and swung to and fro."""
+    grasp = (0.080, 0.0, 0.030)
+    return RigScene(
+        name="toy_swing",
+        description="a stuffed animal",
+        body=plush_body(),
+        hand=mitten(grasp, (0.55, 0.45, 0.75)),
+        motion=Motion(
+            (
+                (0.1, 0.7, (-0.02, 0.0, 0.13)),
+                (0.7, 1.0, (0.0, 0.05, 0.0)),
+                (1.0, 1.35, (0.0, -0.07, 0.0)),
+                (1.35, 1.7, (0.0, 0.03, 0.0)),
+            )
+        ),
+        soft_part=SOFT_LEGS,
+    )
+
+
 def plush_take() -> RigScene:
     """The same animal: a hand comes down to its head, takes it, lifts it, lets it fall from some centimetres and goes away."""
     return RigScene(
@@ -336,6 +390,8 @@ def plush_shove() -> RigScene:
 SCENES = {
     "plush_lift": plush_lift,
     "plush_push": plush_push,
+    "toy_lift": toy_lift,
+    "toy_swing": toy_swing,
     "plush_take": plush_take,
     "plush_poke": plush_poke,
     "plush_shove": plush_shove,

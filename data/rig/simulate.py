@@ -9,6 +9,7 @@ from functools import partial
 import numpy as np
 
 from data.rig.hidden.effect import NOTHING, Hidden
+from data.rig.hidden.material import soften
 from data.rig.mesh import TetMesh
 from data.rig.rig_scene import RigScene
 from data.rig.rope import Line
@@ -58,6 +59,8 @@ def simulate(
     if lain:
         place, settle = _as_it_lies(scene, timestep, integrator, hidden, settle, calm), 0.0
     world = World(scene, timestep, integrator, hidden.things(scene), hidden.elasticity(scene), place)
+    if scene.soft_part is not None:
+        soften(world, scene.soft_part.left)
     act = hidden.prepare(world)
     mujoco.mj_setConst(world.model, world.data)
 

@@ -57,7 +57,8 @@ def material_truth(scene: RigScene) -> dict[str, Any]:
     """The material, as of `CaptureTruth`: stiffnesses as measured of the elements, and as they were given to the simulator."""
     body, solid = scene.body, scene.material
     if not isinstance(body, ThinBody):
-        names = "youngs_modulus", "poissons_ratio", "density", "damping"
+        uniform = ("youngs_modulus",) if scene.soft_part is None else ()
+        names = *uniform, "poissons_ratio", "density", "damping"
         return {name: getattr(solid, name) for name in names}
     common = {"geometry": body.geometry, "thickness": body.thickness, "density": body.density, "damping": body.damping}
     if isinstance(body, Cloth):

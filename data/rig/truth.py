@@ -11,7 +11,7 @@ from physreal_core.errors import InputError
 from pipeline.products.truth import CaptureTruth
 
 SOLID = ("youngs_modulus", "poissons_ratio")
-"""What the rig knows of a solid body's material alone, as of `CaptureTruth`."""
+"""What the rig knows of a solid body's material alone, as of `CaptureTruth`; of one with a soft part `moduli` in place of the first."""
 
 SIMULATED = (
     "density",
@@ -90,7 +90,8 @@ def load_truth(capture: Path) -> Truth:
     """
     truth = Truth.load(Path(capture))
     expected = SIMULATED if truth.geometry else SOLID + SIMULATED
-    if missing := [name for name in expected if getattr(truth, name) is None]:
+    replaced = () if truth.moduli is None else ("youngs_modulus",)
+    if missing := [name for name in expected if name not in replaced and getattr(truth, name) is None]:
         key = truth.key(missing[0])
         raise InputError(
             f"no field {key!r}", where=str(capture / truth.FILE), remedy="make the capture again with the rig"

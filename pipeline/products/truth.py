@@ -13,6 +13,7 @@ class CaptureTruth(ArrayFile):
 
     Attributes:
         youngs_modulus, poissons_ratio, density, friction_coefficient, damping: [Pa], 1, [kg/m3], 1, [s].
+        moduli: [M] Pa, Young's moduli of the tetrahedra where they differ.
         rest_vertices: [V, 3] m, stress-free, where the object lay before it sank under its weight.
         tets: [M, 4] and faces: [F, 3], vertex indices.
         vertices: [T, V, 3] m.
@@ -59,6 +60,7 @@ class CaptureTruth(ArrayFile):
     density: float | None = None
     friction_coefficient: float | None = None
     damping: float | None = None
+    moduli: Float[Array, " M"] | None = None
     rest_vertices: Float[Array, "V 3"] | None = None
     tets: Int[Array, "M 4"] | None = None
     faces: Int[Array, "F 3"] | None = None

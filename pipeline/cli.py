@@ -83,7 +83,7 @@ def _parser() -> argparse.ArgumentParser:
         "physreal play --replay data/played/plush_lift/pull_001 --record again.mp4",
     )
     command.add_argument(
-        "sequence", nargs="?", help="a name under `fits` in params.yaml; with --replay that of the log"
+        "sequence", nargs="?", help="a name under `fits` or `predictions` in params.yaml; with --replay that of the log"
     )
     command.add_argument(
         "--model", default=None, help="the fit stage whose model it is; default: the last, fit_residual"
@@ -100,6 +100,22 @@ def _parser() -> argparse.ArgumentParser:
     command.add_argument("--host", help="address to listen on; default: 127.0.0.1, so this machine alone")
     command.add_argument("--no-browser", action="store_true", help="open no browser; print the address alone")
     command.set_defaults(command=_play)
+
+    command = commands.add_parser(
+        "export",
+        help="the twin's motion for other tools: splats, glTF or USD",
+        description="What a fitted model makes of the filmed hand's way, in a folder of its own.",
+        epilog="examples: physreal export plush_lift --format gltf; physreal export plush_push --format usd --to /tmp/plush",
+    )
+    command.add_argument("sequence", help="a name under `fits` or `predictions` in params.yaml")
+    command.add_argument(
+        "--format", choices=("splats", "gltf", "usd"), required=True, help="a .ply a frame; a .glb; a .usdc"
+    )
+    command.add_argument(
+        "--model", default=None, help="the fit stage whose model it is; default: the last, fit_residual"
+    )
+    command.add_argument("--to", type=Path, metavar="FOLDER", help="default: data/exported/SEQUENCE/FORMAT")
+    command.set_defaults(command=_export)
 
     command = commands.add_parser("clean", help="delete what is kept so that the next runs are faster")
     command.set_defaults(command=_clean)
@@ -215,6 +231,13 @@ def _play(parsed: argparse.Namespace) -> int:
     from importlib import import_module
 
     import_module("applications.play.command").play(parsed)  # by name, for it stands above the pipeline
+    return 0
+
+
+def _export(parsed: argparse.Namespace) -> int:
+    from importlib import import_module
+
+    import_module("applications.export.command").export(parsed)  # by name, as `_play`
     return 0
 
 

@@ -3,7 +3,7 @@
 import argparse
 
 from applications.play.film import film, read_log, written
-from applications.play.twin import Twin
+from applications.twin import Twin
 from physreal_core.errors import InputError
 from physreal_core.playing import replayed
 from pipeline.graph import FIT_STAGES

@@ -7,7 +7,7 @@ import numpy as np
 import torch
 
 from applications.play.pulls import LOG
-from applications.play.twin import Twin
+from applications.twin import Twin
 from physreal_core.array_types import Array, Float, UInt8
 from physreal_core.errors import InputError
 from physreal_core.geometry.surface import scatter

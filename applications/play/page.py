@@ -10,7 +10,7 @@ import numpy as np
 from applications.play.loop import Loop
 from applications.play.pulls import Pulls
 from applications.play.shades import stretch_colours
-from applications.play.twin import Twin
+from applications.twin import Twin
 from physreal_core.effects import EFFECTS
 from physreal_core.fitting.thin import bind_to_body
 from physreal_core.geometry.mesh import Mesh

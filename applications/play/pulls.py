@@ -6,7 +6,7 @@ from pathlib import Path
 
 import numpy as np
 
-from applications.play.twin import Twin
+from applications.twin import Twin
 from physreal_core.array_types import Array, Float, Int
 from physreal_core.fitting.thin import bind_to_body
 from physreal_core.geometry.mesh import Mesh, save_mesh

@@ -6,7 +6,7 @@ import threading
 import webbrowser
 from pathlib import Path
 
-from applications.play.twin import Twin
+from applications.twin import Twin
 from physreal_core.errors import InputError
 from pipeline.graph import FIT_STAGES
 from pipeline.project import Project

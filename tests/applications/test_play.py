@@ -1,6 +1,5 @@
 """`physreal play`: a twin read from its artifacts, its pulls as captures, its sessions as videos, and the page in a real browser."""
 
-import dataclasses
 import json
 import shutil
 import time
@@ -15,59 +14,16 @@ from applications.play.film import read_log
 from applications.play.loop import Loop
 from applications.play.pulls import Pulls, states_of, write_log
 from applications.play.shades import stretch_colours
-from applications.play.twin import Twin
+from applications.twin import Twin
 from physreal_core.errors import InputError, SimulationError
-from physreal_core.fitting.model import save_model
-from physreal_core.fitting.named_effects import effect_record
-from physreal_core.geometry.mesh import Mesh
 from physreal_core.playing import replayed
 from pipeline.check import examine
 from pipeline.cli import main
 from pipeline.products.controllers import Controllers
-from pipeline.products.gaussians import load_gaussians
 from pipeline.products.particles import Particles
-from pipeline.products.placed_object import PlacedObject
 from pipeline.project import Project
 from pipeline.stage import run_stage
 from stages import build_object, fit_pose, parse_video, sample_particles, segment_and_track
-from tests.fitting import scene
-from tests.fitting.test_stages import refresh, write_artifacts
-
-FRAMES, OBSERVED = 8, 6
-
-
-def bar_mesh() -> Mesh:
-    """The surface of the scene's bar."""
-    import trimesh
-
-    x0 = scene.body().x0
-    low, high = x0.min(0) - scene.SPACING / 2, x0.max(0) + scene.SPACING / 2
-    box = trimesh.creation.box(bounds=np.stack([low, high])).subdivide().subdivide()
-    return Mesh(np.array(box.vertices), np.array(box.faces))
-
-
-@pytest.fixture(scope="module")
-def project(tmp_path_factory) -> Project:
-    """A fitted sequence: artifacts of its perception, and a model with a wind under every fit stage."""
-    root = tmp_path_factory.mktemp("play")
-    (root / "params.yaml").write_text(yaml.safe_dump({"sequences": {"lift": {}}, "fits": {"lift": {}}}))
-    project = Project(root)
-    write_artifacts(project, "lift", scene.problem(scene.model(), frames=FRAMES, observed=OBSERVED))
-    folder = project.artifact("fit_pose", "lift")
-    PlacedObject(bar_mesh(), load_gaussians(folder), np.eye(4), 1.0, np.eye(4)).save(folder)
-    refresh(project, "lift")
-    windy = dataclasses.replace(
-        scene.model(youngs_modulus=1e5),
-        effects=[effect_record("wind", {"x": 0.0, "y": 3.0, "z": 0.0}, intervals={"y": (2.0, 4.0)})],
-    )
-    for stage in ("fit_global", "fit_patches", "find_gap", "add_effect", "fit_residual"):
-        run_stage(stage, "lift", lambda context: save_model(context.output, windy), project)
-    return project
-
-
-@pytest.fixture
-def twin(project) -> Twin:
-    return Twin.load(project, "lift")
 
 
 def pulled(twin: Twin, folder, frames: int = 12):

@@ -1,6 +1,7 @@
-"""A fitted twin as the page needs it: what is simulated, and what is seen of it."""
+"""A fitted twin as its uses need it: what is simulated, and what is seen of it."""
 
 from dataclasses import dataclass, replace
+from pathlib import Path
 
 import numpy as np
 import torch
@@ -40,6 +41,7 @@ class Twin:
         sequence, stage: which model of which sequence.
         problem: body, hand and path.
         model: fitted.
+        folder: where the model lies, with its rollout over the filmed frames.
         mesh: surface of the object in frame 0 [m], world frame.
         mesh_binding: of its vertices to the particles.
         gaussians: appearance; None of motion capture.
@@ -51,6 +53,7 @@ class Twin:
     stage: str
     problem: Problem
     model: Model
+    folder: Path
     mesh: Mesh
     mesh_binding: Binding
     gaussians: Gaussians | None
@@ -59,37 +62,33 @@ class Twin:
 
     @classmethod
     def load(cls, project: Project, sequence: str, stage: str = FIT_STAGES[-1]) -> "Twin":
-        """The model that a fit stage found for a sequence.
+        """The model that a fit stage found, where the object lies in a sequence.
 
         Args:
             project: where.
-            sequence: under `fits` in params.yaml.
+            sequence: under `fits` or `predictions` in params.yaml.
             stage: one of `FIT_STAGES`.
 
         Raises:
             InputError: no such sequence or stage, or the stages have not run.
         """
-        fitted = list(load_parameters(project.parameters).values.fits)
-        if sequence not in fitted:
-            raise unknown_key(f"fits.{sequence}", sequence, fitted, "physreal play")
-        if stage not in FIT_STAGES:
-            raise unknown_key(stage, stage, list(FIT_STAGES), "physreal play --model")
-        for name in (*_INPUTS, stage):
-            if not project.artifact(name, sequence).is_dir():
+        fitted, read = _folder_of_model(project, sequence, stage), lambda name: project.artifact(name, sequence)
+        for name, folder in (*((name, read(name)) for name in _INPUTS), (stage, fitted)):
+            if not folder.is_dir():
                 raise InputError(
                     f"{name} has not run on {sequence}",
-                    where=str(project.artifact(name, sequence)),
+                    where=str(folder),
                     expected="a fitted sequence",
                     remedy="run `dvc repro`",
                 )
-        read = lambda name: project.artifact(name, sequence)
         problem, placed = load_problem(read), PlacedObject.load(read("fit_pose"))
         particles, filmed = Particles.load(read("sample_particles")), problem.camera is not None
         return cls(
             sequence=sequence,
             stage=stage,
             problem=problem,
-            model=load_model(read(stage)),
+            model=load_model(fitted),
+            folder=fitted,
             mesh=placed.mesh,
             mesh_binding=bind_to_body(placed.mesh.vertices, problem.body),
             gaussians=placed.gaussians if filmed else None,
@@ -125,3 +124,15 @@ class Twin:
     def opacities(self) -> Float[Array, "G 1"]:
         """Of the Gaussians, 0 to 1."""
         return self.gaussians.opacities().detach().cpu().float().numpy().reshape(-1, 1)
+
+
+def _folder_of_model(project: Project, sequence: str, stage: str) -> Path:
+    """Where the model of a stage lies for a sequence that was fitted or predicted."""
+    values = load_parameters(project.parameters).values
+    known = [*values.fits, *values.predictions]
+    if sequence not in known:
+        raise unknown_key(f"fits.{sequence}", sequence, known, "params.yaml")
+    if stage not in FIT_STAGES:
+        raise unknown_key(stage, stage, list(FIT_STAGES), "--model")
+    predicted = sequence in values.predictions
+    return project.artifact("predict", sequence) / stage if predicted else project.artifact(stage, sequence)

@@ -1,0 +1,1 @@
+"""`physreal export`: the twin's motion in the formats of other tools."""

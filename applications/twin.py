@@ -96,9 +96,9 @@ class Twin:
             camera=problem.camera,
         )
 
-    def session(self, device: str = "cpu", *, effects: bool = True) -> Session:
-        """A session with it, or with it but for its named effects."""
-        return Session(self.problem, self.model if effects else replace(self.model, effects=[]), device)
+    def session(self, device: str = "cpu", *, effects: bool = True, ball: float | None = None) -> Session:
+        """A session with it, or with it but for its named effects; with a ball of a radius [m] to push it."""
+        return Session(self.problem, self.model if effects else replace(self.model, effects=[]), device, ball)
 
     def surface(self, state: FrameState) -> Float[Array, "V 3"]:
         """Vertices of the mesh now [m]."""

@@ -89,6 +89,7 @@ def _parser() -> argparse.ArgumentParser:
         "--model", default=None, help="the fit stage whose model it is; default: the last, fit_residual"
     )
     command.add_argument("--beside", action="store_true", help="the twin without its named effects beside it")
+    command.add_argument("--ball", type=float, metavar="RADIUS", help="a ball of this radius [m] to push the body with")
     command.add_argument("--device", default="cpu", help="of the simulator: cpu or cuda:0")
     command.add_argument("--captures", type=Path, help="folder of the pulls' captures; default: data/played/SEQUENCE")
     command.add_argument(

@@ -2,7 +2,7 @@
 
 import argparse
 
-from applications.play.film import film, read_log, written
+from applications.play.film import Log, film, written
 from applications.twin import Twin
 from physreal_core.errors import InputError
 from physreal_core.playing import replayed
@@ -14,18 +14,16 @@ def play(parsed: argparse.Namespace) -> None:
     """Does what the command line asks for.
 
     Raises:
-        InputError: as of `Twin.load`, `serve` and `read_log`; and where neither a sequence nor a log is named.
+        InputError: as of `Twin.load`, `serve` and `Log.read`; and where neither a sequence nor a log is named.
     """
-    sequence, stage, actions, frames = parsed.sequence, parsed.model, [], None
-    if parsed.replay is not None:
-        of_log, stage_of_log, actions, frames = read_log(parsed.replay)
-        sequence, stage = sequence or of_log, stage or stage_of_log
+    log = None if parsed.replay is None else Log.read(parsed.replay)
+    sequence = parsed.sequence or (log and log.sequence)
+    stage = parsed.model or (log.stage if log else FIT_STAGES[-1])
     if sequence is None:
         raise InputError(
             "no sequence", where="physreal play", expected="a name under `fits` in params.yaml, or --replay LOG"
         )
-    stage = stage or FIT_STAGES[-1]
-    if parsed.replay is not None and parsed.record is None:
+    if log is not None and parsed.record is None:
         raise InputError(
             "a log without a video", where="physreal play --replay", expected="--record FILE.mp4 beside it"
         )
@@ -38,13 +36,14 @@ def play(parsed: argparse.Namespace) -> None:
             beside=parsed.beside,
             folder=parsed.captures,
             device=parsed.device,
+            ball=parsed.ball,
             host=parsed.host or HOST,
             port=parsed.port or PORT,
             browser=not parsed.no_browser,
         )
         return
     twin = Twin.load(Project.find(), sequence, stage)
-    session = twin.session(parsed.device)
-    count = parsed.frames or frames or session.frames_filmed - 1
-    places = film(twin, replayed(session, actions, count), parsed.record, session.fps)
+    session = twin.session(parsed.device, ball=log.ball if log else None)
+    count = parsed.frames or (log.frames if log else session.frames_filmed - 1)
+    places = film(twin, replayed(session, log.actions if log else [], count), parsed.record, session.fps)
     print(written(parsed.record, places))

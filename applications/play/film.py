@@ -1,6 +1,7 @@
 """A session without a browser: the filmed motion or a log, drawn into a video, and the states that it went through."""
 
 from collections.abc import Iterator
+from dataclasses import dataclass
 from pathlib import Path
 
 import numpy as np
@@ -14,20 +15,38 @@ from physreal_core.geometry.surface import scatter
 from physreal_core.perception.overlay import write_video
 from physreal_core.rendering import Camera, Gaussians, bind, render_carried
 from physreal_core.simulation.play import FrameState
-from pipeline.reading.text import read_record
+from pipeline.reading.text import read_record, understood
 
 BACKGROUND = (0.93, 0.94, 0.96)
 _SIZE, _POINTS = (640, 480), 6000
 """Of the picture of a body that no camera filmed, and points that stand for its surface."""
 
 
-def read_log(path: Path) -> tuple[str, str, list[dict], int]:
-    """Sequence, stage, actions and number of frames of a log, or of a pull's folder; InputError where it is none."""
-    path = path / LOG if path.is_dir() else path
-    record = read_record(path, ("sequence", "model", "actions", "frames"), "give a log.json that `physreal play` wrote")
-    if not isinstance(record["actions"], list) or not isinstance(record["frames"], int):
-        raise InputError("no list of actions", where=str(path), expected="a log.json that `physreal play` wrote")
-    return record["sequence"], record["model"], record["actions"], record["frames"]
+@dataclass(frozen=True)
+class Log:
+    """What `physreal play` wrote of a session.
+
+    Attributes:
+        sequence, stage: whose model.
+        ball: radius of the ball [m], None without one.
+        frames: how many the session had.
+        actions: as `physreal_core.playing.replayed` takes them.
+    """
+
+    sequence: str
+    stage: str
+    ball: float | None
+    frames: int
+    actions: list[dict]
+
+    @classmethod
+    def read(cls, path: Path) -> "Log":
+        """A log.json, or that in a pull's folder; InputError where it is none."""
+        path, remedy = path / LOG if path.is_dir() else path, "give a log.json that `physreal play` wrote"
+        record = read_record(path, ("sequence", "model", "ball", "frames", "actions"), remedy)
+        with understood(path, remedy):
+            ball = None if record["ball"] is None else float(record["ball"])
+            return cls(record["sequence"], record["model"], ball, int(record["frames"]), list(record["actions"]))
 
 
 def film(twin: Twin, states: Iterator[FrameState], path: Path, fps: float) -> Float[Array, "T N 3"]:

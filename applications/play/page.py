@@ -26,7 +26,7 @@ _BESIDE = 1.4
 """Sizes of the body by which the twin without its effects stands beside it."""
 _WITHIN = 0.4
 """Depth of the surface that takes the drags under splats, in cells of the grid or in thicknesses of a thin body."""
-_PULL, _PIN, _GREY = (230, 60, 50), (60, 110, 230), (150, 158, 170)
+_PULL, _PIN, _GREY, _BALL = (230, 60, 50), (60, 110, 230), (150, 158, 170), (240, 180, 60)
 
 
 @dataclass
@@ -54,9 +54,11 @@ class Page:
         self.loop = Loop(sessions, self._show, self._tell)
         self._drags: dict[tuple[int, str], _Drag] = {}
         self._pinned: list[int] = []
+        self._balls: list[Any] = []
+        self._asides = [np.array([number * _BESIDE * self._size, 0.0, 0.0]) for number in range(len(sessions))]
         self._scene()
         self._controls()
-        self._bodies = [_Drawn(server, twin, number, self._aside(number)) for number in range(len(sessions))]
+        self._bodies = [_Drawn(server, twin, number, aside) for number, aside in enumerate(self._asides)]
         self._bodies[0].on_drag(self._dragged)
         server.on_client_connect(self._look)
         self._show()
@@ -168,6 +170,8 @@ class Page:
             hand.on_update(lambda _: self.loop.do(lambda s, word=hand.value: s.let_hand(word)))
             film = gui.add_slider("filmed frame", min=0, max=max(1, session.frames_filmed - 1), step=1, initial_value=0)
             film.on_update(lambda event: event.client is not None and self._jump(int(film.value)))
+        if session.radius is not None:
+            self._ball_controls(session.radius)
         with gui.add_folder("model"):
             self._slider("stiffness, times the fitted", 0.2, 5.0, 1.0, lambda v: self._change(stiffness=v))
             fitted = float(model.fields["friction_coefficient"])
@@ -177,6 +181,31 @@ class Page:
                 self._effect(record)
         self._forces = gui.add_checkbox("forces", True)
         self._stretch = gui.add_checkbox("stretch as colour", False)
+
+    def _ball_controls(self, radius: float) -> None:
+        """A box to have the ball, and three arrows to lead it."""
+        scene, mesh = self._server.scene, self._twin.mesh
+        start = mesh.vertices.mean(0) + [0.0, -(0.5 * float(np.ptp(mesh.vertices[:, 1])) + 2.0 * radius), radius]
+        shown = {"radius": radius, "color": _BALL, "position": tuple(start), "visible": False}
+        count = len(self.loop.sessions)
+        self._balls = [scene.add_icosphere(f"/ball_{n}", **shown) for n in range(count)]
+        arrows = scene.add_transform_controls(
+            "/ball_arrows", scale=4.0 * radius, disable_rotations=True, position=tuple(start), visible=False
+        )
+        box = self._server.gui.add_checkbox("ball", False)
+
+        def place(_: Any) -> None:
+            point = start if box.value else None
+            arrows.position, arrows.visible = tuple(start), box.value
+            self.loop.do(lambda session: session.place_ball(point))
+
+        box.on_update(place)
+
+        def lead(_: Any) -> None:
+            target = np.array(arrows.position)
+            self.loop.do(lambda session: session.move_ball(target))
+
+        arrows.on_update(lead)
 
     def _effect(self, record: dict[str, Any]) -> None:
         """A slider per amplitude of an effect, from its absence to twice what was found."""
@@ -204,6 +233,10 @@ class Page:
     def _show(self) -> None:
         for body, session in zip(self._bodies, self.loop.sessions, strict=True):
             body.draw(session, self._stretch.value)
+        for ball, session, aside in zip(self._balls, self.loop.sessions, self._asides, strict=False):
+            ball.visible = session.ball is not None
+            if session.ball is not None:
+                ball.position = tuple(session.ball + aside)
         for path in self._pulls.follow(self._session):
             self._tell(f"wrote {path}")
         self._draw_pulls()
@@ -230,9 +263,6 @@ class Page:
     def _tell(self, sentence: str) -> None:
         print(sentence, flush=True)
         self._said.content = sentence
-
-    def _aside(self, number: int) -> np.ndarray:
-        return np.array([number * _BESIDE * self._size, 0.0, 0.0])
 
     def _look(self, client: Any) -> None:
         """A new viewer begins at the filmed camera, or before the object."""

@@ -22,6 +22,7 @@ def serve(
     beside: bool = False,
     folder: Path | None = None,
     device: str = "cpu",
+    ball: float | None = None,
     host: str = HOST,
     port: int = PORT,
     browser: bool = True,
@@ -34,6 +35,7 @@ def serve(
         beside: whether the twin without its named effects stands beside it.
         folder: gets a capture per pull; by default data/played/<sequence>.
         device: of the simulator.
+        ball: radius of a ball to push with [m]; None for none.
         host: the address to listen on; only this machine reaches 127.0.0.1.
         port: of that address.
         browser: whether to open a browser here.
@@ -60,7 +62,8 @@ def serve(
 
     from applications.play.page import Page
 
-    sessions = [twin.session(device), *([twin.session(device, effects=False)] if beside else [])]
+    kinds = (True, False) if beside else (True,)
+    sessions = [twin.session(device, effects=effects, ball=ball) for effects in kinds]
     server = viser.ViserServer(host=host, port=port, label=f"PhysReal: {sequence}", verbose=False)
     page = Page(server, twin, sessions, folder or project.root / "data" / "played" / sequence)
     page.loop.start()

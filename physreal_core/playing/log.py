@@ -8,4 +8,4 @@ Hand = Literal["filmed", "rests", "open"]
 
 Action = Mapping[str, Any]
 """`frame` at which it is done, `do`, and what that needs: `take` a `point`, `move` a `handle` to a `target`, `release` a `handle`, `hand` to
-what it does, `change` to `changes`."""
+what it does, `place_ball` at a `point`, `move_ball` to a `target`, `change` to `changes`."""

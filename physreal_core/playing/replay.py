@@ -32,6 +32,8 @@ def _do(session: Session, action: Action) -> None:
     done = {
         "take": lambda: session.take(np.array(action["point"])),
         "move": lambda: session.move(action["handle"], np.array(action["target"])),
+        "place_ball": lambda: session.place_ball(None if action["point"] is None else np.array(action["point"])),
+        "move_ball": lambda: session.move_ball(np.array(action["target"])),
         "release": lambda: session.release(action["handle"]),
         "hand": lambda: session.let_hand(_hand(action["hand"])),
         "change": lambda: session.change(Changes(**action["changes"])),

@@ -11,6 +11,7 @@ from physreal_core.errors import InputError
 from physreal_core.fitting.model import Model
 from physreal_core.fitting.problem import Problem
 from physreal_core.fitting.rollouts import Rollouts, motion_since_start
+from physreal_core.playing.ball import Ball, with_ball
 from physreal_core.playing.changes import Changes, braked
 from physreal_core.playing.handles import Handle, Pull, bond_force
 from physreal_core.playing.log import Action, Hand
@@ -25,12 +26,14 @@ class Session:
         problem: body, hand and its filmed path; the measurements are not read.
         model: fitted.
         device: of the simulator.
+        ball: radius of a ball that can push the body [m]; None: there is none.
 
     Attributes:
         frame: frames since the start.
         film: the filmed frame in which the hand stands.
         hand: what the filmed hand does; it rests after the last filmed frame.
         changes: of the model, from the last `change` on.
+        radius: of the ball [m], None without one.
         log: what was done since the start, as `replayed` takes it.
         state: now; F is the motion since frame 0.
 
@@ -38,7 +41,10 @@ class Session:
         InputError: as of `Rollouts`, and where the model has no grip stiffness.
     """
 
-    def __init__(self, problem: Problem, model: Model, device: str = "cpu") -> None:
+    def __init__(self, problem: Problem, model: Model, device: str = "cpu", ball: float | None = None) -> None:
+        self.radius = ball
+        if ball is not None:
+            problem, model = with_ball(problem, model, ball)
         self._model, self._rollouts = braked(model), Rollouts(problem, braked(model), device=device)
         self._body, self._grip = self._rollouts.problem.body, self._rollouts.problem.grip
         self._stiffness = float(model.fields["grip_stiffness"])
@@ -80,6 +86,7 @@ class Session:
             self._note("change", changes=asdict(self.changes))
         self._filmed = self._acting()
         self._lengths = None if self._grip is None else self._grip.rest_lengths.copy()
+        self._ball = Ball.away()
         self._points = self._path[0]
         if self._grip is not None and not self._grip.steady:
             self._hold()
@@ -107,6 +114,27 @@ class Session:
         self._moved.discard(handle)
         self._note("release", handle=handle)
         self._hold()
+
+    def place_ball(self, point: Float[Array, " 3"] | None) -> None:
+        """Put the ball somewhere at once [m], or away."""
+        self._require_ball()
+        self._ball = Ball.away() if point is None else Ball(_finite(point), _finite(point))
+        self._note("place_ball", point=None if point is None else self._ball.place.tolist())
+        self._points = self._points.copy()
+        self._points[self._path.shape[1] - 1] = self._ball.place  # it is put there and not led there
+        self._hold()
+
+    def move_ball(self, target: Float[Array, " 3"]) -> None:
+        """Where the ball is wanted from now on [m]; it goes there no faster than `ball.FASTEST`."""
+        self._require_ball()
+        if not self._ball.used:
+            raise InputError("the ball is away", where="Session.move_ball", expected="one that was placed")
+        self._ball.target = _finite(target)
+        self._note("move_ball", target=self._ball.target.tolist())
+
+    def _require_ball(self) -> None:
+        if self.radius is None:
+            raise InputError("no ball", where="Session", expected="a session with one", remedy="give its radius")
 
     def let_hand(self, hand: Hand) -> None:
         """What the filmed hand does from now on."""
@@ -141,6 +169,8 @@ class Session:
         x = self._x()
         for handle in self._handles.values():
             handle.follow(x)
+        if self._ball.used:
+            self._ball.follow(self.fps)
         self._points = self._all_points()
         self._player.step(torch.from_numpy(self._points))
         self._remember_lengths()
@@ -157,6 +187,11 @@ class Session:
     def handles(self) -> tuple[int, ...]:
         """Numbers of the handles."""
         return tuple(self._handles)
+
+    @property
+    def ball(self) -> Float[Array, " 3"] | None:
+        """Where the ball is [m]; None while it is away."""
+        return self._ball.place if self._ball.used else None
 
     @property
     def points(self) -> Float[Array, "points 3"]:
@@ -228,7 +263,10 @@ class Session:
             self._lengths[self._filmed] = self._player.lengths[: int(self._filmed.sum())]
 
     def _all_points(self) -> Float[Array, "points 3"]:
-        return np.concatenate([self._path[self.film], *(h.points for h in self._handles.values())])
+        hand = self._path[self.film]
+        if self.radius is not None:
+            hand = np.concatenate([hand[:-1], self._ball.place[None]])
+        return np.concatenate([hand, *(h.points for h in self._handles.values())])
 
     def _handle(self, number: int) -> Handle:
         if number not in self._handles:

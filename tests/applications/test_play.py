@@ -10,7 +10,7 @@ import pytest
 import torch
 import yaml
 
-from applications.play.film import read_log
+from applications.play.film import Log
 from applications.play.loop import Loop
 from applications.play.pulls import Pulls, states_of, write_log
 from applications.play.shades import stretch_colours
@@ -53,7 +53,7 @@ def test_what_is_not_there_is_named(project, tmp_path):
     with pytest.raises(InputError, match="parse_video has not run on lift.*dvc repro"):
         Twin.load(Project(tmp_path), "lift")
     with pytest.raises(InputError, match=r"actions"):
-        read_log(_written(tmp_path / "log.json", {"sequence": "lift"}))
+        Log.read(_written(tmp_path / "log.json", {"sequence": "lift"}))
 
 
 def _written(path, record):
@@ -108,9 +108,9 @@ def test_a_pull_lasts_as_long_as_it_was_held(twin, tmp_path):
 def test_a_log_brings_the_same_states_again(twin, project, tmp_path, monkeypatch, capsys):
     """By the command, too, which writes them beside the video."""
     _, (folder,) = pulled(twin, tmp_path / "played")
-    sequence, stage, actions, frames = read_log(folder)
-    assert (sequence, stage) == ("lift", "fit_residual")
-    states = np.stack([state.x.numpy().copy() for state in replayed(twin.session(), actions, frames)])
+    log = Log.read(folder)
+    assert (log.sequence, log.stage, log.ball) == ("lift", "fit_residual", None)
+    states = np.stack([state.x.numpy().copy() for state in replayed(twin.session(), log.actions, log.frames)])
     seen, x = states_of(folder)
     assert seen.tolist() == list(range(2, 12)) and np.array_equal(states[seen - 1], x)
     monkeypatch.chdir(project.root)
@@ -186,7 +186,8 @@ def test_the_page_answers_what_is_dragged_and_slid(twin, tmp_path):
 
     server = viser.ViserServer(host="127.0.0.1", port=0, verbose=False)
     try:
-        page = Page(server, twin, [twin.session(), twin.session(effects=False)], tmp_path)
+        sessions = [twin.session(effects=effects, ball=0.02) for effects in (True, False)]
+        page = Page(server, twin, sessions, tmp_path)
         loop = page.loop
 
         def drag(phase, place, modifier=None):
@@ -210,6 +211,9 @@ def test_the_page_answers_what_is_dragged_and_slid(twin, tmp_path):
         drag("update", start + [0, 0, 0.05], "shift")
         drag("end", start + [0, 0, 0.05], "shift")
         assert all(len(session.handles) == 1 for session in loop.sessions), "a pin stays"
+        loop.do(lambda session: session.place_ball(start + [0.0, -0.2, 0.0]))
+        loop.once()
+        assert page._balls[0].visible and np.allclose(page._balls[0].position, start + [0.0, -0.2, 0.0])
         page._change(stiffness=2.0)
         page._change_effect("wind", "y", 0.0)
         page._jump(4)
@@ -283,8 +287,8 @@ def test_in_a_browser_an_end_is_pulled_and_moves_and_the_log_repeats_it(twin, tm
         page.close()
         server.stop()
     (folder,) = tmp_path.glob("pull_*")
-    _, _, actions, frames = read_log(folder)
-    states = np.stack([state.x.numpy().copy() for state in replayed(twin.session(), actions, frames)])
+    log = Log.read(folder)
+    states = np.stack([state.x.numpy().copy() for state in replayed(twin.session(), log.actions, log.frames)])
     seen, x = states_of(folder)
     assert np.array_equal(states[seen - 1], x)
     assert np.abs(x[-1] - x[0]).max() > 0.005
@@ -294,4 +298,6 @@ def test_a_log_is_whole(twin, tmp_path):
     session = twin.session()
     session.step()
     path = write_log(tmp_path, twin, session)
-    assert json.loads(path.read_text()) == {"sequence": "lift", "model": "fit_residual", "frames": 1, "actions": []}
+    assert json.loads(path.read_text()) == {
+        "sequence": "lift", "model": "fit_residual", "ball": None, "frames": 1, "actions": []
+    }  # fmt: skip

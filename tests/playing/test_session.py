@@ -165,6 +165,41 @@ def test_the_same_actions_lead_to_the_same_states(given, session):
     assert again.log == session.log
 
 
+def test_a_ball_pushes_what_lies_there_and_not_when_it_is_away(given):
+    session, without = (Session(given, scene.model(), ball=radius) for radius in (0.02, None))
+    for one in (session, without):
+        one.let_hand("open")
+    assert np.allclose(steps(session, 3), steps(without, 3), atol=2e-5), "away it only asks for other substeps"
+    middle = session.state.x.double().numpy().mean(0)
+    session.place_ball(middle + [0.0, -0.08, 0.0])
+    assert np.allclose(session.ball, middle + [0.0, -0.08, 0.0])
+    session.move_ball(middle + [0.0, 0.05, 0.0])
+    x = steps(session, 20)
+    moved = x[-1].mean(0) - middle
+    assert moved[1] > 0.03 and abs(moved[0]) < 0.01
+    assert np.linalg.norm(x[-1] - session.ball, axis=1).min() > 0.02, "the particles' middles stay outside"
+    session.place_ball(None)
+    assert session.ball is None
+    steps(session, 2)
+    log = json.loads(json.dumps(session.log))
+    again = np.stack(
+        [s.x.numpy().copy() for s in replayed(Session(given, scene.model(), ball=0.02), log, session.frame)]
+    )
+    assert np.array_equal(again[3:23], x)
+    with pytest.raises(InputError, match="no ball"):
+        without.place_ball(middle)
+    with pytest.raises(InputError, match="is away"):
+        session.move_ball(middle)
+
+
+def test_a_ball_comes_no_faster_than_it_may(given):
+    session = Session(given, scene.model(), ball=0.02)
+    session.place_ball(np.array([0.3, 0.3, 0.3]))
+    session.move_ball(np.array([0.3, 0.3, 9.3]))
+    session.step()
+    assert session.ball[2] == pytest.approx(0.3 + 1.0 / scene.FPS)
+
+
 def test_reset_begins_anew_and_keeps_the_changes(session):
     session.change(Changes(stiffness=2.0))
     session.take(session.state.x.double().numpy()[0])
@@ -182,7 +217,7 @@ def test_what_cannot_be_done_is_said_and_changes_nothing(given, session):
         (lambda: session.change(Changes(stiffness=0.0)), "0 times the fitted one"),
         (lambda: session.change(Changes(effects={"wind": {"x": 1.0}})), "effects of the model"),
         (lambda: session.change(Changes(stiffness=1e9)), "substeps"),
-        (lambda: list(replayed(session, [{"do": "jump"}], 1)), "take, move, release"),
+        (lambda: list(replayed(session, [{"do": "jump"}], 1)), "take, move, place_ball"),
         (lambda: list(replayed(session, [{"do": "take"}], 1)), "point"),
         (lambda: list(replayed(session, [{"do": "hand", "hand": "waves"}], 1)), "filmed, rests, open"),
     ):

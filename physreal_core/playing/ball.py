@@ -1,0 +1,58 @@
+"""A ball that a user pushes the body with: one more capsule of the tool, whose two ends are one point."""
+
+from dataclasses import dataclass, replace
+
+import numpy as np
+import torch
+
+from physreal_core.array_types import Array, Float
+from physreal_core.fitting.model import Model
+from physreal_core.fitting.problem import Problem
+from physreal_core.simulation import Tool
+
+AWAY = np.array([0.0, 0.0, -10.0])
+"""Where it is while nobody uses it [m]: it touches nothing there."""
+
+FASTEST = 1.0
+"""How fast it follows its target at most [m/s]."""
+
+FIRMNESS, FRICTION = 1e6, 0.5
+"""How firmly it pushes [1/s2], and its friction, where the model knows of no tool (`fit_global.tool_stiffness`, `tool_friction`)."""
+
+
+@dataclass
+class Ball:
+    """Where it is, and where it is wanted [m]; away while nobody uses it."""
+
+    place: Float[Array, " 3"]
+    target: Float[Array, " 3"]
+
+    @classmethod
+    def away(cls) -> "Ball":
+        """A ball that nobody uses."""
+        return cls(AWAY, AWAY)
+
+    @property
+    def used(self) -> bool:
+        """Whether it can touch the body."""
+        return self.place is not AWAY
+
+    def follow(self, fps: float) -> None:
+        """Bring it towards its target, as far as it may go in a frame."""
+        way = self.target - self.place
+        far = np.linalg.norm(way)
+        self.place = self.place + way * min(1.0, FASTEST / fps / max(far, 1e-12))
+
+
+def with_ball(problem: Problem, model: Model, radius: float) -> tuple[Problem, Model]:
+    """A problem with a ball of this radius [m] as its last controller point, and a model that knows how a tool pushes."""
+    frames, count = problem.controllers.shape[:2]
+    place = torch.as_tensor(AWAY).to(problem.controllers).expand(frames, 1, 3)
+    ends, radii, spared = np.array([[count, count]]), np.array([radius]), None
+    if problem.tool is not None:
+        ends, radii = np.concatenate([problem.tool.ends, ends]), np.append(problem.tool.radius, radius)
+        spared = problem.tool.spared
+    given = replace(problem, controllers=torch.cat([problem.controllers, place], 1), tool=Tool(ends, radii, spared))
+    known = {"tool_stiffness": FIRMNESS, "tool_friction": FRICTION}
+    missing = {n: torch.tensor(v, dtype=torch.float64) for n, v in known.items() if n not in model.fields}
+    return given, replace(model, fields={**model.fields, **missing})

@@ -8,8 +8,9 @@ from typing import Any, get_args
 import numpy as np
 
 from applications.play.loop import Loop
+from applications.play.pictures import LARGEST, camera_of, picture
 from applications.play.pulls import Pulls
-from applications.play.shades import stretch_colours
+from applications.play.shades import FULL, colours_of, stress, stretch
 from applications.twin import Twin
 from physreal_core.effects import EFFECTS
 from physreal_core.fitting.thin import bind_to_body
@@ -180,7 +181,8 @@ class Page:
             for record in model.effects:
                 self._effect(record)
         self._forces = gui.add_checkbox("forces", True)
-        self._stretch = gui.add_checkbox("stretch as colour", False)
+        shades = ("as filmed", "stretch") if session.thin else ("as filmed", "stretch", "stress")
+        self._shade = gui.add_dropdown("colour", shades, initial_value="as filmed")
 
     def _ball_controls(self, radius: float) -> None:
         """A box to have the ball, and three arrows to lead it."""
@@ -232,15 +234,27 @@ class Page:
 
     def _show(self) -> None:
         for body, session in zip(self._bodies, self.loop.sessions, strict=True):
-            body.draw(session, self._stretch.value)
+            body.draw(session, self._shade.value)
         for ball, session, aside in zip(self._balls, self.loop.sessions, self._asides, strict=False):
             ball.visible = session.ball is not None
             if session.ball is not None:
                 ball.position = tuple(session.ball + aside)
         for path in self._pulls.follow(self._session):
             self._tell(f"wrote {path}")
+        if self._bodies[0].pictured:
+            for client in self._server.get_clients().values():
+                self._send_picture(client)
         self._draw_pulls()
         self._rate.content = self._numbers()
+
+    def _send_picture(self, client: Any) -> None:
+        """To a viewer, of all bodies."""
+        camera = camera_of(client.camera)
+        parts = [np.concatenate(part) for part in zip(*(body.now for body in self._bodies), strict=True)]
+        centres, covariances, colours = parts
+        opacities = np.concatenate([self._bodies[0].opacities] * len(self._bodies))
+        image, depth = picture(centres, covariances, colours, opacities, camera)
+        client.scene.set_background_image(image, format="jpeg", jpeg_quality=80, depth=depth)
 
     def _numbers(self) -> str:
         session, pace = self._session, self.loop.pace
@@ -281,11 +295,19 @@ class Page:
 
 
 class _Drawn:
-    """One body on the page: splats where it was filmed, else its surface; the surface takes the drags, unseen under splats."""
+    """One body on the page: splats where it was filmed, else its surface. The surface takes the drags, unseen under splats.
+
+    Attributes:
+        pictured: whether it has too many splats to send, so that pictures are drawn here.
+        now: of splats, centres [G, 3] m on the page, covariances [G, 3, 3] m2 and colours [G, 3] as they are.
+        opacities: of splats, [G, 1].
+    """
 
     def __init__(self, server: Any, twin: Twin, number: int, aside: np.ndarray) -> None:
-        self._twin, self._splats, self._splatted = twin, None, twin.gaussians is not None
-        mesh = twin.mesh if not self._splatted else _within(twin)
+        self._twin, self._aside = twin, aside
+        self._splatted = twin.gaussians is not None
+        self.pictured = self._splatted and len(twin.gaussians) > LARGEST
+        mesh = _within(twin) if self._splatted else twin.mesh
         self._mesh, self._binding = mesh, bind_to_body(mesh.vertices, twin.problem.body)
         self._surface = server.scene.add_mesh_simple(
             f"/body_{number}/surface",
@@ -297,16 +319,19 @@ class _Drawn:
             side="double",
             position=tuple(aside),
         )
-        self._aside = aside
-        if self._splatted:
-            self._colours, self._opacities = twin.colours(), twin.opacities()
-            count = len(self._colours)
+        if not self._splatted:
+            return
+        self._colours, self.opacities = twin.colours(), twin.opacities()
+        count = len(self._colours)
+        zeros = np.zeros((count, 3), np.float32), np.zeros((count, 3, 3), np.float32)
+        self.now = *zeros, self._colours
+        if not self.pictured:
             self._splats = server.scene.add_gaussian_splats(
                 f"/body_{number}/splats",
-                centers=np.zeros((count, 3), np.float32),
-                covariances=np.zeros((count, 3, 3), np.float32),
+                centers=zeros[0],
+                covariances=zeros[1],
                 rgbs=self._colours,
-                opacities=self._opacities,
+                opacities=self.opacities,
                 position=tuple(aside),
             )
 
@@ -315,14 +340,23 @@ class _Drawn:
         self._surface.on_drag("left")(called)
         self._surface.on_drag("left", modifier="shift")(called)
 
-    def draw(self, session: Session, stretch: bool) -> None:
-        """The body as it is now."""
+    def draw(self, session: Session, shade: str) -> None:
+        """The body as it is now, in its own colours or in those of its `stretch` or `stress`."""
         twin, state = self._twin, session.state
         self._surface.vertices = twin.carried(self._mesh.vertices, self._binding, state).astype(np.float32)
         if self._splatted:
-            now = twin.splats(state)
-            colours = stretch_colours(state, twin.gaussian_binding) if stretch else self._colours
-            self._splats.set_gaussians(now.centres, now.covariances, colours, self._opacities)
+            splats, colours = twin.splats(state), self._shaded(session, shade)
+            self.now = (splats.centres + self._aside).astype(np.float32), splats.covariances, colours
+            if not self.pictured:
+                self._splats.set_gaussians(splats.centres, splats.covariances, colours, self.opacities)
+
+    def _shaded(self, session: Session, shade: str) -> np.ndarray:
+        if shade == "as filmed":
+            return self._colours
+        values, full = stretch(session), FULL
+        if shade == "stress":
+            values, full = stress(session), FULL * float(session.parameters.youngs_modulus.mean())
+        return colours_of(values, full, self._twin.gaussian_binding).astype(np.float32)
 
 
 def _within(twin: Twin) -> Mesh:

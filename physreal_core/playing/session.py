@@ -36,6 +36,7 @@ class Session:
         radius: of the ball [m], None without one.
         log: what was done since the start, as `replayed` takes it.
         state: now; F is the motion since frame 0.
+        parameters: of the simulation now, per particle.
 
     Raises:
         InputError: as of `Rollouts`, and where the model has no grip stiffness.
@@ -60,6 +61,16 @@ class Session:
         return float(self._rollouts.problem.fps)
 
     @property
+    def elastic_law(self) -> str:
+        """Name of the expert's elastic law."""
+        return self._rollouts.config.elastic_law
+
+    @property
+    def thin(self) -> bool:
+        """Whether the body is a sheet or a rope."""
+        return self._body.elements is not None
+
+    @property
     def frames_filmed(self) -> int:
         """Length of the filmed path."""
         return len(self._path)
@@ -75,7 +86,7 @@ class Session:
     def reset(self) -> None:
         """Back to the start, nothing pulled; changes of the model stay."""
         inputs = self._rollouts.inputs(*self._changed())
-        self._parameters = inputs.parameters
+        self.parameters = inputs.parameters
         self._player = self._rollouts.play(*self._changed())
         self.frame = self.film = 0
         self.hand: Hand = "filmed"
@@ -151,7 +162,7 @@ class Session:
         except InputError:
             self.changes = before
             raise
-        self._parameters = parameters
+        self.parameters = parameters
         self._note("change", changes=asdict(changes))
 
     def step(self) -> FrameState:
@@ -289,7 +300,7 @@ class Session:
         """The player's state with F as the motion since frame 0."""
         state = self._player.state
         one = States(state.x[None], state.v[None], state.F[None])
-        return replace(state, F=motion_since_start(one, self._parameters).F[0])
+        return replace(state, F=motion_since_start(one, self.parameters).F[0])
 
 
 def _finite(point: Array) -> Float[Array, " 3"]:

@@ -9,11 +9,13 @@ import numpy as np
 import pytest
 import torch
 import yaml
+from scipy.spatial.transform import Rotation
 
 from applications.play.film import Log
 from applications.play.loop import Loop
+from applications.play.pictures import camera_of, picture
 from applications.play.pulls import Pulls, states_of, write_log
-from applications.play.shades import stretch_colours
+from applications.play.shades import FULL, colours_of, stress, stretch
 from applications.twin import Twin
 from physreal_core.errors import InputError, SimulationError
 from physreal_core.playing import replayed
@@ -24,6 +26,7 @@ from pipeline.products.particles import Particles
 from pipeline.project import Project
 from pipeline.stage import run_stage
 from stages import build_object, fit_pose, parse_video, sample_particles, segment_and_track
+from tests.fitting import scene
 
 
 def pulled(twin: Twin, folder, frames: int = 12):
@@ -136,12 +139,62 @@ def test_a_command_that_lacks_something_says_what(project, monkeypatch, capsys, 
 
 def test_colour_tells_the_stretch(twin):
     session = twin.session()
-    calm = stretch_colours(session.state, twin.gaussian_binding)
-    x, F = session.state.x, session.state.F.clone()
-    F[:, 0, 0] = 1.5
-    torn = stretch_colours(SimpleNamespace(x=x, F=F), twin.gaussian_binding)
+    calm = colours_of(stretch(session), FULL, twin.gaussian_binding)
+    session.state.F[:, 0, 0] = 1.0 + FULL
+    torn = colours_of(stretch(session), FULL, twin.gaussian_binding)
     assert np.allclose(calm, calm[0], atol=0.02) and calm[0, 2] > calm[0, 0]
     assert (torn[:, 0] > 0.75).all() and (torn[:, 2] < 0.2).all()
+
+
+def test_stress_of_simple_shear_is_that_of_the_modulus(twin):
+    """Small shear g: the deviator has two entries mu g, so von Mises stress is sqrt(3) mu g; a pressure has none."""
+    session = twin.session()
+    session.state.F[:] = torch.eye(3)
+    session.state.F[:, 0, 1] = g = 1e-3
+    mu = 1e5 / (2 * (1 + scene.MATERIAL["poissons_ratio"]))
+    assert np.allclose(stress(session), 3**0.5 * mu * g, rtol=2e-3)
+    session.state.F[:] = 0.99 * torch.eye(3)
+    assert np.abs(stress(session)).max() < 1e-3 * mu
+
+
+def test_a_viewers_camera_sees_what_the_filmed_camera_sees(twin):
+    """A viewer at the filmed camera: the same directions at the same share of the picture."""
+    filmed = twin.camera
+    T = filmed.T_world_camera.numpy()
+    turn = Rotation.from_matrix(T[:3, :3]).as_quat()
+    fov = 2 * np.arctan(filmed.height / (2 * float(filmed.K[1, 1])))
+    viewer = SimpleNamespace(position=T[:3, 3], wxyz=np.roll(turn, 1), fov=fov, aspect=filmed.width / filmed.height)
+    camera = camera_of(viewer)
+    points = torch.as_tensor(twin.mesh.vertices)
+    there, here = (c.project(points)[0].numpy() / c.width for c in (filmed, camera))
+    assert np.allclose(there, here, atol=0.01) and camera.width == 640
+    now = twin.splats(twin.session().state)
+    image, depth = picture(now.centres, now.covariances, twin.colours(), twin.opacities(), camera)
+    assert image.shape == (480, 640, 3) and depth.shape == (480, 640)
+    (middle,), _ = camera.project(points.mean(0)[None])
+    column, row = middle.round().int().tolist()
+    distance = float(np.linalg.norm(twin.mesh.vertices.mean(0) - T[:3, 3]))
+    assert abs(depth[row, column] - distance) < 0.06 and depth[0, 0] > 100 and (image[0, 0] == 255).all()
+
+
+def test_of_many_splats_every_viewer_is_sent_a_picture(twin, monkeypatch):
+    pytest.importorskip("viser")
+    import viser
+
+    from applications.play import page as module
+
+    monkeypatch.setattr(module, "LARGEST", 10)
+    server, sent = viser.ViserServer(host="127.0.0.1", port=0, verbose=False), []
+    eye, look = twin.camera.T_world_camera.numpy(), np.array([1.0, 0.0, 0.0, 0.0])
+    camera = SimpleNamespace(position=eye[:3, 3], wxyz=look, fov=0.8, aspect=1.5)
+    viewer = SimpleNamespace(camera=camera, scene=SimpleNamespace(set_background_image=lambda *a, **k: sent.append(a)))
+    monkeypatch.setattr(server, "get_clients", lambda: {0: viewer, 1: viewer})
+    try:
+        page = module.Page(server, twin, [twin.session()], None)
+        page.loop.once()
+        assert len(sent) == 4 and sent[0][0].shape == (427, 640, 3)
+    finally:
+        server.stop()
 
 
 def test_two_sessions_do_the_same_and_differ_by_the_effect(twin):

@@ -1,7 +1,7 @@
 """A toy with a stiff and a soft part, through the stages, against the truth: `python -m benchmarks.two_parts --project FOLDER`
 
-FOLDER is a project that `physreal compose sequences=two_parts` has set up, in which the stages up to `fit_patches` of `toy_lift` and up to
-`sample_particles` of `toy_swing` have run (`physreal run`). The field that Stage 2 finds is compared with the moduli of the rig's elements: the ratio of
+FOLDER is a project that `physreal compose sequences=two_parts` has set up, in which the stages up to `fit_patches` of `toy_swing` and up to
+`sample_particles` of `toy_lift` have run (`physreal run`). The field that Stage 2 finds is compared with the moduli of the rig's elements: the ratio of
 the two parts, and the place of the border between them. Each stage's model is rolled out on both motions and compared with where all nodes of the
 rig's mesh truly were; each starts where frame 0 has it.
 
@@ -25,7 +25,7 @@ from physreal_core.fitting.problem import Problem
 from physreal_core.fitting.transfer import register, transferred
 from pipeline.project import Project
 
-FITTED, OTHER = "toy_lift", "toy_swing"
+FITTED, OTHER = "toy_swing", "toy_lift"
 STAGES = {"fit_global": "one material (Stage 1)", "fit_patches": "a material per patch (Stage 2)"}
 
 
@@ -110,13 +110,13 @@ def _true_field(truth) -> tuple[Array, Array]:
 _HEAD = [
     "# A toy with a stiff and a soft part",
     "",
-    "`physreal compose sequences=two_parts` in a project, the stages up to `fit_patches` of `toy_lift` and up to `sample_particles` of `toy_swing`, then",
+    "`physreal compose sequences=two_parts` in a project, the stages up to `fit_patches` of `toy_swing` and up to `sample_particles` of `toy_lift`, then",
     f"`python -m benchmarks.two_parts --project FOLDER`. In MuJoCo's finite elements the rear half of the plush animal has {SOFT_LEGS.share:g} of the modulus",
     "of the front half. By RGB-D with noise. Given: the stress-free shape, the density, one click on the object and one on the hand, the true camera.",
-    "Nobody tells the fits that there are two parts. Errors are means over all nodes of the rig's mesh, seen or not. Nothing is fitted to `toy_swing`,",
-    "where the hand holds another place.",
+    "Nobody tells the fits that there are two parts. Errors are means over all nodes of the rig's mesh, seen or not. `toy_swing` is held at the",
+    "head and swung, so that both parts bend; nothing is fitted to `toy_lift`, where the hand holds the chest, at the border.",
     "",
-    "| error [mm], frames 0 to 41 / after them | `toy_lift` | `toy_swing`, predicted |",
+    f"| error [mm], frames 0 to 41 / after them | `{FITTED}` | `{OTHER}`, predicted |",
     "|---|--:|--:|",
 ]
 
@@ -124,7 +124,7 @@ _HEAD = [
 def _told(found: Parts, true: Parts, first: Model, gained: list[float]) -> list[str]:
     one = float(first.fields["youngs_modulus"].mean())
     return [
-        f"In frames that no fit saw Stage 2 is better than Stage 1 by {100 * gained[0]:.0f} % (`toy_lift`, after frame 41) and {100 * gained[1]:.0f} % (`toy_swing`).",
+        f"In frames that no fit saw Stage 2 is better than Stage 1 by {100 * gained[0]:.0f} % (`{FITTED}`, after frame 41) and {100 * gained[1]:.0f} % (`{OTHER}`).",
         "",
         "| the field along the body, two levels | found by Stage 2 | true |",
         "|---|--:|--:|",

@@ -38,10 +38,17 @@ class Loop:
         sessions: the first is what the user sees and pulls; the others do the same.
         show: called after every frame, and after something was done while time stands.
         told: called with what could not be done, in a sentence.
+        leaving: called before all begin anew.
     """
 
-    def __init__(self, sessions: list[Session], show: Callable[[], None], told: Callable[[str], None]) -> None:
-        self.sessions, self.pace, self._show, self._told = sessions, Pace(), show, told
+    def __init__(
+        self,
+        sessions: list[Session],
+        show: Callable[[], None],
+        told: Callable[[str], None],
+        leaving: Callable[[], None] = lambda: None,
+    ) -> None:
+        self.sessions, self.pace, self._show, self._told, self._leaving = sessions, Pace(), show, told, leaving
         self._waiting: deque[Deed] = deque()
         self._wake, self._ending = threading.Event(), threading.Event()
         self._thread = threading.Thread(target=self._run, daemon=True)
@@ -61,6 +68,16 @@ class Loop:
         self._waiting.append(deed)
         self._wake.set()
 
+    def begin_anew(self) -> None:
+        """Have all sessions begin anew, before the next frame."""
+
+        def begin(session: Session) -> None:
+            if session is self.sessions[0]:
+                self._leaving()
+            session.reset()
+
+        self.do(begin)
+
     def go(self, running: bool) -> None:
         """Let time go on, or stop it."""
         self.pace.running = running
@@ -68,29 +85,26 @@ class Loop:
 
     def once(self) -> None:
         """One turn: what waits is done, then a frame is made where time goes on."""
-        done = self._do_all()
-        if self.pace.running:
-            try:
-                for session in self.sessions:
-                    session.step()
-            except SimulationError as error:
-                self._told(f"the simulation broke off and begins anew: {error}")
-                for session in self.sessions:
-                    session.reset()
-        if self.pace.running or done:
+        done, running = bool(self._waiting), self.pace.running
+        try:
+            while self._waiting:
+                self._do(self._waiting.popleft())
+            for session in self.sessions if running else ():
+                session.step()
+        except SimulationError as error:
+            self._told(f"the simulation broke off and begins anew: {error}")
+            self._leaving()
+            for session in self.sessions:
+                session.reset()
+        if running or done:
             self._show()
 
-    def _do_all(self) -> bool:
-        done = False
-        while self._waiting:
-            deed = self._waiting.popleft()
-            for session in self.sessions:
-                try:
-                    deed(session)
-                except InputError as error:
-                    self._told(str(error))
-            done = True
-        return done
+    def _do(self, deed: Deed) -> None:
+        for session in self.sessions:
+            try:
+                deed(session)
+            except InputError as error:
+                self._told(str(error))
 
     def _run(self) -> None:
         due = time.perf_counter()

@@ -7,15 +7,12 @@ from typing import Any, get_args
 
 import numpy as np
 
+from applications.play.drawn import Drawn
 from applications.play.loop import Loop
-from applications.play.pictures import LARGEST, camera_of, picture
+from applications.play.pictures import camera_of, picture
 from applications.play.pulls import Pulls
-from applications.play.shades import FULL, colours_of, stress, stretch
 from applications.twin import Twin
 from physreal_core.effects import EFFECTS
-from physreal_core.fitting.thin import bind_to_body
-from physreal_core.geometry.mesh import Mesh
-from physreal_core.geometry.surface import vertex_normals
 from physreal_core.playing import Session
 from physreal_core.playing.log import Hand
 
@@ -25,8 +22,6 @@ _TABLE = 5.0
 """Side of the table that is drawn, in sizes of the body."""
 _BESIDE = 1.4
 """Sizes of the body by which the twin without its effects stands beside it."""
-_WITHIN = 0.4
-"""Depth of the surface that takes the drags under splats, in cells of the grid or in thicknesses of a thin body."""
 _PULL, _PIN, _GREY, _BALL = (230, 60, 50), (60, 110, 230), (150, 158, 170), (240, 180, 60)
 
 
@@ -52,14 +47,14 @@ class Page:
 
     def __init__(self, server: Any, twin: Twin, sessions: list[Session], folder: Path | None) -> None:
         self._server, self._twin, self._pulls = server, twin, Pulls(twin, folder)
-        self.loop = Loop(sessions, self._show, self._tell)
+        self.loop = Loop(sessions, self._show, self._tell, self._leave)
         self._drags: dict[tuple[int, str], _Drag] = {}
-        self._pinned: list[int] = []
         self._balls: list[Any] = []
+        self._hand: Any = None
         self._asides = [np.array([number * _BESIDE * self._size, 0.0, 0.0]) for number in range(len(sessions))]
         self._scene()
         self._controls()
-        self._bodies = [_Drawn(server, twin, number, aside) for number, aside in enumerate(self._asides)]
+        self._bodies = [Drawn(server, twin, number, aside) for number, aside in enumerate(self._asides)]
         self._bodies[0].on_drag(self._dragged)
         server.on_client_connect(self._look)
         self._show()
@@ -76,8 +71,12 @@ class Page:
     def close(self) -> None:
         """Ends the loop; what is still pulled is written."""
         self.loop.stop()
+        self._leave()
+
+    def _leave(self) -> None:
+        """Writes what is still pulled: a session that begins anew forgets it."""
         for path in self._pulls.close(self._session):
-            print(f"wrote {path}", flush=True)
+            self._tell(f"wrote {path}")
 
     # --- what the user does -------------------------------------------------------------------------------------
 
@@ -127,15 +126,17 @@ class Page:
     def _jump(self, film: int) -> None:
         """To a filmed frame: back to the start, and on until the hand is there."""
 
-        def jump(session: Session) -> None:
-            session.reset()
+        def go_on(session: Session) -> None:
             while session.film < film:
                 session.step()
 
-        self.loop.do(jump)
+        self._reset()
+        self.loop.do(go_on)
 
     def _reset(self) -> None:
-        self.loop.do(lambda session: session.reset())
+        self.loop.begin_anew()
+        if self._hand is not None:
+            self._hand.value = "filmed"
 
     def _let_go(self) -> None:
         self.loop.do(lambda session: [session.release(handle) for handle in session.handles])
@@ -167,8 +168,8 @@ class Page:
         gui.add_button("from the start").on_click(lambda _: self._reset())
         gui.add_button("let go of all").on_click(lambda _: self._let_go())
         if self._twin.problem.grip is not None or self._twin.problem.tool is not None:
-            hand = gui.add_dropdown("filmed hand", get_args(Hand), initial_value="filmed")
-            hand.on_update(lambda _: self.loop.do(lambda s, word=hand.value: s.let_hand(word)))
+            self._hand = gui.add_dropdown("filmed hand", get_args(Hand), initial_value="filmed")
+            self._hand.on_update(lambda _: self.loop.do(lambda s, word=self._hand.value: s.let_hand(word)))
             film = gui.add_slider("filmed frame", min=0, max=max(1, session.frames_filmed - 1), step=1, initial_value=0)
             film.on_update(lambda event: event.client is not None and self._jump(int(film.value)))
         if session.radius is not None:
@@ -292,76 +293,3 @@ class Page:
         client.camera.position = T[:3, 3]
         client.camera.look_at = T[:3, 3] + T[:3, 2] * float((middle - T[:3, 3]) @ T[:3, 2])
         client.camera.fov = 2.0 * float(np.arctan(camera.height / (2.0 * float(camera.K[1, 1]))))
-
-
-class _Drawn:
-    """One body on the page: splats where it was filmed, else its surface. The surface takes the drags, unseen under splats.
-
-    Attributes:
-        pictured: whether it has too many splats to send, so that pictures are drawn here.
-        now: of splats, centres [G, 3] m on the page, covariances [G, 3, 3] m2 and colours [G, 3] as they are.
-        opacities: of splats, [G, 1].
-    """
-
-    def __init__(self, server: Any, twin: Twin, number: int, aside: np.ndarray) -> None:
-        self._twin, self._aside = twin, aside
-        self._splatted = twin.gaussians is not None
-        self.pictured = self._splatted and len(twin.gaussians) > LARGEST
-        mesh = _within(twin) if self._splatted else twin.mesh
-        self._mesh, self._binding = mesh, bind_to_body(mesh.vertices, twin.problem.body)
-        self._surface = server.scene.add_mesh_simple(
-            f"/body_{number}/surface",
-            vertices=mesh.vertices.astype(np.float32),
-            faces=mesh.faces.astype(np.uint32),
-            color=(90, 160, 200),
-            opacity=0.0 if self._splatted else None,
-            wireframe=self._splatted,  # a filled surface, though unseen, hides the splats behind it
-            side="double",
-            position=tuple(aside),
-        )
-        if not self._splatted:
-            return
-        self._colours, self.opacities = twin.colours(), twin.opacities()
-        count = len(self._colours)
-        zeros = np.zeros((count, 3), np.float32), np.zeros((count, 3, 3), np.float32)
-        self.now = *zeros, self._colours
-        if not self.pictured:
-            self._splats = server.scene.add_gaussian_splats(
-                f"/body_{number}/splats",
-                centers=zeros[0],
-                covariances=zeros[1],
-                rgbs=self._colours,
-                opacities=self.opacities,
-                position=tuple(aside),
-            )
-
-    def on_drag(self, called: Callable) -> None:
-        """Have drags of the body told, with and without Shift."""
-        self._surface.on_drag("left")(called)
-        self._surface.on_drag("left", modifier="shift")(called)
-
-    def draw(self, session: Session, shade: str) -> None:
-        """The body as it is now, in its own colours or in those of its `stretch` or `stress`."""
-        twin, state = self._twin, session.state
-        self._surface.vertices = twin.carried(self._mesh.vertices, self._binding, state).astype(np.float32)
-        if self._splatted:
-            splats, colours = twin.splats(state), self._shaded(session, shade)
-            self.now = (splats.centres + self._aside).astype(np.float32), splats.covariances, colours
-            if not self.pictured:
-                self._splats.set_gaussians(splats.centres, splats.covariances, colours, self.opacities)
-
-    def _shaded(self, session: Session, shade: str) -> np.ndarray:
-        if shade == "as filmed":
-            return self._colours
-        values, full = stretch(session), FULL
-        if shade == "stress":
-            values, full = stress(session), FULL * float(session.parameters.youngs_modulus.mean())
-        return colours_of(values, full, self._twin.gaussian_binding).astype(np.float32)
-
-
-def _within(twin: Twin) -> Mesh:
-    """The surface moved into the body, behind the splats that lie on it."""
-    body = twin.problem.body
-    depth = _WITHIN * (body.cell if body.elements is None else 2 * body.elements.half_height)
-    mesh = twin.mesh
-    return replace(mesh, vertices=mesh.vertices - depth * vertex_normals(mesh))

@@ -24,6 +24,9 @@ POINTS = 150
 _FEWEST = 3
 """Frames below which a pull is no capture."""
 
+LONGEST = 1800
+"""Frames after which a capture of a pull ends, as of one that is pinned: states would fill the memory."""
+
 _SIGMA = 1e-4
 """Standard deviation that is stated of simulated points [m]: a fit asks for one."""
 
@@ -55,14 +58,20 @@ class Pulls:
         self._points0 = np.einsum("pck,pc->pk", twin.mesh.corners[face], weights)
         self._binding: Binding = bind_to_body(self._points0, twin.problem.body)
         self._open: dict[int, _Pull] = {}
+        self._ended: set[int] = set()
         self._count = 0
 
     def follow(self, session: Session) -> list[Path]:
         """Take down the frame where a session stands; the captures of what was let go since."""
         if self._folder is None:
             return []
-        written = [self._write(self._open.pop(gone), session) for gone in set(self._open) - set(session.handles)]
+        long = {handle for handle, pull in self._open.items() if len(pull.x) >= LONGEST}
+        ending = sorted((self._open.keys() - set(session.handles)) | long)
+        written = [self._write(self._open.pop(handle), session) for handle in ending]
+        self._ended = (self._ended | long) & set(session.handles)
         for handle in session.handles:
+            if handle in self._ended:
+                continue
             pull = self._open.get(handle)
             if pull is None:
                 mesh = replace(self._twin.mesh, vertices=self._twin.surface(session.state))
@@ -76,7 +85,7 @@ class Pulls:
     def close(self, session: Session) -> list[Path]:
         """The captures of what is still held."""
         written = [self._write(pull, session) for pull in self._open.values()]
-        self._open = {}
+        self._open, self._ended = {}, set()
         return [path for path in written if path is not None]
 
     def _write(self, pull: _Pull, session: Session) -> Path | None:

@@ -108,6 +108,40 @@ def test_a_pull_lasts_as_long_as_it_was_held(twin, tmp_path):
     assert [path.name for path in tmp_path.iterdir()] == ["pull_001"]
 
 
+def test_a_pin_ends_as_a_capture_and_not_when_the_memory_does(twin, tmp_path, monkeypatch):
+    monkeypatch.setattr("applications.play.pulls.LONGEST", 5)
+    session, pulls = twin.session(), Pulls(twin, tmp_path)
+    pin, written = session.take(twin.mesh.vertices[0]), []
+    for _ in range(12):
+        written += pulls.follow(session)
+        session.step()
+    session.release(pin)
+    written += pulls.follow(session)
+    assert len(written) == 1 and states_of(written[0])[0].tolist() == list(range(5))
+
+
+def test_a_session_that_begins_anew_leaves_its_pulls_with_their_log(twin, tmp_path):
+    pytest.importorskip("viser")
+    import viser
+
+    from applications.play.page import Page
+
+    server = viser.ViserServer(host="127.0.0.1", port=0, verbose=False)
+    try:
+        page = Page(server, twin, [twin.session()], tmp_path)
+        page.loop.do(lambda session: session.take(twin.mesh.vertices[0]))
+        for _ in range(5):
+            page.loop.once()
+        page._reset()
+        page.loop.once()
+        (folder,) = tmp_path.iterdir()
+        log = Log.read(folder)
+        assert [action["do"] for action in log.actions] == ["take"] and log.frames == 5
+        assert page.loop.sessions[0].log == [] and page.loop.sessions[0].handles == ()
+    finally:
+        server.stop()
+
+
 def test_a_log_brings_the_same_states_again(twin, project, tmp_path, monkeypatch, capsys):
     """By the command, too, which writes them beside the video."""
     _, (folder,) = pulled(twin, tmp_path / "played")
@@ -183,7 +217,7 @@ def test_of_many_splats_every_viewer_is_sent_a_picture(twin, monkeypatch):
 
     from applications.play import page as module
 
-    monkeypatch.setattr(module, "LARGEST", 10)
+    monkeypatch.setattr("applications.play.drawn.LARGEST", 10)
     server, sent = viser.ViserServer(host="127.0.0.1", port=0, verbose=False), []
     eye, look = twin.camera.T_world_camera.numpy(), np.array([1.0, 0.0, 0.0, 0.0])
     camera = SimpleNamespace(position=eye[:3, 3], wxyz=look, fov=0.8, aspect=1.5)
@@ -220,12 +254,21 @@ def test_what_cannot_be_done_is_told_and_time_goes_on(twin):
     def broken():
         raise SimulationError("the state is not finite", frame=1, substep=0, particle=0)
 
-    loop.sessions[0].step = broken
+    session = loop.sessions[0]
+    session.step = broken
     loop.once()
-    assert "begins anew" in told[1] and loop.sessions[0].frame == 0 and len(shown) == 2
+    assert "begins anew" in told[1] and session.frame == 0 and len(shown) == 2
+    del session.step
+
+    def wild(session):
+        raise SimulationError("the state is not finite", frame=1, substep=0, particle=0)
+
+    loop.do(wild)
+    loop.once()
+    assert "begins anew" in told[2] and session.frame == 0 and len(shown) == 3
     loop.go(False)
     loop.once()
-    assert len(shown) == 2, "time stands, and nothing was done"
+    assert len(shown) == 3, "time stands, and nothing was done"
 
 
 def test_the_page_answers_what_is_dragged_and_slid(twin, tmp_path):

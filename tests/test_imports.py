@@ -31,6 +31,7 @@ ABOVE = {
     "benchmarks.filmed",
     "benchmarks.rendered",
     "benchmarks.perception",
+    "benchmarks.playing",
     "benchmarks.perception_report",
     "benchmarks.perception_runs",
     "benchmarks.pushed",

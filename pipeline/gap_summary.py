@@ -65,7 +65,7 @@ class GapSummary:
         if not all(math.isfinite(entry.rms) for entry in self.after.after):
             return "Not adopted: with it, the model cannot be simulated on frames that the fit never saw."
         if self.after.after:
-            return "Not adopted: on frames that the fit never saw, the gap does not shrink."
+            return "Not adopted: on frames that the fit never saw, the gap does not shrink, so what is named is probably not what is missing."
         return "The model stays as it was."
 
     @property

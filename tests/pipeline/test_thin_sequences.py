@@ -13,11 +13,13 @@ import pytest
 import torch
 import yaml
 
+from applications.twin import Twin
 from physreal_core.errors import InputError
 from physreal_core.fitting.grip import bind_grip
 from physreal_core.fitting.model import load_model
 from physreal_core.gap.report import GapReport, Verdict
 from physreal_core.geometry import save_mesh
+from physreal_core.playing import Changes
 from physreal_core.simulation import Body, Parameters, SimulationConfig, Simulator, rod_body, shell_body
 from pipeline.graph import FIT_STAGES
 from pipeline.products.controllers import Controllers
@@ -315,6 +317,25 @@ def test_the_last_stage_leaves_a_thin_body_as_it_is(sequence, request):
         3,
         3,
     )
+
+
+@pytest.mark.parametrize("sequence", ["rope", "cloth"])
+def test_what_is_thin_can_be_played_with_and_pulls_with_its_weight(sequence, request):
+    """Let go by the filmed hand and lifted by one place until it hangs free."""
+    twin = Twin.load(request.getfixturevalue(sequence), sequence)
+    session = twin.session()
+    session.let_hand("open")
+    session.change(Changes(brake=20.0))
+    place = session.state.x.double().numpy()[0]
+    handle = session.take(place)
+    for height in np.linspace(0.0, 0.4, 60):
+        session.move(handle, place + [0.0, 0.0, height])
+        session.step()
+    for _ in range(120):
+        session.step()
+    assert float(session.state.x[:, 2].min()) > 0.01, "it hangs free"
+    assert session.pull(handle).force[2] == pytest.approx(session.weight, rel=0.03)
+    assert np.isfinite(twin.surface(session.state)).all()
 
 
 def test_another_geometry_makes_the_particles_stale(cloth, tmp_path):

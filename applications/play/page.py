@@ -154,7 +154,11 @@ class Page:
                 "/table", dimensions=(side, side, thick), color=_GREY, position=(x, y, ground - thick / 2)
             )
         self._lines = server.scene.add_line_segments(
-            "/pulls", points=np.zeros((1, 2, 3), np.float32), colors=np.zeros((1, 2, 3), np.uint8), line_width=4.0
+            "/pulls",
+            points=np.zeros((1, 2, 3), np.float32),
+            colors=np.zeros((1, 2, 3), np.uint8),
+            thickness=4.0,
+            thickness_units="screen",
         )
 
     def _controls(self) -> None:

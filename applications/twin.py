@@ -100,6 +100,11 @@ class Twin:
         """A session with it, or with it but for its named effects; with a ball of a radius [m] to push it."""
         return Session(self.problem, self.model if effects else replace(self.model, effects=[]), device, ball)
 
+    @property
+    def density(self) -> float:
+        """Of the body, its mass over its volume [kg/m3]."""
+        return float(self.problem.body.mass.sum() / self.problem.body.volume.sum())
+
     def surface(self, state: FrameState) -> Float[Array, "V 3"]:
         """Vertices of the mesh now [m]."""
         return self.carried(self.mesh.vertices, self.mesh_binding, state)

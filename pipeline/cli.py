@@ -69,9 +69,7 @@ def _parser() -> argparse.ArgumentParser:
 
     command = commands.add_parser("label", help="a page to click object and hand in any frame, and to mend masks")
     command.add_argument("sequence", help="a name under `sequences` or `clips` in params.yaml")
-    command.add_argument("--port", type=int, help="default: 8765")
-    command.add_argument("--host", help="address to listen on; default: 127.0.0.1, so this machine alone")
-    command.add_argument("--no-browser", action="store_true", help="open no browser; print the address alone")
+    _page_options(command, 8765)
     command.set_defaults(command=_label)
 
     command = commands.add_parser(
@@ -97,9 +95,7 @@ def _parser() -> argparse.ArgumentParser:
     )
     command.add_argument("--record", type=Path, metavar="MP4", help="no page: write a video, and the states beside it")
     command.add_argument("--frames", type=int, help="of the video; default: those of the log, or of the filmed motion")
-    command.add_argument("--port", type=int, help="default: 8080")
-    command.add_argument("--host", help="address to listen on; default: 127.0.0.1, so this machine alone")
-    command.add_argument("--no-browser", action="store_true", help="open no browser; print the address alone")
+    _page_options(command, 8080)
     command.set_defaults(command=_play)
 
     command = commands.add_parser(
@@ -126,6 +122,13 @@ def _parser() -> argparse.ArgumentParser:
     command.add_argument("sequence")
     command.set_defaults(command=_run)
     return parser
+
+
+def _page_options(command: argparse.ArgumentParser, port: int) -> None:
+    """Where a page is served, `port` by default."""
+    command.add_argument("--port", type=int, help=f"default: {port}")
+    command.add_argument("--host", help="address to listen on; default: 127.0.0.1, so this machine alone")
+    command.add_argument("--no-browser", action="store_true", help="open no browser; print the address alone")
 
 
 def _compose(parsed: argparse.Namespace) -> int:

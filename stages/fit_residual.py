@@ -4,7 +4,7 @@ The networks stay only where they lower the objective in frames that they were n
 is. Where an effect was named, the networks are fitted once more without it, to say how much less it leaves them to do.
 """
 
-from physreal_core.fitting.confirmation import confirmation, measured_from, observed_until
+from physreal_core.fitting.confirmation import Confirmation, confirmation, measured_from, observed_until
 from physreal_core.fitting.curriculum import NETWORK_FIELDS, patch_start, with_residual
 from physreal_core.fitting.descent import DescentResult
 from physreal_core.fitting.losses import LossConfig
@@ -38,15 +38,19 @@ def run(context: StageContext) -> None:
         notes["residual_without_effect"] = _share(*_fit(context, seen, without, "fit without the effect"))
     if params.kept_back > 0:
         with context.timed("confirmation"):
-            notes["confirmation"] = confirmed = _confirmed(context, problem, seen.observed, named, model)
-        if reason := _unconfirmed(confirmed):
+            recordings, found = _confirmation(context, problem, seen.observed, named, model)
+        before, after = ([finite_or_none(value) for value in values] for values in (found.before, found.after))
+        notes["confirmation"] = Confirmed(recordings, before, after)
+        if not found.confirmed:
             objective, model = objective_of(context, seen, named), named
-            notes["left_out"] = reason
+            notes["left_out"] = _why(recordings, found)
     write_fit(context, objective, model, result, **notes)
 
 
-def _confirmed(context: StageContext, problem: Problem, fitted: int, named: Model, model: Model) -> Confirmed:
-    """The objective without and with the networks, in the observed frames from `fitted` on and in the companion."""
+def _confirmation(
+    context: StageContext, problem: Problem, fitted: int, named: Model, model: Model
+) -> tuple[list[str], Confirmation]:
+    """Names of the recordings that can confirm the networks, the sequence from frame `fitted` on and its companion, and what they say."""
     losses = LossConfig(**context.params.losses.model_dump())
     unseen = {}
     if losses.settled == 0.0:
@@ -55,29 +59,16 @@ def _confirmed(context: StageContext, problem: Problem, fitted: int, named: Mode
         if context.companion:
             moved, other = in_companion(context, problem, named)
             unseen[context.companion] = other, moved, in_companion(context, problem, model)[0]
-    found = confirmation(list(unseen.values()), losses, device=context.params.device)
-    before, after = ([finite_or_none(value) for value in values] for values in (found.before, found.after))
-    return Confirmed(list(unseen), before, after)
+    return list(unseen), confirmation(list(unseen.values()), losses, device=context.params.device)
 
 
-def _unconfirmed(found: Confirmed) -> str | None:
-    """Why the networks do not stay; None where they do."""
-    if not found.recordings:
+def _why(recordings: list[str], found: Confirmation) -> str:
+    """Why the networks do not stay."""
+    if not recordings:
         return "nothing is measured in the frames that were kept back to confirm the networks"
-    worse = [
-        f"{name} ({_number(before)} without, {_number(after)} with them)"
-        for name, before, after in zip(found.recordings, found.before, found.after, strict=True)
-        if after is None or (before is not None and after >= before)
-    ]
-    return (
-        f"the networks do not lower the objective in frames that they were not fitted to, of {' and '.join(worse)}"
-        if worse
-        else None
-    )
-
-
-def _number(value: float | None) -> str:
-    return "not finite" if value is None else f"{value:.4g}"
+    told = zip(recordings, found.before, found.after, found.denied, strict=True)
+    worse = [f"{name} ({before:.4g} without, {after:.4g} with them)" for name, before, after, denied in told if denied]
+    return f"the networks do not lower the objective in frames that they were not fitted to, of {' and '.join(worse)}"
 
 
 def _leave(context: StageContext, problem: Problem, model: Model) -> None:

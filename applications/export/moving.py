@@ -9,7 +9,7 @@ import torch
 
 from applications.twin import Twin
 from physreal_core.array_types import Array, Float
-from physreal_core.rendering import Gaussians, carry_gaussians
+from physreal_core.rendering import Gaussians
 from physreal_core.simulation.play import FrameState
 from pipeline.products.rollout import Rollout
 
@@ -43,12 +43,12 @@ class Moving:
 
     def splats(self) -> Iterator[Gaussians]:
         """Gaussians in every frame: ellipsoids of the carried covariances, harmonics as they were."""
-        gaussians, binding = self.twin.gaussians, self.twin.gaussian_binding
-        x0 = torch.as_tensor(self.twin.problem.body.x0, dtype=torch.float32)
-        for state in self._states():
-            means, covariances = carry_gaussians(binding, gaussians, x0, state.x, state.F)
-            scales, rotations = ellipsoids(covariances)
-            yield Gaussians(means, scales.log(), rotations, gaussians.opacity_logits, gaussians.harmonics)
+        gaussians = self.twin.gaussians
+        for now in map(self.twin.splats, self._states()):
+            scales, rotations = ellipsoids(torch.from_numpy(now.covariances))
+            yield Gaussians(
+                torch.from_numpy(now.centres), scales.log(), rotations, gaussians.opacity_logits, gaussians.harmonics
+            )
 
     def _states(self) -> Iterator[FrameState]:
         for x, F in zip(self.rollout.x, self.rollout.F, strict=True):

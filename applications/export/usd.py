@@ -46,7 +46,5 @@ def _material(moving: Moving) -> list[tuple[str, float, str]]:
     """Name, mean and unit of what the model knows of the material."""
     fields = moving.twin.model.fields
     plain = ("youngs_modulus", "poissons_ratio", "friction_coefficient")
-    body = moving.twin.problem.body
-    density = float(body.mass.sum() / body.volume.sum())
     found = [(name, float(fields[name].mean()), UNITS[name]) for name in plain if name in fields]
-    return [*found, ("density", density, "kg/m3")]
+    return [*found, ("density", moving.twin.density, "kg/m3")]

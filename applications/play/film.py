@@ -11,11 +11,11 @@ from applications.play.pulls import LOG
 from applications.twin import Twin
 from physreal_core.array_types import Array, Float, UInt8
 from physreal_core.errors import InputError
-from physreal_core.geometry.surface import scatter
 from physreal_core.perception.overlay import write_video
 from physreal_core.rendering import Camera, Gaussians, bind, render_carried
 from physreal_core.simulation.play import FrameState
 from pipeline.reading.text import read_record, understood
+from stages._evaluation import scattered
 
 BACKGROUND = (0.93, 0.94, 0.96)
 _SIZE, _POINTS = (640, 480), 6000
@@ -72,9 +72,7 @@ def _appearance(twin: Twin) -> tuple[Gaussians, object, Camera]:
     """What is drawn and by which camera; of a body that no camera filmed, points on its surface from before it."""
     if twin.gaussians is not None:
         return twin.gaussians, twin.gaussian_binding, twin.camera
-    face, weights = scatter(twin.mesh, _POINTS, seed=0)
-    points = np.einsum("pck,pc->pk", twin.mesh.corners[face], weights)
-    spacing = float(np.sqrt(twin.mesh.area / _POINTS))
+    points, spacing = scattered(twin.mesh, _POINTS, seed=0)
     shade = (points - points.min(0)) / np.maximum(np.ptp(points, axis=0), 1e-9)
     colours = torch.as_tensor(0.25 + 0.6 * shade, dtype=torch.float32)
     gaussians = Gaussians.from_points(torch.as_tensor(points, dtype=torch.float32), spacing, colours)

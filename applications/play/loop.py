@@ -22,13 +22,11 @@ class Pace:
         running: false while paused.
         speed: of simulated time over real time, at most 1.
         rate: frames per second of late, as they were simulated and shown.
-        busy: seconds that the last frame took.
     """
 
     running: bool = True
     speed: float = 1.0
     rate: float = 0.0
-    busy: float = 0.0
 
 
 class Loop:
@@ -113,7 +111,6 @@ class Loop:
             self._wake.clear()
             self.once()
             now = time.perf_counter()
-            self.pace.busy = now - begun
             if not self.pace.running:
                 self._wake.wait(0.5)
                 due = time.perf_counter()

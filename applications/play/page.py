@@ -27,12 +27,10 @@ _PULL, _PIN, _GREY, _BALL = (230, 60, 50), (60, 110, 230), (150, 158, 170), (240
 
 @dataclass
 class _Drag:
-    """A drag of one viewer: the handle, None until the loop has taken it; where it is wanted; whether it stays."""
+    """A drag of one viewer: whether what is taken stays where it is let go of, and the handle, None until the loop has taken it."""
 
+    pinned: bool
     handle: int | None = None
-    target: np.ndarray | None = None
-    pinned: bool = False
-    ended: bool = False
 
 
 class Page:
@@ -90,15 +88,9 @@ class Page:
         drag = self._drags.get(key)
         if drag is None:
             return
-        drag.target = np.array(event.end_position)
-        self.loop.do(self._each(drag))
-        if event.phase == "end":
-            drag.ended = True
-            self.loop.do(self._each(drag))
+        ended, target = event.phase == "end", np.array(event.end_position)
+        if ended:
             del self._drags[key]
-
-    def _each(self, drag: _Drag) -> Callable[[Session], None]:
-        target, ended = drag.target, drag.ended
 
         def follow(session: Session) -> None:
             if drag.handle not in session.handles:
@@ -107,7 +99,7 @@ class Page:
             if ended and not drag.pinned:
                 session.release(drag.handle)
 
-        return follow
+        self.loop.do(follow)
 
     def _change(self, **what: Any) -> None:
         def change(session: Session) -> None:

@@ -10,12 +10,12 @@ from applications.twin import Twin
 from physreal_core.array_types import Array, Float, Int
 from physreal_core.fitting.thin import bind_to_body
 from physreal_core.geometry.mesh import Mesh, save_mesh
-from physreal_core.geometry.surface import scatter
 from physreal_core.playing import Session
 from physreal_core.rendering import Binding
 from pipeline.products.controllers import Controllers
 from pipeline.products.given_tracks import GivenTracks3d
 from pipeline.whole_files import write_whole
+from stages._evaluation import scattered
 
 LOG, STATES = "log.json", "states.npz"
 POINTS = 150
@@ -54,8 +54,7 @@ class Pulls:
 
     def __init__(self, twin: Twin, folder: Path | None, seed: int = 0) -> None:
         self._twin, self._folder = twin, folder
-        face, weights = scatter(twin.mesh, POINTS, seed=seed)
-        self._points0 = np.einsum("pck,pc->pk", twin.mesh.corners[face], weights)
+        self._points0, _ = scattered(twin.mesh, POINTS, seed)
         self._binding: Binding = bind_to_body(self._points0, twin.problem.body)
         self._open: dict[int, _Pull] = {}
         self._ended: set[int] = set()
@@ -110,7 +109,6 @@ class Pulls:
         return folder
 
     def _described(self, pull: _Pull, session: Session, frames: int) -> dict:
-        body = self._twin.problem.body
         observed = max(2, round(0.7 * frames))
         return {
             "kind": "tracks",
@@ -118,7 +116,7 @@ class Pulls:
             "controller": "hand",
             "fps": session.fps,
             "frame_count": frames,
-            "density": float(body.mass.sum() / body.volume.sum()),
+            "density": self._twin.density,
             "T_world_object": np.eye(4).tolist(),
             "split": {"train": [0, observed], "test": [observed, frames]},
         }

@@ -24,9 +24,14 @@ class Confirmation:
     after: tuple[float, ...]
 
     @property
+    def denied(self) -> tuple[bool, ...]:
+        """For each recording, whether the change does not lower the objective there."""
+        return tuple(not after < before for before, after in zip(self.before, self.after, strict=True))
+
+    @property
     def confirmed(self) -> bool:
         """Whether there are such frames, and the change lowers the objective in every recording."""
-        return bool(self.before) and all(after < before for before, after in zip(self.before, self.after, strict=True))
+        return bool(self.before) and not any(self.denied)
 
 
 def observed_until(problem: Problem, frame: int) -> Problem:

@@ -7,6 +7,7 @@ import pytest
 
 from benchmarks.gap.development import searched_in, told
 from benchmarks.gap.results import pool
+from benchmarks.gap.rows import read_rows
 from benchmarks.gap.scoring import judge, sizes_of
 from benchmarks.gap.summary import summary
 from physreal_core.effects import EFFECTS
@@ -90,6 +91,21 @@ def test_the_readme_says_what_the_blind_sets_gave():
     )
     rope = summary_of("thin", "3d1ffcb")["by_body"]["rope"]["named_first"]
     assert f"Of a rope it came first in {rope['hits']} of {rope['count']}" in readme
+
+
+def test_the_page_says_how_often_an_adopted_verdict_is_right():
+    named = [
+        (bool(row["adopted"]), sorted(row["names"]) == sorted(row["truth"]))
+        for file in ("tracks_only-seed105", "tracks_only-seed106", "thin-seed207", "rgbd-seed109")
+        for row in read_rows(RESULTS / "gap" / f"{file}.jsonl")
+        if row["verdict"] in ("effect", "effects")
+    ]
+    kept, refused = ([right for adopted, right in named if adopted is kind] for kind in (True, False))
+    page = " ".join((PAGE.parent / "missing_effect.md").read_text().split())
+    assert (
+        f"{len(kept)} of the verdicts that name an effect were adopted, {sum(kept)} of them right; "
+        f"{len(refused)} were not adopted, {sum(refused)} of them right." in page
+    )
 
 
 def test_the_page_says_what_the_controls_gave():

@@ -39,6 +39,19 @@ class TrackObservations:
         """The same on another device."""
         return _moved(self, device)
 
+    def of(self, tracks: Int[Array, " kept"]) -> TrackObservations:
+        """Some of the tracks."""
+        seen = {name: getattr(self, name) for name in ("points2d", "visible")}
+        return dataclasses.replace(
+            self,
+            points0=self.points0[tracks],
+            binding=Binding(self.binding.neighbours[tracks], self.binding.weights[tracks]),
+            points3d=self.points3d[:, tracks],
+            valid3d=self.valid3d[:, tracks],
+            sigma3d=self.sigma3d[:, tracks],
+            **{name: value if value is None else value[:, tracks] for name, value in seen.items()},
+        )
+
 
 @dataclass(frozen=True)
 class MaskObservations:

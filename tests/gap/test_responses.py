@@ -13,12 +13,13 @@ from physreal_core.gap.lead.lead import find_lead
 from physreal_core.gap.lead.preparation import departure_of, lead_on
 from physreal_core.gap.noise.measurements import Measurements
 from physreal_core.gap.noise.model import ModelError, Noise
+from physreal_core.gap.noise.sensor import Sensor
 from physreal_core.gap.settings import GapSettings
 from physreal_core.simulation import Clamp
 from tests.fitting import scene
 from tests.gap.linear import ANSWERS, LinearExperiment
 
-FRAMES, TRAIN, DRAG = 30, 24, 1.0
+FRAMES, TRAIN, DRAG, SIGMA = 30, 24, 1.0, 1e-5
 
 
 @pytest.fixture(scope="module")
@@ -36,12 +37,12 @@ def experiment(model):
     problem = dataclasses.replace(problem, grip=None, controllers=torch.zeros(FRAMES, 0, 3), clamps=(clamp,))
     record = {"name": "linear_drag", "values": {"rate": DRAG}, "intervals": {}, "units": {}, "probability": 1.0}
     truth = Experiment(problem, dataclasses.replace(model, effects=[record])).predict([Trial(model.fields)])[0]
-    return Experiment(measured_as(problem, truth), model)
+    return Experiment(measured_as(problem, truth), model, sensor=Sensor.alike(np.full(truth.shape[:2], SIGMA)))
 
 
 def measured_as(problem, points):
     known = torch.ones(points.shape[:2], dtype=torch.bool)
-    sigma = torch.full(points.shape[:2], 1e-5)
+    sigma = torch.full(points.shape[:2], SIGMA)
     tracks = dataclasses.replace(problem.tracks, points3d=torch.from_numpy(points), valid3d=known, sigma3d=sigma)
     return dataclasses.replace(problem, tracks=tracks)
 
@@ -50,7 +51,7 @@ def noise_of(experiment, predicted, frames):
     valid = experiment.valid & np.isin(np.arange(FRAMES), frames)[:, None]
     starts = np.broadcast_to(np.eye(3)[:, None, None], (3, *predicted.shape))
     reruns, fps = np.zeros((0, *predicted.shape)), experiment.setting.fps
-    return Noise(experiment.sigma, valid, experiment.points0, predicted, reruns, starts, fps, ModelError(rms=1e-6))
+    return Noise(experiment.sensor, valid, experiment.points0, predicted, reruns, starts, fps, ModelError(rms=1e-6))
 
 
 @pytest.fixture(scope="module")

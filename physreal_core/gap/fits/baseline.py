@@ -59,7 +59,6 @@ def fit_baseline(
     start, unknowns = found["vector"], unknowns.under(laws[int(found["law"])])
     progress("baseline with the numerical error of reruns")
     measurements = Measurements.around(experiments, unknowns.trial(start), settings)
-    measurements = measurements.with_learnt_correlations()
     (converged,) = together([fit(unknowns, measurements.train, start[None], 0)])
     for _ in range(ROUNDS):
         known = measurements

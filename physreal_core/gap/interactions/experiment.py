@@ -24,6 +24,8 @@ from physreal_core.fitting.problem import Problem
 from physreal_core.fitting.rollouts import Rollouts, roll_out_together
 from physreal_core.gap.interactions.discretisation import UNCHANGED, Discretisation, DiscretisedProblem
 from physreal_core.gap.interactions.interaction import EffectValues, Placement, Trial
+from physreal_core.gap.interactions.tracks import SeenTracks
+from physreal_core.gap.noise.sensor import Sensor
 from physreal_core.rendering import carry_points
 from physreal_core.simulation import SimulationConfig, Simulator, States
 from physreal_core.simulation.simulator import one_torch_thread
@@ -76,25 +78,34 @@ class Experiment:
         device: of the simulator.
         placement: where the object lies; None where it lies as in the first interaction. Effects of a trial that belong
             to a place or a direction in the body are moved along.
+        sensor: of the problem's tracks; learnt from them by default.
 
     Attributes:
-        measured, valid, sigma, config, setting, hand_modes: as of `Interaction`. Frame 0 is never valid, for the model starts
+        problem: as given, with tracks that stand for all (`tracks.spread_tracks`).
+        measured, valid, sensor, config, setting, hand_modes: as of `Interaction`. Frame 0 is never valid, for the model starts
             there.
 
     Raises:
         InputError: too few tracks on the object have 3D positions (`evidence`).
     """
 
-    def __init__(self, problem: Problem, model: Model, device: str = "cpu", placement: Placement | None = None) -> None:
+    def __init__(
+        self,
+        problem: Problem,
+        model: Model,
+        device: str = "cpu",
+        placement: Placement | None = None,
+        sensor: Sensor | None = None,
+    ) -> None:
         problem = problem.held_within(model.grip_reach)
         known = np.zeros((2, 0), bool) if problem.tracks is None else problem.tracks.valid3d[: problem.observed].numpy()
         require_tracks(known, "gap.Experiment")
+        seen = SeenTracks.of(problem, sensor)
+        problem = dataclasses.replace(problem, tracks=problem.tracks.of(seen.kept))
         self.problem, self.model, self.device, self.placement = problem, model, device, placement
-        tracks = problem.tracks
-        valid = tracks.valid3d.numpy() & np.isfinite(tracks.points3d.numpy()).all(-1)
-        self.valid: Bool[Array, "frames tracks"] = valid & (np.arange(len(valid)) > 0)[:, None]
-        self.measured = np.where(self.valid[..., None], tracks.points3d.numpy().astype(np.float64), 0.0)
-        self.sigma = np.where(self.valid, tracks.sigma3d.numpy().astype(np.float64), 1.0)
+        self.sensor = seen.sensor
+        self.valid: Bool[Array, "frames tracks"] = seen.valid & (np.arange(len(seen.valid)) > 0)[:, None]
+        self.measured = np.where(self.valid[..., None], seen.points, 0.0)
         self._rollouts = Rollouts(problem, model)  # on the CPU, for inputs are many and small
         self.config, self.setting = self._config_with(()), self._rollouts.setting
         known = problem.hand_modes
@@ -175,7 +186,7 @@ class Experiment:
         coarse = coarsened(problem, factor)
         held = held_share(problem, coarse)
         scales = {"grip_stiffness": held, "grip_damping": held}
-        return Experiment(coarse, self.model, self.device, self.placement), scales
+        return Experiment(coarse, self.model, self.device, self.placement, self.sensor), scales
 
     # --- rollouts -----------------------------------------------------------------------------------------------
 

@@ -10,6 +10,7 @@ from physreal_core.array_types import Array, Bool, Float, Tensor
 from physreal_core.effects import Setting
 from physreal_core.fitting.model import Model
 from physreal_core.gap.interactions.discretisation import Discretisation
+from physreal_core.gap.noise.sensor import Sensor
 from physreal_core.simulation import SimulationConfig, States
 
 EffectValues = dict[str, dict[str, float]]
@@ -52,7 +53,7 @@ class Interaction(Protocol):
     Attributes:
         measured: tracked points [m], shape [T, J, 3], zero where not valid.
         valid: entries with a measurement, shape [T, J].
-        sigma: standard deviation of the sensor [m], shape [T, J].
+        sensor: its noise in every frame.
         points0: the tracked points at frame 0 [m], shape [J, 3].
         frames: number of frames of the whole interval.
         train: number of leading frames that a fit may see; the others are held out.
@@ -66,7 +67,7 @@ class Interaction(Protocol):
 
     measured: Float[Array, "frames tracks 3"]
     valid: Bool[Array, "frames tracks"]
-    sigma: Float[Array, "frames tracks"]
+    sensor: Sensor
     model: Model
     config: SimulationConfig
     setting: Setting

@@ -67,7 +67,7 @@ class Prediction:
     def noise(self, reruns: Float[Array, "modes frames tracks 3"]) -> Noise:
         """The noise model of the recording around the first member, with these estimates of the numerical error [m]."""
         own = self.experiment
-        known = own.sigma, own.valid, own.points0, self.tracks[0], reruns, self._sensitivity
+        known = own.sensor, own.valid, own.points0, self.tracks[0], reruns, self._sensitivity
         return Noise(*known, own.setting.fps, self._error, own.device)
 
     def freedom(self, noise: Noise) -> Float[Array, "entries columns"]:

@@ -8,7 +8,6 @@ from functools import cached_property
 from itertools import starmap
 
 import numpy as np
-from scipy.optimize import minimize_scalar
 
 from physreal_core.array_types import Array, Float
 from physreal_core.gap.fits.least_squares import Data
@@ -18,15 +17,9 @@ from physreal_core.gap.noise.model import Noise
 from physreal_core.gap.noise.reruns import rerun_differences
 from physreal_core.gap.settings import GapSettings
 
-WIDE = 4.0
-"""Factor on the model's error beside which the sensor's correlation is learnt."""
-
 FITTED_BESIDE = (0.5, 16.0)
 """Sizes of the model's error beside which fits are made, as factors on that of the settings. Beside a smaller one than there is, patches
 bend as far as the moduli go."""
-
-STRONGEST = 0.95
-"""Correlation of the sensor's noise from frame to frame; beyond it, noise could not be told from an error of the start."""
 
 
 @dataclass(frozen=True)
@@ -55,7 +48,6 @@ class Measurements:
         settings: of the search.
         predicted: of each interaction, over the frames that are known.
         train_frames: number of training frames of each interaction that count.
-        correlations: of the sensor's noise from one frame to the next, per interaction.
         size: of the model's error beside which fits are made, as a factor on that of the settings.
     """
 
@@ -63,7 +55,6 @@ class Measurements:
     settings: GapSettings
     predicted: Sequence[Predicted]
     train_frames: Sequence[int]
-    correlations: Sequence[float]
     size: float = 1.0
 
     @classmethod
@@ -87,14 +78,7 @@ class Measurements:
         train = [max(2, round(share * experiment.train)) for experiment in experiments]
         known = [e.frames if share == 1.0 else end for e, end in zip(experiments, train, strict=True)]
         predicted = [_predicted(e, [trial], end, reruns)[0] for e, end in zip(experiments, known, strict=True)]
-        return cls(list(experiments), settings, predicted, train, [0.0] * len(experiments))
-
-    def with_learnt_correlations(self) -> Measurements:
-        """The same with the sensor's correlation from what the baseline leaves in the training frames.
-
-        It is the most likely one beside a model error so wide that a missing effect does not pass for the sensor.
-        """
-        return replace(self, correlations=[self._likeliest(number) for number in range(len(self.experiments))])
+        return cls(list(experiments), settings, predicted, train)
 
     def around_others(self, trials: Sequence[Trial]) -> list[Measurements]:
         """The same training frames with noise models around other motions, one each; none of the held-out frames.
@@ -109,17 +93,6 @@ class Measurements:
     def beside_error(self, size: float) -> Measurements:
         """The same for fits beside a model's error of another size."""
         return replace(self, size=float(np.clip(size, *FITTED_BESIDE)))
-
-    def _likeliest(self, number: int) -> float:
-        """The most likely correlation of the sensor's noise in one interaction."""
-        end = self.train_frames[number]
-        residual = self.predicted[number].motion[:end] - self.experiments[number].measured[:end]
-
-        def surprise(correlation: float) -> float:
-            known = replace(self, correlations=[correlation] * len(self.experiments))
-            return -known._noise(number, 0, end, WIDE).log_density(residual)
-
-        return float(minimize_scalar(surprise, bounds=(0.0, STRONGEST), method="bounded", options={"xatol": 0.03}).x)
 
     @property
     def elastic_laws(self) -> tuple[str, ...]:
@@ -167,11 +140,9 @@ class Measurements:
         if not valid.any():
             return None
         fields = (own.motion[:end], own.reruns[:, :end], own.start_sensitivity[:, :end])
-        sigma, error = experiment.sigma[:end], self.settings.model_error.times(size)
-        known = (self.correlations[number], own.given[:, :end])
-        return Noise(
-            sigma, valid, experiment.points0, *fields, experiment.setting.fps, error, experiment.device, *known
-        )
+        error, given = self.settings.model_error.times(size), own.given[:, :end]
+        known = experiment.sensor, valid, experiment.points0
+        return Noise(*known, *fields, experiment.setting.fps, error, experiment.device, given)
 
 
 def possible_laws(experiment: Interaction, settings: GapSettings) -> tuple[str, ...]:

@@ -11,7 +11,6 @@ from physreal_core.fitting.model import Model
 from physreal_core.gap.fits.least_squares import Data, Fit, fit, together
 from physreal_core.gap.fits.unknowns import Priors, Unknowns
 from physreal_core.gap.noise.model import ModelError, Noise
-from physreal_core.gap.noise.sensor import Sensor
 from physreal_core.simulation import Body, SimulationConfig
 
 FRAMES, TRAIN, TRACKS, SIGMA = 10, 7, 6, 1e-3
@@ -73,7 +72,8 @@ class LinearExperiment:
         self._answers, self.train, self.frames = answers, TRAIN, FRAMES
         self.valid = random.random((FRAMES, TRACKS)) > 0.1
         self.valid[0] = False
-        self.sensor = Sensor.alike(np.full(self.valid.shape, SIGMA))
+        self.sensor = self.sigma = np.full(self.valid.shape, SIGMA)
+        self.correlation = 0.0
         self.model = Model(elastic_law="hencky", plastic_law="identity", fields=FIELDS)
         body = Body(self.points0, np.ones(TRACKS), np.ones(TRACKS), 0.01)
         still = torch.zeros(FRAMES, 0, 3)
@@ -107,8 +107,8 @@ class LinearExperiment:
         return None
 
     def noise(self) -> Noise:
-        valid = self.valid[:TRAIN]
+        sigma, valid = self.sigma[:TRAIN], self.valid[:TRAIN]
         motion = np.broadcast_to(self.points0, (TRAIN, TRACKS, 3))
         error = ModelError(rms=1e-4)
         carried = np.zeros((3, TRAIN, TRACKS, 3))
-        return Noise(self.sensor, valid, self.points0, motion, np.zeros((0, TRAIN, TRACKS, 3)), carried, 30.0, error)
+        return Noise(sigma, valid, self.points0, motion, np.zeros((0, TRAIN, TRACKS, 3)), carried, 30.0, error)

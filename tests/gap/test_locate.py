@@ -44,7 +44,7 @@ def noise_of(experiment, predicted):
     starts = np.broadcast_to(np.eye(3)[:, None, None], (3, *predicted.shape))
     no_reruns = np.zeros((0, *predicted.shape))
     return Noise(
-        experiment.sensor,
+        experiment.sigma,
         experiment.valid,
         experiment.points0,
         predicted,

@@ -6,7 +6,6 @@ from scipy.stats import multivariate_normal
 
 from physreal_core.gap.noise.discrepancy import Discrepancy
 from physreal_core.gap.noise.model import ModelError, Noise
-from physreal_core.gap.noise.sensor import Sensor
 
 FRAMES, TRACKS, SIGMA = 12, 9, 1e-3
 
@@ -24,8 +23,8 @@ def scene(seed: int = 0):
 
 def noise(error: ModelError | None = None, correlation: float = 0.0) -> Noise:
     points0, motion, valid, modes, carried = scene()
-    sensor = Sensor.alike(np.full(valid.shape, SIGMA), correlation)
-    return Noise(sensor, valid, points0, motion, modes, carried, 30.0, error or ModelError(rms=1e-3))
+    sigma = np.full(valid.shape, SIGMA)
+    return Noise(sigma, valid, points0, motion, modes, carried, 30.0, error or ModelError(rms=1e-3), "cpu", correlation)
 
 
 def samples(count: int, correlation: float = 0.0) -> np.ndarray:
@@ -112,16 +111,7 @@ def test_what_the_numerics_can_move_is_little_evidence():
 def test_one_track_has_a_model_error_that_is_smooth_in_time():
     points0, *fields = scene()
     motion, valid, modes, carried = (np.take(field, [0], -2 if field.ndim > 2 else -1) for field in fields)
-    alone = Noise(
-        Sensor.alike(np.full(valid.shape, SIGMA)),
-        valid,
-        points0[:1],
-        motion,
-        modes,
-        carried,
-        30.0,
-        ModelError(rms=1e-2),
-    )
+    alone = Noise(np.full(valid.shape, SIGMA), valid, points0[:1], motion, modes, carried, 30.0, ModelError(rms=1e-2))
     steady, jumping = (
         (alone.whiten(np.tile(course[:, None, None], (1, 1, 1, 3))) ** 2).sum()
         for course in (1e-2 * np.ones(FRAMES), 1e-2 * (-1.0) ** np.arange(FRAMES))

@@ -13,7 +13,7 @@ from physreal_core.gap.lead.lead import find_lead
 from physreal_core.gap.lead.preparation import departure_of, lead_on
 from physreal_core.gap.noise.measurements import Measurements
 from physreal_core.gap.noise.model import ModelError, Noise
-from physreal_core.gap.noise.sensor import Sensor
+from physreal_core.gap.noise.neighbours import SeenNoise
 from physreal_core.gap.settings import GapSettings
 from physreal_core.simulation import Clamp
 from tests.fitting import scene
@@ -37,7 +37,7 @@ def experiment(model):
     problem = dataclasses.replace(problem, grip=None, controllers=torch.zeros(FRAMES, 0, 3), clamps=(clamp,))
     record = {"name": "linear_drag", "values": {"rate": DRAG}, "intervals": {}, "units": {}, "probability": 1.0}
     truth = Experiment(problem, dataclasses.replace(model, effects=[record])).predict([Trial(model.fields)])[0]
-    return Experiment(measured_as(problem, truth), model, sensor=Sensor.alike(np.full(truth.shape[:2], SIGMA)))
+    return Experiment(measured_as(problem, truth), model, noise=SeenNoise.known(np.full(truth.shape[:2], SIGMA)))
 
 
 def measured_as(problem, points):
@@ -51,7 +51,7 @@ def noise_of(experiment, predicted, frames):
     valid = experiment.valid & np.isin(np.arange(FRAMES), frames)[:, None]
     starts = np.broadcast_to(np.eye(3)[:, None, None], (3, *predicted.shape))
     reruns, fps = np.zeros((0, *predicted.shape)), experiment.setting.fps
-    return Noise(experiment.sensor, valid, experiment.points0, predicted, reruns, starts, fps, ModelError(rms=1e-6))
+    return Noise(experiment.sigma, valid, experiment.points0, predicted, reruns, starts, fps, ModelError(rms=1e-6))
 
 
 @pytest.fixture(scope="module")

@@ -31,7 +31,7 @@ def disagreements(
             valid = experiment.valid[frames]
             if valid.any():
                 distance = np.linalg.norm(predicted[frames] - experiment.measured[frames], axis=-1)[valid]
-                found.append(_disagreement(number, interval, distance, experiment.sensor.size[frames][valid]))
+                found.append(_disagreement(number, interval, distance, experiment.sensor[frames][valid]))
     return tuple(found)
 
 

@@ -25,7 +25,7 @@ from physreal_core.fitting.rollouts import Rollouts, roll_out_together
 from physreal_core.gap.interactions.discretisation import UNCHANGED, Discretisation, DiscretisedProblem
 from physreal_core.gap.interactions.interaction import EffectValues, Placement, Trial
 from physreal_core.gap.interactions.tracks import SeenTracks
-from physreal_core.gap.noise.sensor import Sensor
+from physreal_core.gap.noise.neighbours import SeenNoise
 from physreal_core.rendering import carry_points
 from physreal_core.simulation import SimulationConfig, Simulator, States
 from physreal_core.simulation.simulator import one_torch_thread
@@ -78,11 +78,11 @@ class Experiment:
         device: of the simulator.
         placement: where the object lies; None where it lies as in the first interaction. Effects of a trial that belong
             to a place or a direction in the body are moved along.
-        sensor: of the problem's tracks; learnt from them by default.
+        noise: of the problem's tracks, each of which then counts as it is; learnt from them by default (`tracks.SeenTracks`).
 
     Attributes:
-        problem: as given, with tracks that stand for all (`tracks.spread_tracks`).
-        measured, valid, sensor, config, setting, hand_modes: as of `Interaction`. Frame 0 is never valid, for the model starts
+        problem: as given, with tracks that stand for all.
+        measured, valid, sensor, sigma, correlation, config, setting, hand_modes: as of `Interaction`. Frame 0 is never valid, for the model starts
             there.
 
     Raises:
@@ -95,17 +95,18 @@ class Experiment:
         model: Model,
         device: str = "cpu",
         placement: Placement | None = None,
-        sensor: Sensor | None = None,
+        noise: SeenNoise | None = None,
     ) -> None:
         problem = problem.held_within(model.grip_reach)
         known = np.zeros((2, 0), bool) if problem.tracks is None else problem.tracks.valid3d[: problem.observed].numpy()
         require_tracks(known, "gap.Experiment")
-        seen = SeenTracks.of(problem, sensor)
+        seen = SeenTracks.of(problem) if noise is None else SeenTracks.all(problem, noise)
         problem = dataclasses.replace(problem, tracks=problem.tracks.of(seen.kept))
         self.problem, self.model, self.device, self.placement = problem, model, device, placement
-        self.sensor = seen.sensor
         self.valid: Bool[Array, "frames tracks"] = seen.valid & (np.arange(len(seen.valid)) > 0)[:, None]
         self.measured = np.where(self.valid[..., None], seen.points, 0.0)
+        self.sigma, self.sensor = (np.where(self.valid, own, 1.0) for own in (seen.noise.sigma, seen.noise.sensor))
+        self.correlation = seen.noise.correlation
         self._rollouts = Rollouts(problem, model)  # on the CPU, for inputs are many and small
         self.config, self.setting = self._config_with(()), self._rollouts.setting
         known = problem.hand_modes
@@ -185,8 +186,9 @@ class Experiment:
             return None
         coarse = coarsened(problem, factor)
         held = held_share(problem, coarse)
+        noise = SeenNoise(self.sensor, self.correlation, self.sigma)
         scales = {"grip_stiffness": held, "grip_damping": held}
-        return Experiment(coarse, self.model, self.device, self.placement, self.sensor), scales
+        return Experiment(coarse, self.model, self.device, self.placement, noise), scales
 
     # --- rollouts -----------------------------------------------------------------------------------------------
 

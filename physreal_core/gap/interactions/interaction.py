@@ -10,7 +10,6 @@ from physreal_core.array_types import Array, Bool, Float, Tensor
 from physreal_core.effects import Setting
 from physreal_core.fitting.model import Model
 from physreal_core.gap.interactions.discretisation import Discretisation
-from physreal_core.gap.noise.sensor import Sensor
 from physreal_core.simulation import SimulationConfig, States
 
 EffectValues = dict[str, dict[str, float]]
@@ -53,7 +52,9 @@ class Interaction(Protocol):
     Attributes:
         measured: tracked points [m], shape [T, J, 3], zero where not valid.
         valid: entries with a measurement, shape [T, J].
-        sensor: its noise in every frame.
+        sensor: standard deviation of the sensor along each axis [m], shape [T, J].
+        sigma: with which a measurement counts [m], shape [T, J].
+        correlation: of the sensor's noise from one frame to the next.
         points0: the tracked points at frame 0 [m], shape [J, 3].
         frames: number of frames of the whole interval.
         train: number of leading frames that a fit may see; the others are held out.
@@ -67,7 +68,9 @@ class Interaction(Protocol):
 
     measured: Float[Array, "frames tracks 3"]
     valid: Bool[Array, "frames tracks"]
-    sensor: Sensor
+    sensor: Float[Array, "frames tracks"]
+    sigma: Float[Array, "frames tracks"]
+    correlation: float
     model: Model
     config: SimulationConfig
     setting: Setting

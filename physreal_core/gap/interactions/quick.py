@@ -30,7 +30,7 @@ class QuickInteraction:
         trial: the anchor.
 
     Attributes:
-        measured, valid, sensor, model, config, setting, device, placement: as of `Interaction`, those of `full`.
+        measured, valid, sensor, sigma, correlation, model, config, setting, device, placement: as of `Interaction`, those of `full`.
     """
 
     def __init__(
@@ -42,7 +42,8 @@ class QuickInteraction:
         trial: Trial,
     ) -> None:
         self.full, self._coarse, self._scales = full, coarse, scales
-        self.measured, self.valid, self.sensor = full.measured, full.valid, full.sensor
+        self.measured, self.valid = full.measured, full.valid
+        self.sensor, self.sigma, self.correlation = full.sensor, full.sigma, full.correlation
         self.model, self.config, self.setting = full.model, full.config, full.setting
         self.device, self.placement = full.device, full.placement
         here = coarse.predict([scaled(trial, scales)], len(anchor))[0]

@@ -1,4 +1,4 @@
-"""The tracks of an interaction that the search compares with, and the noise of their sensor."""
+"""The tracks of an interaction that the search compares with, and their noise."""
 
 from __future__ import annotations
 
@@ -7,9 +7,8 @@ from dataclasses import dataclass
 import numpy as np
 
 from physreal_core.array_types import Array, Bool, Float, Int
-from physreal_core.fitting.problem import Problem
-from physreal_core.gap.noise.neighbours import learnt_sensor, trusted
-from physreal_core.gap.noise.sensor import Sensor
+from physreal_core.fitting.problem import Problem, TrackObservations
+from physreal_core.gap.noise.neighbours import SeenNoise, learnt_noise, trusted
 from physreal_core.geometry import farthest_points
 
 LARGEST = 150
@@ -41,45 +40,36 @@ class SeenTracks:
         kept: their numbers.
         points: measured positions [m], those of frame 0 where nothing was measured.
         valid: entries with a measured position that has not slipped off the body.
-        sensor: its noise, learnt from the observed frames; of tracks that a camera saw across and along its line of sight.
+        noise: of these positions, learnt from the observed frames; anything where not valid.
     """
 
     kept: Int[Array, " tracks"]
     points: Float[Array, "frames tracks 3"]
     valid: Bool[Array, "frames tracks"]
-    sensor: Sensor
+    noise: SeenNoise
 
     @classmethod
-    def of(cls, problem: Problem, sensor: Sensor | None = None) -> SeenTracks:
-        """Those of a problem that has tracks.
+    def of(cls, problem: Problem) -> SeenTracks:
+        """Those of a problem that has tracks."""
+        points0, points, valid = _measured(problem.tracks)
+        stated = np.where(valid, problem.tracks.sigma3d.double().numpy(), 1.0)
+        valid = trusted(points0, points, valid, stated)
+        may_see = valid & (np.arange(len(valid)) < problem.observed)[:, None]
+        kept = spread_tracks(points0, may_see)
+        noise = learnt_noise(points0[kept], points[:, kept], may_see[:, kept], stated[:, kept])
+        return cls(kept, points[:, kept], valid[:, kept], noise)
 
-        Args:
-            problem: gives the tracks and, where there is one, the camera.
-            sensor: of all tracks, if its noise is known.
-        """
-        tracks, known = problem.tracks, slice(1, problem.observed)
-        points0, points = tracks.points0.double().numpy(), tracks.points3d.double().numpy()
-        valid = tracks.valid3d.numpy() & np.isfinite(points).all(-1)
-        points = np.where(valid[..., None], points, points0)
-        stated = np.where(valid, tracks.sigma3d.double().numpy(), 1.0)
-        by_camera = problem.camera is not None and tracks.points2d is not None
-        axes = sight_axes(points, problem.camera.T_world_camera.detach().cpu().numpy()) if by_camera else None
-        valid = trusted(points0, points, valid, stated, axes)
-        kept = spread_tracks(points0, valid[known])
-        points, valid, stated = points[:, kept], valid[:, kept], stated[:, kept]
-        if sensor is None:
-            axes = None if axes is None else axes[:, kept]
-            found = learnt_sensor(points0[kept], points, valid, stated, axes, problem.observed)
-        else:
-            found = sensor.of(kept)
-        return cls(kept, points, valid, found)
+    @classmethod
+    def all(cls, problem: Problem, noise: SeenNoise) -> SeenTracks:
+        """All of a problem's tracks, as they are, with noise that is known."""
+        points0, points, valid = _measured(problem.tracks)
+        return cls(np.arange(len(points0)), points, valid, noise)
 
 
-def sight_axes(points: Float[Array, "*entries 3"], T_world_camera: Float[Array, "4 4"]) -> Float[Array, "*entries 3 3"]:
-    """Axes at each point as rows: two across the camera's line of sight, the first near the image's rows, and the line itself."""
-    along = points - T_world_camera[:3, 3]
-    along = along / np.linalg.norm(along, axis=-1, keepdims=True)
-    row = T_world_camera[:3, 0]
-    across = row - (along @ row)[..., None] * along
-    across = across / np.linalg.norm(across, axis=-1, keepdims=True)
-    return np.stack([across, np.cross(along, across), along], axis=-2)
+def _measured(
+    tracks: TrackObservations,
+) -> tuple[Float[Array, "tracks 3"], Float[Array, "frames tracks 3"], Bool[Array, "frames tracks"]]:
+    """Where tracks are at frame 0 and in every frame [m], and the entries that were measured."""
+    points0, points = tracks.points0.double().numpy(), tracks.points3d.double().numpy()
+    valid = tracks.valid3d.numpy() & np.isfinite(points).all(-1)
+    return points0, np.where(valid[..., None], points, points0), valid

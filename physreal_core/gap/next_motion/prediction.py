@@ -67,8 +67,8 @@ class Prediction:
     def noise(self, reruns: Float[Array, "modes frames tracks 3"]) -> Noise:
         """The noise model of the recording around the first member, with these estimates of the numerical error [m]."""
         own = self.experiment
-        known = own.sensor, own.valid, own.points0, self.tracks[0], reruns, self._sensitivity
-        return Noise(*known, own.setting.fps, self._error, own.device)
+        known = own.sigma, own.valid, own.points0, self.tracks[0], reruns, self._sensitivity
+        return Noise(*known, own.setting.fps, self._error, own.device, own.correlation)
 
     def freedom(self, noise: Noise) -> Float[Array, "entries columns"]:
         """Whitened changes of the tracks by each member's posterior, weighted by its probability."""

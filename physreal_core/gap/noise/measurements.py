@@ -140,9 +140,11 @@ class Measurements:
         if not valid.any():
             return None
         fields = (own.motion[:end], own.reruns[:, :end], own.start_sensitivity[:, :end])
-        error, given = self.settings.model_error.times(size), own.given[:, :end]
-        known = experiment.sensor, valid, experiment.points0
-        return Noise(*known, *fields, experiment.setting.fps, error, experiment.device, given)
+        sigma, error = experiment.sigma[:end], self.settings.model_error.times(size)
+        known = (experiment.correlation, own.given[:, :end])
+        return Noise(
+            sigma, valid, experiment.points0, *fields, experiment.setting.fps, error, experiment.device, *known
+        )
 
 
 def possible_laws(experiment: Interaction, settings: GapSettings) -> tuple[str, ...]:

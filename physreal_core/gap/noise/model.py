@@ -20,7 +20,7 @@ import numpy as np
 import torch
 
 from physreal_core.array_types import Array, Bool, Float, Tensor
-from physreal_core.gap.noise.sensor import Sensor, SensorNoise
+from physreal_core.gap.noise.sensor import SensorNoise
 
 
 @dataclass(frozen=True)
@@ -56,7 +56,7 @@ class Noise:
     """The noise model of one interaction over its first frames; it whitens residuals.
 
     Args:
-        sensor: over at least the frames of `valid`.
+        sigma: standard deviation of the sensor [m], shape [T, J].
         valid: entries that count, shape [T, J].
         points0: tracked points at frame 0 [m], shape [J, 3].
         motion: where the model takes them [m], shape [T, J, 3].
@@ -65,6 +65,7 @@ class Noise:
         fps: frames per second.
         error: of the model.
         device: where products with the modes run: thousands of entries by hundreds of modes.
+        correlation: of the sensor's noise from one frame to the next.
         given: what errors of the given records change [m], one standard deviation each, shape [G, T, J, 3]; None: nothing.
 
     Attributes:
@@ -74,7 +75,7 @@ class Noise:
 
     def __init__(
         self,
-        sensor: Sensor,
+        sigma: Float[Array, "frames tracks"],
         valid: Bool[Array, "frames tracks"],
         points0: Float[Array, "tracks 3"],
         motion: Float[Array, "frames tracks 3"],
@@ -83,10 +84,11 @@ class Noise:
         fps: float,
         error: ModelError,
         device: str = "cpu",
+        correlation: float = 0.0,
         given: Float[Array, "records frames tracks 3"] | None = None,
     ) -> None:
         self.valid, self.frames = valid, len(valid)
-        self.sensor = SensorNoise(sensor, valid)
+        self.sensor = SensorNoise(sigma, valid, correlation)
         given = np.zeros((0, *motion.shape)) if given is None else given
         self._parts = points0, motion, reruns, start_sensitivity, given, fps, error
         # Of hundreds of megabytes, and sooner made again than read: no checkpoint.

@@ -31,7 +31,7 @@ def locate(
     comparison = Comparison(
         simulated=simulated,
         measured=experiment.measured[:frames],
-        sigma=experiment.sensor.size[:frames],
+        sigma=experiment.sigma[:frames],
         valid=noise.valid,
         fps=setting.fps,
         modes=noise.modes(),

@@ -76,7 +76,7 @@ class FitPatches(StageParameters):
     linear: PatchRope = Field(PatchRope(), description="a rope's, in place of youngs_modulus and poissons_ratio")
     losses: Losses = Field(Losses(), description="")
     masks: Masks = Field(Masks(), description="")
-    descent: Descent = Field(Descent(iterations=14, every_term=True, slack=0.02), description="")
+    descent: Descent = Field(Descent(iterations=60, every_term=True, slack=0.02), description="")
     device: Device = device_field()
 
     def variables(self, geometry: str) -> dict[str, Variable]:

@@ -101,13 +101,22 @@ def depth_at(depth: Float[Array, "H W"], points: Float[Array, "J 2"], max_edge: 
 def strays(
     world: Float[Array, "T J 3"], valid: Bool[Array, "T J"], max_stray: float, neighbours: int
 ) -> Bool[Array, "T J"]:
-    """Points whose displacement since frame 0 is unlike their frame-0 neighbours': occluded, lost or misread depth."""
+    """Points whose displacement since frame 0 is unlike that of the nearest ones that are seen too: occluded, lost or misread depth."""
     from scipy.spatial import cKDTree
 
     out = np.zeros_like(valid)
-    start = np.flatnonzero(valid[0])
-    if len(start) < 4:
-        return out
+    for t in range(1, len(world)):
+        both = np.flatnonzero(valid[0] & valid[t])
+        if len(both) < 4:
+            continue
+        start = world[0, both]
+        _, near = cKDTree(start).query(start, k=min(neighbours + 1, len(both)))
+        moved = world[t, both] - start
+        around = moved[near[:, 1:]]
+        middle = np.median(around, axis=1)
+        spread = np.median(np.linalg.norm(around - middle[:, None], axis=-1), axis=1)
+        out[t, both] = np.linalg.norm(moved - middle, axis=-1) > max_stray + 2.0 * spread
+    return out
     near = cKDTree(world[0, start]).query(world[0, start], k=min(neighbours + 1, len(start)))[1][:, 1:]
     for t in range(1, len(world)):
         moved = np.where(valid[t, start, None], world[t, start] - world[0, start], np.nan)

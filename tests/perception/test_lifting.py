@@ -66,3 +66,16 @@ def test_a_depth_unlike_the_neighbours_is_dropped():
     lifted = lift_tracks(points, np.ones(points.shape[:2], bool), depth, K, T_WORLD_CAMERA)
     assert not lifted.valid[1, 7]
     assert lifted.valid[[0, 2]].all() and lifted.valid[1].sum() >= len(grid) - 9
+
+
+def test_a_reading_of_another_thing_is_dropped_where_its_neighbours_are_not_seen():
+    """The nearest tracks that are seen judge it, however far away."""
+    scene = film(2)
+    grid = np.array([[u, v] for u in range(48, 70, 4) for v in range(35, 55, 4)], float)
+    points = grid[None] + scene.motion[:, None]
+    depth, visible = scene.depth.copy(), np.ones(points.shape[:2], bool)
+    u, v = np.rint(points[1, 7]).astype(int)
+    depth[1, v - 1 : v + 2, u - 1 : u + 2] = HAND
+    visible[1, np.argsort(np.linalg.norm(grid - grid[7], axis=1))[1:14]] = False
+    lifted = lift_tracks(points, visible, depth, K, T_WORLD_CAMERA)
+    assert not lifted.valid[1, 7] and lifted.valid[1].sum() >= visible[1].sum() - 5

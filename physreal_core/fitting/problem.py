@@ -39,7 +39,7 @@ class TrackObservations:
         """The same on another device."""
         return _moved(self, device)
 
-    def of(self, tracks: Int[Array, " kept"]) -> TrackObservations:
+    def only(self, tracks: Int[Array, " kept"]) -> TrackObservations:
         """Some of the tracks."""
         seen = {name: getattr(self, name) for name in ("points2d", "visible")}
         return dataclasses.replace(

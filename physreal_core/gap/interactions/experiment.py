@@ -101,7 +101,7 @@ class Experiment:
         known = np.zeros((2, 0), bool) if problem.tracks is None else problem.tracks.valid3d[: problem.observed].numpy()
         require_tracks(known, "gap.Experiment")
         seen = SeenTracks.of(problem) if noise is None else SeenTracks.all(problem, noise)
-        problem = dataclasses.replace(problem, tracks=problem.tracks.of(seen.kept))
+        problem = dataclasses.replace(problem, tracks=problem.tracks.only(seen.kept))
         self.problem, self.model, self.device, self.placement = problem, model, device, placement
         self.valid: Bool[Array, "frames tracks"] = seen.valid & (np.arange(len(seen.valid)) > 0)[:, None]
         self.measured = np.where(self.valid[..., None], seen.points, 0.0)

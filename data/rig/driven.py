@@ -40,6 +40,15 @@ class Driven:
             soften(self.world, scene.soft_part.left)
         mujoco.mj_setConst(self.world.model, self.world.data)
         come_to_rest(self.world, lambda time: self._step(), numerics["settle"], CALM)
+        self._rest = self._state()
+        self.moved = self._before = np.zeros(3)
+
+    def begin_anew(self) -> None:
+        """Back to frame 0."""
+        import mujoco
+
+        self.world.hold_at(np.zeros(3))
+        mujoco.mj_setState(self.world.model, self.world.data, self._rest, mujoco.mjtState.mjSTATE_INTEGRATION)
         self.moved = self._before = np.zeros(3)
 
     @property
@@ -71,6 +80,14 @@ class Driven:
             raise RuntimeError(f"{self.world.scene.name} turned non-finite")
         self._before, self.moved = path[-3], path[-2]
         return np.stack(seen)
+
+    def _state(self) -> Float[Array, " S"]:
+        import mujoco
+
+        kind = mujoco.mjtState.mjSTATE_INTEGRATION
+        state = np.zeros(mujoco.mj_stateSize(self.world.model, kind))
+        mujoco.mj_getState(self.world.model, self.world.data, state, kind)
+        return state
 
     def _step(self) -> None:
         import mujoco

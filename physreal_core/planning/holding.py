@@ -17,6 +17,7 @@ from physreal_core.fitting.rollouts import Fields
 from physreal_core.planning.path import Grasps
 from physreal_core.playing import Handle
 from physreal_core.simulation import Grip
+from physreal_core.simulation.pieces import require_thickness
 
 GRAVITY = 9.81
 
@@ -76,13 +77,18 @@ def grasps_at(
 def quick_form(problem: Problem, model: Model, factor: float) -> tuple[Problem, float] | None:
     """The problem with particles `factor` times as far apart, and what stiffness and damping of its grip have to be multiplied with.
 
-    None where there is no such form: of a thin body, and of one that is fastened, pushed, or taken later than in frame 0.
+    None where there is no such form: of a thin body, of one that would be a particle thick, and of one that is fastened, pushed, or taken later
+    than in frame 0.
     """
     fastened = problem.clamps or problem.loads or problem.tool is not None
     if problem.body.elements is not None or fastened or not (problem.grip and problem.grip.steady):
         return None
     held = problem.held_within(model.grip_reach)
     coarse = coarsened(held, factor)
+    try:
+        require_thickness(coarse.body.x0, coarse.body.volume, coarse.body.spacing, where="quick_form")
+    except InputError:
+        return None
     return coarse, held_share(held, coarse)
 
 

@@ -101,6 +101,10 @@ def test_the_same_seed_gives_the_same_plan(bars):
     assert np.array_equal(plans[0].moved, plans[1].moved) and plans[0].cost == plans[1].cost
 
 
+def test_a_body_of_two_layers_has_no_coarser_form(bars):
+    assert quick_form(*bars[:2], 2.0) is None
+
+
 def test_a_coarser_body_is_searched_on_and_corrected():
     problem, model, grasps = finer()
     coarse, share = quick_form(problem, model, 2.0)

@@ -36,3 +36,5 @@ def test_led_in_two_parts_it_goes_where_the_scene_goes():
     assert np.abs(seen - true.vertices[1:]).max() < 1e-3
     assert np.abs(true.vertices[-1] - true.vertices[0]).max() > 0.02
     assert np.allclose(driven.moved, path[-2])
+    driven.begin_anew()
+    assert np.array_equal(driven.advance(path[:5]), seen[:4])

@@ -137,6 +137,7 @@ def _parser() -> argparse.ArgumentParser:
     command.add_argument("--rounds", type=int, help="of the search; default: 6")
     command.add_argument("--seed", type=int, default=0, help="of the search and of the models; default: 0")
     command.add_argument("--device", default="cpu", help="of the simulator: cpu or cuda:0")
+    command.add_argument("--record", action="store_true", help="a video of what the fitted model does beside the plan")
     command.add_argument("--to", type=Path, metavar="FOLDER", help="default: data/planned/SEQUENCE/GOAL")
     command.set_defaults(command=_plan)
 

@@ -9,7 +9,8 @@ from dataclasses import replace
 import numpy as np
 
 from applications.plan.goals import read_goal
-from applications.plan.written import table, write_plan
+from applications.plan.written import states_of, table, write_plan
+from applications.play.film import film
 from applications.twin import Twin
 from physreal_core.array_types import Array, Float
 from physreal_core.errors import InputError
@@ -59,6 +60,8 @@ def plan(parsed: argparse.Namespace) -> None:
     draft.mkdir(parents=True)
     try:
         write_plan(draft, twin, planner, found, parsed.goal)
+        if parsed.record:
+            film(twin, iter(states_of(planner, found)), draft / "plan.mp4", planner.forecast.fps)
         draft.rename(folder)
     finally:
         shutil.rmtree(draft, ignore_errors=True)

@@ -76,8 +76,7 @@ def _mask(path: Path, twin: Twin, spread: Array) -> tuple[Goal, Array]:
             where=str(path),
             expected="points or a shape for a motion capture",
         )
-    image = read_image(path)
-    mask = image.reshape(*image.shape[:2], -1).max(2) > 127
+    mask = np.asarray(read_image(path, remedy="give a mask in the size of the filmed pictures").convert("L")) > 127
     return Silhouette(mask, twin.camera, spread), spread
 
 

@@ -3,13 +3,17 @@
 from __future__ import annotations
 
 import json
+from dataclasses import replace
 from pathlib import Path
 
 import numpy as np
+import torch
 
+from applications.play.pulls import STATES
 from applications.twin import Twin
 from physreal_core.geometry.mesh import save_mesh
 from physreal_core.planning import Plan, Planner, PointsToPlaces
+from physreal_core.simulation.play import FrameState
 from pipeline.products.controllers import Controllers
 from pipeline.products.given_tracks import GivenTracks3d
 from pipeline.whole_files import write_whole
@@ -21,13 +25,15 @@ _SIGMA = 1e-4
 
 
 def write_plan(folder: Path, twin: Twin, planner: Planner, plan: Plan, goal: Path) -> None:
-    """capture.json, controllers.npz, tracks3d.npz, shape_prior.glb and plan.json."""
+    """capture.json, controllers.npz, tracks3d.npz, shape_prior.glb, states.npz and plan.json."""
     frames = len(plan.moved)
     tracks = plan.points.astype(np.float32)
     sigma = np.full(tracks.shape[:2], _SIGMA, np.float32)
     GivenTracks3d(tracks, np.ones(tracks.shape[:2], bool), sigma).save(folder)
     Controllers(plan.controllers.numpy().astype(np.float32)).save(folder)
     save_mesh(folder / "shape_prior.glb", twin.mesh)
+    x = np.stack([state.x.numpy() for state in states_of(planner, plan)])
+    np.savez_compressed(folder / STATES, frame=np.arange(frames), x=x)
     observed = max(2, round(0.7 * frames))
     described = {
         "kind": "tracks",
@@ -43,6 +49,16 @@ def write_plan(folder: Path, twin: Twin, planner: Planner, plan: Plan, goal: Pat
     record = {"sequence": twin.sequence, "model": twin.stage, "goal": str(goal), **told(planner, plan)}
     record["hand"] = plan.moved.tolist()
     write_whole(folder / PLAN, json.dumps(record, indent=1) + "\n")
+
+
+def states_of(planner: Planner, plan: Plan) -> list[FrameState]:
+    """What the fitted model does under the plan, frame by frame."""
+    rollouts = planner.forecast.rollouts
+    with torch.no_grad():
+        inputs = rollouts.inputs(planner.forecast.members[0])
+        way = plan.controllers.to(rollouts.device, rollouts.dtype)
+        moved = rollouts.simulate(replace(inputs, controllers=way), len(way))
+    return [FrameState(x.cpu(), v.cpu(), F.cpu()) for x, v, F in zip(moved.x, moved.v, moved.F, strict=True)]
 
 
 def told(planner: Planner, plan: Plan) -> dict[str, float | int | list[float]]:

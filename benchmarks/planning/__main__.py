@@ -179,3 +179,7 @@ def row(
         "weights": done.plans[-1].weights.tolist(),
         "threads": int(os.environ.get("OMP_NUM_THREADS", os.cpu_count() or 1)),
     }
+
+
+if __name__ == "__main__":
+    main()

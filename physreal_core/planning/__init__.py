@@ -14,8 +14,7 @@ from physreal_core.planning.holding import grasps_at, grasps_of, quick_form, wit
 from physreal_core.planning.path import Bounds, Grasps, Way
 from physreal_core.planning.planner import Plan, PlanConfig, Planner
 from physreal_core.planning.predictive import Execution, Executor, execute
-from physreal_core.planning.refine import Refined, refine
-from physreal_core.planning.search import Found, SearchConfig, search
+from physreal_core.planning.search import SearchConfig
 
 __all__ = [
     "Bounds",
@@ -23,13 +22,11 @@ __all__ = [
     "Execution",
     "Executor",
     "Forecast",
-    "Found",
     "Grasps",
     "Plan",
     "PlanConfig",
     "Planner",
     "PointsToPlaces",
-    "Refined",
     "SearchConfig",
     "Seen",
     "Silhouette",
@@ -41,8 +38,6 @@ __all__ = [
     "grasps_of",
     "members",
     "quick_form",
-    "refine",
-    "search",
     "spread_of",
     "with_grip",
 ]

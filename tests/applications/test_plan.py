@@ -36,7 +36,7 @@ def run(project, monkeypatch, *arguments: str) -> int:
 
 def test_a_plan_brings_the_body_nearer_and_is_a_capture(project, twin, goal, monkeypatch, tmp_path, capsys):
     folder = tmp_path / "planned"
-    assert run(project, monkeypatch, "--goal", str(goal), "--to", str(folder), *SHORT) == 0
+    assert run(project, monkeypatch, "--goal", str(goal), "--to", str(folder), "--record", *SHORT) == 0
     record, printed = json.loads((folder / "plan.json").read_text()), capsys.readouterr().out
     assert record["distance_before"] == pytest.approx(np.linalg.norm(WAY), rel=1e-3)
     assert max(record["distance"]) < 0.5 * record["distance_before"] and len(record["distance"]) == 2
@@ -47,7 +47,11 @@ def test_a_plan_brings_the_body_nearer_and_is_a_capture(project, twin, goal, mon
     assert np.allclose(hand - hand[:1], np.array(record["hand"])[:, [0]], atol=1e-6)
     reached = np.linalg.norm(tracks[-5:, -8:].mean(0) - twin.mesh.vertices[:8] - WAY, axis=1)
     assert reached.max() == pytest.approx(record["farthest_point"], abs=1e-5)
-    _, found = examine(folder, "fits")
+    with np.load(folder / "states.npz") as states:
+        assert states["x"].shape == (19, len(twin.problem.body.x0), 3)
+        assert np.allclose(states["x"][0], twin.problem.body.x0, atol=1e-6)
+    assert (folder / "plan.mp4").stat().st_size > 1000
+    _, found = examine(folder)
     assert not found.faults
 
 

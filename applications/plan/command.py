@@ -47,6 +47,9 @@ def plan(parsed: argparse.Namespace) -> None:
     Raises:
         InputError: as of `Twin.load` and `read_goal`; the folder is there already, or bounds and grasps do not fit.
     """
+    _require(parsed.models >= 1, f"{parsed.models} models", "--models", "one at least")
+    _require(parsed.seconds > 2 * REST, f"{parsed.seconds:g} s", "--seconds", f"more than {2 * REST:g} s")
+    _require(parsed.rounds is None or parsed.rounds >= 1, f"{parsed.rounds} rounds", "--rounds", "one at least")
     project = Project.find()
     folder = parsed.to or project.root / "data" / "planned" / parsed.sequence / parsed.goal.stem
     if folder.exists():
@@ -54,6 +57,9 @@ def plan(parsed: argparse.Namespace) -> None:
     twin = Twin.load(project, parsed.sequence, parsed.model or FIT_STAGES[-1])
     goal, points0 = read_goal(parsed.goal, twin)
     planner = planner_of(parsed, twin, Cost(goal, quantile=parsed.quantile), points0)
+    print(
+        f"planning for {len(points0)} points by {len(planner.forecast.members)} models; this takes minutes", flush=True
+    )
     found = planner.plan()
     draft = folder.with_name(f".{folder.name}.partial")
     shutil.rmtree(draft, ignore_errors=True)
@@ -67,6 +73,11 @@ def plan(parsed: argparse.Namespace) -> None:
         shutil.rmtree(draft, ignore_errors=True)
     print(table(planner, found))
     print(f"wrote {folder}")
+
+
+def _require(holds: bool, found: str, option: str, expected: str) -> None:
+    if not holds:
+        raise InputError(found, where=f"physreal plan {option}", expected=expected)
 
 
 def planner_of(parsed: argparse.Namespace, twin: Twin, cost: Cost, points0: Float[Array, "points 3"]) -> Planner:
@@ -89,11 +100,11 @@ def planner_of(parsed: argparse.Namespace, twin: Twin, cost: Cost, points0: Floa
     config = PlanConfig(round(parsed.seconds * forecast.fps), rest, search=SearchConfig(seed=parsed.seed))
     if parsed.rounds is not None:
         config = replace(config, search=replace(config.search, rounds=parsed.rounds))
-    return Planner(forecast, cost, grasps, _bounds(parsed, grasps.centres, twin), config, quick)
+    return Planner(forecast, cost, grasps, _bounds(parsed, grasps.centres), config, quick)
 
 
-def _bounds(parsed: argparse.Namespace, centres: Float[Array, "grasps 3"], twin: Twin) -> Bounds:
-    """As given, or around the hand, and never below where it begins or the floor."""
+def _bounds(parsed: argparse.Namespace, centres: Float[Array, "grasps 3"]) -> Bounds:
+    """As given, or around where the hands begin, and not below."""
     if parsed.bounds is not None:
         lower, upper = parsed.bounds[:3], parsed.bounds[3:]
         outside = ((centres < lower) | (centres > upper)).any(1)

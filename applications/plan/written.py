@@ -62,7 +62,7 @@ def states_of(planner: Planner, plan: Plan) -> list[FrameState]:
 
 
 def told(planner: Planner, plan: Plan) -> dict[str, float | int | list[float]]:
-    """What the models say of the plan: lengths in m, as means over the last frames; one number a model."""
+    """What the models say of the plan: lengths in m; root mean square distances over points and last frames, one number a model."""
     cost = planner.cost
     own = planner.forecast(plan.controllers[None], cost.settled).points[0]
     reached = cost.goal(own).clamp_min(0.0).mean(-1).sqrt()
@@ -86,7 +86,7 @@ def table(planner: Planner, plan: Plan) -> str:
     found = told(planner, plan)
     distance = 1e3 * np.array(found["distance"])
     rows = [
-        ("distance from the goal in frame 0 [mm]", f"{1e3 * found['distance_before']:.1f}"),
+        ("rms distance from the goal in frame 0 [mm]", f"{1e3 * found['distance_before']:.1f}"),
         ("at the end, by the fitted model [mm]", f"{distance[0]:.1f}"),
         ("at the end, by the least favourable model [mm]", f"{distance.max():.1f}"),
         *(

@@ -182,6 +182,14 @@ class Cost:
     UNIT: ClassVar[float] = 1e-4
     """Mean squared distance that costs 1 [m2]."""
 
+    def __post_init__(self) -> None:
+        if self.settled < 1 or not (self.quantile is None or 0.0 <= self.quantile <= 1.0):
+            raise InputError(
+                f"{self.settled} frames, quantile {self.quantile}",
+                where="planning.Cost",
+                expected="a frame at least, and a quantile from 0 to 1",
+            )
+
     def of_body(
         self, points: Float[Tensor, "*ways models frames points 3"], weights: Float[Tensor, " models"]
     ) -> Float[Tensor, "*ways"]:

@@ -145,8 +145,8 @@ class Way:
     def from_modes(self, modes: Float[Tensor, "*ways knots grasps 3"]) -> Float[Tensor, "*ways knots grasps 3"]:
         """Sizes of the modes [m] to how far they take the knots [m].
 
-        The first goes straight to the way's end. The others are its detours, sines that vanish at both ends, each smaller by its number:
-        so a Brownian way is expanded (Levy's construction by sines). Numbers of one size are then ways that go somewhere.
+        The first goes straight to the way's end. The others are its detours, sines that vanish at both ends, each smaller by its number, as in the
+        Karhunen-Loeve expansion of a Brownian bridge. So modes that are drawn alike are a way that goes somewhere.
         """
         return torch.einsum("km,...mgc->...kgc", torch.from_numpy(self._modes).to(modes), modes)
 

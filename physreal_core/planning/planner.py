@@ -124,8 +124,8 @@ class Planner:
     """Plans for one body, one cost and one hand.
 
     A quick forecast is searched and refined on. Where it has the points in the last frames of a plan is corrected by where the other
-    forecast has them at the best plan so far, so that the two agree there (Kennedy and O'Hagan 2000 call such a pair of codes
-    multi-fidelity; Alexandrov et al. 2001 correct as here, to order zero).
+    forecast has them at the best plan so far, so that the two agree there: an additive correction of order zero, as optimisation with models
+    of variable fidelity knows it.
 
     Args:
         forecast: where the followed points come to be.

@@ -39,7 +39,7 @@ class Execution:
         begun: the frame in which each was.
         moved: how far each grasp has moved since frame 0 [m].
         seen: where the followed points were seen [m]; in frame 0 where they were given.
-        planned: where the plan that was followed had them before it was begun [m].
+        planned: where the plan that was followed at the time had them [m].
     """
 
     plans: tuple[Plan, ...]

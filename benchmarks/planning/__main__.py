@@ -13,6 +13,7 @@ import argparse
 import json
 import os
 import time
+from collections.abc import Iterator
 from pathlib import Path
 from typing import Any
 
@@ -89,14 +90,18 @@ def main() -> None:
     rows.mkdir(parents=True, exist_ok=True)
     for case in arguments.cases:
         file = rows / f"{case.replace(':', '-')}.json"
-        if not file.is_file():
-            file.write_text(json.dumps(measured(case, arguments), indent=1) + "\n")
-            print(file.read_text())
+        if file.is_file():
+            continue
+        found = []
+        for row in measured(case, arguments):
+            found.append(row)
+            file.write_text(json.dumps(found, indent=1) + "\n")
+            print(json.dumps(row, indent=1), flush=True)
     write_page([row for file in sorted(rows.glob("*.json")) for row in json.loads(file.read_text())])
 
 
-def measured(case: str, arguments: argparse.Namespace) -> list[dict[str, Any]]:
-    """One row for the plan that is followed to its end, and one for plans that are made anew."""
+def measured(case: str, arguments: argparse.Namespace) -> Iterator[dict[str, Any]]:
+    """A row for the plan that is followed to its end, then one for plans that are made anew."""
     body, goal, kind = case.split(":")
     setting, goal = SETTINGS[body], goal.replace("_", " ")
     scene = setting.scene()
@@ -110,13 +115,11 @@ def measured(case: str, arguments: argparse.Namespace) -> list[dict[str, Any]]:
     followed = there.surface[farthest_points(there.start[there.surface], min(FOLLOWED, len(there.surface)))]
     planner = planner_of(setting, problem, model, there, followed, told(kind, small_view(scene), there, followed))
     first = planner.plan()
-    found = []
     for every in (None, EVERY):
         begun, rig = time.perf_counter(), InTheRig(driven, followed)
         done = execute(planner, rig, every, first)
         seconds = time.perf_counter() - begun
-        found.append(row(case, done, np.concatenate(rig.nodes), there, planner, seconds) | {"every": every})
-    return found
+        yield row_of(case, done, np.concatenate(rig.nodes), there, planner, seconds) | {"every": every}
 
 
 def planner_of(
@@ -153,7 +156,7 @@ def mask_of(there: Reached, camera: Camera) -> Bool[Array, "height width"]:
     return hits.triangle.reshape(camera.height, camera.width) >= 0
 
 
-def row(
+def row_of(
     case: str, done: Execution, nodes: Float[Array, "frames nodes 3"], there: Reached, planner: Planner, seconds: float
 ) -> dict[str, Any]:
     """What came of one execution; lengths in m, without the noise of what the planner saw."""

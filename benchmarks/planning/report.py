@@ -45,7 +45,9 @@ def _successes(rows: list[dict[str, Any]]) -> list[str]:
         own = [row["point_error"] for row in rows if bool(row["every"]) is chosen]
         counts = [f"{sum(error < t for error in own)} of {len(own)}" for t in THRESHOLDS]
         lines.append(f"| {words} | {' | '.join(counts)} |")
-    return lines
+    pairs = [(a, b) for a in rows for b in rows if a["case"] == b["case"] and b["every"] and not a["every"]]
+    nearer = sum(b["point_error"] < a["point_error"] for a, b in pairs)
+    return [*lines, "", f"Planning anew came nearer to the goal in {nearer} of {len(pairs)} cases."]
 
 
 _HEAD = [
@@ -53,13 +55,14 @@ _HEAD = [
     "",
     "`python -m benchmarks.planning --work FOLDER --project FOLDER CASE...` plans with a fitted model of ours and executes in the rig's MuJoCo, frame by",
     "frame. A goal is where the rig's body came to be after a hidden way of the same hand, so it can be reached; no plan is told that way. A plan has",
-    "45 frames (1.5 s), the last 10 with the hand at rest. It is made with three models, the fit and two that are drawn from what it leaves open.",
+    "45 frames (1.5 s), the last 10 with the hand at rest. Goal and plan have the same hold, so where the hand ends decides most. A plan is made with",
+    "three models, the fit and two that are drawn from what it leaves open.",
     "",
-    "- **Given to the plush animal's planner:** the model that Stage 2 has fitted to `plush_lift` by RGB-D, in a project after the example; what that fit",
-    "  was given. It has 1862 particles, and the search a body of 220.",
+    "- **Given to the plush animal's planner:** the model that Stage 2 has fitted to `plush_lift` by RGB-D, in a project where the example's stages have run",
+    "  up to `fit_patches` (`--project`); what that fit was given. It has 1862 particles, and the body that is searched on 220.",
     "- **Given to those of rope and cloth:** the true shape in frame 0, thickness and density; Stage 1, fitted to 150 points on the body in the rig's lift,",
     "  with 1 mm of noise and gaps, and to the hand's exact points.",
-    "- **Given to all:** the place in frame 0 of 100 points on the body (68 on a rope's line at most). Where a plan is made anew, their places in every",
+    "- **Given to all:** the place in frame 0 of 100 points on the body, or all 81 nodes of the rope. Where a plan is made anew, their places in every",
     "  frame up to then, with 1 mm of noise along each axis. The goal without noise: places of these points, all nodes of the surface as a shape, or a",
     "  mask of 160 x 120 pixels.",
     "",

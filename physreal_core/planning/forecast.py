@@ -49,6 +49,14 @@ class Forecast:
         members: fields of each model, as of `Model.fields`; by default those of `model` alone.
         points0: material points in frame 0 [m].
         device: of the simulator.
+
+    Attributes:
+        rollouts: of the problem.
+        members, points0: as given.
+        count: rollouts so far.
+
+    Raises:
+        InputError: as of `Rollouts`, or without a model.
     """
 
     def __init__(
@@ -71,7 +79,6 @@ class Forecast:
         with torch.no_grad():
             self._inputs = [self.rollouts.inputs(fields) for fields in self.members]
         self.count = 0
-        """Rollouts so far."""
 
     @property
     def fps(self) -> float:

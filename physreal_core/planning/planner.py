@@ -134,6 +134,9 @@ class Planner:
         bounds: of the hand.
         config: length and search.
         quick: a cheaper forecast of the same points by as many models, as of a coarser body; None: `forecast` itself.
+
+    Raises:
+        InputError: the two forecasts have another number of models.
     """
 
     def __init__(
@@ -146,6 +149,12 @@ class Planner:
         quick: Forecast | None = None,
     ) -> None:
         self.forecast, self.quick = forecast, quick or forecast
+        if len(self.quick.members) != len(forecast.members):
+            raise InputError(
+                f"{len(self.quick.members)} and {len(forecast.members)} models",
+                where="Planner",
+                expected="as many in the quick forecast as in the other",
+            )
         self.cost, self.grasps, self.bounds, self.config = cost, grasps, bounds, config
 
     def plan(

@@ -25,7 +25,7 @@ def small_scene():
 
 
 def test_led_in_two_parts_it_goes_where_the_scene_goes():
-    """Along its own cubics the hand leaves the scene's by a tenth of a millimetre; that it is held ahead makes up for a millisecond."""
+    """Between frames the hand goes along cubics of its own, so the two agree to a millimetre and not to the last bit."""
     scene = small_scene()
     true = simulate(scene, punctual=True)
     driven = Driven(scene)

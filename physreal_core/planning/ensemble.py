@@ -63,13 +63,28 @@ def spread_of(problem: Problem, model: Model, device: str = "cpu") -> Spread:
         InputError: there are no tracks in 3D, or the fitted model cannot be simulated.
     """
     names = tuple(name for name in PRIOR if name in model.fields)
-    rollouts = Rollouts(problem, model, device=device)
-    tracks = rollouts.problem.tracks
-    if tracks is None or not bool(tracks.valid3d[1 : problem.observed].any()):
+    if problem.tracks is None or not bool(problem.tracks.valid3d[1 : problem.observed].any()):
         raise InputError(
             "no tracks in 3D", where="planning.ensemble", expected="a sequence with depth or motion capture"
         )
+    valid = problem.tracks.valid3d[: problem.observed].cpu().clone()
+    valid[0] = False  # there the points are where they are measured, whatever the model
     scales = np.concatenate([np.zeros((1, len(names))), STEP * np.eye(len(names)), -STEP * np.eye(len(names))])
+    here, *moved = (points[valid] for points in _seen(problem, model, names, scales, device))
+    residual = here - problem.tracks.points3d[: problem.observed].cpu().double()[valid]
+    slopes = [(up - down) / (2 * STEP) for up, down in zip(moved[: len(names)], moved[len(names) :], strict=True)]
+    J = torch.stack(slopes).flatten(1).nan_to_num(0.0).numpy() if names else np.zeros((0, residual.numel()))
+    readings = float(valid.any(0).sum()) / float(valid.sum())
+    information = readings * (J @ J.T) / max(float(residual.square().mean()), 1e-12)
+    prior = np.diag([PRIOR[name] ** -2 for name in names])
+    return Spread(names, np.linalg.inv(information + prior) + LEAST**2 * np.eye(len(names)))
+
+
+def _seen(
+    problem: Problem, model: Model, names: tuple[str, ...], scales: Float[Array, "rows numbers"], device: str
+) -> list[Float[Tensor, "frames tracks 3"]]:
+    """Where the measurement would see the tracks [m] in the observed frames, with fields scaled by each row."""
+    rollouts = Rollouts(problem, model, device=device)
     with torch.no_grad():
         frames = rollouts.frames_needed(problem.observed)
         inputs = [rollouts.inputs(scaled(model.fields, names, row), frames=frames) for row in scales]
@@ -77,19 +92,8 @@ def spread_of(problem: Problem, model: Model, device: str = "cpu") -> Spread:
         if batch.failures[0] is not None:
             raise InputError(str(batch.failures[0]), where="the fitted model", expected="one that can be simulated")
         x0 = torch.as_tensor(problem.body.x0).to(batch.x)
-        seen = [rollouts.seen(carried_tracks(tracks, x0, x, F)) for x, F in zip(batch.x, batch.F, strict=True)]
-    valid = tracks.valid3d[: problem.observed].clone()
-    valid[0] = False
-    points = [one[: problem.observed][valid].double().cpu().numpy() for one in seen]
-    residual = points[0] - tracks.points3d[: problem.observed][valid].double().cpu().numpy()
-    count = len(names)
-    slopes = [(up - down) / (2 * STEP) for up, down in zip(points[1 : 1 + count], points[1 + count :], strict=True)]
-    J = np.stack([slope.ravel() for slope in slopes], 1) if names else np.zeros((residual.size, 0))
-    J = np.where(np.isfinite(J), J, 0.0)
-    readings = float(valid.any(0).sum()) / float(valid.sum())
-    information = readings * (J.T @ J) / max(float((residual**2).mean()), 1e-12)
-    prior = np.diag([PRIOR[name] ** -2 for name in names])
-    return Spread(names, np.linalg.inv(information + prior) + LEAST**2 * np.eye(count))
+        carried = (carried_tracks(rollouts.problem.tracks, x0, x, F) for x, F in zip(batch.x, batch.F, strict=True))
+        return [rollouts.seen(points)[: problem.observed].cpu().double() for points in carried]
 
 
 def members(fields: Fields, spread: Spread, count: int, seed: int = 0) -> tuple[Fields, ...]:

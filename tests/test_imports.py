@@ -32,6 +32,7 @@ ABOVE = {
     "benchmarks.rendered",
     "benchmarks.perception",
     "benchmarks.planning.__main__",
+    "benchmarks.planning.report",
     "benchmarks.planning.scenes",
     "benchmarks.planning.twins",
     "benchmarks.playing",

@@ -3,6 +3,7 @@
 import json
 from typing import Any
 
+from benchmarks.planning.scenes import SETTINGS
 from benchmarks.thin.results import RESULTS
 
 THRESHOLDS = (0.005, 0.010, 0.020)
@@ -14,7 +15,7 @@ _KINDS = {"points": "100 points to places", "shape": "a shape", "mask": "a mask 
 def write_page(rows: list[dict[str, Any]]) -> None:
     """Both files."""
     (RESULTS / "planning.json").write_text(json.dumps(rows, indent=1) + "\n")
-    page = "\n".join([*_HEAD, *map(_row, rows), "", *_successes(rows), "", *_FOOT, ""])
+    page = "\n".join([*_HEAD, *map(_row, rows), "", *_successes(rows), *_missing(rows), "", *_FOOT, ""])
     (RESULTS / "planning.md").write_text(page)
     print(page)
 
@@ -48,6 +49,16 @@ def _successes(rows: list[dict[str, Any]]) -> list[str]:
     pairs = [(a, b) for a in rows for b in rows if a["case"] == b["case"] and b["every"] and not a["every"]]
     nearer = sum(b["point_error"] < a["point_error"] for a, b in pairs)
     return [*lines, "", f"Planning anew came nearer to the goal in {nearer} of {len(pairs)} cases."]
+
+
+def _missing(rows: list[dict[str, Any]]) -> list[str]:
+    """Goals and kinds that no row is of."""
+    goals, kinds = ({row["case"].split(":")[part] for row in rows} for part in (1, 2))
+    left = [
+        f"{body}, {name}" for body, own in SETTINGS.items() for name in own.goals if name.replace(" ", "_") not in goals
+    ]
+    left += [f"goals told as {words}" for kind, words in _KINDS.items() if kind not in kinds]
+    return ["", f"Not measured: {'; '.join(left)}."] if left else []
 
 
 _HEAD = [

@@ -99,6 +99,49 @@ def _parser() -> argparse.ArgumentParser:
     command.set_defaults(command=_play)
 
     command = commands.add_parser(
+        "plan",
+        help="where the hand has to go so that a fitted twin comes to be where it is wanted",
+        description="Plans with the fitted model and others that the fit leaves open. The goal is points and their places (.json), a mask in the "
+        "filmed camera (.png), or a shape (.ply, .glb, .obj).",
+        epilog="examples: physreal plan plush_lift --goal points.json; physreal plan plush_lift --goal shape.ply --bounds -0.1 -0.1 0 0.2 0.2 0.2; "
+        "physreal plan plush_lift --goal mask.png --open --grasp 0.08 0 0.05 --grasp -0.1 0 0.03",
+    )
+    command.add_argument("sequence", help="a name under `fits` or `predictions` in params.yaml")
+    command.add_argument("--goal", type=Path, required=True, metavar="FILE", help="points.json, mask.png or shape.ply")
+    command.add_argument(
+        "--model", default=None, help="the fit stage whose model it is; default: the last, fit_residual"
+    )
+    command.add_argument("--seconds", type=float, default=1.5, help="of the plan; default: 1.5")
+    command.add_argument(
+        "--bounds",
+        type=float,
+        nargs=6,
+        metavar=("X0", "Y0", "Z0", "X1", "Y1", "Z1"),
+        help="box in which the centre of each hand stays [m]; default: 25 cm around where it begins, and not below",
+    )
+    command.add_argument("--speed", type=float, default=0.6, help="largest of the hand [m/s]; default: 0.6")
+    command.add_argument(
+        "--grasp",
+        type=float,
+        nargs=3,
+        action="append",
+        default=[],
+        metavar=("X", "Y", "Z"),
+        help="a further hand that takes the body at this place in frame 0 [m]; may be given twice",
+    )
+    command.add_argument("--open", action="store_true", help="the filmed hand does not hold; needs --grasp")
+    command.add_argument("--models", type=int, default=3, help="how many, the fit among them; default: 3")
+    command.add_argument(
+        "--quantile", type=float, help="of the models' costs that counts, 1 for the dearest; default: their mean"
+    )
+    command.add_argument("--rounds", type=int, help="of the search; default: 6")
+    command.add_argument("--seed", type=int, default=0, help="of the search and of the models; default: 0")
+    command.add_argument("--device", default="cpu", help="of the simulator: cpu or cuda:0")
+    command.add_argument("--record", action="store_true", help="a video of what the fitted model does beside the plan")
+    command.add_argument("--to", type=Path, metavar="FOLDER", help="default: data/planned/SEQUENCE/GOAL")
+    command.set_defaults(command=_plan)
+
+    command = commands.add_parser(
         "export",
         help="the twin's motion for other tools: splats, glTF or USD",
         description="What a fitted model makes of the filmed hand's way, in a folder of its own.",
@@ -242,6 +285,13 @@ def _export(parsed: argparse.Namespace) -> int:
     from importlib import import_module
 
     import_module("applications.export.command").export(parsed)  # by name, as `_play`
+    return 0
+
+
+def _plan(parsed: argparse.Namespace) -> int:
+    from importlib import import_module
+
+    import_module("applications.plan.command").plan(parsed)  # by name, as `_play`
     return 0
 
 

@@ -77,7 +77,7 @@ def simulate(
     kept = checkpoints() if hidden is NOTHING and scene.holds is None else Checkpoints()
     frames = _resumed(world, kept, held)
     if not frames:
-        _settle(world, step, settle, calm)
+        come_to_rest(world, step, settle, calm)
         frames = [_recorded(world, punctual)]
     for number in range((len(frames) - 1) * world.steps + 1, len(times)):
         world.hold_at(held[number], ahead=punctual)
@@ -147,7 +147,7 @@ def _as_it_lies(
     for _ in range(ROUNDS):
         world = World(scene, timestep, integrator, place=place)
         mujoco.mj_setConst(world.model, world.data)
-        _settle(world, lambda time, world=world: mujoco.mj_step(world.model, world.data), settle, calm)
+        come_to_rest(world, lambda time, world=world: mujoco.mj_step(world.model, world.data), settle, calm)
         place = partial(_there, world.positions)
     return place
 
@@ -157,7 +157,7 @@ def _there(places: Array, points: Array) -> Array:
     return places.copy()
 
 
-def _settle(world: World, step: Callable[[float], None], duration: float, calm: float) -> None:
+def come_to_rest(world: World, step: Callable[[float], None], duration: float, calm: float) -> None:
     """Comes to rest; the last fifth of the time runs free."""
     count, every = int(duration / world.timestep), max(1, round(calm / world.timestep))
     for number in range(count):

@@ -21,10 +21,18 @@ def run(scene: RigScene, share: float = 1.0, hidden: Hidden = NOTHING) -> Trajec
         share: of the usual time step.
         hidden: what the scene does not tell. A rope's steps stay explicit: MuJoCo's implicit ones know no springs along a line.
     """
+    own, numerics = numerics_of(scene, share, hidden)
+    return simulate(own, punctual=True, hidden=hidden, **numerics)
+
+
+def numerics_of(
+    scene: RigScene, share: float = 1.0, hidden: Hidden = NOTHING
+) -> tuple[RigScene, dict[str, float | str]]:
+    """The scene as MuJoCo is given it, and time step [s], time to settle [s] and integrator; the arguments are those of `run`."""
     body = scene.body
     if isinstance(body, Rope):
         step = share * stable_step(body) / hidden.hardening(scene) ** 0.5
-        return simulate(scene, timestep=step, settle=_SETTLE, integrator="Euler", punctual=True, hidden=hidden)
+        return scene, {"timestep": step, "settle": _SETTLE, "integrator": "Euler"}
     step = share * min(CLOTH_STEP, hidden.implicit_step() or CLOTH_STEP)
     beside_the_step = replace(scene, body=replace(body, damping=max(body.damping - step, 0.0)))
-    return simulate(beside_the_step, timestep=step, settle=_SETTLE, integrator="discrete", punctual=True, hidden=hidden)
+    return beside_the_step, {"timestep": step, "settle": _SETTLE, "integrator": "discrete"}

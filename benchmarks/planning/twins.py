@@ -1,0 +1,49 @@
+"""The models that are planned with: of the plush animal that of a project, from RGB-D; of rope and cloth Stage 1 on tracks of the rig's lift."""
+
+from __future__ import annotations
+
+from pathlib import Path
+
+import numpy as np
+
+from benchmarks.gap.problems import baseline_model, problems_of
+from benchmarks.thin.rigged_fit import refitted
+from data.rig import recording
+from data.rig.rig_scene import RigScene
+from data.rig.thin_files import write_middle_at_frame_zero
+from data.rig.thin_simulate import run
+from physreal_core.fitting.curriculum import ScanConfig
+from physreal_core.fitting.descent import DescentConfig
+from physreal_core.fitting.model import Model, load_model, save_model
+from physreal_core.fitting.problem import Problem
+from pipeline.config.fit_global import FitGlobal
+from pipeline.project import Project
+from stages._fit import variables_of
+
+
+def plush(project: Project, stage: str) -> tuple[Problem, Model]:
+    """What a stage has fitted to `plush_lift`."""
+    from applications.twin import Twin
+
+    twin = Twin.load(project, "plush_lift", stage)
+    return twin.problem, twin.model
+
+
+def thin(scene: RigScene, work: Path) -> tuple[Problem, Model]:
+    """A rope or a cloth from 150 points on it in the lift, with 1 mm of noise and gaps; the hand's points are exact."""
+    folder, fitted = work / scene.name / "captures" / scene.name, work / scene.name / "model"
+    if not (folder / "capture.json").is_file():
+        folder.mkdir(parents=True, exist_ok=True)
+        random, moved = np.random.default_rng(0), run(scene)
+        measured = recording.ideal(scene, moved, random)
+        write_middle_at_frame_zero(folder, moved, scene.body)
+        recording.write(folder, scene, measured, recording.at_frame_zero(moved), random)
+    problem = problems_of(folder.parent)[scene.name]
+    if not fitted.is_dir():
+        params = FitGlobal()
+        variables = variables_of(params.variables(scene.body.geometry))
+        scan, descent = ScanConfig(**params.scan.model_dump()), DescentConfig(**params.descent.model_dump())
+        model, _ = refitted(problem, baseline_model(problem), variables, scan, descent, "cpu")
+        fitted.mkdir(parents=True)
+        save_model(fitted, model)
+    return problem, load_model(fitted)

@@ -24,6 +24,7 @@ BLOCKED = {
 # These run the pipeline's stages or importers, so they need what those need.
 ABOVE = {
     "benchmarks.gap.rgbd",
+    "benchmarks.gap.track_noise",
     "benchmarks.kills",
     "benchmarks.beam",
     "benchmarks.beam_report",

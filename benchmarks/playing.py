@@ -8,7 +8,6 @@ Writes `results/use.json` (`play`) and `results/playing.md`.
 """
 
 import argparse
-import json
 import time
 from pathlib import Path
 
@@ -18,6 +17,7 @@ import torch
 from applications.play.page import Page
 from applications.twin import Twin
 from benchmarks.thin.results import RESULTS
+from benchmarks.use import record
 from pipeline.graph import FIT_STAGES
 from pipeline.project import Project
 
@@ -33,11 +33,9 @@ def main() -> None:
     parser.add_argument("--device", default="cpu")
     parser.add_argument("--frames", type=int, default=200)
     arguments = parser.parse_args()
-    record = measured(arguments)
-    path = RESULTS / "use.json"
-    known = json.loads(path.read_text()) if path.is_file() else {}
-    path.write_text(json.dumps({**known, "play": record}, indent=1) + "\n")
-    page = report(record)
+    found = measured(arguments)
+    record("play", found)
+    page = report(found)
     (RESULTS / "playing.md").write_text(page)
     print(page)
 

@@ -1,10 +1,11 @@
-"""`results/planning.json` and `results/planning.md`, of rows that were measured."""
+"""`results/planning.json`, `results/planning.md` and the `plan` of `results/use.json`, of rows that were measured."""
 
 import json
 from typing import Any
 
 from benchmarks.planning.scenes import SETTINGS
 from benchmarks.thin.results import RESULTS
+from benchmarks.use import record
 
 THRESHOLDS = (0.005, 0.010, 0.020)
 """Mean distances of the nodes from the goal below which a plan counts as a success [m]."""
@@ -13,11 +14,21 @@ _KINDS = {"points": "100 points to places", "shape": "a shape", "mask": "a mask 
 
 
 def write_page(rows: list[dict[str, Any]]) -> None:
-    """Both files."""
+    """All files."""
     (RESULTS / "planning.json").write_text(json.dumps(rows, indent=1) + "\n")
+    record("plan", {_named(row): _in_use(row) for row in rows})
     page = "\n".join([*_HEAD, *map(_row, rows), "", *_successes(rows), *_missing(rows), "", *_FOOT, ""])
     (RESULTS / "planning.md").write_text(page)
     print(page)
+
+
+def _named(row: dict[str, Any]) -> str:
+    return f"{row['case']}, {'planned anew' if row['every'] else 'never looked'}"
+
+
+def _in_use(row: dict[str, Any]) -> dict[str, Any]:
+    """Whether the mean error [m] is below the middle threshold, the error, and seconds of planning."""
+    return {"success": row["point_error"] < THRESHOLDS[1], "point_error": row["point_error"], "seconds": row["seconds"]}
 
 
 def _row(row: dict[str, Any]) -> str:

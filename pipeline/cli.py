@@ -106,7 +106,10 @@ def _parser() -> argparse.ArgumentParser:
     )
     command.add_argument("sequence", help="a name under `fits` or `predictions` in params.yaml")
     command.add_argument(
-        "--format", choices=("splats", "gltf", "usd"), required=True, help="a .ply a frame; a .glb; a .usdc"
+        "--format",
+        choices=("splats", "gltf", "usd", "mjcf", "page"),
+        required=True,
+        help="a .ply a frame; a .glb; a .usdc; a model for MuJoCo with the material",
     )
     command.add_argument(
         "--model", default=None, help="the fit stage whose model it is; default: the last, fit_residual"

@@ -1,5 +1,6 @@
 """What MuJoCo simulates of a twin: nodes with masses, the elements between them, and which of them are held."""
 
+import warnings
 from dataclasses import dataclass
 
 import numpy as np
@@ -116,5 +117,7 @@ def _laid(rest: Float[Array, "N 3"], start: Float[Array, "N 3"], held: Bool[Arra
 
     weights = np.where(held, _FIRMLY, 1.0)
     middles = [np.average(points, axis=0, weights=weights) for points in (rest, start)]
-    turn = Rotation.align_vectors(start - middles[1], rest - middles[0], weights)[0]
+    with warnings.catch_warnings():
+        warnings.simplefilter("ignore", UserWarning)  # of a straight rope the turn about itself is any
+        turn = Rotation.align_vectors(start - middles[1], rest - middles[0], weights)[0]
     return turn.apply(rest - middles[0]) + middles[1]

@@ -11,7 +11,7 @@ from applications.twin import Twin
 from data.rig.world import FRICTION_IMPEDANCE, firmness, rigid
 from physreal_core.array_types import Array, Float, Int
 
-NAME, HAND, CLAMP = "twin", "hand", "clamp"
+NAME, HAND = "twin", "hand"
 STEP = 1e-3  # [s]; implicit, and damps as a retardation time of as much
 _SHARE = 1 / 4  # of the time that a wave in a rope takes from node to node: an explicit step
 _IMPEDANCE = (0.9, 0.95, 0.001, 0.5, 2.0)  # MuJoCo's `solimp`
@@ -39,12 +39,12 @@ def described(twin: Twin, nodes: Nodes, material: Material, hand: Hand | None):
     ground = twin.model.simulation.get("ground_height")
     if ground is not None:
         _table(spec, ground - (nodes.radius if nodes.dimension == 3 else 0.0), material, spec.option.timestep)
-    names = _bodies(spec, nodes)
     if hand is not None:
         _hand(spec, twin, hand)
-        _hold(spec, nodes, names, hand)
+    _bodies(spec, nodes)
+    _hold(spec, nodes, np.zeros(3) if hand is None else hand.places[0])
     for number, part in enumerate(nodes.parts):
-        _flex(spec, f"{NAME}_{number}" if number else NAME, names, part, nodes, material)
+        _flex(spec, f"{NAME}_{number}" if number else NAME, part, nodes, material)
     _start(spec, nodes)
     return spec
 
@@ -108,32 +108,37 @@ def _hand(spec, twin: Twin, hand: Hand) -> None:
         _contact(body.add_geom(mass=0, priority=1, **kind), spec.option.timestep, friction)
 
 
-def _hold(spec, nodes: Nodes, names: list[str], hand: Hand) -> None:
-    """Every held node stays where it is in the hand. MuJoCo takes no elastic nodes of a mocap body itself."""
+def _hold(spec, nodes: Nodes, place: Float[Array, "3"]) -> None:
+    """Every held node stays where it is in the hand, which is at a place [m], or in the world. MuJoCo takes no elastic nodes of a mocap
+    body itself, and of a rope not all that stand still."""
     import mujoco
 
-    step = spec.option.timestep
-    stiffness, damping = firmness(step) if nodes.dimension == 3 else rigid(step)
-    for n in np.flatnonzero(nodes.held & ~nodes.fixed):
+    for n in np.flatnonzero(nodes.held | nodes.fixed):
         hold = spec.add_equality(type=mujoco.mjtEq.mjEQ_CONNECT, objtype=mujoco.mjtObj.mjOBJ_BODY, name=f"hold_{n}")
-        hold.name1, hold.name2 = HAND, names[n]
-        hold.data[:3] = nodes.rest[n] - hand.places[0]
-        hold.solref, hold.solimp = [-stiffness, -damping], _HOLD_IMPEDANCE
+        hold.name1, hold.name2 = "world" if nodes.fixed[n] else HAND, _name(n)
+        hold.data[:3] = nodes.rest[n] - (0.0 if nodes.fixed[n] else place)
+        _firm(hold, spec.option.timestep, nodes)
 
 
-def _bodies(spec, nodes: Nodes) -> list[str]:
-    """Name of the body that carries each node: its own with three slide joints, or one that stands still."""
+def _firm(hold, step: float, nodes: Nodes) -> None:
+    """As stiff as the step bears: all of a thin body pulls at the light nodes that are held."""
+    stiffness, damping = firmness(step) if nodes.dimension == 3 else rigid(step)
+    hold.solref, hold.solimp = [-stiffness, -damping], _HOLD_IMPEDANCE
+
+
+def _name(node: int) -> str:
+    return f"node_{node}"
+
+
+def _bodies(spec, nodes: Nodes) -> None:
+    """A body for each node, with three slide joints."""
     import mujoco
 
-    names = [CLAMP if fixed else f"node_{n}" for n, fixed in enumerate(nodes.fixed)]
-    if nodes.fixed.any():
-        _with_mass(spec.worldbody.add_body(name=CLAMP), float(nodes.mass[nodes.fixed].sum()), _SEEN)
-    for n in np.flatnonzero(~nodes.fixed):
-        body = spec.worldbody.add_body(name=names[n], pos=nodes.rest[n])
-        _with_mass(body, nodes.mass[n], nodes.radius)
+    for n, (place, mass) in enumerate(zip(nodes.rest, nodes.mass, strict=True)):
+        body = spec.worldbody.add_body(name=_name(n), pos=place)
+        _with_mass(body, mass, nodes.radius)
         for axis in np.eye(3):
             body.add_joint(type=mujoco.mjtJoint.mjJNT_SLIDE, axis=axis)
-    return names
 
 
 def _with_mass(body, mass: float, radius: float) -> None:
@@ -142,13 +147,12 @@ def _with_mass(body, mass: float, radius: float) -> None:
     body.ipos = np.zeros(3)
 
 
-def _flex(spec, name: str, names: list[str], part: Int[Array, "M C"], nodes: Nodes, material: Material) -> None:
+def _flex(spec, name: str, part: Int[Array, "M C"], nodes: Nodes, material: Material) -> None:
     import mujoco
 
     used, local = np.unique(part, return_inverse=True)
     flex = spec.add_flex(name=name, dim=nodes.dimension, radius=nodes.radius)
-    flex.vertbody = [names[n] for n in used]
-    flex.vert = np.where(nodes.fixed[used, None], nodes.rest[used], 0.0).ravel().tolist()
+    flex.vertbody = [_name(n) for n in used]
     flex.elem = local.reshape(part.shape).ravel().tolist()
     flex.selfcollide = mujoco.mjtFlexSelf.mjFLEXSELF_NONE
     _contact(flex, spec.option.timestep, material.friction_coefficient)
@@ -174,18 +178,28 @@ def _rope(spec, flex, part: Array, nodes: Nodes, material: Material) -> None:
     flex.young, flex.shear = material.bending_ratio * material.youngs_modulus, material.twisting_ratio * shear
     flex.damping = max(material.retardation, _SOME)
     flex.edgestiffness = material.youngs_modulus * math.pi * nodes.radius**2 / _spacing(nodes.rest, part)
-    for number, (one, other) in enumerate(part):
-        name = f"{flex.name}_twist" + ("" if number == len(part) - 1 else f"_{number}")
-        body = spec.worldbody.add_body(name=name)
-        _with_mass(body, _LIGHT, nodes.radius)
-        body.inertia = np.full(3, (nodes.mass[one] + nodes.mass[other]) / 2 * nodes.radius**2 / 2)
-        body.add_joint(name=name, axis=nodes.rest[other] - nodes.rest[one])
+    for number, ends in enumerate(part):
+        last = number == len(part) - 1
+        _twist(spec, f"{flex.name}_twist" if last else f"{flex.name}_twist_{number}", ends, nodes)
+
+
+def _twist(spec, name: str, ends: Int[Array, "2"], nodes: Nodes) -> None:
+    """The hinge by which a segment turns about itself, by the name that MuJoCo looks for; in a hold it does not."""
+    import mujoco
+
+    body = spec.worldbody.add_body(name=name)
+    _with_mass(body, _LIGHT, nodes.radius)
+    body.inertia = np.full(3, nodes.mass[ends].mean() * nodes.radius**2 / 2)
+    body.add_joint(name=name, axis=nodes.rest[ends[1]] - nodes.rest[ends[0]])
+    if (nodes.held | nodes.fixed)[ends].all():
+        hold = spec.add_equality(type=mujoco.mjtEq.mjEQ_JOINT, name=f"hold_{name}", name1=name)
+        _firm(hold, spec.option.timestep, nodes)
 
 
 def _start(spec, nodes: Nodes) -> None:
     """A keyframe with the body as it lies in frame 0, where that is not its shape without stress."""
-    way = (nodes.start - nodes.rest)[~nodes.fixed]
+    way = nodes.start - nodes.rest
     if np.abs(way).max(initial=0.0) < 1e-9:
         return
-    twists = sum(map(len, nodes.parts)) if nodes.dimension == 1 else 0
+    twists = len(spec.joints) - way.size
     spec.add_key(name="frame_0", qpos=np.concatenate([way.ravel(), np.zeros(twists)]))

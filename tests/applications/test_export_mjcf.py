@@ -9,8 +9,10 @@ import torch
 from applications.export.mjcf.hand import Hand
 from applications.export.mjcf.material import Material
 from applications.export.mjcf.nodes import Nodes
+from applications.export.mjcf.solid import edge_of, tetrahedra
 from applications.export.mjcf.spec import described
 from applications.twin import Twin
+from physreal_core.errors import InputError
 from physreal_core.fitting.named_effects import effect_record
 from physreal_core.fitting.rollouts import Rollouts
 from physreal_core.fitting.thin import bind_to_body
@@ -158,6 +160,15 @@ def test_thin_bodies_hang_from_a_clamp_by_their_stiffness(kind):
         mujoco.mj_step(model, data)
         lowest = min(lowest, data.flexvert_xpos[-1, 2])
     assert -lowest == pytest.approx(2 * sag, rel=0.2), "let go at rest, it swings to twice its sag"
+
+
+def test_a_body_too_thin_for_tetrahedra_is_refused():
+    import trimesh
+
+    skin = trimesh.creation.annulus(r_min=0.1, r_max=0.101, height=0.2)
+    mesh = Mesh(np.array(skin.vertices), np.array(skin.faces))
+    with pytest.raises(InputError, match="fill .* % of the body.*planar"):
+        tetrahedra(mesh, edge_of(mesh))
 
 
 def test_a_hand_that_turns_is_followed():

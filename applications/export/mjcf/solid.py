@@ -4,10 +4,12 @@ import numpy as np
 
 from data.rig.mesh import TetMesh, mesh_shape
 from physreal_core.array_types import Array, Float
+from physreal_core.errors import InputError
 from physreal_core.geometry.mesh import Mesh
 
 CUBES = 600
 """About how many cubes, of five tetrahedra each, fill the body."""
+_LEAST = 0.5
 _STEP = 1e-4  # [m], of the gradient's difference
 
 
@@ -46,5 +48,20 @@ def edge_of(mesh: Mesh, cubes: int = CUBES) -> float:
 
 
 def tetrahedra(mesh: Mesh, edge: float) -> TetMesh:
-    """Fills a closed mesh [m] with cubes of an edge [m], five tetrahedra each, their outer nodes drawn onto its surface."""
-    return mesh_shape(Inside(mesh), edge)
+    """Fills a closed mesh [m] with cubes of an edge [m], five tetrahedra each, their outer nodes drawn onto its surface.
+
+    Raises:
+        InputError: the body is so thin that cubes fill less than half of it.
+    """
+    inside = Inside(mesh)
+    axes = [np.arange(low, high, edge) + edge / 2 for low, high in zip(*inside.bounds(), strict=True)]
+    lattice = np.stack(np.meshgrid(*axes, indexing="ij"), axis=-1).reshape(-1, 3)
+    share = (inside.distance(lattice) < 0).sum() * edge**3 / mesh.volume
+    if share < _LEAST:
+        raise InputError(
+            f"cubes of {1e3 * edge:.1f} mm fill {100 * share:.0f} % of the body",
+            where="physreal export --format mjcf",
+            expected=f"{100 * _LEAST:.0f} % at least: a body that is mostly thicker than that",
+            remedy="fit it with `geometry: planar` or `linear` in params.yaml, if it is a cloth or a rope",
+        )
+    return mesh_shape(inside, edge)

@@ -143,13 +143,17 @@ def _parser() -> argparse.ArgumentParser:
 
     command = commands.add_parser(
         "export",
-        help="the twin's motion for other tools: splats, glTF or USD",
-        description="What a fitted model makes of the filmed hand's way, in a folder of its own.",
-        epilog="examples: physreal export plush_lift --format gltf; physreal export plush_push --format usd --to /tmp/plush",
+        help="the twin for other tools: splats, glTF, USD, a web page, MuJoCo",
+        description="What a fitted model makes of the filmed hand's way, in a folder of its own; mjcf: the model itself, to be simulated on.",
+        epilog="examples: physreal export plush_lift --format gltf; physreal export plush_push --format usd --to /tmp/plush; "
+        "physreal export plush_lift --format page; physreal export bar_lift --format mjcf",
     )
     command.add_argument("sequence", help="a name under `fits` or `predictions` in params.yaml")
     command.add_argument(
-        "--format", choices=("splats", "gltf", "usd"), required=True, help="a .ply a frame; a .glb; a .usdc"
+        "--format",
+        choices=("splats", "gltf", "usd", "mjcf", "page"),
+        required=True,
+        help="a .ply a frame; a .glb; a .usdc; a MuJoCo model with the material; an .html that plays the splats",
     )
     command.add_argument(
         "--model", default=None, help="the fit stage whose model it is; default: the last, fit_residual"

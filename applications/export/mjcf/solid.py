@@ -1,0 +1,67 @@
+"""Tetrahedra in a closed triangle mesh, by the mesher of the rig."""
+
+import numpy as np
+
+from data.rig.mesh import TetMesh, mesh_shape
+from physreal_core.array_types import Array, Float
+from physreal_core.errors import InputError
+from physreal_core.geometry.mesh import Mesh
+
+CUBES = 600
+"""About how many cubes, of five tetrahedra each, fill the body."""
+_LEAST = 0.5
+_STEP = 1e-4  # [m], of the gradient's difference
+
+
+class Inside:
+    """What a closed mesh encloses, as the mesher asks for it.
+
+    Args:
+        mesh: closed, [m].
+    """
+
+    def __init__(self, mesh: Mesh) -> None:
+        import open3d as o3d
+
+        self._mesh, self._centre = mesh, mesh.vertices.mean(axis=0)
+        self._tensor, self._scene = o3d.core.Tensor, o3d.t.geometry.RaycastingScene()
+        vertices, faces = (mesh.vertices - self._centre).astype(np.float32), mesh.faces.astype(np.uint32)
+        self._scene.add_triangles(self._tensor(vertices), self._tensor(faces))
+
+    def bounds(self) -> tuple[Float[Array, "3"], Float[Array, "3"]]:
+        """Corners of the box around it [m]."""
+        return self._mesh.bounds
+
+    def distance(self, points: Float[Array, "P 3"]) -> Float[Array, " P"]:
+        """Signed distance of points [m] from the surface [m], negative inside."""
+        return self._scene.compute_signed_distance(self._tensor((points - self._centre).astype(np.float32))).numpy()
+
+    def gradient(self, points: Float[Array, "P 3"]) -> Float[Array, "P 3"]:
+        """Central difference of the distance, shape [P, 3]."""
+        sides = [self.distance(points + axis) - self.distance(points - axis) for axis in _STEP * np.eye(3)]
+        return np.stack(sides, axis=-1) / (2 * _STEP)
+
+
+def edge_of(mesh: Mesh, cubes: int = CUBES) -> float:
+    """Edge of a cube [m] of which so many have the volume of a closed mesh [m]."""
+    return float(np.cbrt(mesh.volume / cubes))
+
+
+def tetrahedra(mesh: Mesh, edge: float) -> TetMesh:
+    """Fills a closed mesh [m] with cubes of an edge [m], five tetrahedra each, their outer nodes drawn onto its surface.
+
+    Raises:
+        InputError: the body is so thin that cubes fill less than half of it.
+    """
+    inside = Inside(mesh)
+    axes = [np.arange(low, high, edge) + edge / 2 for low, high in zip(*inside.bounds(), strict=True)]
+    lattice = np.stack(np.meshgrid(*axes, indexing="ij"), axis=-1).reshape(-1, 3)
+    share = (inside.distance(lattice) < 0).sum() * edge**3 / mesh.volume
+    if share < _LEAST:
+        raise InputError(
+            f"cubes of {1e3 * edge:.1f} mm fill {100 * share:.0f} % of the body",
+            where="physreal export --format mjcf",
+            expected=f"{100 * _LEAST:.0f} % at least: a body that is mostly thicker than that",
+            remedy="fit it with `geometry: planar` or `linear` in params.yaml, if it is a cloth or a rope",
+        )
+    return mesh_shape(inside, edge)

@@ -167,7 +167,7 @@ def test_a_body_too_thin_for_tetrahedra_is_refused():
 
     skin = trimesh.creation.annulus(r_min=0.1, r_max=0.101, height=0.2)
     mesh = Mesh(np.array(skin.vertices), np.array(skin.faces))
-    with pytest.raises(InputError, match="fill .* % of the body.*planar"):
+    with pytest.raises(InputError, match="mm thick.*planar"):
         tetrahedra(mesh, edge_of(mesh))
 
 

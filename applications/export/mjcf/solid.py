@@ -9,7 +9,7 @@ from physreal_core.geometry.mesh import Mesh
 
 CUBES = 600
 """About how many cubes, of five tetrahedra each, fill the body."""
-_LEAST = 0.5
+_LEAST = 0.5  # of a cube, the thinnest body
 _STEP = 1e-4  # [m], of the gradient's difference
 
 
@@ -51,17 +51,14 @@ def tetrahedra(mesh: Mesh, edge: float) -> TetMesh:
     """Fills a closed mesh [m] with cubes of an edge [m], five tetrahedra each, their outer nodes drawn onto its surface.
 
     Raises:
-        InputError: the body is so thin that cubes fill less than half of it.
+        InputError: the body is thinner than half of a cube; twice its volume over its surface is the thickness of a plate.
     """
-    inside = Inside(mesh)
-    axes = [np.arange(low, high, edge) + edge / 2 for low, high in zip(*inside.bounds(), strict=True)]
-    lattice = np.stack(np.meshgrid(*axes, indexing="ij"), axis=-1).reshape(-1, 3)
-    share = (inside.distance(lattice) < 0).sum() * edge**3 / mesh.volume
-    if share < _LEAST:
+    thickness = 2.0 * mesh.volume / mesh.area
+    if thickness < _LEAST * edge:
         raise InputError(
-            f"cubes of {1e3 * edge:.1f} mm fill {100 * share:.0f} % of the body",
+            f"the body is about {1e3 * thickness:.1f} mm thick, and the cubes that fill it {1e3 * edge:.1f} mm",
             where="physreal export --format mjcf",
-            expected=f"{100 * _LEAST:.0f} % at least: a body that is mostly thicker than that",
+            expected=f"at least {_LEAST:g} of a cube",
             remedy="fit it with `geometry: planar` or `linear` in params.yaml, if it is a cloth or a rope",
         )
-    return mesh_shape(inside, edge)
+    return mesh_shape(Inside(mesh), edge)

@@ -71,7 +71,7 @@ RECIPES = {
     ),
     "fit_patches": Recipe(
         {"youngs_modulus": (0.08, *_MODULUS, 0.02), "poissons_ratio": (0.05, *_RATIO, 0.02)},
-        DescentConfig(iterations=14, first_horizon=0.4, checkpoint_every=3, every_term=True, slack=0.02),
+        DescentConfig(iterations=60, first_horizon=0.4, checkpoint_every=3, every_term=True, slack=0.02),
     ),
     "fit_residual": Recipe(
         {name: (0.04 if name.startswith("latent") else 0.02, *_FREE, 0.001) for name in NETWORK_FIELDS},

@@ -117,16 +117,3 @@ def strays(
         spread = np.median(np.linalg.norm(around - middle[:, None], axis=-1), axis=1)
         out[t, both] = np.linalg.norm(moved - middle, axis=-1) > max_stray + 2.0 * spread
     return out
-    near = cKDTree(world[0, start]).query(world[0, start], k=min(neighbours + 1, len(start)))[1][:, 1:]
-    for t in range(1, len(world)):
-        moved = np.where(valid[t, start, None], world[t, start] - world[0, start], np.nan)
-        around = moved[near]  # [S, k, 3]
-        enough = np.isfinite(around[..., 0]).sum(1) >= 3
-        filled = np.where(enough[:, None, None], around, 0.0)
-        middle = np.nanmedian(filled, axis=1)
-        distance = np.linalg.norm(filled - middle[:, None], axis=-1)
-        allowance = max_stray + 2.0 * np.nanmedian(distance, axis=1)
-        with np.errstate(invalid="ignore"):
-            far = np.linalg.norm(moved - middle, axis=-1) > allowance
-        out[t, start] = far & enough
-    return out

@@ -12,7 +12,6 @@ from physreal_core.fitting.problem import TrackObservations
 from physreal_core.gap.interactions.experiment import Experiment
 from physreal_core.gap.noise.neighbours import SeenNoise
 from physreal_core.geometry import farthest_points
-from physreal_core.rendering.binding import Binding
 
 TRACKS = 30
 """Tracks that stand for all. What is predicted is smooth over the body; their noise is smaller by as many as they stand for."""
@@ -46,11 +45,12 @@ def _tracks(experiment: Experiment, frames: int) -> TrackObservations:
     share = experiment.valid[1:, seen].mean()
     typical = np.array([np.median(experiment.sigma[experiment.valid[:, track], track]) for track in kept])
     sigma = typical * np.sqrt(len(kept) / (len(seen) * share))
-    points0 = own.points0[kept]
-    return TrackObservations(
-        points0,
-        Binding(own.binding.neighbours[kept], own.binding.weights[kept]),
-        points0.expand(frames, -1, -1),
-        torch.ones(frames, len(kept), dtype=torch.bool),
-        torch.from_numpy(sigma).to(own.sigma3d).expand(frames, -1),
+    tracks = own.only(kept)
+    return dataclasses.replace(
+        tracks,
+        points3d=tracks.points0.expand(frames, -1, -1),
+        valid3d=torch.ones(frames, len(kept), dtype=torch.bool),
+        sigma3d=torch.from_numpy(sigma).to(own.sigma3d).expand(frames, -1),
+        points2d=None,
+        visible=None,
     )

@@ -2,11 +2,11 @@
 
 import argparse
 import importlib.util
-import shutil
 
 from applications.export import gltf, mjcf, page, splats, usd
 from applications.export.moving import Moving
 from applications.twin import Twin
+from applications.whole_folder import as_a_whole, require_new
 from physreal_core.errors import InputError
 from pipeline.graph import FIT_STAGES
 from pipeline.project import Project
@@ -31,18 +31,9 @@ def export(parsed: argparse.Namespace) -> None:
     project = Project.find()
     moving = Moving.of(Twin.load(project, parsed.sequence, parsed.model or FIT_STAGES[-1]))
     folder = parsed.to or project.root / "data" / "exported" / parsed.sequence / parsed.format
-    if folder.exists():
-        raise InputError(
-            f"{folder} is there already", where="physreal export --to", remedy="name another, or delete it"
-        )
-    draft = folder.with_name(f".{folder.name}.partial")
-    shutil.rmtree(draft, ignore_errors=True)
-    draft.mkdir(parents=True)
-    try:
+    require_new(folder, "physreal export")
+    with as_a_whole(folder) as draft:
         told = FORMATS[parsed.format](moving, draft)
-        draft.rename(folder)
-    finally:
-        shutil.rmtree(draft, ignore_errors=True)
     for line in told or ():
         print(line)
     print(f"wrote {len(list(folder.iterdir()))} files, {len(moving.rollout.x)} frames: {folder}")

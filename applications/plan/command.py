@@ -3,7 +3,6 @@
 from __future__ import annotations
 
 import argparse
-import shutil
 from dataclasses import replace
 
 import numpy as np
@@ -12,6 +11,7 @@ from applications.plan.goals import read_goal
 from applications.plan.written import states_of, table, write_plan
 from applications.play.film import film
 from applications.twin import Twin
+from applications.whole_folder import as_a_whole, require_new
 from physreal_core.array_types import Array, Float
 from physreal_core.errors import InputError
 from physreal_core.planning import (
@@ -52,8 +52,7 @@ def plan(parsed: argparse.Namespace) -> None:
     _require(parsed.rounds is None or parsed.rounds >= 1, f"{parsed.rounds} rounds", "--rounds", "one at least")
     project = Project.find()
     folder = parsed.to or project.root / "data" / "planned" / parsed.sequence / parsed.goal.stem
-    if folder.exists():
-        raise InputError(f"{folder} is there already", where="physreal plan --to", remedy="name another, or delete it")
+    require_new(folder, "physreal plan")
     twin = Twin.load(project, parsed.sequence, parsed.model or FIT_STAGES[-1])
     goal, points0 = read_goal(parsed.goal, twin)
     planner = planner_of(parsed, twin, Cost(goal, quantile=parsed.quantile), points0)
@@ -61,16 +60,10 @@ def plan(parsed: argparse.Namespace) -> None:
         f"planning for {len(points0)} points by {len(planner.forecast.members)} models; this takes minutes", flush=True
     )
     found = planner.plan()
-    draft = folder.with_name(f".{folder.name}.partial")
-    shutil.rmtree(draft, ignore_errors=True)
-    draft.mkdir(parents=True)
-    try:
+    with as_a_whole(folder) as draft:
         write_plan(draft, twin, planner, found, parsed.goal)
         if parsed.record:
             film(twin, iter(states_of(planner, found)), draft / "plan.mp4", planner.forecast.fps)
-        draft.rename(folder)
-    finally:
-        shutil.rmtree(draft, ignore_errors=True)
     print(table(planner, found))
     print(f"wrote {folder}")
 

@@ -57,6 +57,7 @@ class Checkpoints:
         self._written: dict[str, float] = {}
         self._tokens: list[Token] = []
         self._asked: Counter[str] = Counter()
+        self._parts: dict[str, Checkpoints] = {}
 
     def __enter__(self) -> Checkpoints:  # noqa: PYI034, beartype cannot check Self in a method
         self._tokens.append(_IN_USE.set(self))
@@ -66,8 +67,11 @@ class Checkpoints:
         _IN_USE.reset(self._tokens.pop())
 
     def within(self, name: str) -> Checkpoints:
-        """Those of a part of the computation, with names of their own."""
-        return Checkpoints(None if self.folder is None else self.folder / name, self.root, self.lasting)
+        """Those of a part of the computation, with names of their own; the same ones every time."""
+        if name not in self._parts:
+            folder = None if self.folder is None else self.folder / name
+            self._parts[name] = Checkpoints(folder, self.root, self.lasting)
+        return self._parts[name]
 
     def unique(self, name: str, depends: Sequence[Any]) -> str:
         """A name for what is asked for under this one for the first, second, ... time, and depends on these values."""

@@ -4,6 +4,7 @@ from __future__ import annotations
 
 from collections.abc import Sequence
 from dataclasses import dataclass, replace
+from functools import partial
 
 import numpy as np
 
@@ -22,6 +23,7 @@ from physreal_core.gap.fits.plans import compatible
 from physreal_core.gap.fits.screening import Score
 from physreal_core.gap.fits.strategy import Strategy
 from physreal_core.gap.interactions.interaction import Interaction
+from physreal_core.gap.interactions.side_by_side import side_by_side
 from physreal_core.gap.lead.lead import Lead
 from physreal_core.gap.lead.preparation import lead_on
 from physreal_core.gap.next_motion.members import members_of
@@ -142,7 +144,8 @@ class Search:
     def _predicted(self, found: Sequence[Fit]) -> list[list[Float[Array, "frames tracks 3"]]]:
         """Of each fit, the tracks over all frames of every interaction [m]."""
         trials = [fit.unknowns.trial(fit.vector) for fit in found]
-        together = [experiment.predict(trials) for experiment in self.experiments]
+        calls = [partial(experiment.predict, trials) for experiment in self.experiments]
+        together = side_by_side(calls, self.experiments[0].device)
         return [[own[number] for own in together] for number in range(len(found))]
 
 

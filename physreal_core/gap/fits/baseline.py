@@ -63,7 +63,9 @@ def fit_baseline(
     for _ in range(ROUNDS):
         known = measurements
         measurements = known.beside_error(Evidences(known, settings).of(converged).size)
-        (converged,) = together([continued(converged, known.train, measurements.train, settings.settling)])
+        (converged,) = together(
+            [continued(converged, known.train, measurements.train, settings.settling, thorough=True)]
+        )
         if abs(np.log(measurements.size / known.size)) < LIKE:
             break
     if not np.isfinite(converged.energy):

@@ -18,7 +18,7 @@ from physreal_core.array_types import Array, Float
 from physreal_core.effects import EFFECTS, Effect
 from physreal_core.gap.fits.least_squares import Data, Fit, Request, energy_of, fit, together
 from physreal_core.gap.fits.linear_starts import LONGEST_SHIFT, linear_starts
-from physreal_core.gap.fits.plans import share_a_term
+from physreal_core.gap.fits.plans import motions_of, share_a_term
 from physreal_core.gap.fits.screening import Score, Screen
 from physreal_core.gap.fits.unknowns import Unknowns
 from physreal_core.gap.interactions.quick import quick_interactions
@@ -184,7 +184,7 @@ class CandidateFits:
             steps = self.settings.settling
             return together([self._from_materials(found, materials, self.data, steps) for found in fits])
         chosen = together([self._from_materials(found, materials, self.quick, 0) for found in fits])
-        settled = together([self._continued(own, self.settings.settling) for own in chosen])
+        settled = together([self._continued(own, self.settings.settling, thorough=True) for own in chosen])
         return [max(pair, key=lambda fit: fit.log_evidence) for pair in zip(fits, settled, strict=True)]
 
     def _in_full(self, fits: Sequence[Fit]) -> list[Fit]:
@@ -193,9 +193,9 @@ class CandidateFits:
             return list(fits)
         return together([self._continued(own, IN_FULL) for own in fits])
 
-    def _continued(self, own: Fit, steps: int) -> Request:
+    def _continued(self, own: Fit, steps: int, thorough: bool = False) -> Request:
         """A fit that goes on in full rollouts, with the tangents that it has."""
-        return fit(own.unknowns, self.data, own.vector[None], steps, [own.jacobian])
+        return fit(own.unknowns, self.data, own.vector[None], steps, [own.jacobian], thorough)
 
     # --- starts -------------------------------------------------------------------------------------------------
 
@@ -265,8 +265,7 @@ class CandidateFits:
             return []
         ((other, values),) = best.unknowns.values(best.vector).items()
         trial, found = best.unknowns.trial(best.vector), []
-        for experiment in self.data.experiments:
-            motion = experiment.motion(trial)
+        for experiment, motion in zip(self.data.experiments, motions_of(self.data.experiments, trial), strict=True):
             for effect in effects:
                 starts = replacement_starts_of(experiment, effect, EFFECTS[other], values, motion)
                 found += [(effect.name, {**effect.dormant, **start}) for start in starts]

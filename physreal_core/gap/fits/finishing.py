@@ -20,7 +20,9 @@ OUT_OF_REACH = 300.0
 """Loss in log evidence against the best answer [nat] from which on an answer stays as it is: what the end of a fit gains would not save it."""
 
 
-def continued(found: Fit, known: Data, data: Data, steps: int, elastic_law: str | None = None) -> Request:
+def continued(
+    found: Fit, known: Data, data: Data, steps: int, elastic_law: str | None = None, thorough: bool = False
+) -> Request:
     """A fit that goes on from where it is, with its tangents, beside another noise model.
 
     Args:
@@ -29,10 +31,11 @@ def continued(found: Fit, known: Data, data: Data, steps: int, elastic_law: str 
         data: the same with others.
         steps: largest number of further ones.
         elastic_law: under which it goes on; None for its own.
+        thorough: as of `fit`.
     """
     begun = rewhitened(found, known, data)
     unknowns = begun.unknowns if elastic_law is None else begun.unknowns.under(elastic_law)
-    return fit(unknowns, data, begun.vector[None], steps, [begun.jacobian])
+    return fit(unknowns, data, begun.vector[None], steps, [begun.jacobian], thorough)
 
 
 @dataclass(frozen=True)
@@ -58,7 +61,7 @@ class Finish:
 
     def settled(self, fits: Sequence[Fit]) -> list[Fit]:
         """Each fit after some more steps, or as it was if they gain no evidence."""
-        pairs = zip(fits, self._gone_on([(found, None) for found in fits]), strict=True)
+        pairs = zip(fits, self._gone_on([(found, None) for found in fits], thorough=True), strict=True)
         return [self.evidences.best(pair) for pair in pairs]
 
     def under_the_best_law(self, baseline: Fit, fits: Sequence[Fit]) -> tuple[Fit, list[Fit]]:
@@ -108,11 +111,12 @@ class Finish:
     def _law_of(self, found: Fit) -> str:
         return found.unknowns.elastic_law or self.measurements.elastic_laws[0]
 
-    def _gone_on(self, asked: Sequence[tuple[Fit, str | None]]) -> list[Fit]:
+    def _gone_on(self, asked: Sequence[tuple[Fit, str | None]], thorough: bool = False) -> list[Fit]:
         """Fits after some more steps, each under an elastic law and beside an error of the size that it leaves."""
         data = self.measurements.train
         own = [self.measurements.beside_error(self.evidences.of(found).size).train for found, _ in asked]
         requests = [
-            continued(found, data, theirs, self.steps, law) for (found, law), theirs in zip(asked, own, strict=True)
+            continued(found, data, theirs, self.steps, law, thorough)
+            for (found, law), theirs in zip(asked, own, strict=True)
         ]
         return [rewhitened(found, theirs, data) for found, theirs in zip(together(requests), own, strict=True)]

@@ -10,6 +10,7 @@ from __future__ import annotations
 
 from collections.abc import Generator, Sequence
 from dataclasses import dataclass, replace
+from functools import partial
 from itertools import pairwise
 
 import numpy as np
@@ -19,6 +20,7 @@ from physreal_core.array_types import Array, Float
 from physreal_core.checkpoints import Arrays, remembered
 from physreal_core.gap.fits.unknowns import Unknowns
 from physreal_core.gap.interactions.interaction import Interaction, Trial
+from physreal_core.gap.interactions.side_by_side import side_by_side
 from physreal_core.gap.noise.model import Noise
 
 Predictions = list[Array]
@@ -131,7 +133,8 @@ class Data:
 
     def predict(self, trials: Sequence[Trial]) -> Predictions:
         """Tracks under some trials [m], over these frames."""
-        return [e.predict(trials, frames) for e, frames in zip(self.experiments, self.frames, strict=True)]
+        pairs = zip(self.experiments, self.frames, strict=True)
+        return side_by_side([partial(e.predict, trials, frames) for e, frames in pairs], self.experiments[0].device)
 
     def residuals(self, predictions: Predictions) -> Float[Array, "entries trials"]:
         """Whitened predictions - measurements, one column per trial; not a number where a trial failed."""
@@ -177,6 +180,7 @@ def fit(
     starts: Float[Array, "starts unknowns"],
     iterations: int,
     jacobians: Sequence[Float[Array, "entries known"]] = (),
+    thorough: bool = False,
 ) -> Request:
     """Minimise the energy from the best of some starts.
 
@@ -186,13 +190,14 @@ def fit(
         starts: vectors; of equally good ones the first is taken.
         iterations: largest number of steps.
         jacobians: whitened tangents of the first unknowns near each start, where they are known.
-
+        thorough: whether the fit ends only where new tangents say so, too. Those that came along, and were updated on the way, may see
+            nothing to gain where there are hundreds of nat.
     """
-    return Request(unknowns, data, _steps(unknowns, data, starts, iterations, jacobians))
+    return Request(unknowns, data, _steps(unknowns, data, starts, iterations, jacobians, thorough))
 
 
 def _steps(
-    unknowns: Unknowns, data: Data, starts: Array, iterations: int, jacobians: Sequence[Array]
+    unknowns: Unknowns, data: Data, starts: Array, iterations: int, jacobians: Sequence[Array], thorough: bool
 ) -> Generator[list[Trial], Predictions, Fit]:
     best = 0
     if len(starts) > 1:
@@ -207,7 +212,10 @@ def _steps(
     for _ in range(iterations):
         step, expected = _step(found, damping)
         if expected < SMALL_GAIN:
-            break
+            if not (thorough and old):
+                break
+            found, old, failed = (yield from _renewed(found, everything, share, data)), False, False
+            continue
         tried = _clipped(unknowns, found.vector, step)
         following = yield from _moved(found, tried, data)
         if following.energy < found.energy:
@@ -217,7 +225,7 @@ def _steps(
                 found = yield from _renewed(found, effects, share, data)
         elif old and not failed:  # Broyden's update may do; renewing all tangents costs more
             found, failed, damping = replace(found, jacobian=following.jacobian), True, max(10.0 * damping, DAMPING)
-        elif old and expected < WORTH_RENEWING:
+        elif old and expected < WORTH_RENEWING and not thorough:
             break
         elif old:
             found, old, failed = (yield from _renewed(found, everything, share, data)), False, False

@@ -4,6 +4,7 @@ from __future__ import annotations
 
 from collections.abc import Sequence
 from dataclasses import dataclass
+from functools import partial
 
 import numpy as np
 
@@ -11,6 +12,7 @@ from physreal_core.array_types import Array, Bool, Float
 from physreal_core.effects import EFFECTS, Effect
 from physreal_core.gap.fits.unknowns import STEP
 from physreal_core.gap.interactions.interaction import Interaction, Trial
+from physreal_core.gap.interactions.side_by_side import side_by_side
 from physreal_core.gap.interactions.starts import starts_of
 from physreal_core.simulation import States
 
@@ -74,8 +76,13 @@ def plans_of(names: Sequence[str], experiments: Sequence[Interaction], trial: Tr
         experiments: the interactions.
         trial: the baseline.
     """
-    motions = [experiment.motion(trial) for experiment in experiments]
+    motions = motions_of(experiments, trial)
     return [plan for name in names for plan in plans_along(EFFECTS[name], experiments, motions)]
+
+
+def motions_of(experiments: Sequence[Interaction], trial: Trial) -> list[States | None]:
+    """The whole rollout of one trial in each interaction."""
+    return side_by_side([partial(experiment.motion, trial) for experiment in experiments], experiments[0].device)
 
 
 def plans_along(effect: Effect, experiments: Sequence[Interaction], motions: Sequence[States | None]) -> list[Plan]:

@@ -155,7 +155,9 @@ class Strategy:
         self.keep(found)
 
     def _converge(self, fits: Sequence[Fit]) -> None:
-        """Continue the baseline and these fits until they converge."""
+        """Continue the baseline and those of these fits until they converge that the best answer so far has not left behind."""
+        best = self.evidences.best([self.baseline, *fits, *self.found.values()])
+        fits = [own for own in fits if self.evidences.gain(best, own) < OUT_OF_REACH]
         self._progress("converging " + ", ".join(("the baseline", *("+".join(fit.unknowns.effects) for fit in fits))))
         self.baseline, *converged = self.candidate_fits.converged([self.baseline, *fits])
         self.keep(converged)

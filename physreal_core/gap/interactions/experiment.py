@@ -7,6 +7,7 @@ import math
 from collections.abc import Iterable, Sequence
 from concurrent.futures import ThreadPoolExecutor
 from dataclasses import dataclass
+from threading import Lock
 
 import numpy as np
 import torch
@@ -46,6 +47,9 @@ LIKE_SUBSTEPS = 1.2
 All rollouts of a batch take the substeps that the stiffest needs. Without a bound, the answer for one body would depend,
 through the error of the time step, on what else is in the batch.
 """
+
+_MAKING = Lock()
+"""Held while a simulator is made, which compiles its kernels where they are new: those of two may be the same."""
 
 START_STEP = 1e-3
 """Distance by which a point's start is moved for the derivative by it [m]."""
@@ -282,7 +286,10 @@ class Experiment:
     def _simulated(
         self, batch: Sequence[_Rollout], discretisation: Discretisation
     ) -> tuple[DiscretisedProblem, Simulator]:
-        """The problem in a discretisation, and its simulator with what the effects of a batch need; made once for all."""
+        """The problem in a discretisation, and its simulator with what the effects of a batch need; made once for all.
+
+        A rollout by itself takes one thread: shared by several, its last digits would depend on how many cores there are.
+        """
         names = dict.fromkeys(name for rollout in batch for name in rollout.effects)
         config = self._config_with(names, batch[0].config.elastic_law)
         problem = DiscretisedProblem(self.problem, config, discretisation)
@@ -290,7 +297,8 @@ class Experiment:
         if key not in self._simulators:
             given = self.problem
             scene = given.grip, given.clamps, given.loads, given.tool
-            self._simulators[key] = Simulator(problem.body, problem.config, *scene)
+            with _MAKING, one_torch_thread():
+                self._simulators[key] = Simulator(problem.body, problem.config, *scene)
         return problem, self._simulators[key]
 
     def _observed(

@@ -4,12 +4,14 @@ from __future__ import annotations
 
 import dataclasses
 from collections.abc import Sequence
+from functools import partial
 
 import numpy as np
 
 from physreal_core.array_types import Array, Float
 from physreal_core.gap.interactions.discretisation import Discretisation
 from physreal_core.gap.interactions.interaction import Interaction, Trial
+from physreal_core.gap.interactions.side_by_side import side_by_side
 from physreal_core.simulation import States
 
 STIFFNESSES = tuple(np.exp(np.linspace(-0.3, 0.5, 9)).tolist())
@@ -112,10 +114,13 @@ def quick_interactions(
 
 def _stiffness(interactions, coarse, scales, anchor: Trial, predicted: Sequence[Array]) -> float:
     """The factor on Young's modulus at which the coarse bodies' tracks are nearest to the full ones'."""
-    squares = np.zeros(len(STIFFNESSES))
-    for own, other, scale, known in zip(interactions, coarse, scales, predicted, strict=True):
+    squares, calls = np.zeros(len(STIFFNESSES)), []
+    for other, scale, known in zip(coarse, scales, predicted, strict=True):
         trials = [scaled(anchor, {**scale, "youngs_modulus": factor}) for factor in STIFFNESSES]
-        apart = ((other.predict(trials, len(known)) - known) ** 2).sum(-1)
+        calls.append(partial(other.predict, trials, len(known)))
+    found = side_by_side(calls, interactions[0].device)
+    for own, tracks, known in zip(interactions, found, predicted, strict=True):
+        apart = ((tracks - known) ** 2).sum(-1)
         squares += np.nan_to_num(apart[:, own.valid[: len(known)]].sum(1), nan=np.inf)
     lowest = int(np.argmin(squares))
     if not 0 < lowest < len(squares) - 1 or not np.isfinite(squares[lowest - 1 : lowest + 2]).all():

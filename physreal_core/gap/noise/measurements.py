@@ -4,7 +4,7 @@ from __future__ import annotations
 
 from collections.abc import Sequence
 from dataclasses import dataclass, replace
-from functools import cached_property
+from functools import cached_property, partial
 from itertools import starmap
 
 import numpy as np
@@ -12,6 +12,7 @@ import numpy as np
 from physreal_core.array_types import Array, Float
 from physreal_core.gap.fits.least_squares import Data
 from physreal_core.gap.interactions.interaction import Interaction, Trial
+from physreal_core.gap.interactions.side_by_side import side_by_side
 from physreal_core.gap.noise.given import changed_by_records
 from physreal_core.gap.noise.model import Noise
 from physreal_core.gap.noise.reruns import rerun_differences
@@ -77,7 +78,7 @@ class Measurements:
         """
         train = [max(2, round(share * experiment.train)) for experiment in experiments]
         known = [e.frames if share == 1.0 else end for e, end in zip(experiments, train, strict=True)]
-        predicted = [_predicted(e, [trial], end, reruns)[0] for e, end in zip(experiments, known, strict=True)]
+        predicted = [own for (own,) in _predicted_of_each(experiments, [trial], known, reruns)]
         return cls(list(experiments), settings, predicted, train)
 
     def around_others(self, trials: Sequence[Trial]) -> list[Measurements]:
@@ -86,8 +87,7 @@ class Measurements:
         What an error of the hand's record or of the grid does to the tracks depends on the motion: a body that rings answers to
         it at its frequency and with its phase, one that is damped does not.
         """
-        pairs = zip(self.experiments, self.train_frames, strict=True)
-        by_experiment = [_predicted(e, trials, end, reruns=True) for e, end in pairs]
+        by_experiment = _predicted_of_each(self.experiments, trials, self.train_frames, reruns=True)
         return [replace(self, predicted=own) for own in zip(*by_experiment, strict=True)]
 
     def beside_error(self, size: float) -> Measurements:
@@ -155,6 +155,14 @@ def possible_laws(experiment: Interaction, settings: GapSettings) -> tuple[str, 
     fixed = fixed or experiment.setting.body.elements is not None
     others = () if fixed else settings.elastic_laws
     return tuple(dict.fromkeys((config.elastic_law, *others)))
+
+
+def _predicted_of_each(
+    experiments: Sequence[Interaction], trials: Sequence[Trial], frames: Sequence[int], reruns: bool
+) -> list[list[Predicted]]:
+    """What noise models around some trials are built around, of each interaction over its number of frames."""
+    calls = [partial(_predicted, e, trials, end, reruns) for e, end in zip(experiments, frames, strict=True)]
+    return side_by_side(calls, experiments[0].device)
 
 
 def _predicted(experiment: Interaction, trials: Sequence[Trial], frames: int, reruns: bool) -> list[Predicted]:

@@ -125,9 +125,11 @@ class Noise:
 
     def _scaled(self, columns: Float[Array, "entries columns"], factors: Array) -> Float[Array, "entries columns"]:
         """Columns with what lies along each principal axis multiplied by a factor."""
-        more = torch.from_numpy(factors - 1.0).to(self._basis)
-        given = torch.from_numpy(columns).to(self._basis)
-        along = self._basis @ (more[:, None] * (self._basis.T @ given))
+        more, axes = (factors - 1.0).astype(np.float32)[:, None], self._basis
+        if axes.is_cpu:  # a few columns take NumPy's product a third of the time that they take torch's
+            axes = axes.numpy()
+            return columns + axes @ (more * (axes.T @ columns.astype(np.float32)))
+        along = axes @ (torch.from_numpy(more).to(axes) * (axes.T @ torch.from_numpy(columns).to(axes)))
         return columns + along.double().cpu().numpy()
 
     def log_density(self, residual: Float[Array, "frames tracks 3"]) -> float:

@@ -4,12 +4,14 @@ from __future__ import annotations
 
 from collections.abc import Sequence
 from dataclasses import replace
+from functools import partial
 
 import numpy as np
 
 from physreal_core.array_types import Array, Float
 from physreal_core.gap.interactions.discretisation import Discretisation
 from physreal_core.gap.interactions.interaction import Interaction, Trial
+from physreal_core.gap.interactions.side_by_side import side_by_side
 
 RERUNS = (
     Discretisation("half the time step", courant=0.5, error=2.0),
@@ -53,10 +55,12 @@ def rerun_differences(
     slopes = [np.nan_to_num(moved - tracks) / STEP for moved, tracks in zip(beside, predicted, strict=True)]
     known = [*zip(trials, predicted, slopes, strict=True)]
     found: list[list[Array]] = [[] for _ in trials]
-    for rerun in reruns:
-        usable = [number for number, trial in enumerate(trials) if _tells(rerun, experiment, trial)]
-        nearest = _nearest(experiment, [known[number] for number in usable], rerun)
-        for number, tracks in zip(usable, nearest, strict=True):
+    usable = [[number for number, trial in enumerate(trials) if _tells(rerun, experiment, trial)] for rerun in reruns]
+    calls = [
+        partial(_nearest, experiment, [known[n] for n in own], rerun) for own, rerun in zip(usable, reruns, strict=True)
+    ]
+    for rerun, own, nearest in zip(reruns, usable, side_by_side(calls, experiment.device), strict=True):
+        for number, tracks in zip(own, nearest, strict=True):
             found[number].append(rerun.error * (tracks - predicted[number]))
     finite = [[difference for difference in own if np.isfinite(difference).all()] for own in found]
     return [

@@ -70,6 +70,16 @@ def test_a_step_that_failed_mends_old_tangents_and_a_second_one_has_them_taken_a
     assert found.energy == pytest.approx(base.energy, abs=0.3)
 
 
+@pytest.mark.parametrize("thorough", [False, True])
+def test_a_thorough_fit_does_not_end_where_only_old_tangents_see_nothing_to_gain(thorough):
+    experiment, data = scene({})
+    base = baseline(experiment, data)
+    unknowns, start = base.unknowns, base.unknowns.start()
+    blind = np.zeros_like(base.jacobian)
+    (found,) = together([fit(unknowns, data, start[None], 8, [blind], thorough)])
+    assert (found.energy == pytest.approx(base.energy, abs=0.3)) == thorough
+
+
 class Bent(LinearExperiment):
     """`sink` leads down to 0.8 and from there up again twice as steeply."""
 

@@ -89,7 +89,7 @@ def test_weights_and_whitening_can_be_undone():
 def test_products_beside_an_error_of_any_size_are_those_of_its_covariance(size):
     error = ModelError(rms=1e-3)
     model = noise(error, 0.4)
-    found = Discrepancy(model, error)
+    found = Discrepancy(model)
     field = size * model.field_columns(error)
     covariance = np.eye(len(field)) + field @ field.T + model.known_columns() @ model.known_columns().T
     given = model.sensor.weighted(model.rows(samples(2)))
@@ -99,6 +99,15 @@ def test_products_beside_an_error_of_any_size_are_those_of_its_covariance(size):
     plain = np.eye(len(field)) + model.known_columns() @ model.known_columns().T
     expected = 0.5 * (np.linalg.slogdet(covariance)[1] - np.linalg.slogdet(plain)[1])
     assert own - nothing == pytest.approx(expected, rel=1e-3)
+
+
+@pytest.mark.parametrize("size", [0.5, 3.0])
+def test_beside_an_error_of_another_size_it_is_the_model_made_for_that_size(size):
+    error, given = ModelError(rms=1e-3), samples(3)
+    kept, made = noise(error, 0.4).beside(size), noise(error.times(size), 0.4)
+    products = [own.whiten(given).T @ own.whiten(given) for own in (kept, made)]
+    np.testing.assert_allclose(*products, rtol=2e-3, atol=1e-3)
+    assert kept.log_density(given[0]) == pytest.approx(made.log_density(given[0]), rel=1e-4)
 
 
 def test_what_the_numerics_can_move_is_little_evidence():

@@ -19,7 +19,6 @@ from physreal_core.gap.fits.least_squares import Fit, laplace, newton_step
 from physreal_core.gap.fits.whitening import rewhitened
 from physreal_core.gap.noise.discrepancy import Discrepancy
 from physreal_core.gap.noise.measurements import Measurements
-from physreal_core.gap.noise.model import Noise
 from physreal_core.gap.settings import GapSettings
 
 
@@ -50,7 +49,7 @@ class Evidences:
 
     def __init__(self, measurements: Measurements, settings: GapSettings) -> None:
         self._measurements, self._settings = measurements, settings
-        self._error, self._prior = settings.model_error, settings.error_prior
+        self._prior = settings.error_prior
         self._rows, self._sizes = measurements.train.rows(), np.array(self._prior.sizes)
         self._found: dict[int, tuple[Fit, Evidence]] = {}
 
@@ -91,15 +90,12 @@ class Evidences:
 
     @cached_property
     def _parts(self) -> list[Discrepancy]:
-        return [self._part(noise, number) for number, noise in enumerate(self._measurements.train.noises)]
+        return [Discrepancy(noise) for noise in self._measurements.train.noises]
 
     @cached_property
     def _held_out_parts(self) -> list[Discrepancy | None]:
         noises = [self._measurements.held_out(number) for number in range(len(self._rows))]
-        return [None if noise is None else self._part(noise, number) for number, noise in enumerate(noises)]
-
-    def _part(self, noise: Noise, number: int) -> Discrepancy:
-        return Discrepancy(noise, self._error, self._measurements.experiments[number].device)
+        return [None if noise is None else Discrepancy(noise) for noise in noises]
 
     def _evidence(self, fit: Fit) -> Evidence:
         if not np.isfinite(fit.energy):

@@ -5,12 +5,11 @@ from __future__ import annotations
 from dataclasses import dataclass
 
 import numpy as np
-import torch
 from scipy.special import logsumexp
 from scipy.stats import norm
 
-from physreal_core.array_types import Array, Float, Tensor
-from physreal_core.gap.noise.model import ModelError, Noise, principal_axes
+from physreal_core.array_types import Array, Float
+from physreal_core.gap.noise.model import Noise
 
 
 @dataclass(frozen=True)
@@ -46,26 +45,16 @@ class Discrepancy:
     """The model's error of one interaction.
 
     Args:
-        noise: of the interaction.
-        error: of the model, at size one.
-        device: where products run.
-
-    Attributes:
-        noise: as given.
-        variances: along each axis, at size one, in units of all that has a known size, shape [K].
+        noise: of the interaction; its own size of the error does not matter.
     """
 
-    def __init__(self, noise: Noise, error: ModelError, device: str = "cpu") -> None:
-        self.noise, self._device = noise, device
-        self._known, variances = principal_axes(self._tensor(noise.known_columns()))
-        self._log_known = 0.5 * float(variances.log1p().sum())
-        self._less = (1.0 - 1.0 / (1.0 + variances).sqrt()).float()
-        self._axes, variances = principal_axes(self._without_known(self._tensor(noise.field_columns(error))))
-        self.variances: Float[Array, " axes"] = variances.cpu().numpy()
+    def __init__(self, noise: Noise) -> None:
+        self.noise = noise
+        self._log_known = 0.5 * float(np.log1p(noise.known.variances).sum())
 
     def log_sizes(self, sizes: Float[Array, " sizes"]) -> Float[Array, " sizes"]:
         """Half the logarithm of the covariance's determinant for each size of the error, up to a constant of the sensor."""
-        return self._log_known + 0.5 * np.log1p(sizes[:, None] ** 2 * self.variances).sum(1)
+        return self._log_known + 0.5 * np.log1p(sizes[:, None] ** 2 * self.noise.field.variances).sum(1)
 
     def products(
         self, whitened: Float[Array, "entries columns"], sizes: Float[Array, " sizes"]
@@ -76,15 +65,7 @@ class Discrepancy:
             whitened: columns as the noise has whitened them.
             sizes: of the error.
         """
-        columns = self._without_known(self._tensor(self.noise.weighted(whitened)))
-        without = (columns.double().T @ columns.double()).cpu().numpy()
-        along = (self._axes.T @ columns).double().cpu().numpy()
-        variances = sizes[:, None] ** 2 * self.variances
-        return without - np.einsum("kc,sk,kd->scd", along, variances / (1.0 + variances), along, optimize=True)
-
-    def _tensor(self, columns: Array) -> Float[Tensor, "entries columns"]:
-        return torch.from_numpy(np.ascontiguousarray(columns, dtype=np.float32)).to(self._device)
-
-    def _without_known(self, weighted: Float[Tensor, "entries columns"]) -> Float[Tensor, "entries columns"]:
-        """Columns in units of all that has a known size."""
-        return weighted - self._known @ (self._less[:, None] * (self._known.T @ weighted))
+        columns, field = self.noise.beside_known(whitened), self.noise.field
+        along, variances = field.along(columns), sizes[:, None] ** 2 * field.variances
+        imitated = np.einsum("kc,sk,kd->scd", along, variances / (1.0 + variances), along, optimize=True)
+        return columns.T @ columns - imitated

@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 from collections.abc import Sequence
-from dataclasses import dataclass, replace
+from dataclasses import dataclass, field, replace
 from functools import cached_property, partial
 from itertools import starmap
 
@@ -50,6 +50,7 @@ class Measurements:
         predicted: of each interaction, over the frames that are known.
         train_frames: number of training frames of each interaction that count.
         size: of the model's error beside which fits are made, as a factor on that of the settings.
+        noises: beside an error of size one, by interaction, first frame and end; made when first needed.
     """
 
     experiments: Sequence[Interaction]
@@ -57,6 +58,7 @@ class Measurements:
     predicted: Sequence[Predicted]
     train_frames: Sequence[int]
     size: float = 1.0
+    noises: dict[tuple[int, int, int], Noise] = field(default_factory=dict, repr=False, compare=False)
 
     @classmethod
     def around(
@@ -88,7 +90,7 @@ class Measurements:
         it at its frequency and with its phase, one that is damped does not.
         """
         by_experiment = _predicted_of_each(self.experiments, trials, self.train_frames, reruns=True)
-        return [replace(self, predicted=own) for own in zip(*by_experiment, strict=True)]
+        return [replace(self, predicted=own, noises={}) for own in zip(*by_experiment, strict=True)]
 
     def beside_error(self, size: float) -> Measurements:
         """The same for fits beside a model's error of another size."""
@@ -134,13 +136,19 @@ class Measurements:
 
     def _noise(self, number: int, first: int, end: int, size: float = 1.0) -> Noise | None:
         """Of the frames [first, end) of one interaction; None where nothing was measured in them."""
+        if not self.experiments[number].valid[first:end].any():
+            return None
+        key = number, first, end
+        if key not in self.noises:
+            self.noises[key] = self._noise_of_size_one(*key)
+        return self.noises[key].beside(size)
+
+    def _noise_of_size_one(self, number: int, first: int, end: int) -> Noise:
         experiment, own = self.experiments[number], self.predicted[number]
         valid = experiment.valid[:end].copy()
         valid[:first] = False
-        if not valid.any():
-            return None
         fields = (own.motion[:end], own.reruns[:, :end], own.start_sensitivity[:, :end])
-        sigma, error = experiment.sigma[:end], self.settings.model_error.times(size)
+        sigma, error = experiment.sigma[:end], self.settings.model_error
         known = (experiment.correlation, own.given[:, :end])
         return Noise(
             sigma, valid, experiment.points0, *fields, experiment.setting.fps, error, experiment.device, *known

@@ -14,12 +14,13 @@ effect.
 
 from __future__ import annotations
 
+from copy import copy
 from dataclasses import dataclass, replace
 
 import numpy as np
-import torch
 
-from physreal_core.array_types import Array, Bool, Float, Tensor
+from physreal_core.array_types import Array, Bool, Float
+from physreal_core.gap.noise.axes import Axes
 from physreal_core.gap.noise.sensor import SensorNoise
 
 
@@ -70,7 +71,9 @@ class Noise:
 
     Attributes:
         sensor: the sensor's part.
-        variances: along each axis, in units of the sensor's noise, shape [K].
+        known: axes of what has a known size beside it, in units of the sensor's noise.
+        field: those of the model's error at size one, in units of all that has a known size.
+        size: of the model's error, as a factor on `error`.
     """
 
     def __init__(
@@ -91,10 +94,29 @@ class Noise:
         self.sensor = SensorNoise(sigma, valid, correlation)
         given = np.zeros((0, *motion.shape)) if given is None else given
         self._parts = points0, motion, reruns, start_sensitivity, given, fps, error
+        self.size = 1.0
         # Of hundreds of megabytes, and sooner made again than read: no checkpoint.
-        columns = np.concatenate([self.known_columns(), self.field_columns(error)], axis=1)
-        self._basis, variances = principal_axes(torch.from_numpy(columns).to(device))
-        self.variances: Float[Array, " axes"] = variances.cpu().numpy()
+        self.known = Axes(self.known_columns(), device)
+        self.field = Axes(self.known.stretched(self.field_columns(error), 1.0 / self._known_spread), device)
+
+    def beside(self, size: float) -> Noise:
+        """The same beside a model's error of another size; axes do not depend on it."""
+        other = copy(self)
+        other.size = size
+        return other
+
+    @property
+    def variances(self) -> Float[Array, " axes"]:
+        """Along the axes of what has a known size, and of the model's error."""
+        return np.concatenate([self.known.variances, self.size**2 * self.field.variances])
+
+    @property
+    def _known_spread(self) -> Float[Array, " axes"]:
+        return np.sqrt(1.0 + self.known.variances)
+
+    @property
+    def _field_spread(self) -> Float[Array, " axes"]:
+        return np.sqrt(1.0 + self.size**2 * self.field.variances)
 
     def known_columns(self) -> Float[Array, "entries columns"]:
         """Weighted columns of what has a known size: the start's error, the reruns, errors of given records."""
@@ -103,7 +125,7 @@ class Noise:
         return self.sensor.weighted(np.concatenate(parts, axis=1)).astype(np.float32)
 
     def field_columns(self, error: ModelError) -> Float[Array, "entries columns"]:
-        """Weighted columns of the smooth field of the model's error."""
+        """Weighted columns of the smooth field of the model's error, of the size that is given here."""
         points0, motion, reruns, _, _, fps, _ = self._parts
         return self.sensor.weighted(_smooth_field(self.valid, points0, motion, reruns, fps, error)).astype(np.float32)
 
@@ -117,20 +139,15 @@ class Noise:
 
     def from_weighted(self, weighted: Float[Array, "entries columns"]) -> Float[Array, "entries columns"]:
         """The inverse of `weighted`."""
-        return self._scaled(weighted, 1.0 / np.sqrt(1.0 + self.variances))
+        return self.field.stretched(self.known.stretched(weighted, 1.0 / self._known_spread), 1.0 / self._field_spread)
 
     def weighted(self, whitened: Float[Array, "entries columns"]) -> Float[Array, "entries columns"]:
         """Whitened columns in units of the sensor's noise alone."""
-        return self._scaled(whitened, np.sqrt(1.0 + self.variances))
+        return self.known.stretched(self.beside_known(whitened), self._known_spread)
 
-    def _scaled(self, columns: Float[Array, "entries columns"], factors: Array) -> Float[Array, "entries columns"]:
-        """Columns with what lies along each principal axis multiplied by a factor."""
-        more, axes = (factors - 1.0).astype(np.float32)[:, None], self._basis
-        if axes.is_cpu:  # a few columns take NumPy's product a third of the time that they take torch's
-            axes = axes.numpy()
-            return columns + axes @ (more * (axes.T @ columns.astype(np.float32)))
-        along = axes @ (torch.from_numpy(more).to(axes) * (axes.T @ torch.from_numpy(columns).to(axes)))
-        return columns + along.double().cpu().numpy()
+    def beside_known(self, whitened: Float[Array, "entries columns"]) -> Float[Array, "entries columns"]:
+        """Whitened columns in units of all that has a known size."""
+        return self.field.stretched(whitened, self._field_spread)
 
     def log_density(self, residual: Float[Array, "frames tracks 3"]) -> float:
         """Log density of a residual [m] [nat], up to a constant of the number of entries."""
@@ -138,9 +155,10 @@ class Noise:
         return -0.5 * float(left @ left) - 0.5 * float(np.log1p(self.variances).sum()) - self.sensor.log_size
 
     def modes(self) -> Float[Array, "modes entries 3"]:
-        """The columns of U in their principal axes [m], one standard deviation long each, at the valid entries."""
-        columns = self.sensor.metres(self._basis.cpu().numpy() * np.sqrt(self.variances))
-        return columns.T.reshape(len(self.variances), -1, 3)
+        """Columns of U along its axes [m], one standard deviation long each, at the valid entries."""
+        field = self.size * self.known.stretched(self.field.deviations, self._known_spread)
+        columns = self.sensor.metres(np.concatenate([self.known.deviations, field], axis=1))
+        return columns.T.reshape(columns.shape[1], -1, 3)
 
 
 def _smooth_field(valid, points0, motion, reruns, fps: float, error: ModelError) -> Float[Array, "entries columns"]:
@@ -158,15 +176,6 @@ def _smooth_field(valid, points0, motion, reruns, fps: float, error: ModelError)
     for axis in range(3):
         rows[:, axis, axis] = field
     return rows.reshape(3 * len(frame), -1)
-
-
-def principal_axes(
-    columns: Float[Tensor, "entries columns"],
-) -> tuple[Float[Tensor, "entries axes"], Float[Tensor, " axes"]]:
-    """Axes of a sum of outer products of columns, and the variances along them."""
-    values, vectors = torch.linalg.eigh((columns.T @ columns).double())
-    kept = values > 1e-6 * values[-1].clamp_min(1e-30)
-    return columns @ (vectors[:, kept] / values[kept].sqrt()).float(), values[kept]
 
 
 def _leading(places: Float[Array, "places axes"], length: float) -> Float[Array, "places modes"]:

@@ -1,0 +1,53 @@
+"""Directions in which thousands of entries vary together, and products with them."""
+
+from __future__ import annotations
+
+import numpy as np
+import torch
+
+from physreal_core.array_types import Array, Float, Tensor
+
+LEAST = 1e-6
+"""Share of the largest variance below which a direction is left out."""
+
+
+class Axes:
+    """Principal axes of a sum of outer products of columns.
+
+    Args:
+        columns: shape [n, M], hundreds of them for thousands of entries.
+        device: where products run.
+
+    Attributes:
+        variances: along each axis, shape [K].
+    """
+
+    def __init__(self, columns: Float[Array, "entries columns"], device: str) -> None:
+        self._device = device
+        given = self._moved(columns)
+        values, vectors = torch.linalg.eigh((given.T @ given).double())
+        kept = values > LEAST * values[-1].clamp_min(1e-30)
+        self._directions = given @ (vectors[:, kept] / values[kept].sqrt()).float()
+        self.variances: Float[Array, " axes"] = values[kept].cpu().numpy()
+
+    @property
+    def deviations(self) -> Float[Array, "entries axes"]:
+        """One standard deviation along each axis."""
+        return self._directions.cpu().numpy() * np.sqrt(self.variances)
+
+    def along(self, columns: Float[Array, "entries columns"]) -> Float[Array, "axes columns"]:
+        """The parts of columns along each axis."""
+        if self._directions.is_cpu:  # NumPy's product with a few columns takes a third of the time of torch's
+            return (self._directions.numpy().T @ columns.astype(np.float32)).astype(np.float64)
+        return (self._directions.T @ self._moved(columns)).double().cpu().numpy()
+
+    def stretched(self, columns: Float[Array, "entries columns"], factors: Array) -> Float[Array, "entries columns"]:
+        """Columns with what lies along each axis multiplied by a factor."""
+        more = (factors - 1.0)[:, None]
+        if self._directions.is_cpu:
+            return columns + self._directions.numpy() @ (more * self.along(columns)).astype(np.float32)
+        inside = self._directions.T @ self._moved(columns)
+        return columns + (self._directions @ (self._moved(more) * inside)).double().cpu().numpy()
+
+    def _moved(self, columns: Array) -> Tensor:
+        return torch.from_numpy(np.ascontiguousarray(columns, dtype=np.float32)).to(self._device)

@@ -31,7 +31,9 @@ LONGEST_BASELINE, LONGEST_EFFECT = 0.5, 1.5  # steps of the unknowns, in their c
 DAMPING = 0.3  # least damping after a failed step; then ten times as much
 FINE = 0.2  # factor on the secants' steps, where plain ones lead no further
 SMALL_GAIN = 1.0  # [nat] expected of the next step, below which a fit has converged: little beside the temperature
-WORTH_RENEWING = 5.0  # [nat] expected of the next step, below which tangents that have failed are not all renewed
+WORTH_RENEWING = (
+    5.0  # [nat] expected of a step, or gained since the last time, below which not all tangents are renewed
+)
 
 
 @dataclass(frozen=True)
@@ -209,12 +211,15 @@ def _steps(
         return found
     everything, effects = list(range(len(unknowns))), list(range(unknowns.baseline, len(unknowns)))
     old, failed, damping, share = len(jacobians) > 0, False, 0.0, 1.0
+    renewed_at = np.inf  # energy where all tangents were taken anew
     for _ in range(iterations):
         step, expected = _step(found, damping)
+        doubted = thorough and old and renewed_at - found.energy > WORTH_RENEWING
+        if expected < SMALL_GAIN and not doubted:
+            break
         if expected < SMALL_GAIN:
-            if not (thorough and old):
-                break
-            found, old, failed = (yield from _renewed(found, everything, share, data)), False, False
+            found = yield from _renewed(found, everything, share, data)
+            old, failed, renewed_at = False, False, found.energy
             continue
         tried = _clipped(unknowns, found.vector, step)
         following = yield from _moved(found, tried, data)
@@ -225,10 +230,11 @@ def _steps(
                 found = yield from _renewed(found, effects, share, data)
         elif old and not failed:  # Broyden's update may do; renewing all tangents costs more
             found, failed, damping = replace(found, jacobian=following.jacobian), True, max(10.0 * damping, DAMPING)
-        elif old and expected < WORTH_RENEWING and not thorough:
+        elif old and expected < WORTH_RENEWING and not doubted:
             break
         elif old:
-            found, old, failed = (yield from _renewed(found, everything, share, data)), False, False
+            found = yield from _renewed(found, everything, share, data)
+            old, failed, renewed_at = False, False, found.energy
             damping = max(damping, DAMPING)
         elif damping <= 1.0:
             damping = max(10.0 * damping, DAMPING)

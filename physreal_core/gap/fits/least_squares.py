@@ -31,9 +31,7 @@ LONGEST_BASELINE, LONGEST_EFFECT = 0.5, 1.5  # steps of the unknowns, in their c
 DAMPING = 0.3  # least damping after a failed step; then ten times as much
 FINE = 0.2  # factor on the secants' steps, where plain ones lead no further
 SMALL_GAIN = 1.0  # [nat] expected of the next step, below which a fit has converged: little beside the temperature
-WORTH_RENEWING = (
-    5.0  # [nat] expected of a step, or gained since the last time, below which not all tangents are renewed
-)
+WORTH_RENEWING = 5.0  # [nat] expected of a step, or gained since, below which not all tangents are renewed
 
 
 @dataclass(frozen=True)

@@ -6,10 +6,10 @@ import importlib.util
 from applications.export import gltf, mjcf, page, splats, usd
 from applications.export.moving import Moving
 from applications.twin import Twin
-from applications.whole_folder import as_a_whole, require_new
 from physreal_core.errors import InputError
 from pipeline.graph import FIT_STAGES
 from pipeline.project import Project
+from pipeline.whole_folder import as_a_whole, require_new
 
 FORMATS = {"splats": splats.write, "gltf": gltf.write, "usd": usd.write, "mjcf": mjcf.write, "page": page.write}
 _PACKAGES = {"gltf": "pygltflib", "usd": "pxr", "mjcf": "mujoco"}

@@ -11,7 +11,6 @@ from applications.plan.goals import read_goal
 from applications.plan.written import states_of, table, write_plan
 from applications.play.film import film
 from applications.twin import Twin
-from applications.whole_folder import as_a_whole, require_new
 from physreal_core.array_types import Array, Float
 from physreal_core.errors import InputError
 from physreal_core.planning import (
@@ -30,6 +29,7 @@ from physreal_core.planning import (
 )
 from pipeline.graph import FIT_STAGES
 from pipeline.project import Project
+from pipeline.whole_folder import as_a_whole, require_new
 
 COARSER = 2.0
 """Spacing of the particles in the search over that of the twin."""

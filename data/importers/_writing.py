@@ -11,6 +11,7 @@ import numpy as np
 from physreal_core.array_types import Array, Float, UInt8
 from physreal_core.errors import InputError
 from pipeline.capture import capture_of, write_capture
+from pipeline.whole_folder import as_a_whole
 
 
 @contextmanager
@@ -23,14 +24,8 @@ def new_capture(destination: Path) -> Iterator[Path]:
     destination = Path(destination)
     if destination.exists():
         raise InputError(f"{destination} exists", where="import", remedy="choose another place, or move it away")
-    draft = destination.with_name(destination.name + ".partial")
-    shutil.rmtree(draft, ignore_errors=True)
-    draft.mkdir(parents=True)
-    try:
+    with as_a_whole(destination) as draft:
         yield draft
-        draft.rename(destination)
-    finally:
-        shutil.rmtree(draft, ignore_errors=True)
 
 
 def write_description(folder: Path, values: dict[str, Any]) -> None:

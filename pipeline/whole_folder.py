@@ -17,7 +17,7 @@ def require_new(folder: Path, command: str) -> None:
 @contextmanager
 def as_a_whole(folder: Path) -> Iterator[Path]:
     """A draft to write into, which becomes the folder at the end, and is gone where that is not reached."""
-    draft = folder.with_name(f".{folder.name}.partial")
+    draft = folder.with_name(f"{folder.name}.partial")
     shutil.rmtree(draft, ignore_errors=True)
     draft.mkdir(parents=True)
     try:

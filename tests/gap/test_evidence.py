@@ -91,7 +91,7 @@ def test_the_determinant_is_that_of_the_whole_covariance(size):
     """So that evidences beside different noise models can be compared."""
     measurements, _ = made({"sink": {"amount": 0.6}}, SETTINGS)
     (noise,) = measurements.train.noises
-    known, field = noise.known_columns().astype(float), noise.field_columns(SETTINGS.model_error).astype(float)
+    known, field = noise.known_columns().astype(float), noise.field_columns().astype(float)
     covariance = np.eye(len(known)) + known @ known.T + size**2 * field @ field.T
     part = Discrepancy(noise)
     assert part.log_sizes(np.array([size])) == pytest.approx([0.5 * np.linalg.slogdet(covariance)[1]], rel=1e-4)

@@ -69,7 +69,7 @@ def test_a_density_integrates_the_model_error():
     """Against scipy's for the covariance as one matrix."""
     model = noise(ModelError(rms=1e-3), 0.5)
     sensor = model.sensor
-    columns = np.concatenate([model.known_columns(), model.field_columns(ModelError(rms=1e-3))], axis=1)
+    columns = np.concatenate([model.known_columns(), model.field_columns()], axis=1)
     inside = sensor.metres(np.concatenate([columns, np.eye(len(columns))], axis=1))
     sample = samples(1, 0.5)[0]
     whole = multivariate_normal(cov=inside @ inside.T).logpdf(model.rows(sample[None])[:, 0])
@@ -90,7 +90,7 @@ def test_products_beside_an_error_of_any_size_are_those_of_its_covariance(size):
     error = ModelError(rms=1e-3)
     model = noise(error, 0.4)
     found = Discrepancy(model)
-    field = size * model.field_columns(error)
+    field = size * model.field_columns()
     covariance = np.eye(len(field)) + field @ field.T + model.known_columns() @ model.known_columns().T
     given = model.sensor.weighted(model.rows(samples(2)))
     (products,) = found.products(model.whiten(samples(2)), np.array([size]))

@@ -37,17 +37,16 @@ class Axes:
 
     def along(self, columns: Float[Array, "entries columns"]) -> Float[Array, "axes columns"]:
         """The parts of columns along each axis."""
-        if self._directions.is_cpu:  # NumPy's product with a few columns takes a third of the time of torch's
-            return (self._directions.numpy().T @ columns.astype(np.float32)).astype(np.float64)
-        return (self._directions.T @ self._moved(columns)).double().cpu().numpy()
+        return self._product(self._directions.T, columns)
 
     def stretched(self, columns: Float[Array, "entries columns"], factors: Array) -> Float[Array, "entries columns"]:
         """Columns with what lies along each axis multiplied by a factor."""
-        more = (factors - 1.0)[:, None]
-        if self._directions.is_cpu:
-            return columns + self._directions.numpy() @ (more * self.along(columns)).astype(np.float32)
-        inside = self._directions.T @ self._moved(columns)
-        return columns + (self._directions @ (self._moved(more) * inside)).double().cpu().numpy()
+        return columns + self._product(self._directions, (factors - 1.0)[:, None] * self.along(columns))
+
+    def _product(self, matrix: Tensor, columns: Array) -> Float[Array, "rows columns"]:
+        if matrix.is_cpu:  # NumPy's product with a few columns takes a third of the time of torch's
+            return (matrix.numpy() @ columns.astype(np.float32)).astype(np.float64)
+        return (matrix @ self._moved(columns)).double().cpu().numpy()
 
     def _moved(self, columns: Array) -> Tensor:
         return torch.from_numpy(np.ascontiguousarray(columns, dtype=np.float32)).to(self._device)

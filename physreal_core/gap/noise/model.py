@@ -97,7 +97,7 @@ class Noise:
         self.size = 1.0
         # Of hundreds of megabytes, and sooner made again than read: no checkpoint.
         self.known = Axes(self.known_columns(), device)
-        self.field = Axes(self.known.stretched(self.field_columns(error), 1.0 / self._known_spread), device)
+        self.field = Axes(self.known.stretched(self.field_columns(), 1.0 / self._known_spread), device)
 
     def beside(self, size: float) -> Noise:
         """The same beside a model's error of another size; axes do not depend on it."""
@@ -124,9 +124,9 @@ class Noise:
         parts = [error.reruns * self.rows(reruns), self.rows(given), self.sensor.start_errors(start_sensitivity)]
         return self.sensor.weighted(np.concatenate(parts, axis=1)).astype(np.float32)
 
-    def field_columns(self, error: ModelError) -> Float[Array, "entries columns"]:
-        """Weighted columns of the smooth field of the model's error, of the size that is given here."""
-        points0, motion, reruns, _, _, fps, _ = self._parts
+    def field_columns(self) -> Float[Array, "entries columns"]:
+        """Weighted columns of the smooth field of the model's error, at size one."""
+        points0, motion, reruns, _, _, fps, error = self._parts
         return self.sensor.weighted(_smooth_field(self.valid, points0, motion, reruns, fps, error)).astype(np.float32)
 
     def rows(self, fields: Float[Array, "columns frames tracks 3"]) -> Float[Array, "entries columns"]:

@@ -97,13 +97,21 @@ def test_the_determinant_is_that_of_the_whole_covariance(size):
     assert part.log_sizes(np.array([size])) == pytest.approx([0.5 * np.linalg.slogdet(covariance)[1]], rel=1e-4)
 
 
-def test_a_fit_can_be_judged_beside_noise_models_around_its_own_motion():
-    measurements, (none, sink, _) = made({"sink": {"amount": 3.0}}, SETTINGS)
+def test_fits_are_judged_beside_the_noise_models_around_the_motions_of_all():
+    """What one gains over another is the mean of what it gains beside each, so that the determinants cancel."""
+    measurements, (none, *fits) = made({"sink": {"amount": 3.0}}, SETTINGS)
     evidences = Evidences(measurements, SETTINGS)
-    shared = evidences.of(sink).log_evidence
-    (own,) = measurements.around_others([sink.unknowns.trial(sink.vector)])
-    inside = rewhitened(sink, measurements.train, own.train)
-    there = evidences.judge_beside(sink, own)
-    assert there.log_evidence == Evidences(own, SETTINGS).of(inside).log_evidence
-    assert evidences.of(sink) is there and there.log_evidence != shared
-    assert evidences.gain(sink, none) == there.log_evidence - evidences.of(none).log_evidence
+    before = [evidences.of(fit).log_evidence for fit in fits]
+    others = measurements.around_others([fit.unknowns.trial(fit.vector) for fit in fits])
+    beside = [Evidences(own, SETTINGS) for own in others]
+    table = [
+        [there.of(rewhitened(fit, measurements.train, own.train)) for there, own in zip(beside, others, strict=True)]
+        for fit in fits
+    ]
+    evidences.judge_beside(fits, others)
+    gains = [table[0][n].log_evidence - table[1][n].log_evidence for n in range(2)]
+    assert evidences.gain(*fits) == pytest.approx(np.mean(gains), abs=1e-6)
+    assert sum(evidences.of(fit).log_evidence for fit in fits) == pytest.approx(sum(before))
+    assert np.isfinite(evidences.gain(fits[0], none))
+    for number, fit in enumerate(fits):
+        assert evidences.of(fit).size == table[number][number].size

@@ -73,13 +73,18 @@ def test_answers_near_the_best_are_judged_beside_noise_around_their_own_motion(m
     shared = [evidences.of(found) for found in (baseline, sink, drift)]
     assert min(evidences.gain(sink, other) for other in (baseline, drift)) > 10.0
     monkeypatch.setattr("physreal_core.gap.fits.finishing.FAR_BEHIND", 10.0)
-    ends = Finish(measurements, evidences, 12).beside_own_motion([baseline, sink, drift])
+    finish = Finish(measurements, evidences, 12)
+    ends = finish.judged([baseline, sink, drift])
     assert [trial.effects.keys() for trial in around] == [{"sink"}]
     assert ends[0] is baseline and ends[2] is drift
     assert [evidences.of(found) for found in (ends[0], ends[2])] == [shared[0], shared[2]]
     assert evidences.of(ends[1]) is not shared[1]
     at = ends[1].unknowns.places["sink"].start
     assert ends[1].vector[at] == pytest.approx(0.9, abs=0.05)
+    monkeypatch.setattr(Measurements, "simulated", property(lambda self: False))
+    assert (
+        finish.judged([baseline, sink, drift])[1] is sink
+    )  # no noise model can be built around what cannot be simulated
 
 
 def test_the_best_effects_family_is_fitted_whatever_its_score(monkeypatch):

@@ -153,10 +153,17 @@ class CandidateFits:
         return self._in_full(together(requests))
 
     def without_effects(self, fits: Sequence[Fit]) -> list[Fit]:
-        """The baseline from the material of each of these fits, after some steps in full rollouts; without those that fail."""
-        own, steps = self.baseline.unknowns, self.settings.settling
+        """The baseline from the material and under the elastic law of each of these fits, after some steps in full rollouts; without those that
+        fail."""
+        size, steps = self.baseline.unknowns.baseline, self.settings.settling
         requests = [
-            fit(own, self.data, found.vector[None, : own.baseline], steps, [found.jacobian[:, : own.baseline]])
+            fit(
+                self.baseline.unknowns.under(found.unknowns.elastic_law),
+                self.data,
+                found.vector[None, :size],
+                steps,
+                [found.jacobian[:, :size]],
+            )
             for found in fits
         ]
         return [found for found in together(requests) if np.isfinite(found.energy)]

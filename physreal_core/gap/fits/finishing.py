@@ -52,29 +52,27 @@ class Finish:
     evidences: Evidences
     steps: int
 
-    def ended(self, baseline: Fit, fits: Sequence[Fit]) -> tuple[Fit, list[Fit]]:
-        """The baseline and other fits after some more steps, each under its best elastic law, and judged beside noise of its own."""
+    def converged(self, baseline: Fit, fits: Sequence[Fit]) -> tuple[Fit, list[Fit]]:
+        """The baseline and other fits gone on until they converge, each under its best elastic law."""
         begun, *settled = self.settled([baseline, *fits])
-        begun, settled = self.under_the_best_law(begun, settled)
-        end, *ends = self.beside_own_motion([begun, *settled])
-        return end, ends
+        return self.under_the_best_law(begun, settled)
 
     def settled(self, fits: Sequence[Fit]) -> list[Fit]:
         """Each fit after some more steps, or as it was if they gain no evidence."""
-        pairs = zip(fits, self._gone_on([(found, None) for found in fits], thorough=True), strict=True)
+        pairs = zip(fits, self._gone_on([(found, None) for found in fits]), strict=True)
         return [self.evidences.best(pair) for pair in pairs]
 
     def under_the_best_law(self, baseline: Fit, fits: Sequence[Fit]) -> tuple[Fit, list[Fit]]:
         """The baseline and other fits, each under that elastic law which gives it the most evidence.
 
-        A law that the best of them rules out is not tried beside other effects, nor any beside effects that gain nothing. The
-        baseline does not rule it out for them: where an effect is missing, it may like a wrong law far better.
+        A law that the best of them rules out is not tried beside other effects. The baseline does not rule it out for them: where
+        an effect is missing, it may like a wrong law far better.
         """
         laws, leader = self.measurements.elastic_laws, self.evidences.best([baseline, *fits])
         (of_leader,) = self._under([(leader, laws)])
         best = self.evidences.best(of_leader.values())
         left = [law for law, found in of_leader.items() if self.evidences.gain(best, found) < RULED_OUT]
-        asked = [(f, left if self.evidences.gain(f, baseline) >= 0.0 else ()) for f in fits if f is not leader]
+        asked = [(found, left) for found in fits if found is not leader]
         if leader is not baseline:
             asked.insert(0, (baseline, laws))
         others = iter(self._under(asked))
@@ -91,32 +89,36 @@ class Finish:
             for found, laws in asked
         ]
 
-    def beside_own_motion(self, fits: Sequence[Fit]) -> list[Fit]:
-        """Those that are not far behind the best, gone on beside noise models around their own motions, and judged beside these.
+    def judged(self, fits: Sequence[Fit]) -> list[Fit]:
+        """Those that are not far behind the best, gone on beside noise models around their own motions, and all judged beside all of these.
 
-        Beside those around the baseline, a wrong answer whose motion is like the baseline's would be forgiven more than a right one
+        Beside those around the baseline alone, a wrong answer whose motion is like the baseline's would be forgiven more than a right one
         whose motion is not.
         """
         best, data = self.evidences.best(fits), self.measurements.train
         near = [found for found in fits if self.evidences.gain(best, found) < FAR_BEHIND]
         around = self.measurements.around_others([found.unknowns.trial(found.vector) for found in near])
-        own = [m.beside_error(self.evidences.of(found).size) for m, found in zip(around, near, strict=True)]
-        requests = [continued(f, data, theirs.train, self.steps) for f, theirs in zip(near, own, strict=True)]
-        ends = {}
-        for found, theirs, end in zip(near, own, together(requests), strict=True):
-            pair = found, rewhitened(end, theirs.train, data)
-            ends[id(found)] = max(pair, key=lambda fit: self.evidences.judge_beside(fit, theirs).log_evidence)
+        own = [
+            (found, theirs.beside_error(self.evidences.of(found).size))
+            for found, theirs in zip(near, around, strict=True)
+            if theirs.simulated
+        ]
+        requests = [continued(found, data, theirs.train, self.steps) for found, theirs in own]
+        pairs = zip(together(requests), own, strict=True)
+        ends = {id(found): rewhitened(end, theirs.train, data) for end, (found, theirs) in pairs}
+        if ends:
+            self.evidences.judge_beside([*ends.values()], [theirs for _, theirs in own])
         return [ends.get(id(found), found) for found in fits]
 
     def _law_of(self, found: Fit) -> str:
         return found.unknowns.elastic_law or self.measurements.elastic_laws[0]
 
-    def _gone_on(self, asked: Sequence[tuple[Fit, str | None]], thorough: bool = False) -> list[Fit]:
-        """Fits after some more steps, each under an elastic law and beside an error of the size that it leaves."""
+    def _gone_on(self, asked: Sequence[tuple[Fit, str | None]]) -> list[Fit]:
+        """Fits gone on until they converge, each under an elastic law and beside an error of the size that it leaves."""
         data = self.measurements.train
         own = [self.measurements.beside_error(self.evidences.of(found).size).train for found, _ in asked]
         requests = [
-            continued(found, data, theirs, self.steps, law, thorough)
+            continued(found, data, theirs, self.steps, law, thorough=True)
             for (found, law), theirs in zip(asked, own, strict=True)
         ]
         return [rewhitened(found, theirs, data) for found, theirs in zip(together(requests), own, strict=True)]

@@ -3,15 +3,13 @@
 from __future__ import annotations
 
 from collections.abc import Sequence
-from functools import cached_property
-
 from physreal_core.effects import EFFECTS
 from physreal_core.gap.answers.probabilities import worth_of_a_second
 from physreal_core.gap.fits.baseline import Progress
 from physreal_core.gap.fits.candidate_fits import CandidateFits
 from physreal_core.gap.fits.evidence import Evidences
 from physreal_core.gap.fits.finishing import OUT_OF_REACH, Finish
-from physreal_core.gap.fits.least_squares import Fit
+from physreal_core.gap.fits.least_squares import SMALL_GAIN, Fit
 from physreal_core.gap.fits.screening import Score
 from physreal_core.gap.noise.measurements import Measurements
 from physreal_core.gap.settings import GapSettings
@@ -21,6 +19,10 @@ OTHERS = 0.35
 
 PAIRS = 0.1
 """The same for pairs, which cost more and explain more of what is no effect."""
+
+LEFT_BEHIND = 20.0
+"""What the baseline has gained since effects were screened beside it [nat], from which on that is done anew: tangents and fits beside a
+poorer baseline say little."""
 
 STRONG_ALONE = 2
 """Second effects that are chosen for what they gain alone; at most half of all second effects."""
@@ -42,6 +44,7 @@ class Strategy:
         baseline: the best fit without a missing effect so far; it goes on until it converges.
         found: the best fit of every answer so far, by the names of its effects.
         predicted_gains: what the score test predicted for each of them [nat].
+        ranked: scores of all candidates, the most promising first.
     """
 
     def __init__(
@@ -58,9 +61,25 @@ class Strategy:
         self.baseline = candidate_fits.baseline
         self.found: dict[tuple[str, ...], Fit] = {}
         self.predicted_gains: dict[tuple[str, ...], float] = {}
-        self._beside_fits: dict[int, tuple[Fit, list[list[Score]]]] = {}
+        self._begin()
 
     def run(self) -> None:
+        """Make the fits; once more, beside the baseline with which the first time ended, if that is much better than the one it began with."""
+        self._search()
+        begun = self.candidate_fits
+        if begun.baseline.energy - self.baseline.energy > LEFT_BEHIND:
+            self._progress("screening beside the better baseline")
+            self.candidate_fits = CandidateFits.beside(self.baseline, begun.data, begun.names, self.settings)
+            self._begin()
+            self._search()
+
+    def _begin(self) -> None:
+        """Nothing has been fitted or screened beside the baseline of the candidates."""
+        self._tried: set[tuple[str, ...]] = set()
+        self._beside_fits: dict[int, tuple[Fit, list[list[Score]]]] = {}
+        self.ranked = self.candidate_fits.ranked()
+
+    def _search(self) -> None:
         """Fit the most promising effects, and those that a tangent cannot judge.
 
         If the best still leaves more than a correct effect would, fit all others. If that fails too, or if a second
@@ -75,11 +94,6 @@ class Strategy:
         if self.settings.seconds and (self._leaves_too_much(PAIRS) or self._second_is_promising()):
             self._fit_pairs()
         self._finish()
-
-    @cached_property
-    def ranked(self) -> list[list[Score]]:
-        """Scores of all candidates, the most promising first."""
-        return self.candidate_fits.ranked()
 
     # --- what the fits so far say -------------------------------------------------------------------------------
 
@@ -127,10 +141,11 @@ class Strategy:
         """Fit what has not been fitted yet, and let the best of it converge; the baseline too."""
         chosen: dict[tuple[str, ...], list[Score]] = {}
         for scores in candidates:
-            if _names(scores[0]) not in self.found:
+            if _names(scores[0]) not in self._tried:
                 chosen.setdefault(_names(scores[0]), scores)
         if not chosen:
             return
+        self._tried |= set(chosen)
         self._progress("fitting " + ", ".join("+".join(names) for names in chosen))
         fits = self.candidate_fits.fitted(list(chosen.values()))
         self.predicted_gains |= {names: scores[0].gain for names, scores in chosen.items()}
@@ -175,7 +190,11 @@ class Strategy:
         self._progress("finishing the baseline, " + ", ".join("+".join(fit.unknowns.effects) for fit in best))
         finish = Finish(self.measurements, self.evidences, self.settings.settling)
         begun = self.evidences.best([self.baseline, *self.candidate_fits.without_effects(best)])
-        self.baseline, found = finish.ended(begun, best)
+        baseline, converged = finish.converged(begun, best)
+        further = min([baseline, *self.candidate_fits.without_effects(converged)], key=lambda fit: fit.energy)
+        if baseline.energy - further.energy > SMALL_GAIN:
+            baseline, _ = finish.converged(further, [])
+        self.baseline, *found = finish.judged([baseline, *converged])
         self.found |= {fit.unknowns.effects: fit for fit in found}
 
     # --- two at once --------------------------------------------------------------------------------------------

@@ -170,8 +170,11 @@ class Experiment:
         return [found[row] for row in range(len(trials))]
 
     def motion(self, trial: Trial) -> States:
-        """The whole rollout of one trial."""
+        """The rollout of one trial, to the last frame that can be simulated."""
         x, F = (state[: self.frames].cpu() for state in self._run(self._made([trial], self.frames))[0])
+        whole = torch.isfinite(x).all((1, 2)) & torch.isfinite(F).all((1, 2, 3))
+        known = max(2, int(whole.cumprod(0).sum()))
+        x, F = x[:known], F[:known]
         v = torch.gradient(x, spacing=1.0 / float(self.problem.fps), dim=0)[0]
         return States(x, v, F)
 

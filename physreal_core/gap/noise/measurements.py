@@ -127,6 +127,11 @@ class Measurements:
     def _held_out(self) -> list[Noise | None]:
         return [self._noise(number, e.train, self._simulated(number)) for number, e in enumerate(self.experiments)]
 
+    @property
+    def simulated(self) -> bool:
+        """Whether all that the noise models are built around could be simulated, over the training frames."""
+        return all(self._simulated(number) >= end for number, end in enumerate(self.train_frames))
+
     def _simulated(self, number: int) -> int:
         """Leading frames of one interaction before the baseline's rollout breaks off; all of them where it does not."""
         own = self.predicted[number]

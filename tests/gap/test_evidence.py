@@ -113,5 +113,4 @@ def test_fits_are_judged_beside_the_noise_models_around_the_motions_of_all():
     assert evidences.gain(*fits) == pytest.approx(np.mean(gains), abs=1e-6)
     assert sum(evidences.of(fit).log_evidence for fit in fits) == pytest.approx(sum(before))
     assert np.isfinite(evidences.gain(fits[0], none))
-    for number, fit in enumerate(fits):
-        assert evidences.of(fit).size == table[number][number].size
+    assert [evidences.of(fit).size for fit in fits] == [row[number].size for number, row in enumerate(table)]

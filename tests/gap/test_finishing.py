@@ -8,6 +8,7 @@ import pytest
 from physreal_core.effects import EFFECTS
 from physreal_core.gap import GapSettings, Search
 from physreal_core.gap.fits.baseline import fit_baseline
+from physreal_core.gap.fits.candidate_fits import CandidateFits
 from physreal_core.gap.fits.evidence import Evidences
 from physreal_core.gap.fits.finishing import Finish
 from physreal_core.gap.fits.least_squares import fit, together
@@ -98,3 +99,20 @@ def test_the_best_effects_family_is_fitted_whatever_its_score(monkeypatch):
 
     assert names("drift") == {(), ("sink",)}
     assert names("sink") == {(), ("sink",), ("drift",)}
+
+
+def test_effects_are_screened_anew_where_the_baseline_has_gone_on(monkeypatch):
+    settings, made, begun = replace(SETTINGS, candidates=("drift", "sink")), CandidateFits.beside, []
+    monkeypatch.setattr(CandidateFits, "beside", lambda *given: begun.append(given[0]) or made(*given))
+
+    def leading(least: float) -> tuple[tuple[str, ...], float]:
+        monkeypatch.setattr("physreal_core.gap.fits.strategy.LEFT_BEHIND", least)
+        begun.clear()
+        found = Search([LinearExperiment(ANSWERS, {"sink": {"amount": 0.6}})], settings).run()
+        best = max(found.answers, key=lambda answer: answer.gain)
+        return best.names, best.gain
+
+    once, gain = leading(np.inf)
+    assert once == ("sink",) and len(begun) == 1
+    again, gain_then = leading(-np.inf)
+    assert again == once and gain_then == pytest.approx(gain, abs=0.5) and len(begun) == 2

@@ -112,3 +112,21 @@ def test_a_hand_with_a_record_of_its_own_may_be_a_little_late_and_a_little_off()
     assert len(changed_by_records(seen, [trial], [here])[0]) == len(rest)  # it has the camera's clock
     known = Trial(own.model.fields, {"grip_lag": {"lag": 0.01}})
     assert len(changed_by_records(own, [known], [here])[0]) == len(rest)  # the lag is fitted already
+
+
+def test_a_motion_ends_where_it_cannot_be_simulated_any_further(monkeypatch):
+    own = experiment()
+    trial = Trial(own.model.fields)
+    whole, made = own.motion(trial), Experiment._run
+
+    def broken(self, batch):
+        found = [(x.clone(), F.clone()) for x, F in made(self, batch)]
+        for x, F in found:
+            x[9:], F[9:] = torch.nan, torch.nan
+        return found
+
+    monkeypatch.setattr(Experiment, "_run", broken)
+    part = own.motion(trial)
+    assert len(whole.x) == FRAMES and len(part.x) == len(part.v) == len(part.F) == 9
+    torch.testing.assert_close(part.x, whole.x[:9])
+    assert torch.isfinite(part.v).all()

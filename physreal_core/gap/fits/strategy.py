@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 from collections.abc import Sequence
+
 from physreal_core.effects import EFFECTS
 from physreal_core.gap.answers.probabilities import worth_of_a_second
 from physreal_core.gap.fits.baseline import Progress

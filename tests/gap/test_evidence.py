@@ -9,7 +9,6 @@ from physreal_core.gap import GapSettings
 from physreal_core.gap.fits.evidence import Evidences
 from physreal_core.gap.fits.least_squares import Fit, fit, together
 from physreal_core.gap.fits.unknowns import Unknowns
-from physreal_core.gap.fits.whitening import rewhitened
 from physreal_core.gap.noise.discrepancy import Discrepancy, ErrorPrior
 from physreal_core.gap.noise.measurements import Measurements
 from physreal_core.gap.noise.model import ModelError
@@ -88,29 +87,9 @@ def test_a_fit_whose_rollout_failed_has_no_evidence():
 
 @pytest.mark.parametrize("size", [0.25, 1.0, 4.0])
 def test_the_determinant_is_that_of_the_whole_covariance(size):
-    """So that evidences beside different noise models can be compared."""
     measurements, _ = made({"sink": {"amount": 0.6}}, SETTINGS)
     (noise,) = measurements.train.noises
     known, field = noise.known_columns().astype(float), noise.field_columns().astype(float)
     covariance = np.eye(len(known)) + known @ known.T + size**2 * field @ field.T
     part = Discrepancy(noise)
     assert part.log_sizes(np.array([size])) == pytest.approx([0.5 * np.linalg.slogdet(covariance)[1]], rel=1e-4)
-
-
-def test_fits_are_judged_beside_the_noise_models_around_the_motions_of_all():
-    """What one gains over another is the mean of what it gains beside each, so that the determinants cancel."""
-    measurements, (none, *fits) = made({"sink": {"amount": 3.0}}, SETTINGS)
-    evidences = Evidences(measurements, SETTINGS)
-    before = [evidences.of(fit).log_evidence for fit in fits]
-    others = measurements.around_others([fit.unknowns.trial(fit.vector) for fit in fits])
-    beside = [Evidences(own, SETTINGS) for own in others]
-    table = [
-        [there.of(rewhitened(fit, measurements.train, own.train)) for there, own in zip(beside, others, strict=True)]
-        for fit in fits
-    ]
-    evidences.judge_beside(fits, others)
-    gains = [table[0][n].log_evidence - table[1][n].log_evidence for n in range(2)]
-    assert evidences.gain(*fits) == pytest.approx(np.mean(gains), abs=1e-6)
-    assert sum(evidences.of(fit).log_evidence for fit in fits) == pytest.approx(sum(before))
-    assert np.isfinite(evidences.gain(fits[0], none))
-    assert [evidences.of(fit).size for fit in fits] == [row[number].size for number, row in enumerate(table)]

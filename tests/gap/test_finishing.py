@@ -6,7 +6,7 @@ import numpy as np
 import pytest
 
 from physreal_core.effects import EFFECTS
-from physreal_core.gap import GapSettings, Search
+from physreal_core.gap import GapSettings, Search, Trial
 from physreal_core.gap.fits.baseline import fit_baseline
 from physreal_core.gap.fits.candidate_fits import CandidateFits
 from physreal_core.gap.fits.evidence import Evidences
@@ -14,7 +14,7 @@ from physreal_core.gap.fits.finishing import Finish
 from physreal_core.gap.fits.least_squares import fit, together
 from physreal_core.gap.fits.unknowns import Unknowns
 from physreal_core.gap.fits.whitening import rewhitened
-from physreal_core.gap.noise.measurements import FITTED_BESIDE, Measurements
+from physreal_core.gap.noise.measurements import FITTED_BESIDE, Measurements, Predicted
 from physreal_core.gap.noise.model import ModelError
 from tests.gap.linear import ANSWERS, LinearExperiment, MadeUp, register
 
@@ -62,30 +62,48 @@ def test_what_a_fit_beside_a_wide_error_left_is_found_beside_its_own():
     assert after.vector[at] == pytest.approx(0.6, abs=0.05)
 
 
-def test_answers_near_the_best_are_judged_beside_noise_around_their_own_motion(monkeypatch):
-    experiment = LinearExperiment(ANSWERS, {"sink": {"amount": 0.9}})
-    baseline, measurements = fit_baseline([experiment], SETTINGS)
-    own = baseline.unknowns
-    beside = [own.beside((name,), {name: EFFECTS[name].dormant}) for name in ("sink", "drift")]
-    sink, drift = together([fit(u, measurements.train, u.start()[None], 12) for u in beside])
-    evidences, around = Evidences(measurements, SETTINGS), []
-    made = Measurements.around_others
-    monkeypatch.setattr(Measurements, "around_others", lambda self, trials: around.extend(trials) or made(self, trials))
-    shared = [evidences.of(found) for found in (baseline, sink, drift)]
-    assert min(evidences.gain(sink, other) for other in (baseline, drift)) > 10.0
-    monkeypatch.setattr("physreal_core.gap.fits.finishing.FAR_BEHIND", 10.0)
-    finish = Finish(measurements, evidences, 12)
-    ends = finish.judged([baseline, sink, drift])
+def test_all_answers_are_judged_beside_the_noise_around_those_near_the_best(monkeypatch):
+    around, made = [], Measurements.around_all
+    monkeypatch.setattr(Measurements, "around_all", lambda self, trials: around.extend(trials) or made(self, trials))
+    monkeypatch.setattr("physreal_core.gap.fits.strategy.FAR_BEHIND", 10.0)
+    search = Search(
+        [LinearExperiment(ANSWERS, {"sink": {"amount": 0.9}})], replace(SETTINGS, candidates=("drift", "sink"))
+    )
+    strategy = search.begin()
+    known = strategy.measurements
+    strategy.run()
     assert [trial.effects.keys() for trial in around] == [{"sink"}]
-    assert ends[0] is baseline and ends[2] is drift
-    assert [evidences.of(found) for found in (ends[0], ends[2])] == [shared[0], shared[2]]
-    assert evidences.of(ends[1]) is not shared[1]
-    at = ends[1].unknowns.places["sink"].start
-    assert ends[1].vector[at] == pytest.approx(0.9, abs=0.05)
-    monkeypatch.setattr(Measurements, "simulated", property(lambda self: False))
+    data = strategy.measurements.train
     assert (
-        finish.judged([baseline, sink, drift])[1] is sink
-    )  # no noise model can be built around what cannot be simulated
+        strategy.measurements is not known and strategy.evidences.gain(strategy.found["sink",], strategy.baseline) > 10
+    )
+    for found in (strategy.baseline, *strategy.found.values()):
+        np.testing.assert_allclose(found.residual, data.residuals([p[None] for p in found.predicted])[:, 0], atol=5e-3)
+    at = strategy.found["sink",].unknowns.places["sink"].start
+    assert strategy.found["sink",].vector[at] == pytest.approx(0.9, abs=0.05)
+
+
+def test_the_noise_around_several_motions_has_the_mean_of_their_covariances():
+    experiment, random = LinearExperiment(ANSWERS, {}), np.random.default_rng(0)
+    motion, size = experiment.predict([Trial(experiment.model.fields)])[0], (*experiment.valid.shape, 3)
+
+    def around(number: int) -> Predicted:
+        fields = (random.standard_normal((n, *size)) for n in (number, 3, 2))
+        reruns, start_sensitivity, given = fields
+        return Predicted(motion, reruns, start_sensitivity, given)
+
+    several = [around(1), around(4)]
+    mean = Predicted.mean(several)
+    for part in ("reruns", "given"):
+        covariances = [np.einsum("mtjx,mtjx->tjx", *(getattr(own, part),) * 2) for own in (mean, *several)]
+        np.testing.assert_allclose(covariances[0], 0.5 * (covariances[1] + covariances[2]))
+
+
+def test_a_motion_around_which_no_noise_can_be_simulated_is_left_out(monkeypatch):
+    baseline, measurements = fit_baseline([LinearExperiment(ANSWERS, {"sink": {"amount": 0.9}})], SETTINGS)
+    trial = baseline.unknowns.trial(baseline.vector)
+    monkeypatch.setattr(Predicted, "finite", property(lambda self: False))
+    assert measurements.around_all([trial]) is measurements
 
 
 def test_the_best_effects_family_is_fitted_whatever_its_score(monkeypatch):

@@ -8,7 +8,7 @@ the more is measured, the smaller a class.
 from __future__ import annotations
 
 from collections.abc import Iterable, Sequence
-from dataclasses import dataclass, replace
+from dataclasses import dataclass
 from functools import cached_property
 
 import numpy as np
@@ -16,7 +16,6 @@ from scipy.special import logsumexp
 
 from physreal_core.array_types import Array, Float
 from physreal_core.gap.fits.least_squares import Fit, laplace, newton_step
-from physreal_core.gap.fits.whitening import rewhitened
 from physreal_core.gap.noise.discrepancy import Discrepancy
 from physreal_core.gap.noise.measurements import Measurements
 from physreal_core.gap.settings import GapSettings
@@ -58,27 +57,6 @@ class Evidences:
         if id(fit) not in self._found:
             self._found[id(fit)] = fit, self._evidence(fit)  # the fit is kept, so that no other gets its number
         return self._found[id(fit)][1]
-
-    def judge_beside(self, fits: Sequence[Fit], others: Sequence[Measurements]) -> None:
-        """Judge fits beside several other noise models of the same frames, on average; it is kept as `of`.
-
-        All are judged beside the same ones, so what an answer gains is no matter of its noise model's volume. The average is shifted to
-        that of the evidences so far, and these fits can still be compared with others. The size of the error and the posterior are
-        those beside a fit's own noise model.
-
-        Args:
-            fits: some, or all.
-            others: measurements with noise models around the motion of each.
-        """
-        known, beside = self._measurements.train, [Evidences(own, self._settings) for own in others]
-        judged = [
-            [there.of(rewhitened(fit, known, own.train)) for there, own in zip(beside, others, strict=True)]
-            for fit in fits
-        ]
-        means = np.array([[one.log_evidence for one in row] for row in judged]).mean(1)
-        shifted = means - means.mean() + np.mean([self.of(fit).log_evidence for fit in fits])
-        for number, (fit, log_evidence) in enumerate(zip(fits, shifted.tolist(), strict=True)):
-            self._found[id(fit)] = fit, replace(judged[number][number], log_evidence=log_evidence)
 
     def gain(self, fit: Fit, baseline: Fit) -> float:
         """Of a fit in log evidence over another one [nat]."""

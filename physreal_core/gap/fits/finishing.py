@@ -13,9 +13,6 @@ from physreal_core.gap.noise.measurements import Measurements
 RULED_OUT = 100.0
 """Loss in log evidence against another elastic law [nat] from which on a law is not tried beside effects."""
 
-FAR_BEHIND = 150.0
-"""Loss in log evidence against the best answer [nat] from which on no noise model is built around an answer: it would not save it."""
-
 OUT_OF_REACH = 300.0
 """Loss in log evidence against the best answer [nat] from which on an answer stays as it is: what the end of a fit gains would not save it."""
 
@@ -88,27 +85,6 @@ class Finish:
             {self._law_of(found): found} | {law: next(gone_on) for law in laws if law != self._law_of(found)}
             for found, laws in asked
         ]
-
-    def judged(self, fits: Sequence[Fit]) -> list[Fit]:
-        """Those that are not far behind the best, gone on beside noise models around their own motions, and all judged beside all of these.
-
-        Beside those around the baseline alone, a wrong answer whose motion is like the baseline's would be forgiven more than a right one
-        whose motion is not.
-        """
-        best, data = self.evidences.best(fits), self.measurements.train
-        near = [found for found in fits if self.evidences.gain(best, found) < FAR_BEHIND]
-        around = self.measurements.around_others([found.unknowns.trial(found.vector) for found in near])
-        own = [
-            (found, theirs.beside_error(self.evidences.of(found).size))
-            for found, theirs in zip(near, around, strict=True)
-            if theirs.simulated
-        ]
-        requests = [continued(found, data, theirs.train, self.steps) for found, theirs in own]
-        pairs = zip(together(requests), own, strict=True)
-        ends = {id(found): rewhitened(end, theirs.train, data) for end, (found, theirs) in pairs}
-        if ends:
-            self.evidences.judge_beside([*ends.values()], [theirs for _, theirs in own])
-        return [ends.get(id(found), found) for found in fits]
 
     def _law_of(self, found: Fit) -> str:
         return found.unknowns.elastic_law or self.measurements.elastic_laws[0]

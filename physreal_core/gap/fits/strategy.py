@@ -12,6 +12,7 @@ from physreal_core.gap.fits.evidence import Evidences
 from physreal_core.gap.fits.finishing import OUT_OF_REACH, Finish
 from physreal_core.gap.fits.least_squares import SMALL_GAIN, Fit
 from physreal_core.gap.fits.screening import Score
+from physreal_core.gap.fits.whitening import rewhitened
 from physreal_core.gap.noise.measurements import Measurements
 from physreal_core.gap.settings import GapSettings
 
@@ -24,6 +25,9 @@ PAIRS = 0.1
 LEFT_BEHIND = 20.0
 """What the baseline has gained since effects were screened beside it [nat], from which on that is done anew: tangents and fits beside a
 poorer baseline say little."""
+
+FAR_BEHIND = 150.0
+"""Loss in log evidence against the best answer [nat] from which on no noise model is built around an answer's motion: it would not save it."""
 
 STRONG_ALONE = 2
 """Second effects that are chosen for what they gain alone; at most half of all second effects."""
@@ -67,10 +71,10 @@ class Strategy:
     def run(self) -> None:
         """Make the fits; once more, beside the baseline with which the first time ended, if that is much better than the one it began with."""
         self._search()
-        begun = self.candidate_fits
-        if begun.baseline.energy - self.baseline.energy > LEFT_BEHIND:
+        if self._gone_on > LEFT_BEHIND:
             self._progress("screening beside the better baseline")
-            self.candidate_fits = CandidateFits.beside(self.baseline, begun.data, begun.names, self.settings)
+            data, names = self.measurements.train, self.candidate_fits.names
+            self.candidate_fits = CandidateFits.beside(self.baseline, data, names, self.settings)
             self._begin()
             self._search()
 
@@ -179,7 +183,7 @@ class Strategy:
         self.keep(converged)
 
     def _finish(self) -> None:
-        """Let the best answers and the baseline converge beside an error of the size that they leave, and judge each beside its own noise.
+        """Let the best answers and the baseline converge beside an error of the size that they leave, and compare them.
 
         The best single effects are among them where pairs lead, unless they are out of reach. The baseline goes on from the material of each, too: with an
         effect a fit may have left a minimum in which the baseline is caught, and then the effect would be paid for what the
@@ -191,12 +195,33 @@ class Strategy:
         self._progress("finishing the baseline, " + ", ".join("+".join(fit.unknowns.effects) for fit in best))
         finish = Finish(self.measurements, self.evidences, self.settings.settling)
         begun = self.evidences.best([self.baseline, *self.candidate_fits.without_effects(best)])
-        baseline, converged = finish.converged(begun, best)
-        further = min([baseline, *self.candidate_fits.without_effects(converged)], key=lambda fit: fit.energy)
-        if baseline.energy - further.energy > SMALL_GAIN:
-            baseline, _ = finish.converged(further, [])
-        self.baseline, *found = finish.judged([baseline, *converged])
-        self.found |= {fit.unknowns.effects: fit for fit in found}
+        self.baseline, converged = finish.converged(begun, best)
+        further = min([self.baseline, *self.candidate_fits.without_effects(converged)], key=lambda fit: fit.energy)
+        if self.baseline.energy - further.energy > SMALL_GAIN:
+            self.baseline, _ = finish.converged(further, [])
+        self.found |= {fit.unknowns.effects: fit for fit in converged}
+        self._gone_on = self.candidate_fits.baseline.energy - self.baseline.energy
+        self._judge_beside_all([self.baseline, *converged])
+
+    def _judge_beside_all(self, fits: Sequence[Fit]) -> None:
+        """Take the noise model around the motions of all of these fits that are not far behind the best; judge everything beside it, and let
+        those go on.
+
+        Beside the one around the baseline's motion, a wrong answer that moves as the baseline does would be forgiven more than a right one.
+        """
+        best, known = self.evidences.best(fits), self.measurements
+        near = [found for found in fits if self.evidences.gain(best, found) < FAR_BEHIND]
+        self._progress("comparing " + ", ".join("+".join(found.unknowns.effects) or "the baseline" for found in near))
+        self.measurements = known.around_all([found.unknowns.trial(found.vector) for found in near])
+        self.evidences = Evidences(self.measurements, self.settings)
+        finish = Finish(self.measurements, self.evidences, self.settings.settling)
+        moved = {
+            found.unknowns.effects: rewhitened(found, known.train, self.measurements.train)
+            for found in (self.baseline, *self.found.values())
+        }
+        settled = finish.settled([moved[found.unknowns.effects] for found in near])
+        moved |= {found.unknowns.effects: found for found in settled}
+        self.baseline, self.found = moved.pop(()), moved
 
     # --- two at once --------------------------------------------------------------------------------------------
 

@@ -9,7 +9,7 @@ from itertools import starmap
 
 import numpy as np
 
-from physreal_core.array_types import Array, Float
+from physreal_core.array_types import Array, Bool, Float
 from physreal_core.gap.fits.least_squares import Data
 from physreal_core.gap.interactions.interaction import Interaction, Trial
 from physreal_core.gap.interactions.side_by_side import side_by_side
@@ -39,6 +39,28 @@ class Predicted:
     start_sensitivity: Float[Array, "3 frames tracks 3"]
     given: Float[Array, "records frames tracks 3"]
 
+    @property
+    def finite(self) -> bool:
+        """Whether all of it could be simulated."""
+        return bool(self.simulated.all())
+
+    @property
+    def simulated(self) -> Bool[Array, " frames"]:
+        """Frames in which all of it could be simulated."""
+        fields = np.concatenate([self.motion[None], self.reruns, self.start_sensitivity, self.given])
+        return np.isfinite(fields).all((0, 2, 3))
+
+    @staticmethod
+    def mean(several: Sequence[Predicted]) -> Predicted:
+        """What gives the mean of the covariances around several motions of one interaction."""
+        share = 1.0 / np.sqrt(len(several))
+        return Predicted(
+            np.mean([own.motion for own in several], axis=0),
+            share * np.concatenate([own.reruns for own in several]),
+            np.mean([own.start_sensitivity for own in several], axis=0),
+            share * np.concatenate([own.given for own in several]),
+        )
+
 
 @dataclass(frozen=True)
 class Measurements:
@@ -50,6 +72,7 @@ class Measurements:
         predicted: of each interaction, over the frames that are known.
         train_frames: number of training frames of each interaction that count.
         size: of the model's error beside which fits are made, as a factor on that of the settings.
+        trained: what the noise models of the training frames are built around, if it is not the same.
         noises: beside an error of size one, by interaction, first frame and end; made when first needed.
     """
 
@@ -58,6 +81,7 @@ class Measurements:
     predicted: Sequence[Predicted]
     train_frames: Sequence[int]
     size: float = 1.0
+    trained: Sequence[Predicted] | None = None
     noises: dict[tuple[int, int, int], Noise] = field(default_factory=dict, repr=False, compare=False)
 
     @classmethod
@@ -83,14 +107,22 @@ class Measurements:
         predicted = [own for (own,) in _predicted_of_each(experiments, [trial], known, reruns)]
         return cls(list(experiments), settings, predicted, train)
 
-    def around_others(self, trials: Sequence[Trial]) -> list[Measurements]:
-        """The same training frames with noise models around other motions, one each; none of the held-out frames.
+    def around_all(self, trials: Sequence[Trial]) -> Measurements:
+        """The same with the mean of the noise models around several motions, in the training frames.
 
         What an error of the hand's record or of the grid does to the tracks depends on the motion: a body that rings answers to
-        it at its frequency and with its phase, one that is damped does not.
+        it at its frequency and with its phase, one that is damped does not. And at a contact, what another grid does differs from one
+        motion to the next.
+
+        Args:
+            trials: models; one for which some of it cannot be simulated is left out.
         """
         by_experiment = _predicted_of_each(self.experiments, trials, self.train_frames, reruns=True)
-        return [replace(self, predicted=own, noises={}) for own in zip(*by_experiment, strict=True)]
+        whole = [own for own in zip(*by_experiment, strict=True) if all(part.finite for part in own)]
+        if not whole:
+            return self
+        beyond = {key: noise for key, noise in self.noises.items() if key[1] > 0}
+        return replace(self, trained=[Predicted.mean(own) for own in zip(*whole, strict=True)], noises=beyond)
 
     def beside_error(self, size: float) -> Measurements:
         """The same for fits beside a model's error of another size."""
@@ -127,17 +159,10 @@ class Measurements:
     def _held_out(self) -> list[Noise | None]:
         return [self._noise(number, e.train, self._simulated(number)) for number, e in enumerate(self.experiments)]
 
-    @property
-    def simulated(self) -> bool:
-        """Whether all that the noise models are built around could be simulated, over the training frames."""
-        return all(self._simulated(number) >= end for number, end in enumerate(self.train_frames))
-
     def _simulated(self, number: int) -> int:
         """Leading frames of one interaction before the baseline's rollout breaks off; all of them where it does not."""
-        own = self.predicted[number]
-        fields = np.concatenate([own.motion[None], own.reruns, own.start_sensitivity, own.given])
-        broken = ~np.isfinite(fields).all((0, 2, 3))
-        return int(np.argmax(broken)) if broken.any() else len(broken)
+        whole = self.predicted[number].simulated
+        return len(whole) if whole.all() else int(np.argmin(whole))
 
     def _noise(self, number: int, first: int, end: int, size: float = 1.0) -> Noise | None:
         """Of the frames [first, end) of one interaction; None where nothing was measured in them."""
@@ -149,7 +174,8 @@ class Measurements:
         return self.noises[key].beside(size)
 
     def _noise_of_size_one(self, number: int, first: int, end: int) -> Noise:
-        experiment, own = self.experiments[number], self.predicted[number]
+        trained = self.trained is not None and (first, end) == (0, self.train_frames[number])
+        experiment, own = self.experiments[number], (self.trained if trained else self.predicted)[number]
         valid = experiment.valid[:end].copy()
         valid[:first] = False
         fields = (own.motion[:end], own.reruns[:, :end], own.start_sensitivity[:, :end])

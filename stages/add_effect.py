@@ -39,7 +39,7 @@ def run(context: StageContext) -> None:
         roll_out(objective, model).save(context.output)
     if added.adopted:
         with context.timed("figures"):
-            _draw(context, Measurements.around(experiments[:1], baseline_of(report), settings), report, added)
+            _draw(context, Measurements.around(experiments[:1], [baseline_of(report)], settings), report, added)
 
 
 def with_effects(baseline: Model, added: Added, probability: float | None) -> Model:

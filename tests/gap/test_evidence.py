@@ -30,7 +30,7 @@ def made(truth: dict, settings: GapSettings, error: float = 0.0) -> tuple[Measur
     unknowns = [
         Unknowns(experiment.model.fields, names, settings.priors, scalars=()) for names in ((), ("sink",), ("drift",))
     ]
-    measurements = Measurements.around([experiment], unknowns[0].trial(unknowns[0].start()), settings)
+    measurements = Measurements.around([experiment], [unknowns[0].trial(unknowns[0].start())], settings)
     data = measurements.train
     return measurements, together([fit(own, data, own.start()[None], 12) for own in unknowns])
 

@@ -86,7 +86,9 @@ def test_responses_start_at_rest(seen):
 
 def test_the_searchs_evidence_leads_to_the_same_formula(experiment, model):
     trial = Trial(model.fields)
-    measurements = Measurements.around([experiment], trial, GapSettings(model_error=ModelError(rms=1e-6)), reruns=False)
+    measurements = Measurements.around(
+        [experiment], [trial], GapSettings(model_error=ModelError(rms=1e-6)), reruns=False
+    )
     lead = lead_on(measurements, trial, list(experiment.predict([trial])))
     assert lead.terms[0].term.formula == "-v" and lead.terms[0].explained > 0.9
     assert lead.explained_held_out > 0.8 and "in proportion to speed" in lead.sentence
@@ -94,7 +96,7 @@ def test_the_searchs_evidence_leads_to_the_same_formula(experiment, model):
 
 def test_a_search_without_our_simulator_has_no_lead(experiment, model):
     trial = Trial(model.fields)
-    measurements = Measurements.around([experiment], trial, GapSettings(), reruns=False)
+    measurements = Measurements.around([experiment], [trial], GapSettings(), reruns=False)
     measurements = dataclasses.replace(measurements, experiments=[LinearExperiment(ANSWERS, {})])
     with pytest.raises(InputError, match="no interaction"):
         lead_on(measurements, trial, list(experiment.predict([trial])))

@@ -10,9 +10,10 @@ from physreal_core.array_types import Array, Float
 from physreal_core.checkpoints import remembered
 from physreal_core.errors import InputError
 from physreal_core.gap.fits.evidence import Evidences
-from physreal_core.gap.fits.finishing import continued
+from physreal_core.gap.fits.finishing import RULED_OUT, continued
 from physreal_core.gap.fits.least_squares import Data, Fit, fit, together
 from physreal_core.gap.fits.unknowns import Unknowns
+from physreal_core.gap.fits.whitening import rewhitened
 from physreal_core.gap.interactions.interaction import Interaction, Trial
 from physreal_core.gap.noise.measurements import Measurements, possible_laws
 from physreal_core.gap.settings import GapSettings
@@ -43,7 +44,8 @@ def fit_baseline(
 
     Patches that adapt to a disagreement too early lead into poor minima. So a baseline with one modulus for all patches
     is fitted first, and the patches are set free at the end. The noise models need a baseline to be built around; until
-    there is one, the smooth model error stands for the reruns. The elastic law is the one that fits best by then.
+    there is one, the smooth model error stands for the reruns. Then they are built around the baseline under each elastic law that
+    it does not rule out. Its own is the one that fits best.
 
     Raises:
         InputError: no start can be simulated, or the fitted model cannot be simulated to the last frame.
@@ -58,13 +60,17 @@ def fit_baseline(
     )
     start, unknowns = found["vector"], unknowns.under(laws[int(found["law"])])
     progress("baseline with the numerical error of reruns")
-    measurements = Measurements.around(experiments, unknowns.trial(start), settings)
-    (converged,) = together([fit(unknowns, measurements.train, start[None], 0)])
-    for number in range(ROUNDS):
+    rough = Measurements.around(experiments, [unknowns.trial(start)], settings)
+    (begun,) = together([fit(unknowns, rough.train, start[None], 0)])
+    known, under = _gone_on(begun, rough, laws, settings)
+    converged = min(under, key=lambda fit: fit.energy)
+    near = [found for found in under if found.energy - converged.energy < RULED_OUT]
+    measurements = Measurements.around(experiments, [found.unknowns.trial(found.vector) for found in near], settings)
+    measurements = measurements.beside_error(known.size)
+    converged = rewhitened(converged, known.train, measurements.train)
+    for _ in range(ROUNDS):
         known = measurements
-        measurements = known.beside_error(Evidences(known, settings).of(converged).size)
-        tried = laws if number == 0 else (converged.unknowns.elastic_law,)
-        converged = _settled(converged, known, measurements, tried, settings)
+        measurements, (converged,) = _gone_on(converged, known, [converged.unknowns.elastic_law], settings)
         if abs(np.log(measurements.size / known.size)) < LIKE:
             break
     if not np.isfinite(converged.energy):
@@ -76,13 +82,17 @@ def fit_baseline(
     return converged, measurements
 
 
-def _settled(found: Fit, known: Measurements, beside: Measurements, laws: Sequence[str], settings: GapSettings) -> Fit:
-    """A fit gone on beside another noise model until it converges, under that elastic law which leaves it least.
+def _gone_on(
+    found: Fit, known: Measurements, laws: Sequence[str | None], settings: GapSettings
+) -> tuple[Measurements, list[Fit]]:
+    """A fit gone on until it converges beside an error as large as it leaves, under some elastic laws, and the measurements with that
+    error.
 
-    Only now are all patches free, and under a wrong law they may be far behind.
+    Only with reruns are all patches free, and under a wrong law they may be far behind.
     """
+    beside = known.beside_error(Evidences(known, settings).of(found).size)
     asked = [continued(found, known.train, beside.train, settings.settling, law, thorough=True) for law in laws]
-    return min(together(asked), key=lambda fit: fit.energy)
+    return beside, together(asked)
 
 
 def unknown_scalars(experiment: Interaction, settings: GapSettings) -> tuple[str, ...]:
@@ -126,7 +136,7 @@ def _from_a_fit(
     without_contrast = unknowns.without_contrast()
     for share in (*HORIZONS, 1.0):
         progress(f"baseline over {100 * share:.0f} % of the training frames")
-        data = Measurements.around(experiments, unknowns.trial(free), settings, share, reruns=False).train
+        data = Measurements.around(experiments, [unknowns.trial(free)], settings, share, reruns=False).train
         pair = (unknowns, free), (without_contrast, uniform)
         found = together([fit(u, data, v[None], settings.baseline_iterations) for u, v in pair])
         free, uniform = (fit.vector for fit in found)
@@ -152,7 +162,7 @@ def _from_a_guess(
     vectors[..., : unknowns.patches] += moduli[:, None, None]
     if slides:
         vectors[..., unknowns.place("friction_coefficient")] += frictions
-    data = Measurements.around(experiments, unknowns.trial(start), settings, reruns=False).train
+    data = Measurements.around(experiments, [unknowns.trial(start)], settings, reruns=False).train
     residuals = data.residuals(data.predict([unknowns.trial(v) for v in vectors.reshape(-1, len(start))]))
     energies = np.nan_to_num(0.5 * (residuals**2).sum(0), nan=np.inf).reshape(vectors.shape[:2])
     minima = local_minima(energies)[:MINIMA]
@@ -162,7 +172,7 @@ def _from_a_guess(
             where="the guessed model",
             expected=f"one of moduli times {settings.scan} that can be simulated",
         )
-    data = Measurements.around(experiments, unknowns.trial(vectors[minima[0]]), settings, reruns=False).train
+    data = Measurements.around(experiments, [unknowns.trial(vectors[minima[0]])], settings, reruns=False).train
     without_contrast = unknowns.without_contrast()
     starts = [vectors[place][None] for place in minima]
     return together([fit(without_contrast, data, start, settings.settling) for start in starts]), data

@@ -32,12 +32,14 @@ class Predicted:
         reruns: estimates of their numerical error [m], shape [M, T, J, 3].
         start_sensitivity: derivative of the tracks by the points' start along x, y, z, shape [3, T, J, 3].
         given: what usual errors of the given records would change [m], shape [G, T, J, 3] (see `given`).
+        motions: number of motions of which it is the mean; their columns are shorter by its root.
     """
 
     motion: Float[Array, "frames tracks 3"]
     reruns: Float[Array, "modes frames tracks 3"]
     start_sensitivity: Float[Array, "3 frames tracks 3"]
     given: Float[Array, "records frames tracks 3"]
+    motions: int = 1
 
     @property
     def finite(self) -> bool:
@@ -59,6 +61,7 @@ class Predicted:
             share * np.concatenate([own.reruns for own in several]),
             np.mean([own.start_sensitivity for own in several], axis=0),
             share * np.concatenate([own.given for own in several]),
+            len(several),
         )
 
 
@@ -88,7 +91,7 @@ class Measurements:
     def around(
         cls,
         experiments: Sequence[Interaction],
-        trial: Trial,
+        trials: Sequence[Trial],
         settings: GapSettings,
         share: float = 1.0,
         reruns: bool = True,
@@ -97,15 +100,17 @@ class Measurements:
 
         Args:
             experiments: the interactions.
-            trial: the baseline.
+            trials: the baseline; or several forms of it, around which the mean is taken. One that breaks off before others is left out.
             settings: of the search.
             share: of the training frames that count. Below one, later frames are not rolled out.
             reruns: whether other discretisations are run too. If not, the smooth model error alone stands for them.
         """
         train = [max(2, round(share * experiment.train)) for experiment in experiments]
         known = [e.frames if share == 1.0 else end for e, end in zip(experiments, train, strict=True)]
-        predicted = [own for (own,) in _predicted_of_each(experiments, [trial], known, reruns)]
-        return cls(list(experiments), settings, predicted, train)
+        by_trial = [*zip(*_predicted_of_each(experiments, trials, known, reruns), strict=True)]
+        lasting = [sum(int(part.simulated.cumprod().sum()) for part in own) for own in by_trial]
+        longest = [own for own, frames in zip(by_trial, lasting, strict=True) if frames == max(lasting)]
+        return cls(list(experiments), settings, [Predicted.mean(own) for own in zip(*longest, strict=True)], train)
 
     def around_all(self, trials: Sequence[Trial]) -> Measurements:
         """The same with the mean of the noise models around several motions, in the training frames.
@@ -143,7 +148,7 @@ class Measurements:
     def numerical_errors(self) -> tuple[float, ...]:
         """Root mean square of the reruns' differences [m], per interaction; zero without reruns."""
         return tuple(
-            float(np.sqrt((own.reruns**2).sum(-1)[:, e.valid].mean())) if len(own.reruns) else 0.0
+            float(np.sqrt(own.motions * (own.reruns**2).sum(-1)[:, e.valid].mean())) if len(own.reruns) else 0.0
             for e, own in zip(self.experiments, self.predicted, strict=True)
         )
 

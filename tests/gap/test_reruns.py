@@ -8,7 +8,7 @@ import torch
 from physreal_core.fitting import Problem, TrackObservations, uniform_model
 from physreal_core.gap import Experiment, Trial
 from physreal_core.gap.interactions.discretisation import Discretisation
-from physreal_core.gap.noise.reruns import RERUNS, rerun_differences
+from physreal_core.gap.noise.reruns import RERUNS, nearest_moduli, rerun_differences
 from physreal_core.geometry import patch_weights
 from physreal_core.rendering import bind
 from physreal_core.simulation import Body, Clamp
@@ -48,7 +48,7 @@ def test_a_clamped_body_is_not_turned_out_of_its_clamps():
     trial = Trial(experiment.model.fields)
     (predicted,) = experiment.predict([trial])
     fall = np.linalg.norm(predicted - predicted[0], axis=-1).max()
-    (differences,) = rerun_differences(experiment, [trial], [predicted])
+    (differences,) = rerun_differences(experiment, [trial], [predicted], nearest_moduli(experiment, trial, predicted))
     # the law is its own
     left = [v for v in RERUNS if v.turn == 0.0 and v.elastic_law != "hencky"]
     assert len(differences) == len(left) == 3
@@ -75,7 +75,8 @@ def test_what_a_modulus_takes_up_is_no_numerical_error():
         return predict(stiffer, frames) + moved
 
     experiment.predict = in_another_grid
-    ((found,),) = rerun_differences(experiment, [trial], [predicted], (rerun,))
+    moduli = nearest_moduli(experiment, trial, predicted, (rerun,))
+    ((found,),) = rerun_differences(experiment, [trial], [predicted], moduli, (rerun,))
     plain = in_another_grid([trial], discretisation=rerun)[0] - predicted
     assert np.abs(plain).max() > 0.0004
     np.testing.assert_allclose(found, 3.0 * moved, atol=2e-5)

@@ -62,7 +62,7 @@ def fit_baseline(
     progress("baseline with the numerical error of reruns")
     rough = Measurements.around(experiments, [unknowns.trial(start)], settings)
     (begun,) = together([fit(unknowns, rough.train, start[None], 0)])
-    known, under = _gone_on(begun, rough, laws, settings)
+    known, under = _gone_on(begun, rough, laws, settings, thorough=False)
     converged = min(under, key=lambda fit: fit.energy)
     near = [found for found in under if found.energy - converged.energy < RULED_OUT]
     measurements = Measurements.around(experiments, [found.unknowns.trial(found.vector) for found in near], settings)
@@ -70,7 +70,9 @@ def fit_baseline(
     converged = rewhitened(converged, known.train, measurements.train)
     for _ in range(ROUNDS):
         known = measurements
-        measurements, (converged,) = _gone_on(converged, known, [converged.unknowns.elastic_law], settings)
+        measurements, (converged,) = _gone_on(
+            converged, known, [converged.unknowns.elastic_law], settings, thorough=True
+        )
         if abs(np.log(measurements.size / known.size)) < LIKE:
             break
     if not np.isfinite(converged.energy):
@@ -83,15 +85,14 @@ def fit_baseline(
 
 
 def _gone_on(
-    found: Fit, known: Measurements, laws: Sequence[str | None], settings: GapSettings
+    found: Fit, known: Measurements, laws: Sequence[str | None], settings: GapSettings, *, thorough: bool
 ) -> tuple[Measurements, list[Fit]]:
-    """A fit gone on until it converges beside an error as large as it leaves, under some elastic laws, and the measurements with that
-    error.
+    """A fit gone on beside an error as large as it leaves, under some elastic laws, and the measurements with that error.
 
     Only with reruns are all patches free, and under a wrong law they may be far behind.
     """
     beside = known.beside_error(Evidences(known, settings).of(found).size)
-    asked = [continued(found, known.train, beside.train, settings.settling, law, thorough=True) for law in laws]
+    asked = [continued(found, known.train, beside.train, settings.settling, law, thorough) for law in laws]
     return beside, together(asked)
 
 

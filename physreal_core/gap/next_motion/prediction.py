@@ -22,7 +22,7 @@ from physreal_core.gap.fits.least_squares import tangents
 from physreal_core.gap.interactions.interaction import Interaction
 from physreal_core.gap.next_motion.members import Member
 from physreal_core.gap.noise.model import ModelError, Noise
-from physreal_core.gap.noise.reruns import RERUNS, rerun_differences
+from physreal_core.gap.noise.reruns import RERUNS, nearest_moduli, rerun_differences
 
 REPEATED = tuple(rerun for rerun in RERUNS if rerun.name != "a finer grid")
 """Reruns of a planned recording. A finer grid is the dearest, and tells of the same error as a coarser one."""
@@ -57,7 +57,9 @@ class Prediction:
 
     def gram(self, temperature: float) -> Float[Array, "members members"]:
         """The same under the whole covariance, with one rollout per unknown and per rerun."""
-        (reruns,) = rerun_differences(self.experiment, [self.members[0].trial], [self.tracks[0]], REPEATED)
+        trial, tracks = self.members[0].trial, self.tracks[0]
+        moduli = nearest_moduli(self.experiment, trial, tracks, REPEATED)
+        (reruns,) = rerun_differences(self.experiment, [trial], [tracks], moduli, REPEATED)
         noise = self.noise(reruns)
         return self._products(noise, self.freedom(noise), temperature)
 

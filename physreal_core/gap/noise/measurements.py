@@ -2,10 +2,9 @@
 
 from __future__ import annotations
 
-from collections.abc import Sequence
+from collections.abc import Mapping, Sequence
 from dataclasses import dataclass, field, replace
 from functools import cached_property, partial
-from itertools import starmap
 
 import numpy as np
 
@@ -15,7 +14,7 @@ from physreal_core.gap.interactions.interaction import Interaction, Trial
 from physreal_core.gap.interactions.side_by_side import side_by_side
 from physreal_core.gap.noise.given import changed_by_records
 from physreal_core.gap.noise.model import Noise
-from physreal_core.gap.noise.reruns import rerun_differences
+from physreal_core.gap.noise.reruns import nearest_moduli, rerun_differences
 from physreal_core.gap.settings import GapSettings
 
 FITTED_BESIDE = (0.5, 16.0)
@@ -32,6 +31,7 @@ class Predicted:
         reruns: estimates of their numerical error [m], shape [M, T, J, 3].
         start_sensitivity: derivative of the tracks by the points' start along x, y, z, shape [3, T, J, 3].
         given: what usual errors of the given records would change [m], shape [G, T, J, 3] (see `given`).
+        moduli: of the reruns, as of `nearest_moduli`.
         motions: number of motions of which it is the mean; their columns are shorter by its root.
     """
 
@@ -39,6 +39,7 @@ class Predicted:
     reruns: Float[Array, "modes frames tracks 3"]
     start_sensitivity: Float[Array, "3 frames tracks 3"]
     given: Float[Array, "records frames tracks 3"]
+    moduli: Mapping[str, float] = field(default_factory=dict)
     motions: int = 1
 
     @property
@@ -61,6 +62,7 @@ class Predicted:
             share * np.concatenate([own.reruns for own in several]),
             np.mean([own.start_sensitivity for own in several], axis=0),
             share * np.concatenate([own.given for own in several]),
+            several[0].moduli,
             len(several),
         )
 
@@ -107,7 +109,8 @@ class Measurements:
         """
         train = [max(2, round(share * experiment.train)) for experiment in experiments]
         known = [e.frames if share == 1.0 else end for e, end in zip(experiments, train, strict=True)]
-        by_trial = [*zip(*_predicted_of_each(experiments, trials, known, reruns), strict=True)]
+        moduli = _moduli_of_each(experiments, trials[0], known) if reruns else [None] * len(known)
+        by_trial = [*zip(*_predicted_of_each(experiments, trials, known, moduli), strict=True)]
         lasting = [sum(int(part.simulated.cumprod().sum()) for part in own) for own in by_trial]
         longest = [own for own, frames in zip(by_trial, lasting, strict=True) if frames == max(lasting)]
         return cls(list(experiments), settings, [Predicted.mean(own) for own in zip(*longest, strict=True)], train)
@@ -122,7 +125,8 @@ class Measurements:
         Args:
             trials: models; one for which some of it cannot be simulated is left out.
         """
-        by_experiment = _predicted_of_each(self.experiments, trials, self.train_frames, reruns=True)
+        moduli = [own.moduli for own in self.predicted]
+        by_experiment = _predicted_of_each(self.experiments, trials, self.train_frames, moduli)
         whole = [own for own in zip(*by_experiment, strict=True) if all(part.finite for part in own)]
         if not whole:
             return self
@@ -201,17 +205,37 @@ def possible_laws(experiment: Interaction, settings: GapSettings) -> tuple[str, 
     return tuple(dict.fromkeys((config.elastic_law, *others)))
 
 
-def _predicted_of_each(
-    experiments: Sequence[Interaction], trials: Sequence[Trial], frames: Sequence[int], reruns: bool
-) -> list[list[Predicted]]:
-    """What noise models around some trials are built around, of each interaction over its number of frames."""
-    calls = [partial(_predicted, e, trials, end, reruns) for e, end in zip(experiments, frames, strict=True)]
+def _moduli_of_each(experiments: Sequence[Interaction], trial: Trial, frames: Sequence[int]) -> list[dict[str, float]]:
+    """Of each interaction the moduli of its reruns, over its number of frames."""
+
+    def of(experiment: Interaction, end: int) -> dict[str, float]:
+        (motion,) = experiment.predict([trial], end)
+        return nearest_moduli(experiment, trial, motion)
+
+    calls = [partial(of, experiment, end) for experiment, end in zip(experiments, frames, strict=True)]
     return side_by_side(calls, experiments[0].device)
 
 
-def _predicted(experiment: Interaction, trials: Sequence[Trial], frames: int, reruns: bool) -> list[Predicted]:
+def _predicted_of_each(
+    experiments: Sequence[Interaction],
+    trials: Sequence[Trial],
+    frames: Sequence[int],
+    moduli: Sequence[Mapping[str, float] | None],
+) -> list[list[Predicted]]:
+    """What noise models around some trials are built around, of each interaction over its number of frames; without reruns where their moduli
+    are None."""
+    parts = zip(experiments, frames, moduli, strict=True)
+    calls = [partial(_predicted, experiment, trials, end, own) for experiment, end, own in parts]
+    return side_by_side(calls, experiments[0].device)
+
+
+def _predicted(
+    experiment: Interaction, trials: Sequence[Trial], frames: int, moduli: Mapping[str, float] | None
+) -> list[Predicted]:
     motions, sensitivities = zip(*experiment.predict_with_start_sensitivity(trials, frames), strict=True)
-    nothing = [np.zeros((0, *motion.shape)) for motion in motions]
-    differences = rerun_differences(experiment, trials, motions) if reruns else nothing
-    changed = changed_by_records(experiment, trials, motions) if reruns else nothing
-    return [*starmap(Predicted, zip(motions, differences, sensitivities, changed, strict=True))]
+    differences = changed = [np.zeros((0, *motion.shape)) for motion in motions]
+    if moduli is not None:
+        differences = rerun_differences(experiment, trials, motions, moduli)
+        changed = changed_by_records(experiment, trials, motions)
+    parts = zip(motions, differences, sensitivities, changed, strict=True)
+    return [Predicted(*part, moduli or {}) for part in parts]

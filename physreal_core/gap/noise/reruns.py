@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Sequence
+from collections.abc import Mapping, Sequence
 from dataclasses import replace
 from functools import partial
 
@@ -34,12 +34,10 @@ def rerun_differences(
     experiment: Interaction,
     trials: Sequence[Trial],
     predicted: Sequence[Float[Array, "frames tracks 3"]],
+    moduli: Mapping[str, float],
     reruns: Sequence[Discretisation] = RERUNS,
 ) -> list[Float[Array, "modes frames tracks 3"]]:
     """For each trial, estimates of the numerical error of its tracks [m], one per rerun.
-
-    A rerun has the modulus with which its tracks are nearest to the model's. Another grid is a little stiffer or softer, and a body
-    that swings for seconds comes out of phase with it; but whatever a modulus takes up, any fit takes up, and it hides no effect.
 
     A rerun that fails is left out, and so is the model's own law. Known effects with a direction of their own do not turn
     with the body, and clamps stay in place; with either, the turned grid is left out.
@@ -48,24 +46,46 @@ def rerun_differences(
         experiment: the interaction.
         trials: the models.
         predicted: their tracks in their own discretisation [m], all over the same frames.
+        moduli: as of `nearest_moduli`.
         reruns: the discretisations that are tried.
     """
-    frames = len(predicted[0])
-    beside = experiment.predict([_stiffer(trial, STEP) for trial in trials], frames)
-    slopes = [np.nan_to_num(moved - tracks) / STEP for moved, tracks in zip(beside, predicted, strict=True)]
-    known = [*zip(trials, predicted, slopes, strict=True)]
-    found: list[list[Array]] = [[] for _ in trials]
-    usable = [[number for number, trial in enumerate(trials) if _tells(rerun, experiment, trial)] for rerun in reruns]
-    calls = [
-        partial(_nearest, experiment, [known[n] for n in own], rerun) for own, rerun in zip(usable, reruns, strict=True)
-    ]
-    for rerun, own, nearest in zip(reruns, usable, side_by_side(calls, experiment.device), strict=True):
-        for number, tracks in zip(own, nearest, strict=True):
+    frames, found = len(predicted[0]), [[] for _ in trials]
+    acting = [(rerun, [n for n, trial in enumerate(trials) if _tells(rerun, experiment, trial)]) for rerun in reruns]
+    asked = [(rerun, own) for rerun, own in acting if own]
+    calls = []
+    for rerun, own in asked:
+        stiffer = [_stiffer(trials[number], moduli.get(rerun.name, 0.0)) for number in own]
+        calls.append(partial(experiment.predict, stiffer, frames, rerun))
+    for (rerun, own), answers in zip(asked, side_by_side(calls, experiment.device), strict=True):
+        for number, tracks in zip(own, answers, strict=True):
             found[number].append(rerun.error * (tracks - predicted[number]))
     finite = [[difference for difference in own if np.isfinite(difference).all()] for own in found]
     return [
         np.stack(own) if own else np.zeros((0, *tracks.shape)) for own, tracks in zip(finite, predicted, strict=True)
     ]
+
+
+def nearest_moduli(
+    experiment: Interaction,
+    trial: Trial,
+    predicted: Float[Array, "frames tracks 3"],
+    reruns: Sequence[Discretisation] = RERUNS,
+) -> dict[str, float]:
+    """By the name of a rerun, the logarithm of the factor on Young's modulus that brings its tracks nearest to a model's.
+
+    Another grid is a little stiffer or softer, and a body that swings for seconds comes out of phase with it; but whatever a modulus
+    takes up, any fit takes up, and it hides no effect.
+
+    Args:
+        experiment, reruns: as of `rerun_differences`.
+        trial: the model.
+        predicted: its tracks in its own discretisation [m].
+    """
+    (beside,) = experiment.predict([_stiffer(trial, STEP)], len(predicted))
+    slope = np.nan_to_num(beside - predicted) / STEP
+    usable = [rerun for rerun in reruns if _tells(rerun, experiment, trial)]
+    calls = [partial(_nearest, experiment, trial, predicted, slope, rerun) for rerun in usable]
+    return dict(zip((rerun.name for rerun in usable), side_by_side(calls, experiment.device), strict=True))
 
 
 def _tells(rerun: Discretisation, experiment: Interaction, trial: Trial) -> bool:
@@ -77,35 +97,18 @@ def _tells(rerun: Discretisation, experiment: Interaction, trial: Trial) -> bool
     return not (stays and rerun.turn != 0.0) and rerun.elastic_law != own_law
 
 
-def _nearest(
-    experiment: Interaction, known: Sequence[tuple[Trial, Array, Array]], rerun: Discretisation
-) -> list[Float[Array, "frames tracks 3"]]:
-    """Tracks of reruns [m], each with the modulus that brings them nearest to the predicted ones.
-
-    Args:
-        experiment, rerun: as for `rerun_differences`.
-        known: trials with their predicted tracks [m], and the derivative of these by the logarithm of the modulus [m].
-    """
-    moduli, least = np.zeros(len(known)), np.full(len(known), np.inf)
-    nearest, left = [predicted * np.nan for _, predicted, _ in known], list(range(len(known)))
-    for _ in range(ROUNDS + 1):
-        if not left:
-            break
-        trials = [_stiffer(known[number][0], moduli[number]) for number in left]
-        going = []
-        for number, tracks in zip(left, experiment.predict(trials, len(nearest[0]), rerun), strict=True):
-            _, predicted, slope = known[number]
-            valid = experiment.valid[: len(predicted)]
-            off, along = (tracks - predicted)[valid], slope[valid]
-            if not (off**2).sum() < least[number]:
-                continue
-            nearest[number], least[number] = tracks, (off**2).sum()
-            if along.any():
-                step = (along * off).sum() / (along**2).sum()
-                moduli[number] = np.clip(moduli[number] - step, -FARTHEST, FARTHEST)
-                going.append(number)
-        left = going
-    return nearest
+def _nearest(experiment: Interaction, trial: Trial, predicted: Array, slope: Array, rerun: Discretisation) -> float:
+    """The logarithm of the factor on the modulus for one rerun, by Gauss-Newton's steps with the slope of the model's own tracks [m]."""
+    modulus, best, least = 0.0, 0.0, np.inf
+    valid = experiment.valid[: len(predicted)]
+    for _ in range(ROUNDS):
+        (tracks,) = experiment.predict([_stiffer(trial, modulus)], len(predicted), rerun)
+        off, along = (tracks - predicted)[valid], slope[valid]
+        if not (off**2).sum() < least or not along.any():
+            return best
+        best, least = modulus, float((off**2).sum())
+        modulus = float(np.clip(best - (along * off).sum() / (along**2).sum(), -FARTHEST, FARTHEST))
+    return modulus
 
 
 def _stiffer(trial: Trial, by: float) -> Trial:

@@ -23,8 +23,8 @@ PAIRS = 0.1
 """The same for pairs, which cost more and explain more of what is no effect."""
 
 LEFT_BEHIND = 20.0
-"""What the baseline has gained since effects were screened beside it [nat], from which on that is done anew: tangents and fits beside a
-poorer baseline say little."""
+"""What the baseline has gained since effects were screened beside it [nat], and more than the best effect gains, from which on that is done
+anew: tangents and fits beside a poorer baseline say little."""
 
 FAR_BEHIND = 150.0
 """Loss in log evidence against the best answer [nat] from which on no noise model is built around an answer's motion: it would not save it."""
@@ -69,9 +69,9 @@ class Strategy:
         self._begin()
 
     def run(self) -> None:
-        """Make the fits; once more, beside the baseline with which the first time ended, if that is much better than the one it began with."""
+        """Make the fits; once more, beside the baseline with which the first time ended, if it has gained more since than the best effect gains."""
         self._search()
-        if self._gone_on > LEFT_BEHIND:
+        if self._gone_on > max([LEFT_BEHIND, *map(self.gain, self.found.values())]):
             self._progress("screening beside the better baseline")
             data, names = self.measurements.train, self.candidate_fits.names
             self.candidate_fits = CandidateFits.beside(self.baseline, data, names, self.settings)

@@ -2,8 +2,10 @@
 
 import numpy as np
 import pytest
+import torch
 from scipy.stats import multivariate_normal
 
+from physreal_core.gap.noise.axes import Axes
 from physreal_core.gap.noise.discrepancy import Discrepancy
 from physreal_core.gap.noise.model import ModelError, Noise
 
@@ -138,3 +140,20 @@ def test_modes_and_sensor_are_the_covariance():
     )
     sums = [(sample[valid] * weights).sum() for sample in samples(4000)]
     assert np.std(sums) == pytest.approx(expected, rel=0.05)
+
+
+def test_where_a_solver_gives_up_the_axes_come_from_lapack(monkeypatch):
+    columns, asked, solve = np.random.default_rng(0).standard_normal((40, 6)), [], torch.linalg.eigh
+
+    def gives_up_once(matrix):
+        asked.append(matrix)
+        if len(asked) == 1:
+            raise torch.linalg.LinAlgError("the algorithm failed to converge")
+        return solve(matrix)
+
+    plain = Axes(columns, "cpu")
+    monkeypatch.setattr(torch.linalg, "eigh", gives_up_once)
+    again = Axes(columns, "cpu")
+    assert len(asked) == 2
+    np.testing.assert_array_equal(again.variances, plain.variances)
+    np.testing.assert_array_equal(again.along(columns), plain.along(columns))

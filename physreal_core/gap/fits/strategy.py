@@ -46,6 +46,7 @@ class Strategy:
         progress: called with a line of text now and then.
 
     Attributes:
+        measurements, evidences: as given; once answers have been compared, beside the noise around their motions.
         baseline: the best fit without a missing effect so far; it goes on until it converges.
         found: the best fit of every answer so far, by the names of its effects.
         predicted_gains: what the score test predicted for each of them [nat].
@@ -80,6 +81,7 @@ class Strategy:
 
     def _begin(self) -> None:
         """Nothing has been fitted or screened beside the baseline of the candidates."""
+        self._gone_on = 0.0  # gain of the baseline since [nat]
         self._tried: set[tuple[str, ...]] = set()
         self._beside_fits: dict[int, tuple[Fit, list[list[Score]]]] = {}
         self.ranked = self.candidate_fits.ranked()

@@ -25,7 +25,7 @@ class Axes:
     def __init__(self, columns: Float[Array, "entries columns"], device: str) -> None:
         self._device = device
         given = self._moved(columns)
-        values, vectors = torch.linalg.eigh((given.T @ given).double())
+        values, vectors = _principal((given.T @ given).double())
         kept = values > LEAST * values[-1].clamp_min(1e-30)
         self._directions = given @ (vectors[:, kept] / values[kept].sqrt()).float()
         self.variances: Float[Array, " axes"] = values[kept].cpu().numpy()
@@ -50,3 +50,14 @@ class Axes:
 
     def _moved(self, columns: Array) -> Tensor:
         return torch.from_numpy(np.ascontiguousarray(columns, dtype=np.float32)).to(self._device)
+
+
+def _principal(
+    covariance: Float[Tensor, "columns columns"],
+) -> tuple[Float[Tensor, " columns"], Float[Tensor, "columns columns"]]:
+    """Its eigenvalues, and its eigenvectors as columns."""
+    try:
+        return torch.linalg.eigh(covariance)
+    except torch.linalg.LinAlgError:  # a card's solver gives up on some that LAPACK solves
+        values, vectors = torch.linalg.eigh(covariance.cpu())
+        return values.to(covariance.device), vectors.to(covariance.device)

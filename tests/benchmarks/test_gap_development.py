@@ -95,6 +95,15 @@ def test_the_readme_says_what_the_blind_sets_gave():
     assert f"Of a rope it came first in {rope['hits']} of {rope['count']}" in readme
 
 
+def test_the_page_says_how_many_effects_were_left_behind():
+    rows = read_rows(RESULTS / "gap/tracks_only-seed110.jsonl")
+    singles = [own for row in rows for own in row.get("candidates") or () if len(own["names"]) == 1]
+    gains = [own["gain"] for own in singles if own["gain"] is not None]
+    behind = sum(gain < -20.0 for gain in gains)
+    page = " ".join(PAGE.read_text().split())
+    assert f"Of {len(gains)} fits of single effects {behind} ended more than 20 nat below the baseline" in page
+
+
 def test_the_page_says_how_often_an_adopted_verdict_is_right():
     named = [
         (bool(row["adopted"]), sorted(row["names"]) == sorted(row["truth"]))

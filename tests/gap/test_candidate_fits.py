@@ -67,8 +67,12 @@ def test_a_baseline_that_stopped_short_goes_on_from_the_others():
 def test_the_baseline_is_fitted_from_the_material_of_an_answer():
     """One that was never fitted itself comes to the energy of the best one."""
     never, best = candidate_fits({}, iterations=0), candidate_fits({}).baseline
-    again = never.without_effects(never.fitted(never.ranked()))
-    assert all(fit.unknowns.effects == () for fit in again)
+    answers = never.fitted(never.ranked())
+    again = never.without_effects(answers)
+    assert [fit.unknowns.elastic_law for fit in again] == [fit.unknowns.elastic_law for fit in answers]
+    for own in (fit.unknowns for fit in again):
+        assert own.effects == () and own.fields is never.baseline.unknowns.fields
+        np.testing.assert_array_equal(own.block.precision, never.baseline.unknowns.block.precision)
     assert never.baseline.energy > best.energy + 50.0
     assert all(fit.energy < best.energy + 1.0 for fit in again)
 

@@ -72,7 +72,7 @@ class Strategy:
     def run(self) -> None:
         """Make the fits; once more, beside the baseline with which the first time ended, if it has gained more since than the best effect gains."""
         self._search()
-        if self._gone_on > max([LEFT_BEHIND, *map(self.gain, self.found.values())]):
+        if self._since_screened > max([LEFT_BEHIND, *map(self.gain, self.found.values())]):
             self._progress("screening beside the better baseline")
             data, names = self.measurements.train, self.candidate_fits.names
             self.candidate_fits = CandidateFits.beside(self.baseline, data, names, self.settings)
@@ -81,7 +81,7 @@ class Strategy:
 
     def _begin(self) -> None:
         """Nothing has been fitted or screened beside the baseline of the candidates."""
-        self._gone_on = 0.0  # gain of the baseline since [nat]
+        self._since_screened = 0.0  # what the baseline has gained [nat]
         self._tried: set[tuple[str, ...]] = set()
         self._beside_fits: dict[int, tuple[Fit, list[list[Score]]]] = {}
         self.ranked = self.candidate_fits.ranked()
@@ -202,7 +202,7 @@ class Strategy:
         if self.baseline.energy - further.energy > SMALL_GAIN:
             self.baseline, _ = finish.converged(further, [])
         self.found |= {fit.unknowns.effects: fit for fit in converged}
-        self._gone_on = self.candidate_fits.baseline.energy - self.baseline.energy
+        self._since_screened = self.candidate_fits.baseline.energy - self.baseline.energy
         self._judge_beside_all([self.baseline, *converged])
 
     def _judge_beside_all(self, fits: Sequence[Fit]) -> None:

@@ -38,6 +38,19 @@ def test_a_fit_in_units_of_another_noise_model_is_what_it_would_be_there():
     assert back.energy == pytest.approx(baseline.energy, rel=1e-4)
 
 
+def test_a_fit_whose_rollout_failed_stays_failed_in_other_units(monkeypatch):
+    baseline, measurements = fit_baseline([LinearExperiment(ANSWERS, {"sink": {"amount": 0.6}})], SETTINGS)
+    monkeypatch.setattr(
+        LinearExperiment,
+        "predict",
+        lambda self, trials, frames: np.full((len(trials), *self.measured[:frames].shape), np.nan),
+    )
+    evidences = Evidences(measurements, SETTINGS)
+    (broken,) = Finish(measurements, evidences, 3)._gone_on([(baseline, None)])
+    assert broken.energy == np.inf
+    assert evidences.of(broken).log_evidence == -np.inf
+
+
 def test_the_baseline_is_fitted_beside_an_error_as_large_as_it_leaves():
     sizes = {}
     for amount in (0.0, 0.9):

@@ -14,10 +14,12 @@ def rewhitened(found: Fit, known: Data, data: Data) -> Fit:
     """A fit in units of another noise model.
 
     Args:
-        found: the fit.
+        found: the fit; one whose rollout failed has no residual, and stays failed.
         known: the measurements, with the noise models in whose units the fit is.
         data: the same with other noise models.
     """
+    if not np.isfinite(found.energy):
+        return found
     columns = rewhitened_columns(np.concatenate([found.residual[:, None], found.jacobian], axis=1), known, data)
     energy = energy_of(found.unknowns, found.vector, columns[:, 0])
     return replace(found, residual=columns[:, 0], jacobian=columns[:, 1:], energy=energy)

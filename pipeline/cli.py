@@ -142,6 +142,36 @@ def _parser() -> argparse.ArgumentParser:
     command.set_defaults(command=_plan)
 
     command = commands.add_parser(
+        "generate",
+        help="episodes of a hand that takes a fitted twin and moves it, as data for robots",
+        description="Random grasps and ways of a hand, with material, camera, light and background drawn anew each time. Written as a "
+        "LeRobotDataset v3.0 and as robomimic's HDF5. A killed run goes on where it was.",
+        epilog="examples: physreal generate plush_lift --episodes 100; physreal generate plush_lift --episodes 10 --plain --to /tmp/plain; "
+        "physreal generate plush_lift --episodes 1000 --coarser 1.5 --scale 0.5 --task 'lift the plush animal'",
+    )
+    command.add_argument("sequence", help="a name under `fits` or `predictions` in params.yaml")
+    command.add_argument("--episodes", type=int, default=10, help="how many; default: 10")
+    command.add_argument("--seconds", type=float, default=3.0, help="of an episode; default: 3")
+    command.add_argument(
+        "--model", default=None, help="the fit stage whose model it is; default: the last, fit_residual"
+    )
+    command.add_argument("--scale", type=float, default=1.0, help="of the pictures over the filmed ones; default: 1")
+    command.add_argument(
+        "--coarser",
+        type=float,
+        default=1.0,
+        help="factor of the particles' spacing; 1.5 is three times as fast; default: 1",
+    )
+    command.add_argument("--squeeze", type=float, default=10.0, help="force of each finger [N]; default: 10")
+    command.add_argument("--plain", action="store_true", help="the fitted material, in the filmed view and light")
+    command.add_argument("--task", default="take the soft object, move it and let it go", help="what is done, in words")
+    command.add_argument("--seed", type=int, default=0, help="of all that is drawn; default: 0")
+    command.add_argument("--jobs", type=int, help="processes; default: one a core")
+    command.add_argument("--device", default="cpu", help="of the simulator: cpu or cuda:0")
+    command.add_argument("--to", type=Path, metavar="FOLDER", help="default: data/generated/SEQUENCE")
+    command.set_defaults(command=_generate)
+
+    command = commands.add_parser(
         "export",
         help="the twin for other tools: splats, glTF, USD, a web page, MuJoCo",
         description="What a fitted model makes of the filmed hand's way, in a folder of its own; mjcf: the model itself, to be simulated on.",
@@ -296,6 +326,13 @@ def _plan(parsed: argparse.Namespace) -> int:
     from importlib import import_module
 
     import_module("applications.plan.command").plan(parsed)  # by name, as `_play`
+    return 0
+
+
+def _generate(parsed: argparse.Namespace) -> int:
+    from importlib import import_module
+
+    import_module("applications.generate.command").generate(parsed)  # by name, as `_play`
     return 0
 
 

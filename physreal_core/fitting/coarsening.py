@@ -9,6 +9,7 @@ import torch
 from scipy.spatial import cKDTree
 
 from physreal_core.array_types import Array, Float
+from physreal_core.errors import InputError
 from physreal_core.fitting.grip import springs
 from physreal_core.fitting.problem import Problem, TrackObservations
 from physreal_core.rendering import bind
@@ -70,6 +71,12 @@ def _merged(body: Body, factor: float) -> tuple[Body, Float[Array, "coarse parti
     weight = body.volume[owner] / len(offsets)
     volume, centre = np.bincount(label, weight), _mean(points.reshape(-1, 3), weight, label)
     full = volume >= SLIVER * (factor * body.spacing) ** 3
+    if not full.any():
+        raise InputError(
+            f"particles {factor * body.spacing:.2g} m apart",
+            where="coarsened",
+            expected="a body that is thicker than that",
+        )
     apart = np.c_[centre, 10.0 * np.linalg.norm(upper - lower) * piece]  # within its piece, where that has a full cell
     nearest = np.flatnonzero(full)[cKDTree(apart[full]).query(apart)[1]]
     cell, label = np.unique(np.where(full, np.arange(len(full)), nearest)[label], return_inverse=True)

@@ -84,8 +84,8 @@ def quick_form(problem: Problem, model: Model, factor: float) -> tuple[Problem, 
     if problem.body.elements is not None or fastened or not (problem.grip and problem.grip.steady):
         return None
     held = problem.held_within(model.grip_reach)
-    coarse = coarsened(held, factor)
     try:
+        coarse = coarsened(held, factor)
         require_thickness(coarse.body.x0, coarse.body.volume, coarse.body.spacing, where="quick_form")
     except InputError:
         return None

@@ -10,7 +10,7 @@ from physreal_core.array_types import Array, Float
 from physreal_core.errors import InputError
 from physreal_core.fitting.model import Model
 from physreal_core.fitting.problem import Problem
-from physreal_core.fitting.rollouts import Rollouts, motion_since_start
+from physreal_core.fitting.rollouts import Fields, Rollouts, motion_since_start
 from physreal_core.playing.ball import Ball, with_ball
 from physreal_core.playing.changes import Changes, braked
 from physreal_core.playing.handles import Handle, Pull, bond_force
@@ -81,6 +81,17 @@ class Session:
         gravity = np.linalg.norm(self._rollouts.config.gravity)
         return float(self._body.mass.sum() * (gravity if gravity > 0 else 9.81))
 
+    @property
+    def floor(self) -> float:
+        """Height of the support plane [m]; where there is none, that of the lowest particle in frame 0."""
+        height = self._rollouts.config.ground_height
+        return float(self._body.x0[:, 2].min()) if height is None else float(height)
+
+    @property
+    def masses(self) -> Float[Array, " particles"]:
+        """Of the particles [kg]."""
+        return np.asarray(self._body.mass, float)
+
     # --- what a user does ---------------------------------------------------------------------------------------
 
     def reset(self) -> None:
@@ -102,6 +113,11 @@ class Session:
         if self._grip is not None and not self._grip.steady:
             self._hold()
         self.state = self._shown()
+
+    def renew(self, fields: Fields) -> None:
+        """Back to the start, with the same model but for its fields; changes stay, as in `reset`."""
+        self._model = replace(self._model, fields=fields)
+        self.reset()
 
     def take(self, point: Float[Array, " 3"]) -> int:
         """Take the body at a point [m], by the particles around it; the number of the handle."""

@@ -1,0 +1,150 @@
+"""`physreal generate`: tries grasps, makes episodes, and puts them together as a LeRobotDataset and as robomimic's HDF5."""
+
+import argparse
+import json
+import shutil
+import time
+from collections.abc import Callable
+from concurrent.futures import Future, as_completed
+from dataclasses import asdict
+from pathlib import Path
+
+import numpy as np
+
+from applications.generate import lerobot, robomimic
+from applications.generate.draws import Randomisation
+from applications.generate.grasps import Hand, ranked
+from applications.generate.maker import Setup, makers
+from applications.generate.way import COMING, LEAVING
+from physreal_core.cores import available_cores
+from physreal_core.errors import InputError
+from pipeline.graph import FIT_STAGES
+from pipeline.progress import show_progress
+from pipeline.project import Project
+from pipeline.whole_files import write_whole
+from pipeline.whole_folder import as_a_whole, require_new
+
+PLACES = 12
+"""Grasps that are tried."""
+
+GRASPS, ASKED = "grasps.json", "asked.json"
+
+
+def generate(parsed: argparse.Namespace) -> None:
+    """Does what the command line asks for.
+
+    Raises:
+        InputError: as of `Twin.load`, `coarser`, `ranked` and `Maker.made`; the folder is there already, or an option does not fit.
+    """
+    begun = time.perf_counter()
+    _require(parsed.episodes >= 1, f"{parsed.episodes} episodes", "--episodes", "one at least")
+    _require(parsed.coarser >= 1, f"{parsed.coarser:g}", "--coarser", "1 or more")
+    _require(0 < parsed.scale <= 4, f"{parsed.scale:g}", "--scale", "above 0, 4 at most")
+    least = COMING + LEAVING + 1.0
+    _require(parsed.seconds >= least, f"{parsed.seconds:g} s", "--seconds", f"{least:g} s or more")
+    _require_packages()
+    project = Project.find()
+    folder = parsed.to or project.root / "data" / "generated" / parsed.sequence
+    require_new(folder, "physreal generate")
+    setup = _setup(parsed, project, folder.with_name(f"{folder.name}.parts"))
+    _resume(setup)
+    jobs = min(parsed.jobs or available_cores(), max(parsed.episodes, PLACES))
+    with makers(setup, jobs) as submit:
+        grasps = _grasps(setup, submit)
+        spread = submit("spread").result() if setup.randomisation.material else None
+        taken = np.array([grasp["place"] for grasp in grasps if grasp["holds"]])
+        waiting = [submit("made", number, taken, spread) for number in range(parsed.episodes)]
+        _wait(waiting, "episodes")
+        records = [future.result() for future in waiting]
+    with as_a_whole(folder) as draft:
+        _assemble(draft, setup, records, grasps, parsed.task)
+    shutil.rmtree(setup.parts)
+    print(_told(folder, records, parsed.seconds, time.perf_counter() - begun))
+
+
+def _require(holds: bool, found: str, option: str, expected: str) -> None:
+    if not holds:
+        raise InputError(found, where=f"physreal generate {option}", expected=expected)
+
+
+def _require_packages() -> None:
+    """Those of the extra, before anything is simulated."""
+    from importlib.util import find_spec
+
+    missing = [name for name in ("h5py", "pandas", "pyarrow") if find_spec(name) is None]
+    if missing:
+        raise InputError(
+            f"{', '.join(missing)} not installed",
+            where="physreal generate",
+            expected="the packages that write the data",
+            remedy="run `pip install 'physreal[robot]'`",
+        )
+
+
+def _setup(parsed: argparse.Namespace, project: Project, parts: Path) -> Setup:
+    return Setup(
+        root=project.root,
+        sequence=parsed.sequence,
+        stage=parsed.model or FIT_STAGES[-1],
+        parts=parts,
+        seconds=parsed.seconds,
+        scale=parsed.scale,
+        coarser=parsed.coarser,
+        places=PLACES,
+        hand=Hand(squeeze=parsed.squeeze),
+        randomisation=Randomisation.none() if parsed.plain else Randomisation(),
+        device=parsed.device,
+        seed=parsed.seed,
+    )
+
+
+def _resume(setup: Setup) -> None:
+    """Begin the folder of the parts, or go on with it where it was made by the same options.
+
+    Raises:
+        InputError: it was made by others.
+    """
+    asked, file = json.dumps(asdict(setup), default=str, indent=1), setup.parts / ASKED
+    if file.is_file() and file.read_text() != asked:
+        raise InputError(
+            f"{setup.parts} was begun with other options",
+            where="physreal generate",
+            remedy="give those again to go on, or delete the folder",
+        )
+    setup.parts.mkdir(parents=True, exist_ok=True)
+    write_whole(file, asked)
+
+
+def _grasps(setup: Setup, submit: Callable[..., Future]) -> list[dict]:
+    """What was tried, the best first; read where it is known."""
+    file = setup.parts / GRASPS
+    if not file.is_file():
+        waiting = [submit("tried", place) for place in submit("candidates").result()]
+        _wait(waiting, "grasps")
+        write_whole(file, json.dumps([g.record() for g in ranked(future.result() for future in waiting)], indent=1))
+    return json.loads(file.read_text())
+
+
+def _wait(waiting: list[Future], what: str) -> None:
+    with show_progress(what, len(waiting)) as progress:
+        for future in as_completed(waiting):
+            future.result()
+            progress.advance()
+
+
+def _assemble(draft: Path, setup: Setup, records: list[dict], grasps: list[dict], task: str) -> None:
+    parts, first = [setup.parts / f"{number:06d}" for number in range(len(records))], records[0]
+    statistics = [record["statistics"] for record in records]
+    lerobot.assemble(draft / "lerobot", parts, statistics, first["features"], first["fps"], task)
+    robomimic.assemble(draft / "robomimic.hdf5", parts, setup.sequence, first["fps"])
+    write_whole(draft / GRASPS, json.dumps(grasps, indent=1))
+    write_whole(draft / "episodes.json", json.dumps([record["drawn"] for record in records], indent=1))
+
+
+def _told(folder: Path, records: list[dict], seconds: float, spent: float) -> str:
+    lifted = sum(record["drawn"]["lifted"] for record in records)
+    rate = len(records) * seconds / spent
+    return (
+        f"wrote {folder}: {len(records)} episodes of {seconds:g} s, {lifted} of them lift the body; "
+        f"{spent:.0f} s, {rate:.1f} times real time"
+    )

@@ -1,0 +1,121 @@
+"""An episode of a twin: what the body and the hand do, frame by frame."""
+
+from collections.abc import Mapping
+from dataclasses import dataclass
+
+import numpy as np
+import torch
+
+from applications.generate.way import HandWay
+from applications.twin import Twin
+from physreal_core.array_types import Array, Float
+from physreal_core.fitting.model import Model
+from physreal_core.fitting.rollouts import Fields
+from physreal_core.fitting.thin import bind_to_body
+from physreal_core.planning.ensemble import scaled
+from physreal_core.playing import Session
+from physreal_core.rendering import Binding
+from stages._evaluation import scattered
+
+KEYPOINTS = 32
+"""Points on the surface that are followed."""
+
+CALM, LONGEST_REST = 0.02, 1.0
+"""The body rests once no particle is faster than this [m/s], or after this time [s]."""
+
+LIFTED = 0.02
+"""Height of the centre of mass above where it rested from which on the body counts as lifted [m]."""
+
+
+@dataclass(frozen=True)
+class Motion:
+    """What was simulated.
+
+    Attributes:
+        x, F: particles [m] and their deformation since frame 0 of the twin.
+        way: of the hand.
+        force: of the hand on the body [N].
+        keypoints: [m].
+        lifted: whether the body is off its place, by `LIFTED`.
+    """
+
+    x: Float[torch.Tensor, "frames particles 3"]
+    F: Float[torch.Tensor, "frames particles 3 3"]
+    way: HandWay
+    force: Float[Array, "frames 3"]
+    keypoints: Float[Array, "frames points 3"]
+    lifted: Array
+
+    @property
+    def states(self) -> Float[Array, "frames 4"]:
+        """Place of the hand [m] and 1 where it is closed."""
+        return np.concatenate([self.way.places, self.way.closed[:, None]], axis=1).astype(np.float32)
+
+    @property
+    def actions(self) -> Float[Array, "frames 4"]:
+        """The hand's state in the next frame: what a controller of the place is told."""
+        return np.concatenate([self.states[1:], self.states[-1:]])
+
+
+class Keypoints:
+    """Points all over the surface, which the body carries.
+
+    Args:
+        twin: whose.
+        seed: of the places.
+    """
+
+    def __init__(self, twin: Twin, seed: int = 0) -> None:
+        self._twin = twin
+        self._points0, _ = scattered(twin.mesh, KEYPOINTS, seed)
+        self._binding: Binding = bind_to_body(self._points0, twin.problem.body)
+
+    def of(self, session: Session) -> Float[Array, "points 3"]:
+        """Where they are now [m]."""
+        return self._twin.carried(self._points0, self._binding, session.state)
+
+
+def at_rest(session: Session, fields: Fields) -> None:
+    """Begin anew with these fields, with the filmed hand open, and go on until the body rests.
+
+    Raises:
+        SimulationError: as of `Session.step`.
+    """
+    session.renew(fields)
+    session.let_hand("open")
+    for _ in range(round(LONGEST_REST * session.fps)):
+        session.step()
+        if float(session.state.v.norm(dim=-1).max()) < CALM:
+            return
+
+
+def fields_of(model: Model, scales: Mapping[str, float]) -> Fields:
+    """The model's fields with some multiplied by factors."""
+    return scaled(model.fields, tuple(scales), np.log(np.array(list(scales.values()), float)))
+
+
+def simulated(session: Session, keypoints: Keypoints, place: Float[Array, " 3"], way: HandWay) -> Motion:
+    """A session that rests, on the way of a hand which takes the body at the surface point nearest to `place` [m].
+
+    Raises:
+        SimulationError: as of `Session.step`.
+    """
+    mass = session.masses / session.masses.sum()
+    x, F, force, points, heights = [], [], [], [], []
+    handle, rest = None, float(mass @ session.state.x.cpu().double().numpy()[:, 2])
+    for frame in range(way.frames):
+        if way.closed[frame] and handle is None:
+            handle = session.take(place)
+        elif not way.closed[frame] and handle is not None:
+            session.release(handle)
+            handle = None
+        if handle is not None:
+            session.move(handle, way.places[frame])
+        state = session.step()
+        x.append(state.x.cpu().float().clone())  # the next step overwrites them
+        F.append(state.F.cpu().float().clone())
+        force.append(np.zeros(3) if handle is None else session.pull(handle).force)
+        points.append(keypoints.of(session))
+        heights.append(float(mass @ state.x.cpu().double().numpy()[:, 2]))
+    lifted = np.array(heights) - rest > LIFTED
+    return Motion(torch.stack(x), torch.stack(F), way, np.array(force), np.array(points), lifted)

@@ -1,0 +1,174 @@
+"""Makes episodes one by one, each whole in a folder of its own; several makers work side by side."""
+
+import json
+import os
+from collections.abc import Callable, Iterator
+from concurrent.futures import Executor, Future, ProcessPoolExecutor
+from contextlib import contextmanager
+from dataclasses import dataclass, replace
+from multiprocessing import Queue, get_context
+from pathlib import Path
+from typing import Any
+
+from applications.generate import lerobot, robomimic
+from applications.generate.coarse import coarser
+from applications.generate.draws import Draws, Randomisation
+from applications.generate.episode import Keypoints, Motion, at_rest, fields_of, simulated
+from applications.generate.grasps import Grasp, Hand, candidates, tried
+from applications.generate.pictures import Studio
+from applications.twin import Twin
+from physreal_core.array_types import Array, Float
+from physreal_core.cores import available_cores
+from physreal_core.errors import InputError, SimulationError
+from physreal_core.planning import spread_of
+from physreal_core.planning.ensemble import Spread
+from pipeline.project import Project
+from pipeline.whole_folder import as_a_whole
+
+RECORD = "record.json"
+"""What an episode's folder says of it, beside its files."""
+
+ATTEMPTS = 5
+"""Draws of an episode until one can be simulated."""
+
+
+@dataclass(frozen=True)
+class Setup:
+    """What all episodes have in common.
+
+    Attributes:
+        root: folder of the project.
+        sequence, stage: whose model.
+        parts: gets a folder per episode.
+        seconds: of an episode.
+        scale: of the pictures, over the camera's.
+        coarser: factor of the particles' spacing.
+        places: number of grasps that are tried.
+        hand: that takes the body.
+        randomisation: how far episodes differ.
+        device: of the simulator.
+        seed: of all.
+    """
+
+    root: Path
+    sequence: str
+    stage: str
+    parts: Path
+    seconds: float
+    scale: float
+    coarser: float
+    places: int
+    hand: Hand
+    randomisation: Randomisation
+    device: str
+    seed: int
+
+
+class Maker:
+    """Simulates and draws episodes of one setup."""
+
+    def __init__(self, setup: Setup) -> None:
+        self._setup = setup
+        full = Twin.load(Project(setup.root), setup.sequence, setup.stage)
+        self._twin = coarser(full, setup.coarser)
+        self._session = self._twin.session(setup.device)
+        self._floor = self._session.floor
+        self._keypoints, self._studio = Keypoints(self._twin), Studio(self._twin, self._floor)
+        self.fps = self._session.fps
+
+    def spread(self) -> Spread:
+        """What the fit leaves open."""
+        return spread_of(self._twin.problem, self._twin.model, self._setup.device)
+
+    def candidates(self) -> Float[Array, "places 3"]:
+        """Places where the body may be taken, as it lies at rest."""
+        at_rest(self._session, self._twin.model.fields)
+        return candidates(self._twin, self._twin.surface(self._session.state), self._setup.places, self._setup.seed)
+
+    def tried(self, place: Float[Array, " 3"]) -> Grasp | None:
+        """A grasp there."""
+        at_rest(self._session, self._twin.model.fields)
+        return tried(self._session, place, self._setup.hand)
+
+    def made(self, number: int, grasps: Float[Array, "grasps 3"], spread: Spread | None) -> dict[str, Any]:
+        """The record of an episode, whose folder is there afterwards; one that is there already is read.
+
+        Raises:
+            InputError: none of `ATTEMPTS` draws can be simulated.
+        """
+        folder = self._setup.parts / f"{number:06d}"
+        if not folder.is_dir():
+            with as_a_whole(folder) as draft:
+                self._write(draft, number, grasps, spread)
+        return json.loads((folder / RECORD).read_text())
+
+    def _write(self, folder: Path, number: int, grasps: Array, spread: Spread | None) -> None:
+        draws = self._draws(grasps, spread)
+        for attempt in range(ATTEMPTS):
+            draw = draws.draw(number, attempt)
+            try:
+                motion = self._simulated(draw.scales, grasps[draw.grasp], draw.way)
+                break
+            except SimulationError as error:
+                told = error
+        else:
+            raise InputError(
+                f"episode {number} cannot be simulated: {told}", where="physreal generate", expected="another --seed"
+            )
+        pictures = self._studio.pictures(motion, draw)
+        known = {
+            "episode": number,
+            "attempt": attempt,
+            "scales": draw.scales,
+            "grasp": grasps[draw.grasp].tolist(),
+            "K": draw.camera.K.tolist(),
+            "T_world_camera": draw.camera.T_world_camera.tolist(),
+            "lifted": bool(motion.lifted.any()),
+        }
+        robomimic.write_episode(folder, motion, pictures, known)
+        statistics = lerobot.write_episode(folder, motion, pictures, self.fps, number)
+        described = lerobot.features(motion, pictures, self.fps)
+        record = {"drawn": known, "statistics": statistics, "features": described, "fps": self.fps}
+        (folder / RECORD).write_text(json.dumps(record))
+
+    def _simulated(self, scales: dict[str, float], place: Array, way: Any) -> Motion:
+        at_rest(self._session, fields_of(self._twin.model, scales))
+        return simulated(self._session, self._keypoints, place, way)
+
+    def _draws(self, grasps: Array, spread: Spread | None) -> Draws:
+        setup, camera = self._setup, self._studio.camera.scaled(self._setup.scale)
+        even = replace(camera, width=camera.width - camera.width % 2, height=camera.height - camera.height % 2)
+        frames = round(setup.seconds * self.fps)
+        return Draws(grasps, spread, even, setup.randomisation, frames, self.fps, self._floor, setup.seed)
+
+
+_maker: Maker | None = None
+"""That of a worker process."""
+
+
+def _begin(setup: Setup, cores: "Queue[int]") -> None:
+    """Makes a worker's maker, on a core of its own."""
+    global _maker
+    if hasattr(os, "sched_setaffinity"):
+        os.sched_setaffinity(0, {cores.get()})
+    _maker = Maker(setup)
+
+
+def call(name: str, *arguments: Any) -> Any:
+    """What a worker's maker answers."""
+    return getattr(_maker, name)(*arguments)
+
+
+@contextmanager
+def makers(setup: Setup, jobs: int) -> Iterator[Callable[..., Future]]:
+    """Gives a function that has a method of some maker called: `submit("made", ...)`; each works on a core of its own."""
+    context = get_context("spawn")  # threads of the simulator do not survive a fork
+    cores = context.Queue()
+    known = sorted(os.sched_getaffinity(0)) if hasattr(os, "sched_getaffinity") else list(range(available_cores()))
+    for job in range(jobs):
+        cores.put(known[job % len(known)])
+    pool: Executor = ProcessPoolExecutor(jobs, context, _begin, (setup, cores))
+    try:
+        yield lambda name, *arguments: pool.submit(call, name, *arguments)
+    finally:
+        pool.shutdown(cancel_futures=True)

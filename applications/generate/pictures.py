@@ -1,0 +1,102 @@
+"""What the camera sees of an episode: colour, depth, what is what, and where everything goes until the next frame."""
+
+from dataclasses import dataclass
+
+import numpy as np
+import torch
+from scipy.spatial import cKDTree
+
+from applications.appearance import Appearance
+from applications.generate.draws import Draw
+from applications.generate.episode import Motion
+from applications.generate.gripper import GRIPPER, gripper_at
+from applications.twin import Twin
+from physreal_core.array_types import Array, Float, Tensor, UInt8
+from physreal_core.geometry.mesh import Mesh
+from physreal_core.rendering import Camera, carry_gaussians, carry_points, rasterise
+
+BACKGROUND, OBJECT, HAND = 0, 1, 2
+"""Numbers of the masks."""
+
+_TIP = 1e-3
+"""Length of the arrows that carry normals [m]."""
+
+
+@dataclass(frozen=True)
+class Pictures:
+    """Of all frames.
+
+    Attributes:
+        colour: RGB.
+        depth: along the camera's z [m], 0 where there is nothing.
+        mask: `BACKGROUND`, `OBJECT` or `HAND`.
+        flow: to the next frame [px], of what is seen; zero in the last one.
+    """
+
+    colour: UInt8[Array, "frames h w 3"]
+    depth: Float[Array, "frames h w"]
+    mask: UInt8[Array, "frames h w"]
+    flow: Float[Array, "frames h w 2"]
+
+
+class Studio:
+    """Draws episodes of one twin.
+
+    Args:
+        twin: whose.
+        floor: height of the table [m].
+    """
+
+    def __init__(self, twin: Twin, floor: float) -> None:
+        self._look, self._floor = Appearance.of(twin), floor
+        self._x0 = torch.as_tensor(twin.problem.body.x0, dtype=torch.float32)
+        self._normals0 = torch.as_tensor(_normals_at(self._look.gaussians.means.cpu().numpy(), twin.mesh)).float()
+
+    @property
+    def camera(self) -> Camera:
+        """That filmed the twin, or one before it."""
+        return self._look.camera
+
+    @torch.no_grad()
+    def pictures(self, motion: Motion, draw: Draw) -> Pictures:
+        """Of what was simulated."""
+        look, camera = self._look, draw.camera
+        means, covariances = carry_gaussians(look.binding, look.gaussians, self._x0, motion.x, motion.F)
+        tips = carry_points(look.binding, look.gaussians.means + _TIP * self._normals0, self._x0, motion.x, motion.F)
+        lit = draw.light.on(torch.nn.functional.normalize(tips - means, dim=-1))
+        colours = (look.gaussians.colours(camera.centre) * lit).clamp(0.0, 1.0)
+        hand = gripper_at(motion.way)
+        frames, body, count = len(means), means.shape[1], len(GRIPPER.colours)
+        means = torch.cat([means, hand], 1)
+        covariances = torch.cat([covariances, GRIPPER.covariance.expand(frames, count, 3, 3)], 1)
+        opacities = torch.cat([look.gaussians.opacities(), torch.full((count,), GRIPPER.opacity)])
+        colours = torch.cat([colours, GRIPPER.colours.expand(frames, count, 3)], 1)
+        seen = rasterise(means, covariances, opacities, colours, camera)
+        moved = torch.cat([_flow(means, draw), _is_hand(body, count).expand(frames, -1, 1)], -1)
+        told = rasterise(means, covariances, opacities, moved, camera)
+        behind, far = draw.scenery.seen(camera, self._floor)
+        there = (seen.alpha > 0.5).numpy()
+        share = (told.rgb / told.alpha.clamp(min=1e-3)[..., None]).numpy()
+        rgb = seen.rgb.numpy() + (1.0 - seen.alpha.numpy())[..., None] * behind
+        return Pictures(
+            colour=(255 * np.clip(rgb, 0, 1)).round().astype(np.uint8),
+            depth=np.where(there, seen.depth.numpy(), far).astype(np.float32),
+            mask=np.where(there, np.where(share[..., 2] > 0.5, HAND, OBJECT), BACKGROUND).astype(np.uint8),
+            flow=np.where(there[..., None], share[..., :2], 0.0).astype(np.float16),
+        )
+
+
+def _flow(means: Float[Tensor, "frames gaussians 3"], draw: Draw) -> Float[Tensor, "frames gaussians 2"]:
+    pixels, _ = draw.camera.project(means)
+    return torch.cat([pixels[1:] - pixels[:-1], torch.zeros_like(pixels[:1])])
+
+
+def _is_hand(body: int, count: int) -> Float[Tensor, "gaussians 1"]:
+    return torch.cat([torch.zeros(body), torch.ones(count)])[:, None]
+
+
+def _normals_at(points: Float[Array, "points 3"], mesh: Mesh) -> Float[Array, "points 3"]:
+    """Normals of the faces that are nearest to points, by their centres."""
+    _, face = cKDTree(mesh.corners.mean(1)).query(points)
+    normals = mesh.area_vectors[face]
+    return normals / np.maximum(np.linalg.norm(normals, axis=1, keepdims=True), 1e-12)

@@ -1,0 +1,191 @@
+"""`physreal generate`: episodes that move the body, pictures that agree with it, and files that the formats' own readers take."""
+
+import json
+
+import numpy as np
+import pytest
+import torch
+
+from applications.generate.coarse import coarser
+from applications.generate.draws import Draws, Randomisation
+from applications.generate.episode import Keypoints, at_rest, simulated
+from applications.generate.grasps import Grasp, Hand, candidates, ranked, tried
+from applications.generate.pictures import HAND, OBJECT, Studio
+from applications.generate.scenery import Light, Scenery
+from applications.generate.statistics import of_numbers, together
+from applications.generate.way import SPEED, drawn_way
+from physreal_core.errors import InputError
+from pipeline.cli import main
+
+FPS, FRAMES = 30.0, 66
+
+
+@pytest.fixture(scope="module")
+def twin(project):
+    from applications.twin import Twin
+
+    return Twin.load(project, "lift")
+
+
+@pytest.fixture(scope="module")
+def session(twin):
+    return twin.session()
+
+
+@pytest.fixture(scope="module")
+def made(twin, session):
+    """A plain episode: its draw, motion and pictures."""
+    studio = Studio(twin, session.floor)
+    at_rest(session, twin.model.fields)
+    place = candidates(twin, twin.surface(session.state), 1, 0)[0]
+    draws = Draws(place[None], None, studio.camera, Randomisation.none(), FRAMES, session.fps, session.floor, seed=3)
+    draw = draws.draw(0)
+    motion = simulated(session, Keypoints(twin), place, draw.way)
+    return draw, motion, studio.pictures(motion, draw)
+
+
+def run(project, monkeypatch, *arguments: str) -> int:
+    monkeypatch.chdir(project.root)
+    with pytest.raises(SystemExit) as ended:
+        main(["generate", "lift", *arguments])
+    return ended.value.code
+
+
+@pytest.mark.parametrize("seed", range(8))
+def test_a_way_comes_from_above_and_is_slow_and_stays_over_the_table(seed):
+    taken = np.array([0.1, -0.2, 0.05])
+    way = drawn_way(np.random.default_rng(seed), taken, 0.03, FRAMES, FPS)
+    assert way.frames == FRAMES and way.places[0, 2] > taken[2]
+    held = way.places[way.closed]
+    assert np.allclose(held[0], taken)
+    assert np.linalg.norm(np.diff(held, axis=0), axis=1).max() * FPS <= SPEED + 1e-9
+    assert way.places[:, 2].min() >= 0.03 and held[:, 2].max() > taken[2] + 0.02
+    assert not way.closed[0] and not way.closed[-1]
+    edges = np.diff(way.closed.astype(int))
+    assert (edges == 1).sum() == 1 and (edges == -1).sum() == 1
+
+
+def test_the_body_follows_the_hand_and_falls_when_it_is_let_go(made):
+    _, motion, _ = made
+    held = motion.way.closed
+    assert np.abs(motion.force[~held]).max() == 0.0 and np.linalg.norm(motion.force[held], axis=1).max() > 0.0
+    moved = np.linalg.norm(motion.keypoints - motion.keypoints[0], axis=-1).mean(1)
+    first = int(np.flatnonzero(held)[0])
+    assert moved[:first].max() < 2e-3
+    assert moved[held].max() > 0.02
+    assert not torch.equal(motion.x[0], motion.x[-1])
+    assert np.allclose(motion.actions[:-1], motion.states[1:])
+
+
+def test_flow_carries_pixels_of_the_body_to_where_its_points_go(made):
+    draw, motion, pictures = made
+    frame = int(np.argmax(np.linalg.norm(np.diff(motion.way.places, axis=0), axis=1) * motion.way.closed[:-1]))
+    assert (pictures.mask[frame] == OBJECT).sum() > 50
+    pixels, _ = draw.camera.project(torch.as_tensor(motion.keypoints[frame : frame + 2]))
+    now, then = pixels.numpy()
+    column, row = now.round().astype(int).T
+    inside = (column >= 0) & (column < draw.camera.width) & (row >= 0) & (row < draw.camera.height)
+    on_body = [k for k in np.flatnonzero(inside) if pictures.mask[frame, row[k], column[k]] == OBJECT]
+    told = np.array([pictures.flow[frame, row[k], column[k]] for k in on_body], float)
+    assert len(on_body) >= 5
+    true = (then - now)[on_body]
+    assert np.median(np.linalg.norm(told - true, axis=1)) < 0.15 * np.linalg.norm(true, axis=1).mean()
+    assert np.abs(pictures.flow[-1]).max() == 0.0
+
+
+def test_depth_is_that_of_the_body_and_of_the_table(made, session):
+    draw, motion, pictures = made
+    camera = draw.camera
+    _, far = camera.project(motion.x[0].double())
+    seen = pictures.depth[0][pictures.mask[0] == OBJECT]
+    assert float(far.min()) - 0.01 < seen.min() and seen.max() < float(far.max()) + 0.01
+    v, u = np.argwhere((pictures.mask[0] == 0) & (pictures.depth[0] > 0))[::500].T
+    if len(v):
+        points = camera.unproject(
+            torch.as_tensor(np.stack([u, v], -1), dtype=torch.float64),
+            torch.as_tensor(pictures.depth[0][v, u], dtype=torch.float64),
+        )
+        assert np.allclose(points[:, 2], session.floor, atol=1e-4)
+
+
+def test_the_hand_is_seen_where_it_is(made):
+    draw, motion, pictures = made
+    seen = [frame for frame in range(FRAMES) if (pictures.mask[frame] == HAND).sum() > 20]
+    assert seen
+    pixels, _ = draw.camera.project(torch.as_tensor(motion.way.places + [0.0, 0.0, 0.03]))
+    for frame in seen:
+        row, column = np.argwhere(pictures.mask[frame] == HAND).mean(0)
+        if 20 < row < draw.camera.height - 20 and 20 < column < draw.camera.width - 20:
+            assert np.hypot(*(pixels[frame].numpy() - [column, row])) < 0.05 * draw.camera.intrinsics[0]
+
+
+def test_light_from_a_side_brightens_that_side():
+    normals = torch.tensor([[0.0, 0.0, 1.0], [0.0, 0.0, -1.0]])
+    up, down = Light(share=0.5).on(normals)
+    assert up.tolist() == [1.5, 1.5, 1.5] and down.tolist() == [0.5, 0.5, 0.5]
+    assert Light().on(normals).eq(1.0).all()
+
+
+def test_the_same_number_gives_the_same_draw_and_another_one_another(made, twin):
+    camera = Studio(twin, 0.0).camera
+    draws = Draws(np.zeros((3, 3)), None, camera, Randomisation(), FRAMES, FPS, 0.0, seed=1)
+    one, again, other = draws.draw(4), draws.draw(4), draws.draw(5)
+    assert np.array_equal(one.way.places, again.way.places) and not np.array_equal(one.way.places, other.way.places)
+    assert torch.equal(one.camera.T_world_camera, again.camera.T_world_camera)
+    assert np.array_equal(one.scenery.table, again.scenery.table)
+    assert not np.array_equal(one.scenery.table, Scenery().table)
+
+
+def test_a_grasp_is_as_firm_as_the_pull_asks(twin, session):
+    at_rest(session, twin.model.fields)
+    place = candidates(twin, twin.surface(session.state), 1, 0)[0]
+    strong = tried(session, place, Hand(squeeze=100.0))
+    assert strong.holds and strong.peak > 0.0
+    assert strong.margin == pytest.approx(1.0 - strong.peak / 120.0)
+    weak = Grasp(strong.place, strong.peak, 1.0, -0.1)
+    assert ranked([weak, None, strong])[0] is strong
+    with pytest.raises(InputError, match="no grasp holds"):
+        ranked([weak])
+
+
+def test_statistics_of_parts_are_those_of_the_whole():
+    values = np.random.default_rng(0).normal(size=(50, 3))
+    whole, pooled = of_numbers(values), together([of_numbers(values[:20]), of_numbers(values[20:])])
+    for key in whole:
+        np.testing.assert_allclose(whole[key], pooled[key])
+
+
+def test_a_body_without_a_quick_form_is_refused(twin):
+    assert coarser(twin, 1.0) is twin
+    with pytest.raises(InputError, match="cannot be simulated with fewer particles"):
+        coarser(twin, 20.0)
+
+
+@pytest.mark.slow
+def test_episodes_are_written_read_back_and_gone_on_with(project, monkeypatch, tmp_path, capsys):
+    h5py, pq = pytest.importorskip("h5py"), pytest.importorskip("pyarrow.parquet")
+    folder = tmp_path / "data"
+    asked = ("--episodes", "2", "--seconds", "2", "--jobs", "1", "--squeeze", "1000", "--to", str(folder))
+    assert run(project, monkeypatch, *asked) == 0
+    info = json.loads((folder / "lerobot/meta/info.json").read_text())
+    assert info["codebase_version"] == "v3.0" and info["total_episodes"] == 2 and info["total_frames"] == 2 * 60
+    table = pq.read_table(folder / "lerobot/data/chunk-000/file-001.parquet")
+    assert set(table.column_names) | {"observation.images.camera"} == set(info["features"])
+    assert table["index"].to_pylist() == list(range(60, 120)) and table["episode_index"].to_pylist() == [1] * 60
+    with h5py.File(folder / "robomimic.hdf5") as file:
+        demo = file["data/demo_1"]
+        assert file["data"].attrs["total"] == 120 and demo.attrs["num_samples"] == 60
+        assert demo["obs/camera_image"].shape[0] == 60 and demo["actions"].shape == (60, 4)
+        np.testing.assert_allclose(demo["actions"][:], np.array(table["action"].to_pylist()), rtol=1e-6)
+        drawn = json.loads(demo.attrs["physreal"])
+    assert drawn == json.loads((folder / "episodes.json").read_text())[1]
+    assert not folder.with_name("data.parts").exists()
+    assert run(project, monkeypatch, *asked) == 2 and "is there already" in capsys.readouterr().err
+
+
+@pytest.mark.parametrize(
+    ("option", "value"), [("--episodes", "0"), ("--seconds", "0.5"), ("--coarser", "0.5"), ("--scale", "0")]
+)
+def test_what_cannot_be_is_refused(project, monkeypatch, capsys, option, value):
+    assert run(project, monkeypatch, option, value) == 2
+    assert option in capsys.readouterr().err

@@ -12,6 +12,12 @@ from physreal_core.array_types import Array, Float
 from physreal_core.planning.ensemble import Spread
 from physreal_core.rendering import Camera
 
+WAYS = 20
+"""That are drawn for one on which the hand stays in view."""
+
+MARGIN = 0.12
+"""Share of the picture's sides that counts as out of view."""
+
 
 @dataclass(frozen=True)
 class Randomisation:
@@ -21,18 +27,20 @@ class Randomisation:
         material: whether material and friction are drawn from what the fit leaves open.
         camera_shift: standard deviation of the camera's place along each axis [m].
         camera_turn: of its direction about each axis [degrees].
+        camera_back: how far it steps back at most, over its distance from the body.
         light: whether light and background are drawn.
     """
 
     material: bool = True
     camera_shift: float = 0.03
     camera_turn: float = 2.0
+    camera_back: float = 0.4
     light: bool = True
 
     @classmethod
     def none(cls) -> "Randomisation":
         """The fitted material, seen as the filmed camera sees it."""
-        return cls(material=False, camera_shift=0.0, camera_turn=0.0, light=False)
+        return cls(material=False, camera_shift=0.0, camera_turn=0.0, camera_back=0.0, light=False)
 
 
 @dataclass(frozen=True)
@@ -86,15 +94,35 @@ class Draws:
             logarithms = random.multivariate_normal(np.zeros(len(self.spread.names)), self.spread.covariance)
             scales = dict(zip(self.spread.names, np.exp(logarithms).tolist(), strict=True))
         grasp = int(random.integers(len(self.grasps)))
-        way = drawn_way(random, self.grasps[grasp], self.floor + 0.01, self.frames, self.fps)
-        camera = _moved(self.camera, random, how)
+        camera = self._moved(random)
+        way = self._way(random, self.grasps[grasp], camera)
         light, scenery = (Light.drawn(random), Scenery.drawn(random)) if how.light else (Light(), Scenery())
         return Draw(scales, grasp, way, camera, light, scenery)
 
+    def _moved(self, random: np.random.Generator) -> Camera:
+        """The camera, shifted, turned, and further back."""
+        how, pose = self.randomisation, self.camera.T_world_camera.detach().cpu().double().numpy().copy()
+        turn = Rotation.from_rotvec(np.deg2rad(how.camera_turn) * random.normal(size=3)).as_matrix()
+        distance = np.linalg.norm(pose[:3, 3] - self.grasps.mean(0))
+        pose[:3, 3] += how.camera_shift * random.normal(size=3)
+        pose[:3, 3] -= how.camera_back * distance * random.uniform(0.4, 1.0) * pose[:3, 2]
+        pose[:3, :3] = pose[:3, :3] @ turn
+        return replace(self.camera, T_world_camera=torch.as_tensor(pose))
 
-def _moved(camera: Camera, random: np.random.Generator, how: Randomisation) -> Camera:
-    pose = camera.T_world_camera.detach().cpu().double().numpy().copy()
-    turn = Rotation.from_rotvec(np.deg2rad(how.camera_turn) * random.normal(size=3)).as_matrix()
-    pose[:3, 3] += how.camera_shift * random.normal(size=3)
-    pose[:3, :3] = pose[:3, :3] @ turn
-    return replace(camera, T_world_camera=torch.as_tensor(pose))
+    def _way(self, random: np.random.Generator, taken: Float[Array, " 3"], camera: Camera) -> HandWay:
+        """The first of some ways on which the camera sees the hand while it holds; the one that is longest in view if none is."""
+        ways = (drawn_way(random, taken, self.floor + 0.01, self.frames, self.fps) for _ in range(WAYS))
+        best, most = None, -1.0
+        for way in ways:
+            if (share := _in_view(way.places[way.closed], camera)) > most:
+                best, most = way, share
+            if most == 1.0:
+                break
+        return best
+
+
+def _in_view(places: Float[Array, "places 3"], camera: Camera) -> float:
+    """Share of the places that the camera sees, apart from its picture's margin."""
+    pixels, depth = camera.project(torch.as_tensor(places, dtype=torch.float64))
+    share = pixels.numpy() / [camera.width, camera.height]
+    return float(((depth.numpy() > 0) & (share > MARGIN).all(1) & (share < 1.0 - MARGIN).all(1)).mean())

@@ -74,7 +74,7 @@ class Studio:
         seen = rasterise(means, covariances, opacities, colours, camera)
         moved = torch.cat([_flow(means, draw), _is_hand(body, count).expand(frames, -1, 1)], -1)
         told = rasterise(means, covariances, opacities, moved, camera)
-        behind, far = draw.scenery.seen(camera, self._floor)
+        behind, far = (a.astype(np.float32) for a in draw.scenery.seen(camera, self._floor))
         there = (seen.alpha > 0.5).numpy()
         share = (told.rgb / told.alpha.clamp(min=1e-3)[..., None]).numpy()
         rgb = seen.rgb.numpy() + (1.0 - seen.alpha.numpy())[..., None] * behind

@@ -102,3 +102,13 @@ def test_two_tracks_are_too_few():
         Experiment(
             dataclasses.replace(problem, tracks=dataclasses.replace(problem.tracks, valid3d=seen)), scene.model()
         )
+
+
+def test_a_model_that_breaks_off_is_compared_until_there(problem):
+    simulated = carried(problem)
+    experiment = measured_as(problem, simulated)
+    noise = noise_of(experiment, simulated.numpy())
+    broken = simulated.numpy().copy()
+    broken[-2:] = np.nan
+    where = locate(experiment, broken, noise)
+    assert len(where.as_record()["frames"]["gap"]) == len(broken) - 2

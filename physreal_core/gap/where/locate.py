@@ -22,19 +22,21 @@ def locate(
 
     Args:
         experiment: the interaction.
-        predicted: tracks under the model [m], over at least the noise model's frames.
+        predicted: tracks under the model [m], over at least the noise model's frames; those from one on in which the model breaks off
+            are left out.
         noise: of the same interaction; its valid entries are compared.
         overdispersion: as of `agreement`.
     """
-    frames, setting = noise.frames, experiment.setting
-    simulated = predicted[:frames].astype(np.float64)
+    whole = np.isfinite(predicted[: noise.frames]).all((1, 2))
+    frames, setting = len(whole) if whole.all() else int(np.argmin(whole)), experiment.setting
+    simulated, valid = predicted[:frames].astype(np.float64), noise.valid[:frames]
     comparison = Comparison(
         simulated=simulated,
         measured=experiment.measured[:frames],
         sigma=experiment.sigma[:frames],
-        valid=noise.valid,
+        valid=valid,
         fps=setting.fps,
-        modes=noise.modes(),
+        modes=noise.modes()[:, : int(valid.sum())],
     )
     phases = label_phases(
         simulated,

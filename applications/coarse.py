@@ -9,8 +9,8 @@ from physreal_core.planning import quick_form, with_grip
 from physreal_core.rendering import bind
 
 
-def coarser(twin: Twin, factor: float) -> Twin:
-    """The twin with particles `factor` times as far apart; itself for a factor of 1.
+def coarser(twin: Twin, factor: float, command: str) -> Twin:
+    """The twin with particles `factor` times as far apart; itself for a factor of 1. `command` is named in errors.
 
     Raises:
         InputError: there is no such form of it.
@@ -21,7 +21,7 @@ def coarser(twin: Twin, factor: float) -> Twin:
     if found is None:
         raise InputError(
             f"{twin.sequence} cannot be simulated with fewer particles",
-            where="physreal generate --coarser",
+            where=f"{command} --coarser",
             expected="a solid body, several particles thick, that one hand holds from frame 0 on",
             remedy="leave the option out",
         )

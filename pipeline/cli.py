@@ -142,6 +142,25 @@ def _parser() -> argparse.ArgumentParser:
     command.set_defaults(command=_plan)
 
     command = commands.add_parser(
+        "live",
+        help="a fitted twin that follows a stream of measurements, and tells when it no longer understands them",
+        description="Replays a recorded sequence in real time and has the twin follow it. Frames for which there is no time are not looked at.",
+        epilog="examples: physreal live plush_push; physreal live plush_lift --coarser 1.5 --record; physreal live bar_press --speed 0",
+    )
+    command.add_argument("sequence", help="a name under `fits` or `predictions` in params.yaml")
+    command.add_argument(
+        "--model", default=None, help="the fit stage whose model it is; default: the last, fit_residual"
+    )
+    command.add_argument(
+        "--speed", type=float, default=1.0, help="of the stream over real time; 0: as fast as it goes; default: 1"
+    )
+    command.add_argument("--coarser", type=float, default=1.0, help="factor of the particles' spacing; default: 1")
+    command.add_argument("--device", default="cpu", help="of the simulator: cpu or cuda:0")
+    command.add_argument("--record", action="store_true", help="a video of the twin as the filmed camera would see it")
+    command.add_argument("--to", type=Path, metavar="FOLDER", help="default: data/followed/SEQUENCE")
+    command.set_defaults(command=_live)
+
+    command = commands.add_parser(
         "generate",
         help="episodes of a hand that takes a fitted twin and moves it, as data for robots",
         description="Random grasps and ways of a hand, with material, camera, light and background drawn anew each time. Written as a "
@@ -326,6 +345,13 @@ def _plan(parsed: argparse.Namespace) -> int:
     from importlib import import_module
 
     import_module("applications.plan.command").plan(parsed)  # by name, as `_play`
+    return 0
+
+
+def _live(parsed: argparse.Namespace) -> int:
+    from importlib import import_module
+
+    import_module("applications.live.command").live(parsed)  # by name, as `_play`
     return 0
 
 

@@ -10,8 +10,8 @@ from multiprocessing import Queue, get_context
 from pathlib import Path
 from typing import Any
 
+from applications.coarse import coarser
 from applications.generate import lerobot, robomimic
-from applications.generate.coarse import coarser
 from applications.generate.draws import Draws, Randomisation
 from applications.generate.episode import Keypoints, Motion, at_rest, fields_of, simulated
 from applications.generate.grasps import Grasp, Hand, candidates, tried
@@ -70,7 +70,7 @@ class Maker:
     def __init__(self, setup: Setup) -> None:
         self._setup = setup
         full = Twin.load(Project(setup.root), setup.sequence, setup.stage)
-        self._twin = coarser(full, setup.coarser)
+        self._twin = coarser(full, setup.coarser, "physreal generate")
         self._session = self._twin.session(setup.device)
         self._floor = self._session.floor
         self._keypoints, self._studio = Keypoints(self._twin), Studio(self._twin, self._floor)

@@ -42,6 +42,7 @@ class Rollouts:
         model: gives laws, effects and the places of the patches; the fields that are rolled out are given with each
             call.
         device: where everything is computed. The problem's tensors are moved there once.
+        terms: of the step (`simulation.terms`) beside those that the model and its effects need, of which a caller gives the parameters.
 
     Attributes:
         problem: on `device`.
@@ -53,10 +54,11 @@ class Rollouts:
         InputError: a hand pushes in the problem, and the model does not say how firmly and with which friction.
     """
 
-    def __init__(self, problem: Problem, model: Model, *, device: str = "cpu") -> None:
+    def __init__(self, problem: Problem, model: Model, *, device: str = "cpu", terms: Iterable[str] = ()) -> None:
         _require_push(problem, model)
         self.problem, self.device = problem.held_within(model.grip_reach).to(device), device
-        self.config = model.simulation_config(problem.fps, device, problem.body)
+        config = model.simulation_config(problem.fps, device, problem.body)
+        self.config = dataclasses.replace(config, terms=tuple(sorted({*config.terms, *terms})))
         self.dtype = torch.float64 if self.config.dtype == "float64" else torch.float32
         self.values: dict[str, dict[str, Tensor]] = {
             record["name"]: self._numbers(record["values"]) for record in model.effects

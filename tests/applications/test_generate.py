@@ -6,7 +6,7 @@ import numpy as np
 import pytest
 import torch
 
-from applications.generate.coarse import coarser
+from applications.coarse import coarser
 from applications.generate.draws import Draws, Randomisation
 from applications.generate.episode import Keypoints, at_rest, simulated
 from applications.generate.grasps import Grasp, Hand, candidates, ranked, tried
@@ -156,9 +156,9 @@ def test_statistics_of_parts_are_those_of_the_whole():
 
 
 def test_a_body_without_a_quick_form_is_refused(twin):
-    assert coarser(twin, 1.0) is twin
+    assert coarser(twin, 1.0, "") is twin
     with pytest.raises(InputError, match="cannot be simulated with fewer particles"):
-        coarser(twin, 20.0)
+        coarser(twin, 20.0, "physreal generate")
 
 
 @pytest.mark.slow

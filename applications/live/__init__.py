@@ -1,0 +1,1 @@
+"""`physreal live`: the twin follows a stream of measurements."""

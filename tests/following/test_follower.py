@@ -1,0 +1,90 @@
+"""A twin that follows a stream of another model: nearer than one that runs alone, with what is missing in its accelerations, and an alarm."""
+
+import dataclasses
+
+import numpy as np
+import pytest
+import torch
+
+from physreal_core.errors import InputError
+from physreal_core.fitting.losses import carried_tracks
+from physreal_core.fitting.named_effects import effect_record
+from physreal_core.fitting.rollouts import Rollouts
+from physreal_core.following import FollowConfig, Follower, Seen
+from tests.fitting import scene
+
+FRAMES, SIGMA, WIND = 40, 5e-4, 4.0
+
+
+@pytest.fixture(scope="module")
+def problem():
+    return scene.problem(scene.model(), frames=FRAMES, observed=FRAMES, with_masks=False)
+
+
+def places_under(problem, model):
+    """Where the tracked points are under a model [m]."""
+    rollouts = Rollouts(problem, model)
+    with torch.no_grad():
+        states = rollouts.simulate_batch([rollouts.inputs(model.fields)], FRAMES)
+    x0 = torch.as_tensor(problem.body.x0).to(states.x)
+    return carried_tracks(rollouts.problem.tracks, x0, states.x[0], states.F[0]).double().numpy()
+
+
+def windy():
+    """The scene's model with a wind."""
+    return dataclasses.replace(scene.model(), effects=[effect_record("wind", {"x": 0.0, "y": WIND, "z": 0.0})])
+
+
+def followed(problem, places, config=None, hidden=(), seed=0):
+    """What a follower by the scene's own model makes of noisy places."""
+    random, follower = np.random.default_rng(seed), Follower(problem, scene.model(), config)
+    found = []
+    for frame in range(1, FRAMES):
+        valid = np.ones(places.shape[1], bool)
+        valid[list(hidden)] = False
+        seen = places[frame] + SIGMA * random.normal(size=places[frame].shape)
+        sigma = np.full(len(valid), SIGMA)
+        found.append(follower.step(Seen(problem.controllers[frame].double().numpy(), seen, valid, sigma)))
+    return found
+
+
+def distance(a, b):
+    return float(np.sqrt(((a - b) ** 2).sum(-1).mean()))
+
+
+def test_the_twin_comes_near_and_knows_how_near(problem):
+    places, alone = places_under(problem, windy()), places_under(problem, scene.model())
+    hidden = range(0, places.shape[1], 3)
+    found = followed(problem, places, hidden=hidden)
+    own = np.array([f.points for f in found])[10:, list(hidden)]
+    true, free = (p[11:, list(hidden)] for p in (places, alone))
+    assert distance(own, true) < 0.4 * distance(free, true)
+    deviation = np.array([f.deviation for f in found])[10:, list(hidden), None]
+    assert (np.abs(own - true) < 3.0 * deviation).mean() > 0.9
+
+
+def test_what_is_missing_is_found_as_an_acceleration(problem):
+    found = followed(problem, places_under(problem, windy()), FollowConfig(learning=6.0))
+    mean = np.mean([f.acceleration.mean(0) for f in found[-8:]], axis=0)
+    assert abs(mean[1]) > 3.0 * np.hypot(mean[0], mean[2]) and mean[1] > 0.2 * WIND
+
+
+def test_a_right_model_is_followed_without_an_alarm(problem):
+    found = followed(problem, places_under(problem, scene.model()))
+    assert not any(f.alarm for f in found)
+    assert max(f.gap for f in found[5:]) < SIGMA
+
+
+def test_frames_may_go_by_without_a_look(problem):
+    follower = Follower(problem, scene.model())
+    alone = Rollouts(problem, scene.model()).play(scene.model().fields)
+    for frame in range(1, 4):
+        state = follower.go_on(problem.controllers[frame].double().numpy())
+        own = alone.step(problem.controllers[frame].double())
+        assert torch.allclose(state.x, own.x, atol=1e-7)
+
+
+def test_a_problem_without_tracks_is_refused():
+    filmed = scene.problem(scene.model(), frames=4, observed=4)
+    with pytest.raises(InputError, match="no tracks"):
+        Follower(dataclasses.replace(filmed, tracks=None), scene.model())

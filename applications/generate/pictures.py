@@ -74,15 +74,15 @@ class Studio:
         seen = rasterise(means, covariances, opacities, colours, camera)
         moved = torch.cat([_flow(means, draw), _is_hand(body, count).expand(frames, -1, 1)], -1)
         told = rasterise(means, covariances, opacities, moved, camera)
-        behind, far = (a.astype(np.float32) for a in draw.scenery.seen(camera, self._floor))
-        there = (seen.alpha > 0.5).numpy()
-        share = (told.rgb / told.alpha.clamp(min=1e-3)[..., None]).numpy()
-        rgb = seen.rgb.numpy() + (1.0 - seen.alpha.numpy())[..., None] * behind
+        behind, far = (torch.as_tensor(a, dtype=torch.float32) for a in draw.scenery.seen(camera, self._floor))
+        there, colour = seen.alpha > 0.5, seen.rgb.add_((1.0 - seen.alpha)[..., None] * behind)
+        share = told.rgb.div_(told.alpha.clamp(min=1e-3)[..., None]) * there[..., None]
+        mask = there.to(torch.uint8) * torch.where(share[..., 2] > 0.5, HAND, OBJECT)
         return Pictures(
-            colour=(255 * np.clip(rgb, 0, 1)).round().astype(np.uint8),
-            depth=np.where(there, seen.depth.numpy(), far).astype(np.float32),
-            mask=np.where(there, np.where(share[..., 2] > 0.5, HAND, OBJECT), BACKGROUND).astype(np.uint8),
-            flow=np.where(there[..., None], share[..., :2], 0.0).astype(np.float16),
+            colour=colour.clamp_(0.0, 1.0).mul_(255.0).round_().to(torch.uint8).numpy(),
+            depth=torch.where(there, seen.depth, far).numpy(),
+            mask=mask.to(torch.uint8).numpy(),
+            flow=share[..., :2].to(torch.float16).numpy(),
         )
 
 

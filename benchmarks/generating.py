@@ -1,7 +1,7 @@
 """How fast data are made with a twin, and whether others can read them: `python -m benchmarks.generating --project FOLDER --reader PYTHON`
 
 FOLDER is a project in which the sequence is fitted (after `scripts/run_example.sh`, this one). `physreal generate` runs there as a user would start
-it, with two sizes of the simulated body. PYTHON belongs to an environment with lerobot and robomimic (`scripts/read_back.sh FOLDER` makes one), whose
+it, in three forms. PYTHON belongs to an environment with lerobot and robomimic (`scripts/read_back.sh FOLDER` makes one), whose
 pins clash with ours; without it nothing is read back.
 
 Writes `results/use.json` (`generate`) and `results/generating.md`.
@@ -21,7 +21,12 @@ from benchmarks.use import record
 from physreal_core.cores import available_cores
 
 READER = Path(__file__).parents[1] / "scripts" / "read_back.py"
-COARSER = (1.0, 1.5)
+FORMS = {
+    "as fitted": (1.0, 1.0),
+    "particles 1.5 times as far apart": (1.5, 1.0),
+    "and half the pixels a side": (1.5, 0.5),
+}
+"""Factor of the particles' spacing, and of the pictures' sides."""
 
 
 def main() -> None:
@@ -34,28 +39,29 @@ def main() -> None:
     parser.add_argument("--reader", type=Path, help="a Python with lerobot and robomimic")
     arguments = parser.parse_args()
     found = {}
-    for factor in COARSER:
+    for form, (coarser, scale) in FORMS.items():
         with tempfile.TemporaryDirectory() as scratch:
-            found[f"{factor:g}"] = _measured(arguments, factor, Path(scratch) / "made")
+            asked = {"--coarser": coarser, "--scale": scale, "--to": Path(scratch) / "made"}
+            found[form] = _measured(arguments, asked)
     block = {
         "machine": f"CPU, {available_cores()} cores",
         "sequence": arguments.sequence,
         "episodes": arguments.episodes,
         "seconds": arguments.seconds,
-        "real_time_factor": {factor: own["real_time_factor"] for factor, own in found.items()},
-        "megabytes": {factor: own["megabytes"] for factor, own in found.items()},
-        "lifted": {factor: own["lifted"] for factor, own in found.items()},
-        "read_back": found[f"{COARSER[-1]:g}"]["read_back"],
+        "real_time_factor": {form: own["real_time_factor"] for form, own in found.items()},
+        "megabytes": {form: own["megabytes"] for form, own in found.items()},
+        "lifted": {form: own["lifted"] for form, own in found.items()},
+        "read_back": next(iter(found.values()))["read_back"],
     }
     record("generate", block)
     (RESULTS / "generating.md").write_text(report(block))
     print(report(block))
 
 
-def _measured(arguments: argparse.Namespace, factor: float, folder: Path) -> dict:
+def _measured(arguments: argparse.Namespace, asked: dict[str, float | Path]) -> dict:
     """One run of the command, with what it takes and leaves."""
-    asked = {"--episodes": arguments.episodes, "--seconds": arguments.seconds, "--coarser": factor, "--to": folder}
-    words = [word for pair in asked.items() for word in map(str, pair)]
+    asked = {"--episodes": arguments.episodes, "--seconds": arguments.seconds, **asked}
+    words, folder = [word for pair in asked.items() for word in map(str, pair)], asked["--to"]
     begun = time.perf_counter()
     subprocess.run(
         [shutil.which("physreal"), "generate", arguments.sequence, *words], cwd=arguments.project, check=True
@@ -90,11 +96,11 @@ def report(block: dict) -> str:
         "",
         head,
         "",
-        "| particles' spacing over the twin's | times real time | wanted | episodes that lift the body | MB |",
-        "|--:|--:|--:|--:|--:|",
+        "| | times real time | wanted | episodes that lift the body | MB |",
+        "|---|--:|--:|--:|--:|",
     ]
-    for factor, rate in block["real_time_factor"].items():
-        lines.append(f"| {factor} | {rate:.1f} | 5 | {block['lifted'][factor]} | {block['megabytes'][factor]:.0f} |")
+    for form, rate in block["real_time_factor"].items():
+        lines.append(f"| {form} | {rate:.1f} | 5 | {block['lifted'][form]} | {block['megabytes'][form]:.0f} |")
     if read is not None:
         told = (
             f"Read back by lerobot {read['lerobot']['version']}: {read['lerobot']['frames']} frames, a batch through its loader. By robomimic "

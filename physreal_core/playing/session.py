@@ -117,6 +117,7 @@ class Session:
     def renew(self, fields: Fields) -> None:
         """Back to the start, with the same model but for its fields; changes stay, as in `reset`."""
         self._model = replace(self._model, fields=fields)
+        self._stiffness = float(fields["grip_stiffness"])
         self.reset()
 
     def take(self, point: Float[Array, " 3"]) -> int:

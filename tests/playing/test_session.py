@@ -210,6 +210,18 @@ def test_reset_begins_anew_and_keeps_the_changes(session):
     assert np.allclose(session.state.x.numpy(), scene.body().x0, atol=1e-7)
 
 
+def test_a_session_begins_anew_with_other_fields(given):
+    problem, model = given, scene.model()
+    session = Session(problem, model)
+    session.take(problem.body.x0[0])
+    session.step()
+    stiffer = {**model.fields, "youngs_modulus": 2.0 * model.fields["youngs_modulus"]}
+    session.renew(stiffer)
+    assert session.frame == 0 and not session.handles
+    assert torch.allclose(session.parameters.youngs_modulus, 2.0 * Session(problem, model).parameters.youngs_modulus)
+    assert session.masses.shape == (len(problem.body.x0),) and session.floor <= problem.body.x0[:, 2].min()
+
+
 def test_what_cannot_be_done_is_said_and_changes_nothing(given, session):
     for what, told in (
         (lambda: session.move(7, np.zeros(3)), "handle 7.*expected a taken one"),

@@ -76,7 +76,7 @@ def main() -> None:
     """Measure, and write the page."""
     parser = argparse.ArgumentParser(prog="python -m benchmarks.following", description=__doc__)
     parser.add_argument("--project", type=Path, default=Path())
-    parser.add_argument("--coarser", type=float, default=1.5, help="of the second row of times")
+    parser.add_argument("--coarser", type=float, default=1.26, help="spacing of the particles in the second rows; half as many")
     arguments = parser.parse_args()
     project = Project(arguments.project.resolve())
     values = load_parameters(project.parameters).values

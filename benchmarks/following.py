@@ -76,7 +76,9 @@ def main() -> None:
     """Measure, and write the page."""
     parser = argparse.ArgumentParser(prog="python -m benchmarks.following", description=__doc__)
     parser.add_argument("--project", type=Path, default=Path())
-    parser.add_argument("--coarser", type=float, default=1.26, help="spacing of the particles in the second rows; half as many")
+    parser.add_argument(
+        "--coarser", type=float, default=1.26, help="spacing of the particles in the second rows; half as many"
+    )
     arguments = parser.parse_args()
     project = Project(arguments.project.resolve())
     values = load_parameters(project.parameters).values
@@ -92,7 +94,7 @@ def main() -> None:
         f"coarser_{arguments.coarser:g}": quick,
         "switched": {"sequence": first.sequence, "rows": switched},
     }
-    record("live", block)
+    record("live", {**headline(block, arguments.coarser), **block})
     (RESULTS / "following.md").write_text(report(block, arguments.coarser))
     print(report(block, arguments.coarser))
 
@@ -194,6 +196,19 @@ def _switched(twin: Twin, effect: str | None) -> Float[Array, "frames tracks 3"]
         session.step()
         found.append(twin.carried(twin.problem.tracks.points0.numpy(), twin.problem.tracks.binding, session.state))
     return np.array(found)
+
+
+def headline(block: dict, factor: float) -> dict[str, float | int | None]:
+    """The numbers of the filmed sequence with fewer particles, coverage over all sequences, and the latest alarm after an effect began."""
+    quick, everything = block[f"coarser_{factor:g}"], block["sequences"]
+    first = next(iter(quick))
+    late = [row["alarm"] and row["alarm"] - BEGINS for row in block["switched"]["rows"] if row["effect"] != "none"]
+    return {
+        "frames_per_second": quick[first]["frames_per_second"],
+        "state_error": quick[first]["state_error"],
+        "coverage": float(np.mean([row["coverage"] for row in everything.values()])),
+        "detected_after_frames": None if None in late else max(late),
+    }
 
 
 def report(block: dict, factor: float) -> str:

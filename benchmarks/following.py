@@ -1,6 +1,6 @@
 """How near a twin follows a stream, how sure it rightly is, how fast, and when it notices that something is missing.
 
-`python -m benchmarks.following --project FOLDER`; FOLDER is a project in which the sequences are fitted (after `scripts/run_example.sh`, this one).
+`OPENBLAS_NUM_THREADS=1 python -m benchmarks.following --project FOLDER`; FOLDER is a project in which the sequences are fitted (after `scripts/run_example.sh`, this one).
 
 Streams are the tracks of the recorded sequences, whose truth the rig knows. Every third point is kept from the follower, and it is scored at these.
 Then streams of the twin itself, with noise: an effect begins to act in the middle of the filmed motion, or none does. Writes `results/use.json`
@@ -216,7 +216,7 @@ def report(block: dict, factor: float) -> str:
     lines = [
         "# A twin that follows a stream",
         "",
-        f"`python -m benchmarks.following --project FOLDER`; {block['machine']}. Root mean square distances from the truth in mm, at points that the follower",
+        f"`OPENBLAS_NUM_THREADS=1 python -m benchmarks.following --project FOLDER`; {block['machine']}. Root mean square distances from the truth in mm, at points that the follower",
         "did not see, in the frames that no fit saw. Alone: the model without a look. Forecast: before each look. State: after it. Coverage of the 90 %",
         "intervals is counted there, too (0.85 to 0.95 is wanted).",
         "",

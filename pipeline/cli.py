@@ -349,8 +349,11 @@ def _plan(parsed: argparse.Namespace) -> int:
 
 
 def _live(parsed: argparse.Namespace) -> int:
+    import os
     from importlib import import_module
 
+    # Before numpy is there: threads of OpenBLAS wait by spinning, on the cores that the simulator needs.
+    os.environ.setdefault("OPENBLAS_NUM_THREADS", "1")
     import_module("applications.live.command").live(parsed)  # by name, as `_play`
     return 0
 

@@ -17,6 +17,7 @@ import torch
 from scipy.spatial import cKDTree
 
 from applications.coarse import coarser
+from applications.live import streams
 from applications.twin import Twin
 from benchmarks.thin.results import RESULTS
 from benchmarks.use import record
@@ -106,15 +107,10 @@ def _coarse(twins: dict[str, Twin], factor: float) -> dict[str, Twin]:
 
 def recorded(project: Project, twin: Twin) -> Run:
     """The recorded sequence, some of its points hidden."""
-    problem, tracks = twin.problem, twin.problem.tracks
-    points0 = tracks.points0.double().numpy()
+    points0 = twin.problem.tracks.points0.double().numpy()
     truth = _truth(CaptureTruth.load(project.capture(twin.sequence)).vertices.astype(float), points0)
-    stream = []
-    for frame in range(1, problem.frame_count):
-        valid = tracks.valid3d[frame].numpy() & (np.arange(len(points0)) % HIDDEN > 0)
-        sigma = np.where(valid, tracks.sigma3d[frame].double().numpy(), 1.0)
-        seen = np.where(valid[:, None], tracks.points3d[frame].double().numpy(), 0.0)
-        stream.append(Seen(problem.controllers[frame].double().numpy(), seen, valid, sigma))
+    shown = np.arange(len(points0)) % HIDDEN > 0
+    stream = [replace(seen, valid=seen.valid & shown) for seen in streams.recorded(twin.problem)]
     return _run(twin, stream, truth[1:])
 
 

@@ -4,8 +4,10 @@ Every command imports what it needs when it runs, so that help and checks start 
 """
 
 import argparse
+import os
 import sys
-from collections.abc import Sequence
+from collections.abc import Callable, Sequence
+from importlib import import_module
 from pathlib import Path
 
 from physreal_core.errors import InputError
@@ -96,7 +98,7 @@ def _parser() -> argparse.ArgumentParser:
     command.add_argument("--record", type=Path, metavar="MP4", help="no page: write a video, and the states beside it")
     command.add_argument("--frames", type=int, help="of the video; default: those of the log, or of the filmed motion")
     _page_options(command, 8080)
-    command.set_defaults(command=_play)
+    command.set_defaults(command=_application("play"))
 
     command = commands.add_parser(
         "plan",
@@ -139,7 +141,7 @@ def _parser() -> argparse.ArgumentParser:
     command.add_argument("--device", default="cpu", help="of the simulator: cpu or cuda:0")
     command.add_argument("--record", action="store_true", help="a video of what the fitted model does beside the plan")
     command.add_argument("--to", type=Path, metavar="FOLDER", help="default: data/planned/SEQUENCE/GOAL")
-    command.set_defaults(command=_plan)
+    command.set_defaults(command=_application("plan"))
 
     command = commands.add_parser(
         "live",
@@ -179,7 +181,7 @@ def _parser() -> argparse.ArgumentParser:
         "--coarser",
         type=float,
         default=1.0,
-        help="factor of the particles' spacing; 1.5 is three times as fast; default: 1",
+        help="factor of the particles' spacing; 1.5 is 1.6 times as fast; default: 1",
     )
     command.add_argument("--squeeze", type=float, default=10.0, help="force of each finger [N]; default: 10")
     command.add_argument("--plain", action="store_true", help="the fitted material, in the filmed view and light")
@@ -188,7 +190,7 @@ def _parser() -> argparse.ArgumentParser:
     command.add_argument("--jobs", type=int, help="processes; default: one a core")
     command.add_argument("--device", default="cpu", help="of the simulator: cpu or cuda:0")
     command.add_argument("--to", type=Path, metavar="FOLDER", help="default: data/generated/SEQUENCE")
-    command.set_defaults(command=_generate)
+    command.set_defaults(command=_application("generate"))
 
     command = commands.add_parser(
         "export",
@@ -208,7 +210,7 @@ def _parser() -> argparse.ArgumentParser:
         "--model", default=None, help="the fit stage whose model it is; default: the last, fit_residual"
     )
     command.add_argument("--to", type=Path, metavar="FOLDER", help="default: data/exported/SEQUENCE/FORMAT")
-    command.set_defaults(command=_export)
+    command.set_defaults(command=_application("export"))
 
     command = commands.add_parser("clean", help="delete what is kept so that the next runs are faster")
     command.set_defaults(command=_clean)
@@ -327,42 +329,20 @@ def _label(parsed: argparse.Namespace) -> int:
     return 0
 
 
-def _play(parsed: argparse.Namespace) -> int:
-    from importlib import import_module
+def _application(name: str) -> Callable[[argparse.Namespace], int]:
+    """Runs a command that stands above the pipeline, and is imported by its name for that."""
 
-    import_module("applications.play.command").play(parsed)  # by name, for it stands above the pipeline
-    return 0
+    def run(parsed: argparse.Namespace) -> int:
+        getattr(import_module(f"applications.{name}.command"), name)(parsed)
+        return 0
 
-
-def _export(parsed: argparse.Namespace) -> int:
-    from importlib import import_module
-
-    import_module("applications.export.command").export(parsed)  # by name, as `_play`
-    return 0
-
-
-def _plan(parsed: argparse.Namespace) -> int:
-    from importlib import import_module
-
-    import_module("applications.plan.command").plan(parsed)  # by name, as `_play`
-    return 0
+    return run
 
 
 def _live(parsed: argparse.Namespace) -> int:
-    import os
-    from importlib import import_module
-
     # Before numpy is there: threads of OpenBLAS wait by spinning, on the cores that the simulator needs.
     os.environ.setdefault("OPENBLAS_NUM_THREADS", "1")
-    import_module("applications.live.command").live(parsed)  # by name, as `_play`
-    return 0
-
-
-def _generate(parsed: argparse.Namespace) -> int:
-    from importlib import import_module
-
-    import_module("applications.generate.command").generate(parsed)  # by name, as `_play`
-    return 0
+    return _application("live")(parsed)
 
 
 def _clean(_: argparse.Namespace) -> int:

@@ -16,6 +16,7 @@ from applications.generate.draws import Randomisation
 from applications.generate.grasps import Hand, ranked
 from applications.generate.maker import Setup, makers
 from applications.generate.way import COMING, LEAVING
+from applications.options import require
 from physreal_core.cores import available_cores
 from physreal_core.errors import InputError
 from pipeline.graph import FIT_STAGES
@@ -37,11 +38,11 @@ def generate(parsed: argparse.Namespace) -> None:
         InputError: as of `Twin.load`, `coarser`, `ranked` and `Maker.made`; the folder is there already, or an option does not fit.
     """
     begun = time.perf_counter()
-    _require(parsed.episodes >= 1, f"{parsed.episodes} episodes", "--episodes", "one at least")
-    _require(parsed.coarser >= 1, f"{parsed.coarser:g}", "--coarser", "1 or more")
-    _require(0 < parsed.scale <= 4, f"{parsed.scale:g}", "--scale", "above 0, 4 at most")
+    require(parsed.episodes >= 1, f"{parsed.episodes} episodes", "physreal generate --episodes", "one at least")
+    require(parsed.coarser >= 1, f"{parsed.coarser:g}", "physreal generate --coarser", "1 or more")
+    require(0 < parsed.scale <= 4, f"{parsed.scale:g}", "physreal generate --scale", "above 0, 4 at most")
     least = COMING + LEAVING + 1.0
-    _require(parsed.seconds >= least, f"{parsed.seconds:g} s", "--seconds", f"{least:g} s or more")
+    require(parsed.seconds >= least, f"{parsed.seconds:g} s", "physreal generate --seconds", f"{least:g} s or more")
     _require_packages()
     project = Project.find()
     folder = parsed.to or project.root / "data" / "generated" / parsed.sequence
@@ -60,11 +61,6 @@ def generate(parsed: argparse.Namespace) -> None:
         _assemble(draft, setup, records, grasps, parsed.task)
     shutil.rmtree(setup.parts)
     print(_told(folder, records, parsed.seconds, time.perf_counter() - begun))
-
-
-def _require(holds: bool, found: str, option: str, expected: str) -> None:
-    if not holds:
-        raise InputError(found, where=f"physreal generate {option}", expected=expected)
 
 
 def _require_packages() -> None:

@@ -8,6 +8,7 @@ import numpy as np
 from applications.twin import Twin
 from physreal_core.array_types import Array, Float
 from physreal_core.errors import InputError, SimulationError
+from physreal_core.geometry import farthest_points
 from physreal_core.playing import Session
 from stages._evaluation import scattered
 
@@ -75,12 +76,7 @@ def candidates(twin: Twin, surface: Float[Array, "V 3"], count: int, seed: int) 
     """
     points, _ = scattered(replace(twin.mesh, vertices=surface), _SAMPLES, seed)
     upper = points[points[:, 2] >= np.median(points[:, 2])]
-    chosen = [int(np.argmax(upper[:, 2]))]
-    nearest = np.full(len(upper), np.inf)
-    while len(chosen) < min(count, len(upper)):  # farthest point sampling (Gonzalez 1985)
-        nearest = np.minimum(nearest, np.linalg.norm(upper - upper[chosen[-1]], axis=1))
-        chosen.append(int(np.argmax(nearest)))
-    return upper[chosen]
+    return upper[farthest_points(upper, count, start=int(np.argmax(upper[:, 2])))]
 
 
 def tried(session: Session, place: Float[Array, " 3"], hand: Hand) -> Grasp | None:

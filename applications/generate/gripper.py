@@ -23,14 +23,13 @@ class Gripper:
     """Gaussians around the hand's place.
 
     Attributes:
-        left, right, palm: places [m].
+        finger, palm: places [m]; both fingers are the same, apart from each other.
         colours: of all, in this order.
         covariance: of each [m2].
         opacity: of each.
     """
 
-    left: Float[Tensor, "finger 3"]
-    right: Float[Tensor, "finger 3"]
+    finger: Float[Tensor, "finger 3"]
     palm: Float[Tensor, "palm 3"]
     colours: Float[Tensor, "all 3"]
     covariance: Float[Tensor, "3 3"]
@@ -47,7 +46,7 @@ def _block(sides: tuple[float, float, float], bottom: float) -> Float[Tensor, "p
 def _made() -> Gripper:
     finger, palm = _block(_FINGER, -_BELOW), _block(_PALM, _FINGER[2] - _BELOW)
     grey = torch.cat([torch.full((2 * len(finger), 3), 0.25), torch.full((len(palm), 3), 0.4)])
-    return Gripper(finger, finger.clone(), palm, grey, (0.6 * _SPACING) ** 2 * torch.eye(3))
+    return Gripper(finger, palm, grey, (0.6 * _SPACING) ** 2 * torch.eye(3))
 
 
 GRIPPER = _made()
@@ -58,5 +57,5 @@ def gripper_at(way: HandWay) -> Float[Tensor, "frames all 3"]:
     apart = torch.as_tensor(np.where(way.closed, CLOSED, OPEN), dtype=torch.float32)[:, None, None]
     side = torch.tensor([1.0, 0.0, 0.0])
     palm = GRIPPER.palm.expand(way.frames, -1, 3)
-    local = torch.cat([GRIPPER.left - apart * side, GRIPPER.right + apart * side, palm], 1)
+    local = torch.cat([GRIPPER.finger - apart * side, GRIPPER.finger + apart * side, palm], 1)
     return local + torch.as_tensor(way.places, dtype=torch.float32)[:, None]

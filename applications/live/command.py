@@ -7,9 +7,9 @@ from applications.coarse import coarser
 from applications.live.following import Following
 from applications.live.pace import in_real_time
 from applications.live.streams import recorded
+from applications.options import require
 from applications.play.film import film
 from applications.twin import Twin
-from physreal_core.errors import InputError
 from physreal_core.following import FollowConfig, Follower
 from pipeline.graph import FIT_STAGES
 from pipeline.project import Project
@@ -22,8 +22,7 @@ def live(parsed: argparse.Namespace) -> None:
     Raises:
         InputError: as of `Twin.load`, `coarser`, `Follower` and `recorded`; the folder is there already, or an option does not fit.
     """
-    if not parsed.speed >= 0:
-        raise InputError(f"{parsed.speed:g}", where="physreal live --speed", expected="0 or more")
+    require(parsed.speed >= 0, f"{parsed.speed:g}", "physreal live --speed", "0 or more")
     project = Project.find()
     folder = parsed.to or project.root / "data" / "followed" / parsed.sequence
     require_new(folder, "physreal live")

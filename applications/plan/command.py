@@ -7,6 +7,7 @@ from dataclasses import replace
 
 import numpy as np
 
+from applications.options import require
 from applications.plan.goals import read_goal
 from applications.plan.written import states_of, table, write_plan
 from applications.play.film import film
@@ -47,9 +48,11 @@ def plan(parsed: argparse.Namespace) -> None:
     Raises:
         InputError: as of `Twin.load` and `read_goal`; the folder is there already, or bounds and grasps do not fit.
     """
-    _require(parsed.models >= 1, f"{parsed.models} models", "--models", "one at least")
-    _require(parsed.seconds > 2 * REST, f"{parsed.seconds:g} s", "--seconds", f"more than {2 * REST:g} s")
-    _require(parsed.rounds is None or parsed.rounds >= 1, f"{parsed.rounds} rounds", "--rounds", "one at least")
+    require(parsed.models >= 1, f"{parsed.models} models", "physreal plan --models", "one at least")
+    require(parsed.seconds > 2 * REST, f"{parsed.seconds:g} s", "physreal plan --seconds", f"more than {2 * REST:g} s")
+    require(
+        parsed.rounds is None or parsed.rounds >= 1, f"{parsed.rounds} rounds", "physreal plan --rounds", "one at least"
+    )
     project = Project.find()
     folder = parsed.to or project.root / "data" / "planned" / parsed.sequence / parsed.goal.stem
     require_new(folder, "physreal plan")
@@ -66,11 +69,6 @@ def plan(parsed: argparse.Namespace) -> None:
             film(twin, iter(states_of(planner, found)), draft / "plan.mp4", planner.forecast.fps)
     print(table(planner, found))
     print(f"wrote {folder}")
-
-
-def _require(holds: bool, found: str, option: str, expected: str) -> None:
-    if not holds:
-        raise InputError(found, where=f"physreal plan {option}", expected=expected)
 
 
 def planner_of(parsed: argparse.Namespace, twin: Twin, cost: Cost, points0: Float[Array, "points 3"]) -> Planner:

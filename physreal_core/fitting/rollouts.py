@@ -20,7 +20,7 @@ from physreal_core.fitting.problem import Problem
 from physreal_core.simulation import Parameters, SimulationConfig, Simulator, States
 from physreal_core.simulation.body_terms import dormant_values
 from physreal_core.simulation.parameters import PARAMETER_NAMES, BatchStates
-from physreal_core.simulation.play import Player
+from physreal_core.simulation.play import FrameState, Player
 
 Fields = dict[str, Tensor]
 EffectValues = Mapping[str, Mapping[str, Tensor | float]]
@@ -192,6 +192,12 @@ def motion_since_start(states: States, parameters: Parameters) -> States:
         return states
     inverse_stretch = torch.linalg.solve(F0, rotation_part(F0)).to(states.F)
     return dataclasses.replace(states, F=states.F @ inverse_stretch.unsqueeze(-4))
+
+
+def frame_since_start(state: FrameState, parameters: Parameters) -> FrameState:
+    """A player's state with F as the motion since frame 0, as `motion_since_start` has it for a rollout."""
+    one = States(state.x[None], state.v[None], state.F[None])
+    return dataclasses.replace(state, F=motion_since_start(one, parameters).F[0])
 
 
 def rotation_part(F: Float[Tensor, "*shape 3 3"]) -> Float[Tensor, "*shape 3 3"]:

@@ -19,13 +19,12 @@ from physreal_core.array_types import Array, Float
 from physreal_core.errors import InputError
 from physreal_core.fitting.model import Model
 from physreal_core.fitting.problem import Problem
-from physreal_core.fitting.rollouts import Rollouts, motion_since_start
+from physreal_core.fitting.rollouts import Rollouts, frame_since_start
 from physreal_core.following.alarm import Alarm
 from physreal_core.following.sizes import LearntSizes
 from physreal_core.following.smooth_error import SmoothError
 from physreal_core.following.stream import Followed, Seen
 from physreal_core.rendering import carry_points
-from physreal_core.simulation import States
 from physreal_core.simulation.play import FrameState
 
 
@@ -97,9 +96,7 @@ class Follower:
         Raises:
             SimulationError: as of `Player.step`.
         """
-        state = self._player.step(torch.from_numpy(controllers))
-        one = motion_since_start(States(state.x[None], state.v[None], state.F[None]), self._parameters)
-        return replace(state, F=one.F[0])
+        return frame_since_start(self._player.step(torch.from_numpy(controllers)), self._parameters)
 
     def step(self, seen: Seen) -> Followed:
         """The next frame.

@@ -10,12 +10,12 @@ from physreal_core.array_types import Array, Float
 from physreal_core.errors import InputError
 from physreal_core.fitting.model import Model
 from physreal_core.fitting.problem import Problem
-from physreal_core.fitting.rollouts import Fields, Rollouts, motion_since_start
+from physreal_core.fitting.rollouts import Fields, Rollouts, frame_since_start
 from physreal_core.playing.ball import Ball, with_ball
 from physreal_core.playing.changes import Changes, braked
 from physreal_core.playing.handles import Handle, Pull, bond_force
 from physreal_core.playing.log import Action, Hand
-from physreal_core.simulation import Grip, States
+from physreal_core.simulation import Grip
 from physreal_core.simulation.play import FrameState
 
 
@@ -315,9 +315,7 @@ class Session:
 
     def _shown(self) -> FrameState:
         """The player's state with F as the motion since frame 0."""
-        state = self._player.state
-        one = States(state.x[None], state.v[None], state.F[None])
-        return replace(state, F=motion_since_start(one, self.parameters).F[0])
+        return frame_since_start(self._player.state, self.parameters)
 
 
 def _finite(point: Array) -> Float[Array, " 3"]:

@@ -1,5 +1,6 @@
 """`physreal generate`: episodes that move the body, pictures that agree with it, and files that the formats' own readers take."""
 
+import dataclasses
 import json
 
 import numpy as np
@@ -7,9 +8,11 @@ import pytest
 import torch
 
 from applications.coarse import coarser
+from applications.generate.command import _resume
 from applications.generate.draws import Draws, Randomisation
 from applications.generate.episode import Keypoints, at_rest, simulated
 from applications.generate.grasps import Grasp, Hand, candidates, ranked, tried
+from applications.generate.maker import Maker, Setup
 from applications.generate.pictures import HAND, OBJECT, Studio
 from applications.generate.scenery import Light, Scenery
 from applications.generate.statistics import of_numbers, together
@@ -161,8 +164,29 @@ def test_a_body_without_a_quick_form_is_refused(twin):
         coarser(twin, 20.0, "physreal generate")
 
 
+def test_a_killed_run_goes_on_with_what_is_there_and_by_the_same_options_alone(project, session, tmp_path):
+    pytest.importorskip("h5py")
+    setup = Setup(
+        project.root, "lift", "fit_residual", tmp_path, 2.0, 1.0, 1.0, 3, Hand(), Randomisation.none(), "cpu", 0
+    )
+    _resume(setup)
+    maker, grasps = Maker(setup), candidates_of(session)
+    first = maker.made(0, grasps, None)
+    before = (tmp_path / "000000/record.json").stat().st_mtime_ns
+    _resume(setup)
+    assert maker.made(0, grasps, None) == first
+    assert (tmp_path / "000000/record.json").stat().st_mtime_ns == before
+    with pytest.raises(InputError, match="begun with other options"):
+        _resume(dataclasses.replace(setup, seed=1))
+
+
+def candidates_of(session) -> np.ndarray:
+    """One place on the body [m]."""
+    return session.state.x.double().numpy()[:1]
+
+
 @pytest.mark.slow
-def test_episodes_are_written_read_back_and_gone_on_with(project, monkeypatch, tmp_path, capsys):
+def test_episodes_are_written_and_read_back(project, monkeypatch, tmp_path, capsys):
     h5py, pq = pytest.importorskip("h5py"), pytest.importorskip("pyarrow.parquet")
     folder = tmp_path / "data"
     asked = ("--episodes", "2", "--seconds", "2", "--jobs", "1", "--squeeze", "1000", "--to", str(folder))

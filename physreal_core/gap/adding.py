@@ -142,7 +142,7 @@ class EffectFits:
     def candidate(self, names: Sequence[str]) -> Candidate:
         """The record of the best fit with these effects."""
         found = self.with_effects(names)
-        effects, own = fitted_effects(found, self.evidences.of(found), self.settings.temperature), found.unknowns
+        effects, own = fitted_effects(found, self.evidences.of(found), self.settings), found.unknowns
         return Candidate(effects, None, fields=own.baseline_fields(found.vector), elastic_law=own.elastic_law)
 
 

@@ -41,6 +41,7 @@ class GapSettings:
         prior_none: prior probability that nothing is missing.
         prior_pair: prior probability of two effects, given that something is missing.
         temperature: gains are divided by it before they become probabilities, and so is the likelihood behind intervals.
+        interval_scale: factor on the intervals that come of it, so that in earlier sets nine of ten held the truth.
         class_ratio: least probability of a member of the reported class, relative to the best answer.
         class_size: largest number of members of the class.
         false_alarms: allowed share of captures without a missing effect in which one is named.
@@ -68,6 +69,7 @@ class GapSettings:
     prior_none: float = 0.5
     prior_pair: float = 0.1
     temperature: float = 35.0
+    interval_scale: float = 2.2
     class_ratio: float = 0.1
     class_size: int = 3
     false_alarms: float = 0.05

@@ -6,6 +6,7 @@ import pytest
 
 from benchmarks.gap.cases import LEADING, NEAREST, GapCase, benchmark_cases, calibration_cases, chosen
 from benchmarks.gap.figures import draw_confusion, draw_reliability
+from benchmarks.gap.interval_scale import covered
 from benchmarks.gap.results import collect, pool, write_results
 from benchmarks.gap.rows import put_rows, read_rows, rows_file
 from benchmarks.gap.scoring import Sizes, judge
@@ -247,3 +248,11 @@ def test_a_true_model_that_cannot_be_simulated_has_closed_nothing_to_compare_wit
     for closed in (None, float("nan")):
         judged = judge(row(WIND, answer("effect", [["wind"]], 0.95), oracle(0.5, closed)), SIZES)
         assert judged.first and judged.closed_share is None
+
+
+def test_wider_intervals_hold_more_true_numbers_about_the_same_values():
+    """WIND's `y` is 0.3 off with a half-width of 0.1; PAIR's `x` of the payload is 0.5 off with one of 0.01."""
+    own = [json.loads(json.dumps(one)) for one in rows()]
+    assert [sum(covered(own, factor, SIZES)) for factor in (1.0, 2.9, 3.1, 49.0, 51.0)] == [2, 2, 3, 3, 4]
+    assert covered(own, 0.0, SIZES).count(True) == 2  # those that are exact; the rows given are left as they are
+    assert own == [json.loads(json.dumps(one)) for one in rows()]

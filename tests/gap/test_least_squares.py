@@ -12,6 +12,7 @@ from physreal_core.gap.fits.least_squares import Data, Fit, fit, together
 from physreal_core.gap.fits.linear_starts import linear_starts
 from physreal_core.gap.fits.screening import Screen, project_out
 from physreal_core.gap.fits.unknowns import Priors, Unknowns
+from physreal_core.gap.settings import GapSettings
 from tests.gap.linear import ANSWERS, LinearExperiment, baseline, register
 
 PRIORS = Priors()
@@ -126,12 +127,14 @@ def test_a_fit_may_start_where_the_linear_model_says_material_and_all():
 
 
 def test_intervals_widen_as_the_likelihood_is_tempered():
-    """Where the data outweigh the prior, four times the temperature is twice the interval."""
+    """Where the data outweigh the prior, four times the temperature is twice the interval; the scale is a factor on it."""
     experiment, data = scene({"sink": {"amount": 0.8}})
     _, found = with_effect("sink", baseline(experiment, data), data)
     evidence = Evidence(0.0, np.ones(1), 1.0, found.covariance)
-    widths = [np.ptp(fitted_effects(found, evidence, t)[0].intervals["amount"]) for t in (1.0, 4.0)]
+    given = [GapSettings(temperature=t, interval_scale=scale) for t, scale in ((1.0, 1.0), (4.0, 1.0), (1.0, 1.5))]
+    widths = [np.ptp(fitted_effects(found, evidence, own)[0].intervals["amount"]) for own in given]
     assert widths[1] == pytest.approx(2 * widths[0], rel=0.05)
+    assert widths[2] == pytest.approx(1.5 * widths[0], rel=1e-6)
     assert widths[0] == pytest.approx(2 * NINETY * np.sqrt(found.covariance[-1, -1]), rel=1e-6)
 
 

@@ -10,7 +10,7 @@ from physreal_core.gap.fits.baseline import Progress
 from physreal_core.gap.fits.candidate_fits import CandidateFits
 from physreal_core.gap.fits.evidence import Evidences
 from physreal_core.gap.fits.finishing import OUT_OF_REACH, Finish
-from physreal_core.gap.fits.least_squares import SMALL_GAIN, Fit
+from physreal_core.gap.fits.least_squares import SMALL_GAIN, Data, Fit
 from physreal_core.gap.fits.screening import Score
 from physreal_core.gap.fits.whitening import rewhitened
 from physreal_core.gap.noise.measurements import Measurements
@@ -223,7 +223,31 @@ class Strategy:
         }
         settled = finish.settled([moved[found.unknowns.effects] for found in near])
         moved |= {found.unknowns.effects: found for found in settled}
-        self.baseline, self.found = moved.pop(()), moved
+        self.baseline, answers = moved.pop(()), moved
+        self._go_back_to_the_baseline(answers, known.train, finish)
+        self.found = answers
+
+    def _go_back_to_the_baseline(self, answers: dict[tuple[str, ...], Fit], known: Data, finish: Finish) -> None:
+        """Let the baseline begin anew from the material of the best answer under each elastic law.
+
+        Beside the noise around other motions it may be far behind for its law or its minimum alone, and then every effect beside
+        another one would be paid for that.
+
+        Args:
+            answers: in units of the noise that they are judged beside.
+            known: the measurements in whose units `found` is.
+            finish: of fits that are judged beside that noise.
+        """
+        leaders: dict[str | None, Fit] = {}
+        for own in sorted(answers.values(), key=self.gain, reverse=True):
+            leaders.setdefault(own.unknowns.elastic_law, own)
+        best = self.evidences.best(leaders.values()) if leaders else self.baseline
+        near = [own for own in leaders.values() if self.evidences.gain(best, own) < OUT_OF_REACH]
+        bare = self.candidate_fits.without_effects([self.found[own.unknowns.effects] for own in near])
+        begun = [rewhitened(own, known, self.measurements.train) for own in bare]
+        found = self.evidences.best([self.baseline, *finish.settled(begun)])
+        self._since_screened = max(self._since_screened, self.evidences.gain(found, self.baseline))
+        self.baseline = found
 
     # --- two at once --------------------------------------------------------------------------------------------
 

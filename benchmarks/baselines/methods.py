@@ -15,15 +15,22 @@ class Method:
         fit: from a sequence and the seconds that it may take.
         words: what it is.
         part: whether it is ours with a part left out.
+        stages: of the project that have made it, if it is only read; their records say how long that took.
     """
 
     fit: Callable[[Scene, float], Fitted]
     words: str
     part: bool = False
+    stages: tuple[str, ...] = ()
 
 
 METHODS = {
     "ours": Method(ours.fit, "ours: Stages 1 and 2"),
+    "with_effect": Method(
+        ours.with_effect,
+        "ours with the missing effect that the search named",
+        stages=("fit_global", "fit_patches", "find_gap", "add_effect"),
+    ),
     "spring_mass": Method(spring_mass.fit, "spring–mass: CMA-ES, then Adam for each spring (PhysTwin, Spring-Gaus)"),
     "one_material": Method(one_material.fit, "one material, the hand rigid (PAC-NeRF, PhysFlow)"),
     "graph_network": Method(graph_network.fit, "graph network trained on the sequence (GS-Dynamics)"),

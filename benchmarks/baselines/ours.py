@@ -13,7 +13,7 @@ from physreal_core.array_types import Array, Float
 from physreal_core.fitting.curriculum import ScanConfig, fit_material, patch_start, start_from_scan, uniform_start
 from physreal_core.fitting.descent import DescentConfig
 from physreal_core.fitting.losses import LossConfig
-from physreal_core.fitting.model import Model
+from physreal_core.fitting.model import Model, load_model
 from physreal_core.fitting.objective import Objective
 from physreal_core.fitting.problem import Problem
 from physreal_core.fitting.rollouts import Rollouts
@@ -66,6 +66,15 @@ def without_motion(scene: Scene, seconds: float) -> Material:
 def without_masks(scene: Scene, seconds: float) -> Material:
     """Tracks alone."""
     return _fit(scene, dataclasses.replace(scene.losses, mask=0.0), patches=True)
+
+
+def with_effect(scene: Scene, seconds: float) -> Material:
+    """What the project's stages have adopted: Stages 1 and 2 and the effect that the search named."""
+    model, found = load_model(scene.read("add_effect")), scene.settings["fit_global"]
+    names = {v.name for v in variables_of(found.variables(scene.particles.geometry, pushed=scene.particles.pushed))}
+    numbers = sum(model.fields[name].numel() for name in names if name in model.fields)
+    numbers += sum(len(effect["values"]) for effect in model.effects)
+    return Material(model, scene.problem.body.x0, numbers)
 
 
 def _fit(scene: Scene, losses: LossConfig, *, patches: bool) -> Material:

@@ -4,8 +4,6 @@ from typing import Any
 
 from benchmarks.baselines.methods import METHODS
 
-_COLUMNS = ("track_error_observed", "track_error_future", "vertex_error_observed", "vertex_error_future")
-
 HEAD = [
     "# Other methods on the same sequences",
     "",
@@ -20,7 +18,7 @@ HEAD = [
 
 
 def page(rows: list[dict[str, Any]]) -> str:
-    """A table for each sequence, then which method is best where."""
+    """A table for each sequence."""
     lines = list(HEAD)
     for sequence in dict.fromkeys(row["sequence"] for row in rows):
         own = sorted((r for r in rows if r["sequence"] == sequence), key=lambda r: list(METHODS).index(r["method"]))
@@ -29,15 +27,15 @@ def page(rows: list[dict[str, Any]]) -> str:
 
 
 def _table(rows: list[dict[str, Any]]) -> list[str]:
-    others = [name for name in rows[0] if name.startswith("other_")]
-    heads = ["tracks observed", "tracks future", "true observed", "true future", *(_words(name) for name in others)]
+    others = list(rows[0]["other_motions"])
+    heads = ["tracks observed", "tracks future", "true observed", "true future"]
+    heads += [f"true, other motion ({name})" for name in others]
     lines = [f"| method | {' | '.join(heads)} | numbers | s | GB |", "|---|" + "--:|" * (len(heads) + 3)]
     for row in rows:
-        cells = [f"{1e3 * row[name]:.2f}" for name in (*_COLUMNS, *others)]
+        spans = (row["observed"], row["future"])
+        errors = [own[name] for name in ("track_error", "vertex_error") for own in spans]
+        errors += [row["other_motions"][name]["vertex_error"] for name in others]
+        cells = [f"{1e3 * error:.2f}" for error in errors]
         cells += [str(row["numbers"]), f"{row['seconds']:.0f}", f"{row['memory'] / 1e9:.1f}"]
-        lines.append(f"| {METHODS[row['method']].words} | {' | '.join(cells)} |")
+        lines.append(f"| {row['words']} | {' | '.join(cells)} |")
     return lines
-
-
-def _words(name: str) -> str:
-    return f"other motion ({name.removeprefix('other_')})"

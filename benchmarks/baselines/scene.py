@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 from dataclasses import dataclass
+from pathlib import Path
 from typing import Any, Protocol
 
 import numpy as np
@@ -16,7 +17,7 @@ from pipeline.config import Parameters
 from pipeline.products.particles import Particles
 from pipeline.products.truth import CaptureTruth
 from pipeline.project import Project
-from stages._problem import load_problem
+from stages._problem import Read, load_problem
 
 
 @dataclass(frozen=True)
@@ -29,6 +30,7 @@ class Scene:
         particles: where the body was cut.
         settings: of our own stages, by name.
         losses: weights and scales of the objective.
+        read: from a stage's name to its output for the sequence.
         vertices: where the true body's vertices are [m].
     """
 
@@ -37,13 +39,14 @@ class Scene:
     particles: Particles
     settings: dict[str, Any]
     losses: LossConfig
+    read: Read
     vertices: Float[Array, "frames V 3"]
 
     @classmethod
     def load(cls, project: Project, parameters: Parameters, name: str) -> Scene:
         """InputError where a stage has not run."""
 
-        def read(stage: str):
+        def read(stage: str) -> Path:
             return project.artifact(stage, name)
 
         settings = {stage: parameters.stage(stage, name) for stage in ("fit_global", "fit_patches")}
@@ -56,6 +59,7 @@ class Scene:
             Particles.load(read("sample_particles")),
             settings,
             LossConfig(**first.losses.model_dump()),
+            read,
             truth[: problem.frame_count].astype(np.float64),
         )
 
@@ -73,18 +77,17 @@ class Fitted(Protocol):
         """The body over all frames of a sequence, from its rest in frame 0 and the hand's path."""
 
 
-def scores(scene: Scene, moved: Moved) -> dict[str, float]:
-    """Mean distances [m]: of the measured tracks, and of the true vertices, in the frames that a fit sees and in those after them."""
+def scores(scene: Scene, moved: Moved) -> dict[str, dict[str, float]]:
+    """Mean distances [m] of the measured tracks and of the true vertices: in the frames that a fit sees, in those after them, in all but the first."""
     tracks, observed = scene.problem.tracks, scene.problem.observed
     carried = moved.carried(tracks.points0.double().numpy())
     valid = tracks.valid3d.numpy()
     off = np.linalg.norm(carried - tracks.points3d.double().numpy(), axis=-1)
-    true = np.linalg.norm(moved.carried(scene.vertices[0]) - scene.vertices, axis=-1).mean(1)
-    spans = {"observed": slice(1, observed), "future": slice(observed, None)}
+    true = np.linalg.norm(moved.carried(scene.vertices[0]) - scene.vertices, axis=-1)
+    spans = {"observed": slice(1, observed), "future": slice(observed, None), "all": slice(1, None)}
     return {
-        f"{kind}_{name}": float(values)
+        name: {"track_error": float(off[span][valid[span]].mean()), "vertex_error": float(true[span].mean())}
         for name, span in spans.items()
-        for kind, values in (("track_error", off[span][valid[span]].mean()), ("vertex_error", true[span].mean()))
     }
 
 

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import json
 from dataclasses import dataclass
 from functools import cached_property
 from pathlib import Path
@@ -99,6 +100,13 @@ class Results:
         fit = self.fit("fit_residual", sequence)
         shares = {"with": fit.residual, "without": fit.residual_without_effect}
         return {kind: share for kind, share in shares.items() if share is not None}
+
+    @cached_property
+    def baselines(self) -> list[dict[str, Any]]:
+        """What other methods and parts of ours reach on these sequences, as `python -m benchmarks.baselines` wrote it; none where it has not run."""
+        path = self.project.results / "baselines.json"
+        rows = json.loads(path.read_text())["rows"] if path.is_file() else []
+        return [row for row in rows if row["sequence"] in self.sequences]
 
     def losses(self, sequence: str) -> dict[str, LossCurve]:
         """Fit stage → its loss curve, for those that descend; empty for a predicted sequence."""

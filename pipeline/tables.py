@@ -18,12 +18,20 @@ SHOWN = {
 
 
 def tables(results: Results) -> dict[str, Table]:
-    """Name → table: every sequence, the mean by fit stage, the mean by object geometry, fitted and predicted apart; the gaps."""
-    return {
+    """Name → table: every sequence, the mean by fit stage, the mean by object geometry, fitted and predicted apart; the gaps; and where they were
+    measured, other methods and parts of ours."""
+    own = {
         "by_sequence": _by_sequence(results),
         "by_stage": _by_stage(results),
         "by_geometry": _by_geometry(results),
         "gaps": _gaps(results),
+    }
+    if not results.baselines:
+        return own
+    methods = "Other methods on the same sequences, with the time that ours takes or more."
+    return own | {
+        "baselines": _baselines(results, methods, part=False),
+        "by_loss": _baselines(results, "Ours with parts of the objective or the patches left out.", part=True),
     }
 
 
@@ -125,3 +133,23 @@ def _gaps(results: Results) -> Table:
 def _stress_share(residual: ResidualShare | None) -> str:
     """The networks' share of the expert's stress as text, empty where they were not fitted."""
     return "" if residual is None or residual.stress_share is None else f"{100 * residual.stress_share:.1f}"
+
+
+def _baselines(results: Results, caption: str, *, part: bool) -> Table:
+    """Whole methods, or parts of ours beside the whole."""
+    rows = [
+        [
+            row["sequence"],
+            row["words"],
+            *(f"{1e3 * row[span]['track_error']:.2f}" for span in INTERVALS),
+            *(f"{1e3 * row[span]['vertex_error']:.2f}" for span in INTERVALS),
+            ", ".join(f"{1e3 * own['vertex_error']:.2f}" for own in row["other_motions"].values()),
+            f"{row['seconds']:.0f}",
+            f"{row['memory'] / 1e9:.1f}",
+        ]
+        for row in results.baselines
+        if row["part"] is part or row["method"] == "ours"
+    ]
+    errors = [f"{kind}, {span} [mm]" for kind in ("track error", "true vertices") for span in INTERVALS]
+    headings = ["sequence", "method", *errors, "true vertices, other motion [mm]", "time [s]", "memory [GB]"]
+    return Table(caption, headings, rows)

@@ -26,9 +26,9 @@ def run(results: Results) -> None:
 
 
 def summary(results: Results) -> dict:
-    """sequences.<name>.<fit stage>.<interval>.<metric>, SI units, and missing_effect.<name> of every fitted sequence; a number
-    that does not apply is absent."""
-    return {
+    """sequences.<name>.<fit stage>.<interval>.<metric>, SI units, missing_effect.<name> of every fitted sequence, and baselines.<name>.<method>
+    where they were measured; a number that does not apply is absent."""
+    own = {
         "missing_effect": {name: _missing(gap) for name in results.sequences if (gap := results.gap(name))},
         "sequences": {
             sequence: {
@@ -39,6 +39,16 @@ def summary(results: Results) -> dict:
             for sequence in results.sequences
         },
     }
+    return own | ({"baselines": _baselines(results)} if results.baselines else {})
+
+
+def _baselines(results: Results) -> dict:
+    """<sequence>.<method>: errors by interval [m], of other motions, and what it cost."""
+    named = ("observed", "future", "other_motions", "numbers", "seconds", "memory")
+    found: dict = {}
+    for row in results.baselines:
+        found.setdefault(row["sequence"], {})[row["method"]] = {name: row[name] for name in named}
+    return found
 
 
 def _missing(gap: GapSummary) -> dict:

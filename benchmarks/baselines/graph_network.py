@@ -20,6 +20,7 @@ from benchmarks.baselines.scene import Scene, motion_loss
 from physreal_core.array_types import Array, Bool, Float
 from physreal_core.fitting.problem import Problem
 from physreal_core.geometry import farthest_points
+from physreal_core.simulation.simulator import one_torch_thread
 
 NODES, HAND_NODES, NEAREST = 60, 8, 8
 WIDTH, ROUNDS = 32, 3
@@ -35,7 +36,7 @@ NOISE = 5e-4
 SEEN_SHARE = 0.5
 """Of the observed frames in which a node must have been measured."""
 
-RATE, JUDGED_EVERY = 1e-3, 50
+RATE, JUDGED_EVERY = 1e-3, 25
 SCALE = 0.01
 """Size of a displacement between frames [m], by which what goes in and comes out is divided."""
 
@@ -128,6 +129,11 @@ class _Recorded:
 
 def fit(scene: Scene, seconds: float) -> Learned:
     """Adam until the time is over; the network whose rollout of the observed frames is nearest to the tracks."""
+    with one_torch_thread():  # its matrices are small
+        return _fit(scene, seconds)
+
+
+def _fit(scene: Scene, seconds: float) -> Learned:
     until, problem = time.perf_counter() + seconds, scene.problem
     generator = torch.Generator().manual_seed(0)
     torch.manual_seed(0)

@@ -137,10 +137,20 @@ def step(
 
 
 @wp.kernel
-def add_loss(
+def carry(
     x: wp.array(dtype=wp.vec3),
     neighbours: wp.array2d(dtype=int),
     weights: wp.array2d(dtype=float),
+    carried: wp.array(dtype=wp.vec3),
+):
+    """Add the nodes' shares to where the tracks are."""
+    j, k = wp.tid()
+    wp.atomic_add(carried, j, weights[j, k] * x[neighbours[j, k]])
+
+
+@wp.kernel
+def add_loss(
+    carried: wp.array(dtype=wp.vec3),
     offsets: wp.array(dtype=wp.vec3),
     measured: wp.array(dtype=wp.vec3),
     scales: wp.array(dtype=float),
@@ -149,11 +159,8 @@ def add_loss(
 ):
     """Mean of sqrt(1 + (distance / scale)^2) - 1 over the tracks that have a scale."""
     j = wp.tid()
-    here = offsets[j]
-    for k in range(neighbours.shape[1]):
-        here += weights[j, k] * x[neighbours[j, k]]
     if scales[j] > 0.0:
-        off = (here - measured[j]) / scales[j]
+        off = (carried[j] + offsets[j] - measured[j]) / scales[j]
         wp.atomic_add(loss, 0, (wp.sqrt(1.0 + wp.dot(off, off)) - 1.0) / count)
 
 
@@ -277,9 +284,11 @@ class SpringSimulator:
         known = np.isfinite(scales)
         measured = np.where(known[:, None], self.problem.tracks.points3d[frame].double().numpy(), 0.0)
         given = [wp.array(a.astype(np.float32), dtype=wp.vec3, device="cpu") for a in (offsets, measured)]
-        own = [self._own["neighbours"], self._own["weights"]]
         scale = wp.array(np.where(known, scales, 0.0).astype(np.float32), dtype=float, device="cpu")
-        wp.launch(add_loss, len(known), [x, *own, *given, scale, float(max(1, known.sum()))], [loss], device="cpu")
+        carried = wp.zeros(len(known), dtype=wp.vec3, device="cpu", requires_grad=True)
+        own = [self._own["neighbours"], self._own["weights"]]
+        wp.launch(carry, self._near.shape, [x, *own], [carried], device="cpu")
+        wp.launch(add_loss, len(known), [carried, *given, scale, float(max(1, known.sum()))], [loss], device="cpu")
 
 
 class _Buffers:

@@ -72,6 +72,30 @@ def test_tables_and_curves(results):
     assert len(frames) == FRAMES - 1 and float(frames[0]["fit_residual"]) == pytest.approx(0.7 * 0.004)
 
 
+def test_other_methods_stand_in_the_summary_and_in_tables_where_they_were_measured(results):
+    def row(method: str, sequence: str = "lift", part: bool = False) -> dict:
+        errors = {"track_error": 0.003, "vertex_error": 0.002}
+        cost = {"numbers": 2, "seconds": 61.0, "memory": 2e9}
+        facts = {"sequence": sequence, "method": method, "words": method.upper(), "part": part}
+        return facts | {"observed": errors, "future": errors, "other_motions": {"push": {"vertex_error": 0.004}}} | cost
+
+    path = results.project.results / "baselines.json"
+    rows = [row("ours"), row("springs"), row("without_masks", part=True), row("springs", "of_another_project")]
+    path.write_text(json.dumps({"rows": rows}))
+    summarise.run(replace(results))
+    summary = json.loads((results.project.results / "summary.json").read_text())
+    assert {name: list(own) for name, own in summary["baselines"].items()} == {
+        "lift": ["ours", "springs", "without_masks"]
+    }
+    assert summary["baselines"]["lift"]["springs"]["future"]["vertex_error"] == 0.002
+    for table, methods in (("baselines", ["OURS", "SPRINGS"]), ("by_loss", ["OURS", "WITHOUT_MASKS"])):
+        with (results.project.results / f"tables/{table}.csv").open() as file:
+            shown = list(csv.DictReader(file))
+        assert [own["method"] for own in shown] == methods
+        assert shown[0]["true vertices, other motion [mm]"] == "4.00" and shown[0]["time [s]"] == "61"
+    path.unlink()
+
+
 def test_what_was_missing_stands_in_a_table_and_what_it_leaves_to_the_networks(results):
     summarise.run(results)
     with (results.project.results / "tables/gaps.csv").open() as file:

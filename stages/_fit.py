@@ -14,12 +14,16 @@ from physreal_core.fitting.losses import LossConfig
 from physreal_core.fitting.model import UNITS, Model, save_model
 from physreal_core.fitting.objective import Objective
 from physreal_core.fitting.problem import Problem
+from physreal_core.fitting.spread import Spread, spread_of
 from physreal_core.fitting.variables import TRANSFORMS, Variable
 from pipeline.config._base import StageParameters
-from pipeline.products.fit import Descent, Fit
+from pipeline.products.fit import Descent, Fit, Valley
 from pipeline.products.loss_curve import LossCurve
 from pipeline.products.rollout import Rollout
 from pipeline.stage import StageContext
+
+TOLD_APART = 0.5
+"""Correlation of two logarithms, of either sign, below which a measurement tells two numbers apart."""
 
 
 def objective_of(context: StageContext, problem: Problem, model: Model) -> Objective:
@@ -79,8 +83,16 @@ def _follow(bar: Any, live: Path) -> Callable[[History], None]:
     return after
 
 
-def write_fit(context: StageContext, objective: Objective, model: Model, result: DescentResult, **notes: Any) -> None:
-    """Model, loss curve, `Fit` with `notes`, and the rollout over the whole interval, observed and future."""
+def write_fit(
+    context: StageContext,
+    objective: Objective,
+    model: Model,
+    result: DescentResult,
+    *,
+    intervals: bool = True,
+    **notes: Any,
+) -> None:
+    """Model, loss curve, `Fit` with `notes` and the intervals of the material, and the rollout over the whole interval, observed and future."""
     save_model(context.output, model)
     LossCurve(result.history).save(context.output)
     with context.timed("rollout"):
@@ -94,7 +106,11 @@ def write_fit(context: StageContext, objective: Objective, model: Model, result:
         particles=len(objective.problem.body.x0),
         patches=model.patch_count,
     )
-    Fit(summary(model), descent, **notes).save(context.output)
+    values, valley = summary(model), None
+    if intervals:
+        with context.timed("intervals"):
+            values, valley = with_intervals(values, objective.problem, model, context.params.device)
+    Fit(values, descent, valley=valley, **notes).save(context.output)
 
 
 def roll_out(objective: Objective, model: Model) -> Rollout:
@@ -116,6 +132,34 @@ def summary(model: Model) -> dict[str, dict[str, Any]]:
             entry = {"mean": value, "min": low, "max": high, "unit": effect["units"][name]}
             values[f"{effect['name']}: {name}"] = entry
     return values
+
+
+def with_intervals(
+    values: dict[str, dict[str, Any]], problem: Problem, model: Model, device: str
+) -> tuple[dict[str, dict[str, Any]], Valley | None]:
+    """The values with the 90 % interval of each that `fitting.spread` knows of, as one number for the whole body; and where modulus and hold can
+    be exchanged for one another. As they are where no track is known in 3D.
+
+    Args:
+        values: as of `summary`.
+        problem, model: fitted.
+        device: of the rollouts.
+    """
+    tracks = problem.tracks
+    if tracks is None or not bool(tracks.valid3d[1 : problem.observed].any()):
+        return values, None
+    spread = spread_of(problem, model, device)
+    known = {name: own.get("value", own.get("mean")) for name, own in values.items() if name in spread.names}
+    found = {name: {**values[name], "interval": list(spread.interval(name, value))} for name, value in known.items()}
+    return {**values, **found}, _valley(spread, known, "youngs_modulus", "grip_stiffness")
+
+
+def _valley(spread: Spread, values: dict[str, float], *pair: str) -> Valley | None:
+    """Of two fitted numbers; None where one is not there, or the measurement tells them apart."""
+    if not set(pair) <= set(values) or abs(correlation := spread.correlation(*pair)) < TOLD_APART:
+        return None
+    ends = [[values[name] * math.exp(log) for name, log in zip(pair, end, strict=True)] for end in spread.ends(*pair)]
+    return Valley(list(pair), correlation, ends)
 
 
 def _is_material(name: str) -> bool:

@@ -44,7 +44,7 @@ def run(context: StageContext) -> None:
         if not found.confirmed:
             objective, model = objective_of(context, seen, named), named
             notes["left_out"] = _why(recordings, found)
-    write_fit(context, objective, model, result, **notes)
+    write_fit(context, objective, model, result, intervals=False, **notes)
 
 
 def _confirmation(

@@ -9,7 +9,7 @@ from scipy.spatial.transform import Rotation
 from applications.generate.scenery import Light, Scenery
 from applications.generate.way import HandWay, drawn_way
 from physreal_core.array_types import Array, Float
-from physreal_core.planning.ensemble import Spread
+from physreal_core.fitting.spread import Spread
 from physreal_core.rendering import Camera
 
 WAYS = 20

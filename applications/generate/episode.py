@@ -11,8 +11,8 @@ from applications.twin import Twin
 from physreal_core.array_types import Array, Float
 from physreal_core.fitting.model import Model
 from physreal_core.fitting.rollouts import Fields
+from physreal_core.fitting.spread import scaled
 from physreal_core.fitting.thin import bind_to_body
-from physreal_core.planning.ensemble import scaled
 from physreal_core.playing import Session
 from physreal_core.rendering import Binding
 from stages._evaluation import scattered

@@ -20,8 +20,7 @@ from applications.twin import Twin
 from physreal_core.array_types import Array, Float
 from physreal_core.cores import available_cores
 from physreal_core.errors import InputError, SimulationError
-from physreal_core.planning import spread_of
-from physreal_core.planning.ensemble import Spread
+from physreal_core.fitting.spread import Spread, spread_of
 from pipeline.project import Project
 from pipeline.whole_folder import as_a_whole
 

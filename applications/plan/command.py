@@ -14,6 +14,7 @@ from applications.play.film import film
 from applications.twin import Twin
 from physreal_core.array_types import Array, Float
 from physreal_core.errors import InputError
+from physreal_core.fitting.spread import spread_of
 from physreal_core.planning import (
     Bounds,
     Cost,
@@ -25,7 +26,6 @@ from physreal_core.planning import (
     grasps_of,
     members,
     quick_form,
-    spread_of,
     with_grip,
 )
 from pipeline.graph import FIT_STAGES

@@ -29,6 +29,7 @@ from physreal_core.array_types import Array, Bool, Float, Tensor
 from physreal_core.evaluation import cd_l2_twoway
 from physreal_core.fitting.model import Model
 from physreal_core.fitting.problem import Problem
+from physreal_core.fitting.spread import spread_of
 from physreal_core.geometry import farthest_points
 from physreal_core.planning import (
     Bounds,
@@ -45,7 +46,6 @@ from physreal_core.planning import (
     grasps_of,
     members,
     quick_form,
-    spread_of,
     with_grip,
 )
 from physreal_core.planning.goal import Goal

@@ -7,7 +7,7 @@ execution = execute(planner, robot, every=10)
 ```
 """
 
-from physreal_core.planning.ensemble import Spread, members, spread_of
+from physreal_core.planning.ensemble import members
 from physreal_core.planning.forecast import Forecast, Seen
 from physreal_core.planning.goal import Cost, PointsToPlaces, Silhouette, TargetShape
 from physreal_core.planning.holding import grasps_at, grasps_of, quick_form, with_grip
@@ -30,7 +30,6 @@ __all__ = [
     "SearchConfig",
     "Seen",
     "Silhouette",
-    "Spread",
     "TargetShape",
     "Way",
     "execute",
@@ -38,6 +37,5 @@ __all__ = [
     "grasps_of",
     "members",
     "quick_form",
-    "spread_of",
     "with_grip",
 ]

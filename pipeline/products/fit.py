@@ -11,7 +11,7 @@ from pipeline.reading.text import read_record, understood
 FILE = "fit.json"
 _SHARES = ("residual", "residual_without_effect")
 _PLAIN = ("scan", "grip_reaches", "left_out")
-_FURTHER = (*_PLAIN, *_SHARES, "confirmation")
+_FURTHER = (*_PLAIN, *_SHARES, "confirmation", "valley")
 
 
 @dataclass(frozen=True)
@@ -64,11 +64,30 @@ class Confirmed:
 
 
 @dataclass(frozen=True)
+class Valley:
+    """Two numbers that the measurement does not tell apart: a softer body in a firmer hold moves nearly alike.
+
+    Attributes:
+        names: of both.
+        correlation: of their logarithms.
+        ends: both numbers at the two ends of the 90 % interval along the way in which they are known least [SI units].
+    """
+
+    names: list[str]
+    correlation: float
+    ends: list[list[float]]
+
+
+_RECORDS = {"confirmation": Confirmed, "valley": Valley}
+
+
+@dataclass(frozen=True)
 class Fit:
     """fit.json of the fit stages and of add_effect.
 
     Attributes:
-        values: name of a quantity → its `value`, or `mean`, `min` and `max`, and its `unit`.
+        values: name of a quantity → its `value`, or `mean`, `min` and `max`, its `unit`, and where it is known the 90 % `interval` of
+            value or mean.
         descent: None where nothing descended (add_effect).
         scan: objectives of the scan before Stage 1's descent, in its order; None for the other stages.
         grip_reaches: of Stage 1, each distance up to which the hand holds, and its objective; None where there was no choice.
@@ -76,6 +95,7 @@ class Fit:
         residual_without_effect: the same of networks fitted without the named effect, where that was done.
         confirmation: of Stage 3's networks on frames that they were not fitted to; None where none were kept back.
         left_out: why the stage passed the model on as it was; None where it did not.
+        valley: of modulus and hold; None where the measurement tells them apart, or nothing is said of it.
     """
 
     values: dict[str, dict[str, Any]]
@@ -86,6 +106,7 @@ class Fit:
     residual_without_effect: ResidualShare | None = None
     confirmation: Confirmed | None = None
     left_out: str | None = None
+    valley: Valley | None = None
 
     def save(self, folder: Path) -> None:
         """Write fit.json, leaving out what does not apply."""
@@ -103,6 +124,5 @@ class Fit:
             descent = Descent(**{name: record[name] for name in names}) if names[0] in record else None
             shares = {name: ResidualShare(**record[name]) for name in _SHARES if name in record}
             further = {name: record.get(name) for name in _PLAIN}
-            if "confirmation" in record:
-                further["confirmation"] = Confirmed(**record["confirmation"])
+            further |= {name: kind(**record[name]) for name, kind in _RECORDS.items() if name in record}
             return cls(record["values"], descent, **further, **shares)

@@ -13,7 +13,7 @@ from physreal_core.errors import InputError
 from pipeline.products._files import write_arrays
 from pipeline.products.camera import RecordedCamera
 from pipeline.products.controllers import Controllers
-from pipeline.products.fit import Descent, Fit, ResidualShare
+from pipeline.products.fit import Descent, Fit, ResidualShare, Valley
 from pipeline.products.gap import load_added, load_gap, save_added, save_gap
 from pipeline.products.given_tracks import GivenTracks2d, GivenTracks3d
 from pipeline.products.images import FrameImages
@@ -80,6 +80,7 @@ RECORDS = [
     Fit({"youngs_modulus": {"mean": 6e4, "unit": "Pa"}}),
     Fit({}, DESCENT, scan=[{"youngs_modulus": 1e4, "objective": None}]),
     Fit({}, dataclasses.replace(DESCENT, objective=None), residual=SHARE, residual_without_effect=SHARE),
+    Fit({}, DESCENT, valley=Valley(["youngs_modulus", "grip_stiffness"], -0.9, [[5e4, 60.0], [7e4, 12.0]])),
     LossCurve([{"iteration": 0.0, "total": 2.5}, {"iteration": 1.0, "total": float("inf"), "track": 0.125}]),
 ]
 

@@ -1,0 +1,106 @@
+"""How near a fitted Young's modulus is to the true one, and how often its interval holds it, on bodies of another simulator.
+
+`python -m benchmarks.modulus FOLDER...`; each FOLDER holds cases in which nothing is hidden, tracks alone, as
+`python -m benchmarks.gap --film --seed N --out … --cases 'none-*'` makes them. The true surface is given, the hand's record may be late or
+noisy, Poisson's ratio and density are off as a user's are. Every capture is fitted by itself, as Stage 1 does. Writes a row a capture to
+`benchmarks/results/modulus.jsonl`, which `--page` alone reads again, and `benchmarks/results/modulus.md`.
+"""
+
+import argparse
+import json
+import math
+from collections.abc import Sequence
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+
+from benchmarks.gap.problems import baseline_model, problems_of
+from benchmarks.thin.results import RESULTS
+from physreal_core.fitting.curriculum import ScanConfig, fit_material, start_from_scan, uniform_start
+from physreal_core.fitting.descent import DescentConfig
+from physreal_core.fitting.losses import LossConfig
+from physreal_core.fitting.objective import Objective
+from physreal_core.fitting.problem import Problem
+from physreal_core.fitting.spread import NINETY, spread_of
+from pipeline.config.fit_global import FitGlobal
+from stages._fit import variables_of
+
+SETTINGS = FitGlobal(
+    youngs_modulus={"initial": 1e5},
+    grip_stiffness={"initial": 100.0},
+    losses={"track_scale": 0.001, "mask": 0.0},
+)
+"""Of Stage 1, as the embedded bars have them in params.yaml."""
+
+ROWS = RESULTS / "modulus.jsonl"
+
+
+def main() -> None:
+    """Fit what has no row yet, and write the page."""
+    parser = argparse.ArgumentParser(prog="python -m benchmarks.modulus", description=__doc__)
+    parser.add_argument("folders", nargs="*", type=Path, help="of cases")
+    parser.add_argument("--page", action="store_true", help="fit nothing")
+    arguments = parser.parse_args()
+    rows = [json.loads(line) for line in ROWS.read_text().splitlines()] if ROWS.is_file() else []
+    if not arguments.page:
+        for case in sorted(case for folder in arguments.folders for case in folder.glob("none-*/captures")):
+            for motion, problem in problems_of(case).items():
+                name = f"{case.parent.name}/{motion}"
+                if any(row["capture"] == name for row in rows):
+                    continue
+                truth = np.load(case.parent / "truth" / f"{motion}.npz")
+                rows.append({"capture": name, "true": float(truth["E"]), **fitted(problem)})
+                ROWS.write_text("".join(json.dumps(row) + "\n" for row in rows))
+                print(json.dumps(rows[-1]), flush=True)
+    (RESULTS / "modulus.md").write_text(page(rows))
+    print(page(rows))
+
+
+def fitted(problem: Problem) -> dict[str, Any]:
+    """Stage 1's modulus [Pa], the deviation of its logarithm, and how it hangs together with the hold."""
+    model, losses = baseline_model(problem), LossConfig(**SETTINGS.losses.model_dump())
+    variables = variables_of(SETTINGS.variables("volumetric"))
+    objective = Objective(problem, model, losses)
+    model, _ = start_from_scan(objective, model, variables, ScanConfig(**SETTINGS.scan.model_dump()))
+    descent = DescentConfig(**SETTINGS.descent.model_dump())
+    model, _ = fit_material(objective, model, variables, uniform_start(model, variables), descent)
+    spread = spread_of(problem, model)
+    return {
+        "modulus": float(model.fields["youngs_modulus"].mean()),
+        "deviation": spread.deviations["youngs_modulus"],
+        "grip_stiffness": float(model.fields["grip_stiffness"]),
+        "grip_deviation": spread.deviations["grip_stiffness"],
+        "correlation": spread.correlation("youngs_modulus", "grip_stiffness"),
+    }
+
+
+def page(rows: Sequence[dict[str, Any]]) -> str:
+    """Ratios and coverage by body, and of all."""
+    lines = [
+        "# The fitted Young's modulus beside the true one",
+        "",
+        "Bodies of MuJoCo's finite elements with nothing hidden in them, by motion capture; one fit of one material and of the hold to the observed",
+        "frames of each capture. The true surface is given. `python -m benchmarks.modulus FOLDER`.",
+        "",
+        "| body | captures | fitted over true: median | least to most | within 20 % | 90 % interval holds it | half-width, median |",
+        "|---|--:|--:|--:|--:|--:|--:|",
+    ]
+    bodies = sorted({_body(row) for row in rows})
+    for words, own in [*((body, [r for r in rows if _body(r) == body]) for body in bodies), ("all", list(rows))]:
+        logs = np.array([math.log(row["modulus"] / row["true"]) for row in own])
+        reach = NINETY * np.array([row["deviation"] for row in own])
+        near, held = int((np.abs(logs) < math.log(1.2)).sum()), int((np.abs(logs) <= reach).sum())
+        low, middle, high = np.exp(np.quantile(logs, (0.0, 0.5, 1.0)))
+        cells = [words, len(own), f"{middle:.2f}", f"{low:.2f} to {high:.2f}", f"{near} of {len(own)}"]
+        cells += [f"{held} of {len(own)}", f"{100 * (math.exp(np.median(reach)) - 1):.0f} %"]
+        lines.append(f"| {' | '.join(map(str, cells))} |")
+    return "\n".join([*lines, ""])
+
+
+def _body(row: dict[str, Any]) -> str:
+    return row["capture"].split("-")[2]
+
+
+if __name__ == "__main__":
+    main()

@@ -40,6 +40,8 @@ def main() -> None:
             if done and not arguments.again:
                 continue
             row = _in_a_process(project, sequence, others, method, arguments.seconds)
+            if row is None:
+                continue
             rows = [*(own for own in rows if own not in done), row]
             path.write_text(json.dumps({"machine": f"CPU, {available_cores()} cores", "rows": rows}, indent=1) + "\n")
             print(json.dumps(row), flush=True)
@@ -47,8 +49,8 @@ def main() -> None:
     print(page(rows))
 
 
-def _in_a_process(project: Project, *given: Any) -> dict[str, Any]:
-    """One row, with the memory of nothing else."""
+def _in_a_process(project: Project, *given: Any) -> dict[str, Any] | None:
+    """One row, with the memory of nothing else; None where the method does not apply."""
     with multiprocessing.get_context("spawn").Pool(1) as pool:
         return pool.apply(measured, (project, *given))
 

@@ -15,12 +15,14 @@ class Method:
         fit: from a sequence and the seconds that it may take.
         words: what it is.
         part: whether it is ours with a part left out.
+        video: whether it says something only where there are silhouettes.
         stages: of the project that have made it, if it is only read; their records say how long that took.
     """
 
     fit: Callable[[Scene, float], Fitted]
     words: str
     part: bool = False
+    video: bool = False
     stages: tuple[str, ...] = ()
 
 
@@ -35,6 +37,6 @@ METHODS = {
     "one_material": Method(one_material.fit, "one material, the hand rigid (PAC-NeRF, PhysFlow)"),
     "graph_network": Method(graph_network.fit, "graph network trained on the sequence (GS-Dynamics)"),
     "without_patches": Method(ours.without_patches, "ours without patches (Stage 1)", part=True),
-    "without_motion": Method(ours.without_motion, "ours without the motion loss", part=True),
-    "without_masks": Method(ours.without_masks, "ours without the mask loss", part=True),
+    "without_motion": Method(ours.without_motion, "ours without the motion loss", part=True, video=True),
+    "without_masks": Method(ours.without_masks, "ours without the mask loss", part=True, video=True),
 }

@@ -4,22 +4,20 @@ from typing import Any
 
 from benchmarks.baselines.methods import METHODS
 
-HEAD = [
-    "# Other methods on the same sequences",
-    "",
-    "Every method was given what our fit is given: the particles of the body, the hand's path and the tracks of the observed frames; those of",
-    "ours silhouettes, too, where the capture is a video and the name does not say otherwise. All on one machine, one after another. Spring–mass and graph network",
-    "may take as long as the command says; the others end by themselves. `python -m benchmarks.baselines --project FOLDER`.",
-    "",
-    "Tracks: mean distance from the measured ones, which are noisy. True: mean distance of the body's vertices from the truth. Other motion: the same over all frames",
-    "of a motion of the same body that no fit saw, where it lies in another place. All in mm.",
-    "",
-]
+HEAD = """# Other methods on the same sequences
+
+Every method was given what our fit is given: the particles of the body, the hand's path and the tracks of the observed frames; the rows of ours silhouettes,
+too, where the capture is a video and the name does not say otherwise. The shape is given, as in the example. All ran on one machine, one after another.
+Spring–mass and graph network may take as long as the command says; the others end by themselves. `python -m benchmarks.baselines --project FOLDER`.
+
+Tracks: mean distance from the measured ones, which are noisy. True: mean distance of the body's vertices from the truth. Other motion: the same over all
+frames of a motion of the same body that no fit saw, where it lies in another place. All in mm.
+"""
 
 
 def page(rows: list[dict[str, Any]]) -> str:
     """A table for each sequence."""
-    lines = list(HEAD)
+    lines = [HEAD]
     for sequence in dict.fromkeys(row["sequence"] for row in rows):
         own = sorted((r for r in rows if r["sequence"] == sequence), key=lambda r: list(METHODS).index(r["method"]))
         lines += [f"## {sequence}", "", *_table(own), ""]

@@ -11,8 +11,9 @@ from pipeline.config import load_parameters
 from pipeline.project import Project
 
 
-def measured(project: Project, sequence: str, others: list[str], method: str, seconds: float) -> dict[str, Any]:
-    """A method fitted to a sequence: scores there and in the other motions of the same body [m], time [s], peak memory [B].
+def measured(project: Project, sequence: str, others: list[str], method: str, seconds: float) -> dict[str, Any] | None:
+    """A method fitted to a sequence: scores there and in the other motions of the same body [m], time [s], peak memory [B]. None where it asks
+    for silhouettes and there are none.
 
     Args:
         project: where.
@@ -23,6 +24,8 @@ def measured(project: Project, sequence: str, others: list[str], method: str, se
     """
     parameters, own = load_parameters(project.parameters), METHODS[method]
     scene = Scene.load(project, parameters, sequence)
+    if own.video and scene.problem.masks is None:
+        return None
     begun = time.perf_counter()
     found = own.fit(scene, seconds)
     taken, memory = time.perf_counter() - begun, 1024 * resource.getrusage(resource.RUSAGE_SELF).ru_maxrss

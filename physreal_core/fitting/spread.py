@@ -34,8 +34,9 @@ PRIOR: Mapping[str, float] = MappingProxyType(
 )
 """Standard deviation of the logarithm of each field's scale before the measurement, for the fields that a model has."""
 
-LEAST = 0.05
-"""Standard deviation of each logarithm that no measurement takes away."""
+LEAST = 0.1
+"""Standard deviation of each logarithm that no measurement takes away: so far is Young's modulus off where another simulator moves the body
+(`python -m benchmarks.modulus`), of which nothing shows in the residuals."""
 
 NINETY = 1.6449
 """Standard deviations on either side of the mean that cover 90 % of a Gaussian."""

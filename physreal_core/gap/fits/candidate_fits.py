@@ -40,6 +40,9 @@ FEW = 2
 FACTORS = tuple(2.0 ** (step / 2) for step in range(-3, 3))
 """Factors on the uniform baseline's modulus, among which a fit from a large amplitude looks for its start."""
 
+MODULI_WITHOUT = (1.0, 0.8, 0.86, 0.93, 1.08, 1.16, 1.25)
+"""Factors on the moduli beside an effect, at the best of which the baseline begins without it."""
+
 Values = dict[str, float]
 """Coefficients of one effect, in SI units."""
 
@@ -154,18 +157,19 @@ class CandidateFits:
 
     def without_effects(self, fits: Sequence[Fit]) -> list[Fit]:
         """The baseline from the material and under the elastic law of each of these fits, after some steps in full rollouts; without those that
-        fail."""
+        fail.
+
+        What an effect did to the frequency of a swing, another modulus does, beyond which the objective has other minima: so each begins at the best of
+        some moduli.
+        """
         size, steps = self.baseline.unknowns.baseline, self.settings.settling
-        requests = [
-            fit(
-                self.baseline.unknowns.under(found.unknowns.elastic_law),
-                self.data,
-                found.vector[None, :size],
-                steps,
-                [found.jacobian[:, :size]],
-            )
-            for found in fits
-        ]
+        requests = []
+        for found in fits:
+            unknowns = self.baseline.unknowns.under(found.unknowns.elastic_law)
+            starts = np.tile(found.vector[:size], (len(MODULI_WITHOUT), 1))
+            starts[:, : unknowns.patches] += np.log(MODULI_WITHOUT)[:, None]
+            starts = np.clip(starts, unknowns.block.lower, unknowns.block.upper)
+            requests.append(fit(unknowns, self.data, starts, steps, [found.jacobian[:, :size]] * len(starts)))
         return [found for found in together(requests) if np.isfinite(found.energy)]
 
     def look_alikes(self, best: Fit, names: Sequence[str] | None = None) -> list[Fit]:

@@ -8,7 +8,7 @@ HEAD = """# Other methods on the same sequences
 
 Every method was given what our fit is given: the particles of the body, the hand's path and the tracks of the observed frames; the rows of ours silhouettes,
 too, where the capture is a video and the name does not say otherwise. The shape is given, as in the example. All ran on one machine, one after another.
-Spring–mass and graph network may take as long as the command says; the others end by themselves. `python -m benchmarks.baselines --project FOLDER`.
+Spring–mass and graph network may take as long as the command says, here 400 s; the springs end earlier where they ask for more than 600 substeps a frame. The others end by themselves. Other work shared the cores. `python -m benchmarks.baselines --project FOLDER`.
 
 Tracks: mean distance from the measured ones, which are noisy. True: mean distance of the body's vertices from the truth. Other motion: the same over all
 frames of a motion of the same body that no fit saw, where it lies in another place. All in mm.

@@ -25,6 +25,12 @@ BLOCKED = {
 ABOVE = {
     "benchmarks.gap.rgbd",
     "benchmarks.gap.track_noise",
+    *(
+        f"benchmarks.baselines.{name}"
+        for name in ("__main__", "graph_network", "methods", "one_material", "ours", "report", "row", "scene")
+    ),
+    "benchmarks.baselines.spring_mass",
+    "benchmarks.modulus",
     "benchmarks.kills",
     "benchmarks.beam",
     "benchmarks.beam_report",

@@ -28,9 +28,8 @@ def tables(results: Results) -> dict[str, Table]:
     }
     if not results.baselines:
         return own
-    methods = "Other methods on the same sequences, with the time that ours takes or more."
     return own | {
-        "baselines": _baselines(results, methods, part=False),
+        "baselines": _baselines(results, "Other methods on the same sequences.", part=False),
         "by_loss": _baselines(results, "Ours with parts of the objective or the patches left out.", part=True),
     }
 

@@ -87,7 +87,7 @@ def _tell_glued(body: Body) -> None:
     joined = glued(body)
     if joined.particles.mean() > 0.02:
         print(
-            f"{100 * joined.particles.mean():.0f} % of the volume lie so near another part, {1e3 * joined.gap:.0f} mm away, that the grid joins the two as if"
+            f"{100 * joined.particles.mean():.0f} % of the particles lie so near another part, {1e3 * joined.gap:.0f} mm away, that the grid joins the two as if"
             f" they were glued: a spacing of {1e3 * joined.parting:.1f} mm parts them"
         )
 

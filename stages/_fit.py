@@ -14,7 +14,7 @@ from physreal_core.fitting.losses import LossConfig
 from physreal_core.fitting.model import UNITS, Model, save_model
 from physreal_core.fitting.objective import Objective
 from physreal_core.fitting.problem import Problem
-from physreal_core.fitting.spread import Spread, spread_of
+from physreal_core.fitting.spread import Spread, spread_of, tells
 from physreal_core.fitting.variables import TRANSFORMS, Variable
 from pipeline.config._base import StageParameters
 from pipeline.products.fit import Descent, Fit, Valley
@@ -145,8 +145,7 @@ def with_intervals(
         problem, model: fitted.
         device: of the rollouts.
     """
-    tracks = problem.tracks
-    if tracks is None or not bool(tracks.valid3d[1 : problem.observed].any()):
+    if not tells(problem):
         return values, None
     spread = spread_of(problem, model, device)
     known = {name: own.get("value", own.get("mean")) for name, own in values.items() if name in spread.names}

@@ -27,9 +27,11 @@ def main() -> None:
     parser.add_argument("--sequences", nargs="*", help="fitted ones; all by default")
     parser.add_argument("--methods", nargs="*", choices=list(METHODS), help="all by default")
     parser.add_argument("--seconds", type=float, default=600.0, help="of a method that goes on as long as it may")
+    parser.add_argument("--note", help="what else the machine did meanwhile, for the page")
     parser.add_argument("--again", action="store_true", help="also what has been run")
     arguments = parser.parse_args()
     project = Project(arguments.project.resolve())
+    machine = ", ".join(["CPU", f"{available_cores()} cores", *filter(None, [arguments.note])])
     values = load_parameters(project.parameters).values
     path = CODE_ROOT / "results" / "baselines.json"
     rows = json.loads(path.read_text())["rows"] if path.is_file() else []
@@ -43,10 +45,12 @@ def main() -> None:
             if row is None:
                 continue
             rows = [*(own for own in rows if own not in done), row]
-            path.write_text(json.dumps({"machine": f"CPU, {available_cores()} cores", "rows": rows}, indent=1) + "\n")
+            found = {"machine": machine, "seconds": arguments.seconds, "rows": rows}
+            path.write_text(json.dumps(found, indent=1) + "\n")
             print(json.dumps(row), flush=True)
-    (RESULTS / "baselines.md").write_text(page(rows))
-    print(page(rows))
+    text = page(json.loads(path.read_text()))
+    (RESULTS / "baselines.md").write_text(text)
+    print(text)
 
 
 def _in_a_process(project: Project, *given: Any) -> dict[str, Any] | None:

@@ -10,7 +10,7 @@ import torch
 
 from benchmarks.baselines.ours import Material
 from benchmarks.baselines.scene import Scene
-from physreal_core.fitting.curriculum import ScanConfig, fit_material, start_from_scan, uniform_start
+from physreal_core.fitting.curriculum import ScanConfig, fit_one_material
 from physreal_core.fitting.descent import DescentConfig
 from physreal_core.fitting.model import uniform_model
 from physreal_core.fitting.objective import Objective
@@ -38,8 +38,7 @@ def fit(scene: Scene, seconds: float) -> Material:
         simulation=scene.settings["fit_global"].simulation.setting(),
     )
     objective = Objective(problem, model, scene.losses)
-    model, _ = start_from_scan(objective, model, VARIABLES, ScanConfig(count=7, factor=2.0))
-    model, _ = fit_material(objective, model, VARIABLES, uniform_start(model, VARIABLES), DESCENT)
+    model, _ = fit_one_material(objective, model, VARIABLES, ScanConfig(count=7, factor=2.0), DESCENT)
     return Material(model, problem.body.x0, numbers=len(VARIABLES))
 
 

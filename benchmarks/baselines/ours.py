@@ -10,7 +10,7 @@ import torch
 from benchmarks.baselines.moved import Moved
 from benchmarks.baselines.scene import Scene
 from physreal_core.array_types import Array, Float
-from physreal_core.fitting.curriculum import ScanConfig, fit_material, patch_start, start_from_scan, uniform_start
+from physreal_core.fitting.curriculum import ScanConfig, fit_material, fit_one_material, patch_start
 from physreal_core.fitting.descent import DescentConfig
 from physreal_core.fitting.losses import LossConfig
 from physreal_core.fitting.model import Model, load_model
@@ -83,8 +83,8 @@ def _fit(scene: Scene, losses: LossConfig, *, patches: bool) -> Material:
     model = initial_model(first, scene.particles)
     variables = acting(variables_of(first.variables(geometry, pushed=scene.particles.pushed)), problem)
     objective = Objective(problem, model, losses)
-    model, _ = start_from_scan(objective, model, variables, ScanConfig(**first.scan.model_dump()))
-    model, _ = fit_material(objective, model, variables, uniform_start(model, variables), _descent(first))
+    scan = ScanConfig(**first.scan.model_dump())
+    model, _ = fit_one_material(objective, model, variables, scan, _descent(first))
     if patches:
         objective = Objective(problem, model, losses)
         variables += (own := variables_of({n: b for n, b in second.variables(geometry).items() if n in model.fields}))

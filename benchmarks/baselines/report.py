@@ -3,21 +3,28 @@
 from typing import Any
 
 from benchmarks.baselines.methods import METHODS
+from benchmarks.baselines.spring_simulator import MOST_SUBSTEPS
 
 HEAD = """# Other methods on the same sequences
 
 Every method was given what our fit is given: the particles of the body, the hand's path and the tracks of the observed frames; the rows of ours silhouettes,
 too, where the capture is a video and the name does not say otherwise. The shape is given, as in the example. All ran on one machine, one after another.
-Spring–mass and graph network may take as long as the command says, here 400 s; the springs end earlier where they ask for more than 600 substeps a frame. The others end by themselves. Other work shared the cores. `python -m benchmarks.baselines --project FOLDER`.
+Spring–mass and graph network may take {seconds:g} s; the springs end earlier where they ask for more than {substeps} substeps a frame. The others end by themselves.
+{machine}. `python -m benchmarks.baselines --project FOLDER --seconds {seconds:g}`.
 
 Tracks: mean distance from the measured ones, which are noisy. True: mean distance of the body's vertices from the truth. Other motion: the same over all
 frames of a motion of the same body that no fit saw, where it lies in another place. All in mm.
 """
 
 
-def page(rows: list[dict[str, Any]]) -> str:
-    """A table for each sequence."""
-    lines = [HEAD]
+def page(measured: dict[str, Any]) -> str:
+    """A table for each sequence.
+
+    Args:
+        measured: `machine`, `seconds` that a method may take, and `rows`, as baselines.json has them.
+    """
+    rows = measured["rows"]
+    lines = [HEAD.format(seconds=measured["seconds"], machine=measured["machine"], substeps=MOST_SUBSTEPS)]
     for sequence in dict.fromkeys(row["sequence"] for row in rows):
         own = sorted((r for r in rows if r["sequence"] == sequence), key=lambda r: list(METHODS).index(r["method"]))
         lines += [f"## {sequence}", "", *_table(own), ""]

@@ -11,7 +11,7 @@ import torch
 
 from benchmarks.baselines.moved import Moved
 from physreal_core.array_types import Array, Float
-from physreal_core.fitting.losses import LossConfig
+from physreal_core.fitting.losses import LossConfig, track_loss_3d
 from physreal_core.fitting.problem import Problem
 from pipeline.config import Parameters
 from pipeline.products.particles import Particles
@@ -91,16 +91,6 @@ def scores(scene: Scene, moved: Moved) -> dict[str, dict[str, float]]:
     }
 
 
-def track_scales(problem: Problem, losses: LossConfig) -> Float[torch.Tensor, "frames tracks"]:
-    """Scale of each entry's error [m], as our own objective has it; infinite where there is no entry."""
-    tracks = problem.tracks
-    scale = (losses.track_scale**2 + tracks.sigma3d.double().square()).sqrt()
-    return torch.where(tracks.valid3d, scale, torch.full_like(scale, torch.inf))
-
-
 def motion_loss(problem: Problem, losses: LossConfig, carried: Float[Array, "frames tracks 3"]) -> float:
-    """Our own objective's term of the tracks in space (eq. motion_3d) over the observed frames."""
-    observed, scale = problem.observed, track_scales(problem, losses).numpy()
-    known = np.isfinite(scale[1:observed])
-    off = np.linalg.norm(carried - problem.tracks.points3d.double().numpy(), axis=-1)[1:observed]
-    return float((np.sqrt(1.0 + (off[known] / scale[1:observed][known]) ** 2) - 1.0).mean())
+    """Our own objective's term of the tracks in space (eq. motion_3d) over the observed frames, which `carried` begins with."""
+    return float(track_loss_3d(torch.from_numpy(carried[: problem.observed]), problem.tracks, losses))

@@ -17,7 +17,7 @@ import torch
 from scipy.spatial import cKDTree
 
 from benchmarks.baselines.moved import Moved
-from benchmarks.baselines.scene import Scene, motion_loss, track_scales
+from benchmarks.baselines.scene import Scene, motion_loss
 from benchmarks.baselines.spring_simulator import MostSubsteps, Springs, SpringSimulator, SpringValues
 from physreal_core.array_types import Array, Float
 from physreal_core.cores import available_cores
@@ -169,10 +169,16 @@ def _loss_of(problem: Problem, losses: LossConfig, simulator: SpringSimulator, v
         return FAILED
     if not np.isfinite(x).all():
         return FAILED
-    x = np.concatenate([x, np.repeat(x[-1:], problem.frame_count - len(x), axis=0)])
     return motion_loss(
         problem, losses, Moved.of_nodes(problem.body.x0, x).carried(problem.tracks.points0.double().numpy())
     )
+
+
+def _track_scales(problem: Problem, losses: LossConfig) -> Float[torch.Tensor, "frames tracks"]:
+    """Scale of each entry's error [m], as our own objective has it; infinite where there is no entry."""
+    tracks = problem.tracks
+    scale = (losses.track_scale**2 + tracks.sigma3d.double().square()).sqrt()
+    return torch.where(tracks.valid3d, scale, torch.full_like(scale, torch.inf))
 
 
 def _each(
@@ -182,7 +188,7 @@ def _each(
     best, least = values, _loss_of(problem, losses, simulator, values)
     log_stiffness = torch.from_numpy(values.log_stiffness).float().requires_grad_()
     adam = torch.optim.Adam([log_stiffness], lr=RATE, betas=(0.9, 0.99))
-    scales = track_scales(problem, losses).float().numpy()
+    scales = _track_scales(problem, losses).float().numpy()
     while time.perf_counter() < until:
         try:
             for gradient in simulator.gradients(

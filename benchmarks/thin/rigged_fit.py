@@ -8,7 +8,7 @@ import torch
 from scipy.spatial import cKDTree
 
 from physreal_core.array_types import Array, Float
-from physreal_core.fitting.curriculum import ScanConfig, fit_material, start_from_scan, uniform_start
+from physreal_core.fitting.curriculum import ScanConfig, fit_one_material
 from physreal_core.fitting.descent import DescentConfig
 from physreal_core.fitting.grip import springs
 from physreal_core.fitting.losses import LossConfig
@@ -32,8 +32,7 @@ def refitted(
 ) -> tuple[Model, float]:
     """Stage 1 on tracks alone from `model`'s values, and the objective."""
     objective = Objective(problem, model, LossConfig(mask=0.0), device=device)
-    model, _ = start_from_scan(objective, model, variables, scan)
-    model, result = fit_material(objective, model, variables, uniform_start(model, variables), descent)
+    model, result = fit_one_material(objective, model, variables, scan, descent)
     return model, result.total
 
 

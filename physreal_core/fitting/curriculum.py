@@ -103,6 +103,14 @@ def start_from_scan(
     return model.with_fields(**everywhere({**start, "grip_stiffness": best["grip_stiffness"]})), bent + found
 
 
+def fit_one_material(
+    objective: Objective, model: Model, variables: list[Variable], scan: ScanConfig, descent: DescentConfig
+) -> tuple[Model, DescentResult]:
+    """Stage 1's fit: one material for the whole body, by a descent from the best of a scan; as of `fit_material`."""
+    model, _ = start_from_scan(objective, model, variables, scan)
+    return fit_material(objective, model, variables, uniform_start(model, variables), descent)
+
+
 def _best(found: list[dict[str, float]], what: str) -> dict[str, float]:
     best = min(found, key=lambda entry: entry["objective"])
     if math.isinf(best["objective"]):

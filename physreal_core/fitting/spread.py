@@ -83,6 +83,12 @@ class Spread:
         return np.array([-reach, reach])
 
 
+def tells(problem: Problem) -> bool:
+    """Whether there is a track in 3D after frame 0, without which nothing is known of a spread."""
+    tracks = problem.tracks
+    return tracks is not None and bool(tracks.valid3d[1 : problem.observed].any())
+
+
 def spread_of(problem: Problem, model: Model, device: str = "cpu") -> Spread:
     """How far each number of a fitted model may be off, by the tracks that it was fitted to.
 
@@ -90,7 +96,7 @@ def spread_of(problem: Problem, model: Model, device: str = "cpu") -> Spread:
         InputError: there are no tracks in 3D, or the fitted model cannot be simulated.
     """
     names = tuple(name for name in PRIOR if name in model.fields)
-    if problem.tracks is None or not bool(problem.tracks.valid3d[1 : problem.observed].any()):
+    if not tells(problem):
         raise InputError(
             "no tracks in 3D", where="the interval of a fit", expected="a sequence with depth or motion capture"
         )

@@ -9,14 +9,12 @@ import numpy as np
 
 from physreal_core.array_types import Array, Float
 from physreal_core.effects import EFFECTS, Effect
+from physreal_core.fitting.spread import NINETY
 from physreal_core.gap.answers.predictive_share import predictive_shares
 from physreal_core.gap.fits.evidence import Evidence, Evidences
 from physreal_core.gap.fits.least_squares import Data, Fit
 from physreal_core.gap.report import Candidate, FittedEffect
 from physreal_core.gap.settings import GapSettings
-
-NINETY = 1.6449
-"""Standard deviations on either side of the mean that cover 90 % of a Gaussian."""
 
 
 @dataclass(frozen=True)

@@ -37,14 +37,21 @@ IN_FULL = 2
 FEW = 2
 """Large starts of an effect that are fitted, of more those that come closest."""
 
-FACTORS = tuple(2.0 ** (step / 2) for step in range(-3, 3))
-"""Factors on the uniform baseline's modulus, among which a fit from a large amplitude looks for its start."""
+FACTORS = tuple(2.0 ** (step / 2) for step in range(-3, 6))
+"""Factors on the uniform baseline's modulus, among which a fit from a large amplitude looks for its start: up to that of a bar whose free end
+carries its own weight once more."""
+
+NEARER = (1 / 1.2, 1.0, 1.2)
+"""Factors on the modulus of the best of those, among which it looks again: a body that swings for seconds has narrow minima."""
 
 MODULI_WITHOUT = (1.0, 0.8, 0.86, 0.93, 1.08, 1.16, 1.25)
 """Factors on the moduli beside an effect, at the best of which the baseline begins without it."""
 
 Values = dict[str, float]
 """Coefficients of one effect, in SI units."""
+
+Begun = tuple[Unknowns, Float[Array, " unknowns"], Float[Array, "entries material"]]
+"""A start: unknowns, where they are, and tangents of the material near there."""
 
 
 @dataclass(frozen=True)
@@ -219,30 +226,41 @@ class CandidateFits:
 
         Of many starts of an effect, those that come closest.
         """
-        setting, begun = self.data.experiments[0].setting, []
+        setting, found = self.data.experiments[0].setting, {}
         for score in scores:
             effect = EFFECTS[score.start.effect]
             for values in effect.large_starts(setting):
                 unknowns = self._with_effect(effect, {**score.start.values, **values})
-                begun += [(unknowns, self._beside(unknowns, material), known) for material, known in self._materials]
-        if not begun:
+                beside = [(unknowns, self._beside(unknowns, material), known) for material, known in self._materials]
+                found.setdefault(effect.name, []).append(beside)
+        if not found:
             return {}
-        residuals = self.quick.residuals(
-            self.quick.predict([unknowns.trial(vector) for unknowns, vector, _ in begun])
-        ).T
-        energies = [
-            energy_of(unknowns, vector, own) for (unknowns, vector, _), own in zip(begun, residuals, strict=True)
-        ]
-        closest: dict[int, int] = {}  # of each start, in order of energy
-        for number in np.argsort(energies, kind="stable").tolist():
-            closest.setdefault(number // len(self._materials), number)
-        found: dict[str, list[Request]] = {}
-        for number in closest.values():
-            unknowns, vector, known = begun[number]
-            own = found.setdefault(unknowns.effects[0], [])
-            if len(own) < FEW:
-                own.append(fit(unknowns, self.quick, vector[None], self.settings.iterations, [known]))
-        return found
+        closest = iter(self._closest([begun for own in found.values() for begun in own]))
+        chosen = {
+            name: sorted((next(closest) for _ in own), key=lambda best: best[0])[:FEW] for name, own in found.items()
+        }
+        nearer = iter(self._closest([self._with_moduli_near(begun) for own in chosen.values() for _, begun in own]))
+        return {name: [self._begun(next(nearer)[1]) for _ in own] for name, own in chosen.items()}
+
+    def _closest(self, groups: Sequence[Sequence[Begun]]) -> list[tuple[float, Begun]]:
+        """Of each group of starts the one that comes closest in quick rollouts, with its energy [nat]."""
+        begun = [start for group in groups for start in group]
+        residuals = self.quick.residuals(self.quick.predict([unknowns.trial(vector) for unknowns, vector, _ in begun]))
+        energies = iter(energy_of(u, vector, own) for (u, vector, _), own in zip(begun, residuals.T, strict=True))
+        return [min(((next(energies), start) for start in group), key=lambda best: best[0]) for group in groups]
+
+    @staticmethod
+    def _with_moduli_near(start: Begun) -> list[Begun]:
+        """A start with its modulus and some near it."""
+        unknowns, vector, known = start
+        moved = np.tile(vector, (len(NEARER), 1))
+        moved[:, : unknowns.patches] += np.log(NEARER)[:, None]
+        return [(unknowns, v, known) for v in np.clip(moved, unknowns.block.lower, unknowns.block.upper)]
+
+    def _begun(self, start: Begun) -> Request:
+        """The fit from a start, in quick rollouts."""
+        unknowns, vector, known = start
+        return fit(unknowns, self.quick, vector[None], self.settings.iterations, [known])
 
     @cached_property
     def _materials(self) -> list[tuple[Float[Array, " material"], Float[Array, "entries material"]]]:

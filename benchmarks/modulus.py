@@ -24,7 +24,6 @@ from physreal_core.fitting.losses import LossConfig
 from physreal_core.fitting.objective import Objective
 from physreal_core.fitting.problem import Problem
 from physreal_core.fitting.spread import NINETY, spread_of
-from physreal_core.simulation.gluing import glued
 from pipeline.config.fit_global import FitGlobal
 from stages._fit import variables_of
 
@@ -34,9 +33,6 @@ SETTINGS = FitGlobal(
     losses={"track_scale": 0.001, "mask": 0.0},
 )
 """Of Stage 1, as the embedded bars have them in params.yaml."""
-
-GLUED = 0.02
-"""Share of the body from which on the page counts it as one whose parts the grid joins through the air."""
 
 ROWS = RESULTS / "modulus.jsonl"
 
@@ -70,8 +66,7 @@ def true(folder: Path, motion: str) -> dict[str, float]:
 
 
 def fitted(problem: Problem) -> dict[str, Any]:
-    """Stage 1's modulus [Pa], the deviation of its logarithm, how it hangs together with the hold, and the share of the body in which the grid joins
-    parts through the air."""
+    """Stage 1's modulus [Pa], the deviation of its logarithm, and how it hangs together with the hold."""
     model, losses = baseline_model(problem), LossConfig(**SETTINGS.losses.model_dump())
     variables = variables_of(SETTINGS.variables("volumetric"))
     objective = Objective(problem, model, losses)
@@ -84,7 +79,6 @@ def fitted(problem: Problem) -> dict[str, Any]:
         "grip_stiffness": float(model.fields["grip_stiffness"]),
         "grip_deviation": spread.deviations["grip_stiffness"],
         "correlation": spread.correlation("youngs_modulus", "grip_stiffness"),
-        "glued": float(glued(problem.body).particles.mean()),
     }
 
 
@@ -98,8 +92,7 @@ def page(rows: Sequence[dict[str, Any]]) -> str:
         "Bodies of MuJoCo's finite elements with nothing hidden in them, by motion capture; one fit of one material and of the hold to the observed",
         "frames of each capture. The true surface is given; Poisson's ratio and density are off as a user's are. The true modulus is that which the",
         f"truth's own mesh shows in bending: linear elements are stiffer than the continuum, here by {stiffer} % (`benchmarks/mesh_stiffness.py`).",
-        "The grid joins the prongs of the forks through the air (docs/simulation.md#limits), which makes them too stiff sideways. What no measurement takes",
-        "away from an interval (`LEAST` in `physreal_core/fitting/spread.py`) was chosen on these captures.",
+        "What no measurement takes away from an interval (`LEAST` in `physreal_core/fitting/spread.py`) was chosen on these captures.",
         "`python -m benchmarks.modulus FOLDER`.",
         "",
         "| | captures | fitted over true: median | least to most | within 20 % | 90 % interval holds it | half-width, median |",
@@ -108,7 +101,6 @@ def page(rows: Sequence[dict[str, Any]]) -> str:
     exact = [row for row in rows if not row["hand_delay"] and not row["hand_noise"]]
     groups = {body: [row for row in rows if _body(row) == body] for body in sorted(map(_body, rows))}
     groups |= {"hand's record exact": exact, "hand's record late or noisy": [row for row in rows if row not in exact]}
-    groups |= {"nothing glued": [row for row in rows if row["glued"] < GLUED]}
     lines += [_line(words, own) for words, own in [*groups.items(), ("all", rows)] if own]
     return "\n".join([*lines, ""])
 

@@ -19,7 +19,6 @@ from physreal_core.geometry import (
 )
 from physreal_core.geometry.thin_files import MIDDLES
 from physreal_core.simulation import Body, rod_body, shell_body
-from physreal_core.simulation.gluing import glued
 from physreal_core.simulation.pieces import require_thickness
 from physreal_core.simulation.thin import Shell
 from pipeline.capture import Capture
@@ -77,19 +76,7 @@ def _volume(placed: PlacedObject, material: Material, params: SampleParticles, s
         print(f"the mesh has {pieces.max() + 1} pieces that do not hang together and move apart")
     if thin > 0.02:
         print(f"{100 * thin:.0f} % of the volume is one particle thick, and bends too easily: a smaller spacing helps")
-    body = Body(x0, volume, np.full(len(x0), material.density), params.spacing, pieces=pieces)
-    _tell_glued(body)
-    return body
-
-
-def _tell_glued(body: Body) -> None:
-    """Print where the grid joins parts through the air."""
-    joined = glued(body)
-    if joined.particles.mean() > 0.02:
-        print(
-            f"{100 * joined.particles.mean():.0f} % of the particles lie so near another part, {1e3 * joined.gap:.0f} mm away, that the grid joins the two as if"
-            f" they were glued: a spacing of {1e3 * joined.parting:.1f} mm parts them"
-        )
+    return Body(x0, volume, np.full(len(x0), material.density), params.spacing, pieces=pieces)
 
 
 def _shell(placed: PlacedObject, given: Path | None, material: Material, params: SampleParticles) -> Body:

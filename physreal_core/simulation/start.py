@@ -5,7 +5,8 @@ import torch
 
 from physreal_core.array_types import Array, Float, Int, Tensor
 from physreal_core.simulation.body import Body
-from physreal_core.simulation.lattice import STENCIL, Lattice, base_nodes, nodes_around
+from physreal_core.simulation.lattice import Lattice, base_nodes, nodes_around
+from physreal_core.simulation.limbs import STENCIL
 
 RIDGE = 0.1
 """How much the lumped average counts beside the fit: enough that a node of which particles tell little stays near it."""
@@ -37,7 +38,7 @@ class NodeStart:
         (W^T M W + RIDGE D) c = W^T M (v - W a) ,
 
     least squares of W u = v with a ridge, by a fixed number of steps of Chebyshev's iteration (Golub and Varga, Numer. Math. 3, 1961).
-    The map keeps linear momentum.
+    The map keeps linear momentum. Copies of a node (`Lattice.copies`) have the same velocity, and each of them the whole adjoint.
 
     Args:
         body: at rest.
@@ -47,14 +48,17 @@ class NodeStart:
 
     def __init__(self, body: Body, lattice: Lattice, dtype: torch.dtype, device: str) -> None:
         nodes, weights = stencils(lattice.place, lattice)
-        self._nodes = torch.as_tensor(nodes, device=device)
+        first = lattice.first_copy
+        self._nodes = torch.as_tensor(first[nodes], device=device)
+        self._first = torch.as_tensor(first, device=device)
+        self._counts = torch.as_tensor(first == np.arange(lattice.nodes), device=device)
         self._weights = torch.as_tensor(weights, dtype=dtype, device=device)[..., None]
         self._count = lattice.nodes
         # Torch adds up rows of another length in another order on a CPU, and one of many is to be one alone to the last digit.
         self._together = 1 if torch.device(device).type == "cpu" else max(1, LARGEST // (3 * nodes.size))
         self._mass = torch.as_tensor(body.mass, dtype=dtype, device=device)[:, None]
         lumped = self._to_nodes(self._mass)
-        self._affine = [_AffineField(body, lattice, k, self._mass) for k in range(len(lattice.shift))]
+        self._affine = [_AffineField(body, lattice, k, self._mass) for k in range(lattice.piece.max() + 1)]
         self._inverse = torch.where(lumped > 0, 1.0 / lumped.clamp(min=torch.finfo(dtype).tiny), 0.0)
 
     def nodes(self, velocity: Float[Tensor, "rollouts particles 3"]) -> Float[Tensor, "rollouts nodes 4"]:
@@ -66,10 +70,11 @@ class NodeStart:
                 field.give(v, u, own)
         solved = [self._solve(self._to_nodes(self._mass * _side_by_side(some))) for some in rest.split(self._together)]
         found[..., :3] += torch.cat([_apart(columns) for columns in solved])
-        return found
+        return found[:, self._first]
 
     def particles(self, nodes_bar: Float[Tensor, "rollouts nodes 4"]) -> Float[Tensor, "rollouts particles 3"]:
         """Adjoint of `nodes`."""
+        nodes_bar = torch.where(self._counts[:, None], nodes_bar, 0.0)
         solved = [self._solve(_side_by_side(some)) for some in nodes_bar[..., :3].split(self._together)]
         rest = torch.cat([_apart(self._mass * self._to_particles(columns)) for columns in solved])
         found = rest.clone()
@@ -124,7 +129,7 @@ class _AffineField:
 
     def __init__(self, body: Body, lattice: Lattice, piece: int, mass: Tensor) -> None:
         of, places = lattice.nodes_of_pieces()
-        own, nodes = np.flatnonzero(lattice.piece == piece), np.flatnonzero(of == piece)
+        own, nodes = np.flatnonzero(lattice.piece[lattice.limb] == piece), np.flatnonzero(of == piece)
         centre = np.average(body.x0[own], axis=0, weights=body.mass[own])
         self._particle_basis, self._node_basis = (
             torch.as_tensor(np.c_[np.ones(len(x)), (x - centre) / lattice.cell]).to(mass)

@@ -34,24 +34,24 @@ class Twin:
         mass = self.body.mass + self.added_mass
         self.mass, self.volume = self.summed(mass), self.summed(self.body.volume)
         start = NodeStart(self.body, self.lattice, torch.float64, "cpu").nodes(torch.tensor(self.v)[None])[0].numpy()
-        _, ny, nz = self.lattice.count
-        self.velocity = {node: start[(node[0] * ny + node[1]) * nz + node[2], :3].copy() for node in self.mass}
+        self.velocity = {node: start[node, :3].copy() for node in self.mass}
         self.radius = np.minimum(np.cbrt(self.body.volume) / 2, self.body.x0[:, 2])
 
-    def weights(self, p: int) -> list[tuple[tuple[int, int, int], float, np.ndarray]]:
-        """(node, weight, its gradient) of the 27 nodes around where particle p lies at rest."""
-        dx = self.body.cell
-        cells = (self.body.x0[p] - self.lattice.offset) / dx
+    def weights(self, p: int) -> list[tuple[int, float, np.ndarray]]:
+        """(node, weight, its gradient) of the 27 nodes around where particle p lies at rest; of copies of a node the first."""
+        dx, (_, ny, nz) = self.body.cell, self.lattice.count
+        cells = (self.lattice.place[p] - self.lattice.offset) / dx
         base = np.floor(cells - 0.5).astype(int)
         out = []
         for step in np.ndindex(3, 3, 3):
-            node = base + step
-            offset = cells - node
+            i, j, k = base + step
+            offset = cells - (i, j, k)
             distance = np.abs(offset)
             along = np.where(distance < 0.5, 0.75 - distance**2, 0.5 * (1.5 - distance) ** 2)
             slope = np.where(distance < 0.5, -2 * offset, -np.sign(offset) * (1.5 - distance)) / dx
             gradient = [np.prod([slope[a] if a == b else along[b] for b in range(3)]) for a in range(3)]
-            out.append((tuple(node), along.prod(), np.array(gradient)))
+            node = int(self.lattice.first_copy[(i * ny + j) * nz + k])
+            out.append((node, along.prod(), np.array(gradient)))
         return out
 
     def summed(self, values: np.ndarray) -> dict:

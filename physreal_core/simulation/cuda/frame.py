@@ -48,6 +48,8 @@ FRAME = Structure(
     const int* group  [particles] of each particle of a rollout
     const int* following  [particles] others that come after it in the group
     const int* lowest_node  [particles, 3] of its nodes, along x, y, z
+    const int* first_copy  [nodes] of each node, the first of those that stand for the same
+    const int* next_copy  [nodes] of each; -1: it is the last
     const int* parts_begin  [nodes + 1] of each node
     const int* parts_of  [] nodes, as places in `parts` of the first rollout
     const int* caller  [P] the caller's number of the particle within its rollout

@@ -24,10 +24,11 @@ class NodeOfRollout {
 
     Around<S> around() const { return {f_.around[2 * n_], f_.around[2 * n_ + 1]}; }
     bool held() const {
-        const Index k = own_ % f_.count[2], j = own_ / f_.count[2] % f_.count[1], i = own_ / (f_.count[1] * f_.count[2]);
         const Scene<S> scene = {
             {f_.offset[0], f_.offset[1], f_.offset[2]}, f_.cell, f_.clamps, f_.clamp_lower, f_.clamp_upper};
-        return scene.holds(i, j, k);
+        bool held = false;
+        for (int c = f_.first_copy[own_]; c >= 0; c = f_.next_copy[c]) held |= scene.holds(c, f_.count);
+        return held;
     }
     // Before a substep; before the first one the frame's.
     Vec4<S> velocity_before(int slot) const {
@@ -75,7 +76,7 @@ public:
             const S share = around().mass > f_.mass_floor ? 1 / around().mass : S(0);
             at(f_.carry) = {{bar[0], bar[1], bar[2], carried[3] + found.mass}};
             at(f_.node_bar) = {{share * bar[0], share * bar[1], share * bar[2], bar[3]}};
-            add_node_sums<INPUTS, TERMS>(f_, n_, friction_bar, bar);
+            if (f_.first_copy[own_] == own_) add_node_sums<INPUTS, TERMS>(f_, n_, friction_bar, bar);
         }
         if (leaving) at(f_.velocity) = velocity_before(slot);
     }

@@ -46,10 +46,27 @@ class Parts:
         heads = place % LARGEST_GROUP == 0
         group = np.cumsum(heads) - 1
         following = np.bincount(group)[group] - place % LARGEST_GROUP - 1
-        nodes = nodes_around(base[heads], lattice).ravel()
+        part, nodes = _given_to_copies(nodes_around(base[heads], lattice).ravel(), lattice)
         order = np.argsort(nodes, kind="stable")
         begin = np.searchsorted(nodes[order], np.arange(lattice.nodes + 1))
-        return cls(group, following, begin, order // 27, order % 27)
+        return cls(group, following, begin, part[order] // 27, part[order] % 27)
+
+
+def _given_to_copies(
+    nodes: Int[Array, " parts"], lattice: Lattice
+) -> tuple[Int[Array, " given"], Int[Array, " given"]]:
+    """Numbers of parts and the nodes that they are given to: the node of each, and with it all of its copies; of one node in the order of the
+    parts."""
+    first, following = lattice.first_copy[nodes], lattice.next_copy
+    part, given = np.arange(len(nodes)), [(np.arange(len(nodes)), first)]
+    while len(part):
+        part, node = given[-1]
+        more = following[node] >= 0
+        part, node = part[more], following[node[more]]
+        given.append((part, node))
+    part, node = (np.concatenate(columns) for columns in zip(*given, strict=True))
+    order = np.argsort(part, kind="stable")
+    return part[order], node[order]
 
 
 def threads_of(particles: int) -> int:

@@ -46,6 +46,7 @@ class VolumeModel(BodyModel):
         self.frame["threads"], self.frame["groups"] = threads_of(self.particles), parts.groups
         of_nodes = parts.which * self.rollouts * parts.groups + parts.of_nodes
         given = {"group": parts.group, "following": parts.following, "lowest_node": lowest.ravel()}
+        given |= {"first_copy": lattice.first_copy, "next_copy": lattice.next_copy}
         for name, values in (given | {"parts_begin": parts.begin, "parts_of": of_nodes}).items():
             self._give(name, torch.as_tensor(values.astype(np.int32), device=self.device))
         self._give("parts", self._zeros(27, self.rollouts * parts.groups, 4))

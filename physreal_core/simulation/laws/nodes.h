@@ -17,8 +17,9 @@ struct Scene {
     Index clamps;
     const S *clamp_lower, *clamp_upper;  // [clamps, 3]
 
-    bool holds(Index i, Index j, Index k) const {
-        const Index index[3] = {i, j, k};
+    // n: number of a node of the lattice, `count` along x, y, z.
+    bool holds(Index n, const Index* count) const {
+        const Index index[3] = {n / (count[1] * count[2]), n / count[2] % count[1], n % count[2]};
         for (Index c = 0; c < clamps; c++) {
             bool held = true;
             for (int d = 0; d < 3; d++) {

@@ -69,6 +69,7 @@ FRAME = Structure(
     Index keep_grids
     Index replay  whether the grids are there already
     Index count:3  of the nodes
+    Index tied  whether nodes have copies
     Index gripped
     Index bonds
     Index clamps
@@ -107,6 +108,8 @@ FRAME = Structure(
     S numbers:{NUMBERS.count}
     S remembered  share that a substep keeps of the mean rate of deformation, or of a shell's mean velocity
 
+    const int* first_copy  [nodes] of each node
+    const int* next_copy  [nodes] of each; -1: it is the last
     const int* order  [N] the caller's particle at each place, by cells
     const int* place  [N] place of the caller's particle
 

@@ -183,6 +183,9 @@ class NativeStepper:
         for name, array in (("order", order), ("place", np.argsort(order))):
             self._give(frames, name, torch.from_numpy(array.astype(np.int32)), shared=True)
         frames["offset"], frames["count"], frames["cell"] = lattice.offset, lattice.count, lattice.cell
+        frames["tied"] = len(lattice.copies) > 0
+        for name in ("first_copy", "next_copy"):
+            self._give(frames, name, torch.from_numpy(getattr(lattice, name).astype(np.int32)), shared=True)
         frames["mass_floor"] = torch.finfo(self.dtype).eps ** 2 * body.mass.min()
         frames["touching"], frames["touch_slope"] = TOUCHING, 1.0 / (NEARLY * body.spacing)
         frames["yield_address"] = _yield_address()

@@ -210,9 +210,9 @@ private:
         const Scene<S> scene = {
             {f.offset[0], f.offset[1], f.offset[2]}, f.cell, f.clamps, f.clamp_lower, f.clamp_upper};
         for (Index n = first_node_; n < last_node_; n++) {
-            const Index k = n % f.count[2], j = n / f.count[2] % f.count[1], i = n / (f.count[1] * f.count[2]);
             const Node<S> sum = summed(n);
-            const bool held = scene.holds(i, j, k);
+            bool held = false;
+            for_copies(n, [&](Index c) { held |= scene.holds(c, f.count); });
             f.around[2 * n] = held ? S(0) : sum[0];
             f.around[2 * n + 1] = sum[1];
             write(f.velocity + 4 * n, read<Node<S>>(f.nodes + 4 * n));
@@ -317,11 +317,22 @@ private:
     // Free velocities of a substep.
     S* kept(Index s) const { return frame_.free + 4 * s * box_.nodes(); }
 
-    // Sum of the threads' grids at a node.
+    // Calls use with a node, or with each of its copies, the first one first.
+    template <class Use>
+    void for_copies(Index n, Use use) const {
+        if (!frame_.tied) return use(n);
+        for (int c = frame_.first_copy[n]; c >= 0; c = frame_.next_copy[c]) use(c);
+    }
+    // Of all copies one counts.
+    bool counts(Index n) const { return !frame_.tied || frame_.first_copy[n] == n; }
+
+    // Sum of the threads' grids at a node and its copies.
     Node<S> summed(Index n) const {
-        Node<S> p = read<Node<S>>(frame_.scratch + 4 * n);
-        for (Index t = 1; t < frame_.threads; t++)
-            p += read<Node<S>>(frame_.scratch + 4 * (t * (box_.nodes() + 4) + n));
+        Node<S> p = {};
+        for_copies(n, [&](Index c) {
+            for (Index t = 0; t < frame_.threads; t++)
+                p += read<Node<S>>(frame_.scratch + 4 * (t * (box_.nodes() + 4) + c));
+        });
         return p;
     }
 
@@ -458,18 +469,19 @@ private:
     // the substep in frame.velocity.
     void update_nodes_adjoint(Index s) {
         const NodePhase<S> phase = node_phase();
-        FrictionBar<S> friction_bar = {};
+        FrictionBar<S> friction_bar = {}, of_copies = {};
         Node<S> gravity_bar = {};
         for (Index n = first_node_; n < last_node_; n++) {
             const Around<S> near = around(n);
             const Node<S> carried = read<Node<S>>(frame_.carry + 4 * n), before = velocity_after(phase, s - 1, n);
             const auto [bar, mass_bar] = phase.adjoint(before, read<Node<S>>(kept(s) + 4 * n), near,
-                                                       carried + summed(n), friction_bar);
+                                                       carried + summed(n), counts(n) ? friction_bar : of_copies);
             const S share = near.mass > frame_.mass_floor ? 1 / near.mass : S(0);
             write(frame_.carry + 4 * n, Node<S>{bar[0], bar[1], bar[2], carried[3] + mass_bar});
             write(frame_.node_bar + 4 * n, Node<S>{share * bar[0], share * bar[1], share * bar[2], bar[3]});
             write(frame_.velocity + 4 * n, before);
-            if constexpr (TERMS) gravity_bar += frame_.dt * bar;
+            if constexpr (TERMS)
+                if (counts(n)) gravity_bar += frame_.dt * bar;
         }
         S* sums = node_sums();
         sums[node_sum::friction_coefficient] += friction_bar.dynamic;

@@ -36,6 +36,13 @@ baseline leaves."""
 MINIMA = 2
 """Local minima on the grid of modulus and friction, from which a guessed model is fitted."""
 
+EARLY = 0.35
+"""Share of the training frames over which the grid is judged, too: a body that swings many times has a narrow minimum for each swing that it is
+ahead or behind, and over a few swings the right one is wide."""
+
+NEARER = tuple(1.2 ** (step / 6) for step in range(-5, 6))
+"""Factors on the modulus of a minimum on the grid, among which it is looked for again: its well may be narrower than the grid."""
+
 
 def fit_baseline(
     experiments: Sequence[Interaction], settings: GapSettings, progress: Progress = lambda message: None
@@ -151,9 +158,9 @@ def _from_a_guess(
 ) -> tuple[list[Fit], Data]:
     """Fits with one modulus for all patches, from the lowest minima on a grid of modulus and friction.
 
-    All training frames count from the start. Frames in which a grip presses say little about friction, and those in
-    which the body slides say little about the modulus, so the best fit to the first frames may lie in another minimum
-    than the best to all.
+    All training frames count. Frames in which a grip presses say little about friction, and those in which the body slides say little about the
+    modulus, so the best fit to the first frames may lie in another minimum than the best to all; but where the modulus has many, the first
+    frames tell which are worth a closer look.
     """
     slides = "friction_coefficient" in unknowns.scalars
     moduli, frictions = np.log(settings.scan), np.log(FRICTIONS) if slides else np.zeros(1)
@@ -163,20 +170,45 @@ def _from_a_guess(
     vectors[..., : unknowns.patches] += moduli[:, None, None]
     if slides:
         vectors[..., unknowns.place("friction_coefficient")] += frictions
-    data = Measurements.around(experiments, [unknowns.trial(start)], settings, reruns=False).train
-    residuals = data.residuals(data.predict([unknowns.trial(v) for v in vectors.reshape(-1, len(start))]))
-    energies = np.nan_to_num(0.5 * (residuals**2).sum(0), nan=np.inf).reshape(vectors.shape[:2])
-    minima = local_minima(energies)[:MINIMA]
-    if not minima:
+    horizons = [
+        Measurements.around(experiments, [unknowns.trial(start)], settings, share, reruns=False).train
+        for share in (1.0, EARLY)
+    ]
+    on_grid = _energies(vectors.reshape(-1, len(start)), unknowns, horizons)
+    places = (place for found in on_grid for place in local_minima(found.reshape(vectors.shape[:2]))[:MINIMA])
+    minima = np.array([vectors[place] for place in dict.fromkeys(places)])
+    if not len(minima):
         raise InputError(
             "no rollout ends",
             where="the guessed model",
             expected=f"one of moduli times {settings.scan} that can be simulated",
         )
-    data = Measurements.around(experiments, [unknowns.trial(vectors[minima[0]])], settings, reruns=False).train
+    nearest = _nearest(minima, unknowns, horizons[:1])[:MINIMA]
+    data = Measurements.around(experiments, [unknowns.trial(nearest[0])], settings, reruns=False).train
     without_contrast = unknowns.without_contrast()
-    starts = [vectors[place][None] for place in minima]
-    return together([fit(without_contrast, data, start, settings.settling) for start in starts]), data
+    return together([fit(without_contrast, data, own[None], settings.settling) for own in nearest]), data
+
+
+def _energies(
+    vectors: Float[Array, "starts unknowns"], unknowns: Unknowns, horizons: Sequence[Data]
+) -> list[Float[Array, " starts"]]:
+    """Energies [nat] of the same rollouts over some horizons, the longest first; infinite where one fails."""
+    predictions, found = horizons[0].predict([unknowns.trial(vector) for vector in vectors]), []
+    for data in horizons:
+        seen = [own[:, :frames] for own, frames in zip(predictions, data.frames, strict=True)]
+        found.append(np.nan_to_num(0.5 * (data.residuals(seen) ** 2).sum(0), nan=np.inf))
+    return found
+
+
+def _nearest(
+    minima: Float[Array, "minima unknowns"], unknowns: Unknowns, horizons: Sequence[Data]
+) -> Float[Array, "minima unknowns"]:
+    """Minima on the grid, each at the best modulus near it, the best one first."""
+    near = np.repeat(minima[:, None], len(NEARER), axis=1)
+    near[..., : unknowns.patches] += np.log(NEARER)[:, None]
+    (energies,) = _energies(near.reshape(-1, near.shape[-1]), unknowns, horizons)
+    energies = energies.reshape(near.shape[:2])
+    return near[np.arange(len(near)), energies.argmin(1)][np.argsort(energies.min(1), kind="stable")]
 
 
 def local_minima(energies: Float[Array, "moduli frictions"]) -> list[tuple[int, int]]:

@@ -41,10 +41,10 @@ FACTORS = tuple(2.0 ** (step / 2) for step in range(-3, 6))
 """Factors on the uniform baseline's modulus, among which a fit from a large amplitude looks for its start: up to that of a bar whose free end
 carries its own weight once more."""
 
-NEARER = (1 / 1.2, 1.0, 1.2)
+NEARER = tuple(1.06**step for step in range(-3, 4))
 """Factors on the modulus of the best of those, among which it looks again: a body that swings for seconds has narrow minima."""
 
-MODULI_WITHOUT = (1.0, 0.8, 0.86, 0.93, 1.08, 1.16, 1.25)
+MODULI_WITHOUT = tuple(1.03**step for step in (0, *range(-7, 0), *range(1, 8)))
 """Factors on the moduli beside an effect, at the best of which the baseline begins without it."""
 
 Values = dict[str, float]

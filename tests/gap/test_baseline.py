@@ -2,8 +2,11 @@
 
 import numpy as np
 
-from physreal_core.gap.fits.baseline import local_minima
+from physreal_core.gap.fits.baseline import _from_a_guess, local_minima
 from physreal_core.gap.fits.least_squares import Data, fit, together
+from physreal_core.gap.fits.unknowns import Priors, Unknowns
+from physreal_core.gap.settings import GapSettings
+from tests.gap import linear
 from tests.gap.linear import ANSWERS, LinearExperiment, baseline
 
 
@@ -25,3 +28,26 @@ def test_a_fit_that_cannot_begin_is_never_the_best():
     (failed,) = together([fit(whole.unknowns, data, whole.vector[None], 3)])
     assert failed.energy == np.inf and np.isfinite(failed.vector).all()
     assert min([whole, failed], key=lambda found: found.energy) is whole
+
+
+class Swinging(LinearExperiment):
+    """Twelve swings, faster by the root of the modulus: off by 9 % in that, the last one is half a swing late."""
+
+    def _one(self, trial):
+        modulus = float(trial.fields["youngs_modulus"].double().log().mean().exp())
+        phase = 24 * np.pi * np.sqrt(modulus / 1e5) * np.linspace(0, 1, linear.FRAMES)
+        return np.broadcast_to(self.points0, (linear.FRAMES, linear.TRACKS, 3)) + 0.02 * np.sin(phase)[:, None, None]
+
+
+def test_the_right_one_of_many_narrow_minima_is_found_between_the_moduli_of_the_grid(monkeypatch):
+    """The grid's steps are twice as wide as a well."""
+    for name, value in (("FRAMES", 120), ("TRAIN", 110)):
+        monkeypatch.setattr(linear, name, value)
+    experiment = Swinging({}, {})
+    settings = GapSettings(scan=tuple(0.95 * 1.2**step for step in range(-5, 6)), elastic_laws=())
+    unknowns = Unknowns(experiment.model.fields, (), Priors(), scalars=())
+    found, _ = _from_a_guess([experiment], unknowns, settings, lambda message: None)
+    best = min(found, key=lambda own: own.energy)
+    np.testing.assert_allclose(
+        np.exp(best.vector[: unknowns.patches]).prod() ** 0.5, 1e5 * np.sqrt(1.2 * 0.9), rtol=5e-3
+    )

@@ -9,7 +9,7 @@ import pytest
 from physreal_core.effects import EFFECTS
 from physreal_core.gap import GapSettings
 from physreal_core.gap.adding import EffectFits
-from physreal_core.gap.fits.candidate_fits import FEW, CandidateFits
+from physreal_core.gap.fits.candidate_fits import FEW, MODULI_WITHOUT, CandidateFits
 from physreal_core.gap.fits.least_squares import Data
 from physreal_core.gap.noise.model import ModelError
 from tests.gap.linear import ANSWERS, LinearExperiment, MadeUp, baseline, register
@@ -78,11 +78,11 @@ def test_the_baseline_is_fitted_from_the_material_of_an_answer():
 
 
 def test_the_baseline_begins_at_the_modulus_that_suits_it_without_the_effect():
-    """Beside an effect a modulus was 1.25 times too small; one of those tried gives that back before any step is taken."""
+    """Beside an effect a modulus was too small by one of the factors tried, which gives that back before any step is taken."""
     found = candidate_fits({})
     still = replace(found, settings=replace(SETTINGS, settling=0))
     off = found.baseline.vector.copy()
-    off[: found.baseline.unknowns.patches] -= np.log(1.25)
+    off[: found.baseline.unknowns.patches] -= np.log(max(MODULI_WITHOUT))
     (begun,) = still.without_effects([replace(found.baseline, vector=off)])
     np.testing.assert_allclose(begun.vector, found.baseline.vector)
 

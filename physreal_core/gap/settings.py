@@ -68,8 +68,8 @@ class GapSettings:
     priors: Priors = field(default_factory=Priors)
     prior_none: float = 0.5
     prior_pair: float = 0.1
-    temperature: float = 35.0
-    interval_scale: float = 2.2
+    temperature: float = 25.0
+    interval_scale: float = 2.6
     class_ratio: float = 0.1
     class_size: int = 3
     false_alarms: float = 0.05

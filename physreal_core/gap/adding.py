@@ -8,13 +8,14 @@ from functools import cached_property
 
 import numpy as np
 
+from physreal_core.effects import EFFECTS
 from physreal_core.gap.answers.answer import fitted_effects
 from physreal_core.gap.answers.disagreement import disagreements, held_out_gap
-from physreal_core.gap.fits.baseline import Progress, fit_baseline
+from physreal_core.gap.fits.baseline import Fields, Progress, fit_baseline
 from physreal_core.gap.fits.candidate_fits import CandidateFits
 from physreal_core.gap.fits.evidence import Evidences
 from physreal_core.gap.fits.finishing import Finish
-from physreal_core.gap.fits.least_squares import Fit
+from physreal_core.gap.fits.least_squares import Fit, fit, together
 from physreal_core.gap.fits.plans import share_a_term
 from physreal_core.gap.fits.screening import Score
 from physreal_core.gap.interactions.interaction import Interaction, Trial
@@ -34,7 +35,8 @@ def add_effect(
     """Add the named effects to the model, and show what they do to the gap.
 
     The models that show the gap are fitted to the training frames of one interaction, the most informative about the
-    effects. Its later frames and all other interactions are held out. The numbers that go into the model come from all
+    effects. Its later frames and all other interactions are held out: the fits begin where those to all interactions ended, so what is held out
+    chooses among minima, for the baseline as for the effects, and nothing else. The numbers that go into the model come from all
     interactions. Of a single interaction, both are the search's own fits.
 
     Args:
@@ -57,7 +59,9 @@ def add_effect(
     if len(experiments) == 1:
         trials = [baseline_of(report), *map(trial_of, answers)]
     else:
-        trials = _fitted_to(experiments[number], [answer.names for answer in answers], settings, progress)
+        alone = EffectFits.begin([experiments[number]], settings, progress, report.fields)
+        fits = [alone.baseline, *map(alone.from_answer, answers)]
+        trials = [found.unknowns.trial(found.vector) for found in fits]
     before, after, *others = (_shown(experiments, trial, number) for trial in trials)
     gap = held_out_gap(before), held_out_gap(after)
     adopted = bool(gap[1] < gap[0])
@@ -98,9 +102,24 @@ class EffectFits:
         return Evidences(self.measurements, self.settings)
 
     @classmethod
-    def begin(cls, experiments: Sequence[Interaction], settings: GapSettings, progress: Progress) -> EffectFits:
-        """Fit the baseline."""
-        return cls(experiments, settings, *fit_baseline(experiments, settings, progress))
+    def begin(
+        cls,
+        experiments: Sequence[Interaction],
+        settings: GapSettings,
+        progress: Progress,
+        begun: Fields | None = None,
+    ) -> EffectFits:
+        """Fit the baseline, from a material where one is given."""
+        return cls(experiments, settings, *fit_baseline(experiments, settings, progress, begun))
+
+    def from_answer(self, answer: Candidate) -> Fit:
+        """The fit with the effects of an answer to other interactions, from its numbers, beside its material or the baseline's."""
+        names = sorted(answer.names, key=list(EFFECTS).index)
+        unknowns = self.baseline.unknowns.beside(names, {effect.name: effect.values for effect in answer.effects})
+        starts = np.stack([unknowns.vector_of(answer.fields), unknowns.start()])
+        starts[1, : unknowns.baseline] = self.baseline.vector
+        data = self.measurements.train
+        return self.end_of(*together([fit(unknowns, data, starts, self.settings.settling, thorough=True)]))
 
     def with_effects(self, names: Sequence[str]) -> Fit:
         """The best fit with these effects, which are added in the order in which they help."""
@@ -155,15 +174,6 @@ def trial_of(answer: Candidate | Added) -> Trial:
 def baseline_of(report: GapReport) -> Trial:
     """The rollout of the baseline."""
     return Trial(report.fields, elastic_law=report.elastic_law)
-
-
-def _fitted_to(
-    experiment: Interaction, answers: Sequence[Sequence[str]], settings: GapSettings, progress: Progress
-) -> list[Trial]:
-    """The baseline, and every answer beside it, fitted to one interaction alone."""
-    alone = EffectFits.begin([experiment], settings, progress)
-    fits = [alone.baseline, *map(alone.with_effects, answers)]
-    return [found.unknowns.trial(found.vector) for found in fits]
 
 
 def _closed(before: float, after: float) -> float:

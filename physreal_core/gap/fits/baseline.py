@@ -2,11 +2,11 @@
 
 from __future__ import annotations
 
-from collections.abc import Callable, Sequence
+from collections.abc import Callable, Mapping, Sequence
 
 import numpy as np
 
-from physreal_core.array_types import Array, Float
+from physreal_core.array_types import Array, Float, Tensor
 from physreal_core.checkpoints import remembered
 from physreal_core.errors import InputError
 from physreal_core.gap.fits.evidence import Evidences
@@ -20,6 +20,9 @@ from physreal_core.gap.settings import GapSettings
 
 Progress = Callable[[str], None]
 """Called with a line of text now and then."""
+
+Fields = Mapping[str, Tensor]
+"""A material, as of `Model.fields`."""
 
 HORIZONS = (0.35, 0.65)
 """Shares of the training frames over which a fitted model is refitted first.
@@ -45,7 +48,10 @@ NEARER = tuple(1.2 ** (step / 6) for step in range(-5, 6))
 
 
 def fit_baseline(
-    experiments: Sequence[Interaction], settings: GapSettings, progress: Progress = lambda message: None
+    experiments: Sequence[Interaction],
+    settings: GapSettings,
+    progress: Progress = lambda message: None,
+    begun: Fields | None = None,
 ) -> tuple[Fit, Measurements]:
     """Fit the baseline to all interactions at once, and build the noise models around it.
 
@@ -54,6 +60,12 @@ def fit_baseline(
     there is one, the smooth model error stands for the reruns. Then they are built around the baseline under each elastic law that
     it does not rule out. Its own is the one that fits best.
 
+    Args:
+        experiments: the interactions.
+        settings: of the search.
+        progress: called with a line of text now and then.
+        begun: the material where the fit begins; by default it looks for a start. Priors stay centred on the model's.
+
     Raises:
         InputError: no start can be simulated, or the fitted model cannot be simulated to the last frame.
     """
@@ -61,9 +73,9 @@ def fit_baseline(
     unknowns = Unknowns(first.model.fields, (), settings.priors, scalars=unknown_scalars(first, settings))
     found = remembered(
         "baseline",
-        lambda: Trial(unknowns.fields).told(),
+        lambda: Trial(unknowns.fields if begun is None else begun).told(),
         {"vector": (len(unknowns),), "law": ()},
-        lambda: _without_reruns(experiments, unknowns, laws, settings, progress),
+        lambda: _without_reruns(experiments, unknowns, laws, settings, progress, begun),
     )
     start, unknowns = found["vector"], unknowns.under(laws[int(found["law"])])
     progress("baseline with the numerical error of reruns")
@@ -120,13 +132,17 @@ def _without_reruns(
     laws: Sequence[str],
     settings: GapSettings,
     progress: Progress,
+    begun: Fields | None,
 ) -> dict[str, Array]:
     """Where the fit of the baseline starts once the simulator's numerical error is known, and the number of its elastic law.
 
     A guessed model starts with one modulus for all patches: how far they may part is only known with the size of the error.
     """
-    begin = _from_a_guess if len(settings.scan) > 1 else _from_a_fit
-    found, data = begin(experiments, unknowns, settings, progress)
+    if begun is None:
+        begin = _from_a_guess if len(settings.scan) > 1 else _from_a_fit
+        found, data = begin(experiments, unknowns, settings, progress)
+    else:
+        found, data = _from_there(experiments, unknowns, settings, begun)
     own = min(found, key=lambda fit: fit.energy)
     if len(laws) > 1:
         progress("baseline under " + ", ".join(laws))
@@ -151,6 +167,16 @@ def _from_a_fit(
     progress("baseline with contrast between its patches")
     parted = fit(unknowns, data, uniform[None], settings.settling, [found[1].jacobian])
     return [found[0], *together([parted])], data
+
+
+def _from_there(
+    experiments: Sequence[Interaction], unknowns: Unknowns, settings: GapSettings, begun: Fields
+) -> tuple[list[Fit], Data]:
+    """The fit that begins at a material, or at one modulus for all of its patches, whichever is better."""
+    start = unknowns.vector_of(begun)
+    data = Measurements.around(experiments, [unknowns.trial(start)], settings, reruns=False).train
+    starts = np.stack([start, unknowns.with_uniform_modulus(start)])
+    return together([fit(unknowns, data, starts, settings.settling)]), data
 
 
 def _from_a_guess(

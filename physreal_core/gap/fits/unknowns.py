@@ -7,7 +7,7 @@ factor).
 
 from __future__ import annotations
 
-from collections.abc import Sequence
+from collections.abc import Mapping, Sequence
 from dataclasses import dataclass, replace
 
 import numpy as np
@@ -193,6 +193,12 @@ class Unknowns:
         vector = self.block.mean.copy()
         vector[: self.patches] = self.fields["youngs_modulus"].log().numpy()
         return self.with_effects(vector, self.at)
+
+    def vector_of(self, fields: Mapping[str, Tensor]) -> Float[Array, " unknowns"]:
+        """The vector of another material, with every effect as `at` says; within the bounds."""
+        there = Unknowns(dict(fields), (), self.priors, scalars=self.scalars).start()
+        vector = np.concatenate([there, self.start()[self.baseline :]])
+        return np.clip(vector, self.block.lower, self.block.upper)
 
     def without_contrast(self) -> Unknowns:
         """The same unknowns under a prior that admits one modulus for all patches only."""

@@ -168,7 +168,7 @@ class _Groups:
 def _numbered(rows: Int[Array, "rows columns"]) -> Int[Array, " rows"]:
     """Equal rows have equal numbers, from 0, in the order of the rows."""
     key = np.zeros(len(rows), dtype=np.int64)
-    for column in rows.T:
+    for column in rows.T if len(rows) else ():
         key = key * (int(np.ptp(column)) + 1) + column - column.min()
     return np.unique(key, return_inverse=True)[1].ravel()
 

@@ -76,6 +76,10 @@ def test_places_and_weights_are_those_in_the_body():
     np.testing.assert_allclose(places, places[lattice.first_copy], atol=1e-12)
 
 
+def test_particles_that_share_all_their_nodes_are_one_limb():
+    assert lattice_of(block((1, 1, 1), H), ()).limb.max() == 0 == lattice_of(block((2, 2, 2), H), ()).limb.max()
+
+
 def test_a_corner_that_a_node_sees_a_little_of_is_no_limb():
     """Single particles on a face are less than eight, and joined with the face beside the node."""
     studs = body(lambda x, y, z: (z < 3) | ((x % 4 == 0) & (y % 4 == 0)))

@@ -93,3 +93,28 @@ def assert_adjoints_agree(results: dict[str, tuple[float, float]]) -> None:
     for name, (adjoint, difference) in results.items():
         assert difference != 0, f"{name} has no effect in this scene"
         assert adjoint == pytest.approx(difference, rel=1e-5), name
+
+
+def numbers_of_every_kind(own: Body, points: np.ndarray) -> tuple[Parameters, torch.Tensor]:
+    """Numbers of every kind, and a hand's path."""
+    count, rng = len(own.x0), np.random.default_rng(0)
+    numbers = Parameters(
+        torch.tensor(5e4 * (1 + 0.2 * rng.random(count))),
+        torch.tensor(0.3 + 0.05 * rng.random(count)),
+        torch.tensor(0.3, dtype=torch.float64),
+        grip_stiffness=torch.tensor(1.5, dtype=torch.float64),
+        grip_damping=torch.tensor(0.01, dtype=torch.float64),
+        initial_velocity=torch.tensor([0.5, 0.2, -0.3] + 0.2 * rng.normal(size=(count, 3))),
+        gravity=torch.tensor([0.5, 0.0, -9.0], dtype=torch.float64),
+        density=torch.tensor(300.0 * (1 + 0.2 * rng.random(count))),
+    )
+    return numbers, torch.tensor(points)[None] + torch.linspace(0, 0.01, 4, dtype=torch.float64)[:, None, None]
+
+
+STEPS_OF_NUMBERS = {
+    "youngs_modulus": 1e-1,
+    "poissons_ratio": 1e-6,
+    "friction_coefficient": 1e-5,
+    "grip_stiffness": 1e-5,
+}
+STEPS_OF_NUMBERS |= {"grip_damping": 1e-7, "initial_velocity": 1e-6, "gravity": 1e-5, "density": 1e-4}

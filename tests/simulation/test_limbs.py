@@ -10,7 +10,15 @@ from physreal_core.simulation import Body, Clamp, Parameters, SimulationConfig, 
 from physreal_core.simulation.lattice import base_nodes, lattice_of, nodes_around
 from physreal_core.simulation.start import NodeStart, stencils
 from tests.simulation.numpy_twin import Twin
-from tests.simulation.scenes import assert_adjoints_agree, block, directional_errors, random_loss, two_point_grip
+from tests.simulation.scenes import (
+    STEPS_OF_NUMBERS,
+    assert_adjoints_agree,
+    block,
+    directional_errors,
+    numbers_of_every_kind,
+    random_loss,
+    two_point_grip,
+)
 
 H = 0.01
 NO_POINTS = torch.zeros(4, 0, 3)
@@ -110,32 +118,14 @@ def test_which_limb_a_particle_is_of_changes_nothing(form, monkeypatch, clamps):
     torch.testing.assert_close(dealt.F, alone.F, rtol=0, atol=1e-10)
 
 
-def given(own: Body, points: np.ndarray) -> tuple[Parameters, torch.Tensor]:
-    """Numbers of every kind, and a hand's path."""
-    count, rng = len(own.x0), np.random.default_rng(0)
-    numbers = Parameters(
-        torch.tensor(5e4 * (1 + 0.2 * rng.random(count))),
-        torch.tensor(0.3 + 0.05 * rng.random(count)),
-        torch.tensor(0.3, dtype=torch.float64),
-        grip_stiffness=torch.tensor(1.5, dtype=torch.float64),
-        grip_damping=torch.tensor(0.01, dtype=torch.float64),
-        initial_velocity=torch.tensor([0.5, 0.2, -0.3] + 0.2 * rng.normal(size=(count, 3))),
-        gravity=torch.tensor([0.5, 0.0, -9.0], dtype=torch.float64),
-        density=torch.tensor(300.0 * (1 + 0.2 * rng.random(count))),
-    )
-    return numbers, torch.tensor(points)[None] + torch.linspace(0, 0.01, 4, dtype=torch.float64)[:, None, None]
-
-
-STEPS = {"youngs_modulus": 1e-1, "poissons_ratio": 1e-6, "friction_coefficient": 1e-5, "grip_stiffness": 1e-5}
-STEPS |= {"grip_damping": 1e-7, "initial_velocity": 1e-6, "gravity": 1e-5, "density": 1e-4}
-
-
 def test_every_parameter_has_its_gradient(form):
     own = body(lambda x, y, z: (x < 3) | (y < 3) | (y >= 4), (7, 7, 3))
     assert len(lattice_of(own, ()).copies)
     points = own.x0[[0, 24]] + [0.001, 0.0, 0.05]
     simulator = Simulator(own, dataclasses.replace(SCENE, ground_height=-0.001), two_point_grip(own, points, 30))
-    assert_adjoints_agree(directional_errors(simulator, *given(own, points), random_loss([1, 2, 3]), STEPS))
+    assert_adjoints_agree(
+        directional_errors(simulator, *numbers_of_every_kind(own, points), random_loss([1, 2, 3]), STEPS_OF_NUMBERS)
+    )
 
 
 def test_gradients_do_not_depend_on_the_limbs(form, monkeypatch):
@@ -143,8 +133,8 @@ def test_gradients_do_not_depend_on_the_limbs(form, monkeypatch):
     points = own.x0[[0, 24]] + [0.001, 0.0, 0.05]
     found = []
     for _ in range(2):
-        numbers, path = given(own, points)
-        leaves = {name: getattr(numbers, name).requires_grad_() for name in STEPS}
+        numbers, path = numbers_of_every_kind(own, points)
+        leaves = {name: getattr(numbers, name).requires_grad_() for name in STEPS_OF_NUMBERS}
         simulator = Simulator(own, SCENE, two_point_grip(own, points, 30))
         random_loss([1, 2, 3])(simulator.rollout(numbers, path)).backward()
         found.append({name: leaf.grad for name, leaf in leaves.items()})

@@ -11,7 +11,15 @@ from physreal_core.simulation import Body, Clamp, Parameters, SimulationConfig, 
 from physreal_core.simulation.lattice import base_nodes, lattice_of, nodes_around
 from physreal_core.simulation.pieces import one_particle_thick, pieces_of
 from physreal_core.simulation.start import NodeStart, stencils
-from tests.simulation.scenes import assert_adjoints_agree, block, directional_errors, random_loss, two_point_grip
+from tests.simulation.scenes import (
+    STEPS_OF_NUMBERS,
+    assert_adjoints_agree,
+    block,
+    directional_errors,
+    numbers_of_every_kind,
+    random_loss,
+    two_point_grip,
+)
 
 H = 0.008
 NO_POINTS = torch.zeros(4, 0, 3)
@@ -70,22 +78,8 @@ def test_every_parameter_has_its_gradient(form):
     points = body.x0[[0, 24]] + [0.001, 0.0, 0.05]
     config = SimulationConfig(fps=60, dtype="float64", ground_height=0.049, terms=("gravity", "density"))
     simulator = Simulator(body, config, two_point_grip(body, points, 30))
-    count = len(body.x0)
-    rng = np.random.default_rng(0)
-    given = Parameters(
-        torch.tensor(5e4 * (1 + 0.2 * rng.random(count))),
-        torch.tensor(0.3 + 0.05 * rng.random(count)),
-        torch.tensor(0.3, dtype=torch.float64),
-        grip_stiffness=torch.tensor(1.5, dtype=torch.float64),
-        grip_damping=torch.tensor(0.01, dtype=torch.float64),
-        initial_velocity=torch.tensor([0.5, 0.2, -0.3] + 0.2 * rng.normal(size=(count, 3))),
-        gravity=torch.tensor([0.5, 0.0, -9.0], dtype=torch.float64),
-        density=torch.tensor(300.0 * (1 + 0.2 * rng.random(count))),
-    )
-    steps = {"youngs_modulus": 1e-1, "poissons_ratio": 1e-6, "friction_coefficient": 1e-5, "grip_stiffness": 1e-5}
-    steps |= {"grip_damping": 1e-7, "initial_velocity": 1e-6, "gravity": 1e-5, "density": 1e-4}
-    controllers = torch.tensor(points)[None] + torch.linspace(0, 0.01, 4, dtype=torch.float64)[:, None, None]
-    assert_adjoints_agree(directional_errors(simulator, given, controllers, random_loss([1, 2, 3]), steps))
+    given, controllers = numbers_of_every_kind(body, points)
+    assert_adjoints_agree(directional_errors(simulator, given, controllers, random_loss([1, 2, 3]), STEPS_OF_NUMBERS))
 
 
 def test_a_batch_of_pieces_is_single_rollouts(form):

@@ -230,8 +230,7 @@ def _nearest(
     minima: Float[Array, "minima unknowns"], unknowns: Unknowns, horizons: Sequence[Data]
 ) -> Float[Array, "minima unknowns"]:
     """Minima on the grid, each at the best modulus near it, the best one first."""
-    near = np.repeat(minima[:, None], len(NEARER), axis=1)
-    near[..., : unknowns.patches] += np.log(NEARER)[:, None]
+    near = np.stack([unknowns.with_moduli(own, NEARER) for own in minima])
     (energies,) = _energies(near.reshape(-1, near.shape[-1]), unknowns, horizons)
     energies = energies.reshape(near.shape[:2])
     return near[np.arange(len(near)), energies.argmin(1)][np.argsort(energies.min(1), kind="stable")]

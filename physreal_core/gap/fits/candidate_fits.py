@@ -173,9 +173,7 @@ class CandidateFits:
         requests = []
         for found in fits:
             unknowns = self.baseline.unknowns.under(found.unknowns.elastic_law)
-            starts = np.tile(found.vector[:size], (len(MODULI_WITHOUT), 1))
-            starts[:, : unknowns.patches] += np.log(MODULI_WITHOUT)[:, None]
-            starts = np.clip(starts, unknowns.block.lower, unknowns.block.upper)
+            starts = unknowns.with_moduli(found.vector[:size], MODULI_WITHOUT)
             requests.append(fit(unknowns, self.data, starts, steps, [found.jacobian[:, :size]] * len(starts)))
         return [found for found in together(requests) if np.isfinite(found.energy)]
 
@@ -253,9 +251,7 @@ class CandidateFits:
     def _with_moduli_near(start: Begun) -> list[Begun]:
         """A start with its modulus and some near it."""
         unknowns, vector, known = start
-        moved = np.tile(vector, (len(NEARER), 1))
-        moved[:, : unknowns.patches] += np.log(NEARER)[:, None]
-        return [(unknowns, v, known) for v in np.clip(moved, unknowns.block.lower, unknowns.block.upper)]
+        return [(unknowns, moved, known) for moved in unknowns.with_moduli(vector, NEARER)]
 
     def _begun(self, start: Begun) -> Request:
         """The fit from a start, in quick rollouts."""

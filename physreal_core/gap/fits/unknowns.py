@@ -224,6 +224,14 @@ class Unknowns:
         vector[: self.patches] = vector[: self.patches].mean()
         return vector
 
+    def with_moduli(
+        self, vector: Float[Array, " unknowns"], factors: Sequence[float]
+    ) -> Float[Array, "factors unknowns"]:
+        """The vector with all moduli times each of some factors, within the bounds."""
+        found = np.tile(vector, (len(factors), 1))
+        found[:, : self.patches] += np.log(factors)[:, None]
+        return np.clip(found, self.block.lower, self.block.upper)
+
     def with_effects(self, vector: Float[Array, " unknowns"], values: EffectValues) -> Float[Array, " unknowns"]:
         """The vector with these coefficients [SI] put in."""
         vector = vector.copy()

@@ -8,7 +8,7 @@ import pytest
 from physreal_core.gap.answers.answer import NINETY, fitted_effects
 from physreal_core.gap.fits import least_squares
 from physreal_core.gap.fits.evidence import Evidence
-from physreal_core.gap.fits.least_squares import Data, Fit, fit, together
+from physreal_core.gap.fits.least_squares import Answered, Asked, Data, Fit, fit, together
 from physreal_core.gap.fits.linear_starts import linear_starts
 from physreal_core.gap.fits.screening import Screen, project_out
 from physreal_core.gap.fits.unknowns import Priors, Unknowns
@@ -49,12 +49,14 @@ def test_fit_reaches_the_closed_form_of_a_linear_problem():
 
 def rollouts(request, data, failing=()) -> tuple[list[int], Fit]:
     """How many trials a fit asks for, round by round, where the rollouts of some rounds fail; and where it ends."""
-    sizes, trials = [], next(request.steps)
+    sizes, asked = [], next(request.steps)
     while True:
-        answers = [np.full_like(p, np.nan) if len(sizes) in failing else p for p in data.predict(trials)]
-        sizes.append(len(trials))
+        (answered,) = data.answer([asked])
+        if len(sizes) in failing:
+            answered = Answered(*([np.full_like(p, np.nan) for p in own] for own in (answered.trials, answered.around)))
+        sizes.append(len(asked.trials) + len(asked.around))
         try:
-            trials = request.steps.send(answers)
+            asked = request.steps.send(answered)
         except StopIteration as done:
             return sizes, done.value
 
@@ -69,6 +71,54 @@ def test_a_step_that_failed_mends_old_tangents_and_a_second_one_has_them_taken_a
     sizes, found = rollouts(fit(unknowns, data, start[None], 8, [base.jacobian]), data, failing=(1, 2))
     assert sizes[:4] == [1, 1, 1, len(start)] and set(sizes[4:]) == {1}
     assert found.energy == pytest.approx(base.energy, abs=0.3)
+
+
+class Rough(LinearExperiment):
+    """The same world seen askew: every prediction is off by a constant, and answers by a factor. It counts its rollouts."""
+
+    def __init__(self, full: LinearExperiment, factor: float) -> None:
+        self.__dict__ |= vars(full)
+        self.factor, self.rollouts = factor, 0
+
+    def predict(self, trials, frames=None, discretisation=None) -> np.ndarray:
+        self.rollouts += len(trials)
+        found = super().predict(trials, frames, discretisation)
+        return 0.05 + self.points0 + self.factor * (found - self.points0)
+
+
+def in_two_forms(factor: float) -> tuple[LinearExperiment, Data, Data, Rough]:
+    experiment, full = scene({"sink": {"amount": 0.8}})
+    rough = Rough(experiment, factor)
+    return experiment, full, Data([experiment], full.noises, [rough]), rough
+
+
+@pytest.mark.parametrize("factor", [1.15, 0.85])
+def test_tangents_of_quick_rollouts_lead_to_the_minimum_of_full_ones(factor):
+    experiment, full, data, rough = in_two_forms(factor)
+    base, quick = baseline(experiment, full), baseline(experiment, data)
+    assert quick.energy == pytest.approx(base.energy, abs=0.5)
+    _, found = with_effect("sink", base, full)
+    rough.rollouts = 0
+    _, quickly = with_effect("sink", base, data)
+    assert quickly.energy == pytest.approx(found.energy, abs=0.5) and rough.rollouts > 0
+    assert quickly.vector == pytest.approx(found.vector, abs=0.02)
+
+
+def test_where_quick_tangents_lead_nowhere_full_ones_are_taken():
+    experiment, full, data, _ = in_two_forms(-1.0)
+    assert baseline(experiment, data, 12).energy == pytest.approx(baseline(experiment, full).energy, abs=0.5)
+
+
+def test_trials_in_two_forms_are_answered_in_the_order_in_which_they_were_asked_for():
+    experiment, full, data, _ = in_two_forms(1.0)
+    unknowns = baseline(experiment, full).unknowns
+    trials = [unknowns.trial(unknowns.start() + 0.1 * step) for step in range(5)]
+    asked = [Asked(trials[:1], trials[3:]), Asked(trials[1:3]), Asked()]
+    for own, answered in zip(asked, data.answer(asked), strict=True):
+        for trials, (found,), shift in ((own.trials, answered.trials, 0.0), (own.around, answered.around, 0.05)):
+            assert len(found) == len(trials)
+            if trials:
+                np.testing.assert_allclose(found, experiment.predict(trials)[:, : data.frames[0]] + shift)
 
 
 @pytest.mark.parametrize("thorough", [False, True])

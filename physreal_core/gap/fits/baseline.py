@@ -15,6 +15,7 @@ from physreal_core.gap.fits.least_squares import Data, Fit, fit, together
 from physreal_core.gap.fits.unknowns import Unknowns
 from physreal_core.gap.fits.whitening import rewhitened
 from physreal_core.gap.interactions.interaction import Interaction, Trial
+from physreal_core.gap.interactions.quick import quick_around
 from physreal_core.gap.noise.measurements import Measurements, possible_laws
 from physreal_core.gap.settings import GapSettings
 
@@ -79,12 +80,14 @@ def fit_baseline(
     )
     start, unknowns = found["vector"], unknowns.under(laws[int(found["law"])])
     progress("baseline with the numerical error of reruns")
-    rough = Measurements.around(experiments, [unknowns.trial(start)], settings)
+    quick = quick_around(experiments, unknowns.trial(start), settings.coarsening)
+    rough = Measurements.around(experiments, [unknowns.trial(start)], settings, quick=quick)
     (begun,) = together([fit(unknowns, rough.train, start[None], 0)])
     known, under = _gone_on(begun, rough, laws, settings, thorough=False)
     converged = min(under, key=lambda fit: fit.energy)
     near = [found for found in under if found.energy - converged.energy < RULED_OUT]
-    measurements = Measurements.around(experiments, [found.unknowns.trial(found.vector) for found in near], settings)
+    trials = [found.unknowns.trial(found.vector) for found in near]
+    measurements = Measurements.around(experiments, trials, settings, quick=quick, known=rough)
     measurements = measurements.beside_error(known.size)
     converged = rewhitened(converged, known.train, measurements.train)
     for _ in range(ROUNDS):
@@ -158,9 +161,10 @@ def _from_a_fit(
     """Refits of a fitted model over a growing horizon, from its own patches and from one modulus for all."""
     free, uniform = unknowns.start(), unknowns.with_uniform_modulus(unknowns.start())
     without_contrast = unknowns.without_contrast()
+    quick = quick_around(experiments, unknowns.trial(free), settings.coarsening)
     for share in (*HORIZONS, 1.0):
         progress(f"baseline over {100 * share:.0f} % of the training frames")
-        data = Measurements.around(experiments, [unknowns.trial(free)], settings, share, reruns=False).train
+        data = Measurements.around(experiments, [unknowns.trial(free)], settings, share, False, quick).train
         pair = (unknowns, free), (without_contrast, uniform)
         found = together([fit(u, data, v[None], settings.baseline_iterations) for u, v in pair])
         free, uniform = (fit.vector for fit in found)
@@ -174,7 +178,8 @@ def _from_there(
 ) -> tuple[list[Fit], Data]:
     """The fit that begins at a material, or at one modulus for all of its patches, whichever is better."""
     start = unknowns.vector_of(begun)
-    data = Measurements.around(experiments, [unknowns.trial(start)], settings, reruns=False).train
+    quick = quick_around(experiments, unknowns.trial(start), settings.coarsening)
+    data = Measurements.around(experiments, [unknowns.trial(start)], settings, reruns=False, quick=quick).train
     starts = np.stack([start, unknowns.with_uniform_modulus(start)])
     return together([fit(unknowns, data, starts, settings.settling)]), data
 
@@ -210,7 +215,9 @@ def _from_a_guess(
             expected=f"one of moduli times {settings.scan} that can be simulated",
         )
     nearest = _nearest(minima, unknowns, horizons[:1])[:MINIMA]
-    data = Measurements.around(experiments, [unknowns.trial(nearest[0])], settings, reruns=False).train
+    trial = unknowns.trial(nearest[0])
+    quick = quick_around(experiments, trial, settings.coarsening)
+    data = Measurements.around(experiments, [trial], settings, reruns=False, quick=quick).train
     without_contrast = unknowns.without_contrast()
     return together([fit(without_contrast, data, own[None], settings.settling) for own in nearest]), data
 

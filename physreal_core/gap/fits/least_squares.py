@@ -1,9 +1,10 @@
 """Regularised nonlinear least squares on whitened residuals, with the rollouts of many fits in one batch.
 
-A fit is a generator: it yields the trials that it needs and is sent their predictions, one array per interaction. The
-method is Levenberg-Marquardt. Tangents of the effects' coefficients are secants; those of the baseline, which change
+A fit is a generator: it yields the trials that it needs and is sent their predictions. The method is
+Levenberg-Marquardt. Tangents of the effects' coefficients are secants; those of the baseline, which change
 little, follow Broyden's update. As in Powell's hybrid method (1970), a failed step updates them too, and only a second
-failure in a row renews them all.
+failure in a row renews them all. Secants come from cheaper rollouts where the data have some: what a fit gains is measured
+in full ones, and a tangent that is off by a few percent only makes its steps a little longer or shorter.
 """
 
 from __future__ import annotations
@@ -12,6 +13,7 @@ from collections.abc import Generator, Sequence
 from dataclasses import dataclass, replace
 from functools import partial
 from itertools import pairwise
+from typing import Any
 
 import numpy as np
 from scipy.special import log_ndtr
@@ -25,7 +27,7 @@ from physreal_core.gap.noise.model import Noise
 
 Predictions = list[Array]
 """Tracks under R trials [m], one array of shape [R, T, J, 3] per interaction."""
-Steps = Generator[list[Trial], Predictions, "Fit"]
+Steps = Generator["Asked", "Answered", "Fit"]
 
 LONGEST_BASELINE, LONGEST_EFFECT = 0.5, 1.5  # steps of the unknowns, in their coordinates
 DAMPING = 0.3  # least damping after a failed step; then ten times as much
@@ -35,13 +37,38 @@ WORTH_RENEWING = 5.0  # [nat] expected of a step, or gained since, below which n
 
 
 @dataclass(frozen=True)
+class Asked:
+    """Trials that a fit needs next.
+
+    Args:
+        trials: whose tracks are compared with the measurement.
+        around: those of which only differences from the first matter.
+    """
+
+    trials: Sequence[Trial] = ()
+    around: Sequence[Trial] = ()
+
+    def told(self) -> list[Any]:
+        """All of it as plain values and arrays, for the name of a checkpoint."""
+        return [len(self.trials), *(value for trial in (*self.trials, *self.around) for value in trial.told())]
+
+
+@dataclass(frozen=True)
+class Answered:
+    """What the trials of an `Asked` predict."""
+
+    trials: Predictions
+    around: Predictions
+
+
+@dataclass(frozen=True)
 class Request:
     """A fit that is to be made.
 
     Args:
         unknowns: what is fitted.
         data: what it is fitted to.
-        steps: yields trials, is sent their predictions, and returns the fit.
+        steps: yields what it needs, is sent the answers, and returns the fit.
     """
 
     unknowns: Unknowns
@@ -117,13 +144,20 @@ class Data:
     Args:
         experiments: the interactions.
         noises: a noise model of each.
+        quick: forms of the interactions whose rollouts cost less and differ from one another as the full ones do, for tangents; None: the
+            full ones.
 
     Attributes:
         frames: number of frames of each interaction.
     """
 
-    def __init__(self, experiments: Sequence[Interaction], noises: Sequence[Noise]) -> None:
-        self.experiments, self.noises = list(experiments), list(noises)
+    def __init__(
+        self,
+        experiments: Sequence[Interaction],
+        noises: Sequence[Noise],
+        quick: Sequence[Interaction] | None = None,
+    ) -> None:
+        self.experiments, self.noises, self.quick = list(experiments), list(noises), quick
         self.frames = [noise.frames for noise in noises]
 
     def rows(self) -> list[slice]:
@@ -133,8 +167,31 @@ class Data:
 
     def predict(self, trials: Sequence[Trial]) -> Predictions:
         """Tracks under some trials [m], over these frames."""
-        pairs = zip(self.experiments, self.frames, strict=True)
-        return side_by_side([partial(e.predict, trials, frames) for e, frames in pairs], self.experiments[0].device)
+        return self._predicted([(self.experiments, trials)])[0]
+
+    def answer(self, asked: Sequence[Asked]) -> list[Answered]:
+        """What several fits need, in one batch per interaction and form."""
+        trials, around = [t for own in asked for t in own.trials], [t for own in asked for t in own.around]
+        if self.quick is None:
+            (both,) = self._predicted([(self.experiments, [*trials, *around])])
+            found = [p[: len(trials)] for p in both], [p[len(trials) :] for p in both]
+        else:
+            found = self._predicted([(self.experiments, trials), (self.quick, around)])
+        ends = np.cumsum([[0, 0], *((len(own.trials), len(own.around)) for own in asked)], axis=0).tolist()
+        return [
+            Answered(*([p[first:end] for p in part] for part, first, end in zip(found, before, after, strict=True)))
+            for before, after in pairwise(ends)
+        ]
+
+    def _predicted(self, asked: Sequence[tuple[Sequence[Interaction], Sequence[Trial]]]) -> list[Predictions]:
+        """Tracks of trials in some forms of the interactions [m], over these frames."""
+        calls = [
+            partial(_tracks, own, trials, frames)
+            for forms, trials in asked
+            for own, frames in zip(forms, self.frames, strict=True)
+        ]
+        found, count = side_by_side(calls, self.experiments[0].device), len(self.frames)
+        return [found[first : first + count] for first in range(0, len(found), count)]
 
     def residuals(self, predictions: Predictions) -> Float[Array, "entries trials"]:
         """Whitened predictions - measurements, one column per trial; not a number where a trial failed."""
@@ -148,6 +205,12 @@ class Data:
         """Whitened differences between predictions and a reference, which has one array [T, J, 3] per interaction."""
         parts = [n.whiten(p - r) for n, p, r in zip(self.noises, predictions, reference, strict=True)]
         return np.concatenate(parts)
+
+
+def _tracks(experiment: Interaction, trials: Sequence[Trial], frames: int) -> Float[Array, "trials frames tracks 3"]:
+    if not trials:
+        return np.zeros((0, frames, *experiment.points0.shape))
+    return experiment.predict(trials, frames)
 
 
 def tangents(
@@ -198,11 +261,11 @@ def fit(
 
 def _steps(
     unknowns: Unknowns, data: Data, starts: Array, iterations: int, jacobians: Sequence[Array], thorough: bool
-) -> Generator[list[Trial], Predictions, Fit]:
+) -> Steps:
     best = 0
     if len(starts) > 1:
-        predictions = yield [unknowns.trial(vector) for vector in starts]
-        residuals = data.residuals(predictions).T
+        answered = yield Asked([unknowns.trial(vector) for vector in starts])
+        residuals = data.residuals(answered.trials).T
         best = int(np.argmin([energy_of(unknowns, *pair) for pair in zip(starts, residuals, strict=True)]))
     found = yield from _begun(unknowns, data, starts[best], jacobians[best] if len(jacobians) else None)
     if not np.isfinite(found.energy):  # the rollout failed: there is no way from here
@@ -236,24 +299,23 @@ def _steps(
             damping = max(damping, DAMPING)
         elif damping <= 1.0:
             damping = max(10.0 * damping, DAMPING)
-        elif effects and share == 1.0:  # at the onset of a contact, long secants are no tangents
+        elif share == 1.0 and (effects or data.quick is not None):  # long secants, or quick ones, are no tangents here
             share, damping = FINE, 0.0
-            found = yield from _renewed(found, effects, share, data)
+            found = yield from _renewed(found, effects or everything, share, data)
         else:
             break
     return found
 
 
-def _begun(
-    unknowns: Unknowns, data: Data, start: Array, known: Array | None
-) -> Generator[list[Trial], Predictions, Fit]:
+def _begun(unknowns: Unknowns, data: Data, start: Array, known: Array | None) -> Steps:
     """A fit before its first step, with tangents at the start; those of the first unknowns may be known already."""
     fresh = range(0 if known is None else known.shape[1], len(unknowns))
     trials, steps = tangents(unknowns, start, fresh)
-    predictions = yield [unknowns.trial(start), *trials]
-    now = [p[0] for p in predictions]
-    residual = data.residuals([p[:1] for p in predictions])[:, 0]
-    columns = data.changes([p[1:] for p in predictions], now) / steps
+    here, apart = unknowns.trial(start), data.quick is not None and len(trials) > 0
+    answered = yield Asked([here], [here, *trials] if apart else trials)
+    now = [p[0] for p in answered.trials]
+    residual = data.residuals(answered.trials)[:, 0]
+    columns = _secants(answered.around, None if apart else now, steps, data)
     J = _finite(columns if known is None else np.concatenate([known, columns], axis=1))
     energy = energy_of(unknowns, start, residual)
     if not np.isfinite(energy):
@@ -261,10 +323,11 @@ def _begun(
     return Fit(unknowns, start, residual, J, now, energy)
 
 
-def _moved(found: Fit, step: Array, data: Data) -> Generator[list[Trial], Predictions, Fit]:
+def _moved(found: Fit, step: Array, data: Data) -> Steps:
     """The fit after a step, better or not, with Broyden's update of its tangents."""
     vector = found.vector + step
-    predictions = yield [found.unknowns.trial(vector)]
+    answered = yield Asked([found.unknowns.trial(vector)])
+    predictions = answered.trials
     residual = data.residuals(predictions)[:, 0]
     J, change = found.jacobian, residual - found.residual
     if np.isfinite(change).all():
@@ -274,13 +337,28 @@ def _moved(found: Fit, step: Array, data: Data) -> Generator[list[Trial], Predic
     )
 
 
-def _renewed(found: Fit, columns: Sequence[int], share: float, data: Data) -> Generator[list[Trial], Predictions, Fit]:
-    """The fit with some of its tangents renewed, by a share of their steps."""
+def _renewed(found: Fit, columns: Sequence[int], share: float, data: Data) -> Steps:
+    """The fit with some of its tangents renewed, by a share of their steps; by less than the whole in full rollouts, for where long secants are
+    none, at the onset of a contact, a body with fewer particles meets it elsewhere."""
     trials, steps = tangents(found.unknowns, found.vector, columns, share)
-    answers = yield trials
+    if data.quick is None or share < 1.0:
+        answered = yield Asked(trials)
+        fresh = _secants(answered.trials, found.predicted, steps, data)
+    else:
+        answered = yield Asked(around=[found.unknowns.trial(found.vector), *trials])
+        fresh = _secants(answered.around, None, steps, data)
     J = found.jacobian.copy()
-    J[:, columns] = _finite(data.changes(answers, found.predicted) / steps)
+    J[:, columns] = _finite(fresh)
     return replace(found, jacobian=J)
+
+
+def _secants(
+    predictions: Predictions, reference: Predictions | None, steps: Array, data: Data
+) -> Float[Array, "entries columns"]:
+    """Whitened tangents; without a reference [T, J, 3] per interaction, the first of the predictions is it."""
+    if reference is None:
+        predictions, reference = [p[1:] for p in predictions], [p[0] for p in predictions]
+    return data.changes(predictions, reference) / steps
 
 
 def energy_of(unknowns: Unknowns, vector: Float[Array, " unknowns"], residual: Float[Array, " entries"]) -> float:
@@ -345,7 +423,7 @@ def together(requests: Sequence[Request]) -> list[Fit]:
         "fits",
         lambda: [
             *(noise.variances for noise in noises.values()),
-            *(v for trials in first for trial in trials for v in trial.told()),
+            *(v for asked in first for v in asked.told()),
         ],
         {key: shape for n, r in enumerate(requests) for key, shape in _shapes(n, r.unknowns, data).items()},
         lambda: {
@@ -357,19 +435,15 @@ def together(requests: Sequence[Request]) -> list[Fit]:
     return [_read(number, request.unknowns, data, arrays) for number, request in enumerate(requests)]
 
 
-def _in_lockstep(requests: Sequence[Request], first: Sequence[list[Trial]], data: Data) -> list[Fit]:
+def _in_lockstep(requests: Sequence[Request], first: Sequence[Asked], data: Data) -> list[Fit]:
     """The fits, whose first trials have been asked for."""
     fits: list[Fit | None] = [None] * len(requests)
     wanted = dict(enumerate(first))
     while wanted:
-        trials = [trial for request in wanted.values() for trial in request]
-        predictions = data.predict(trials)
-        following, done = {}, 0
-        for number, asked in wanted.items():
-            own = [p[done : done + len(asked)] for p in predictions]
-            done += len(asked)
+        following = {}
+        for number, answered in zip(wanted, data.answer([*wanted.values()]), strict=True):
             try:
-                following[number] = requests[number].steps.send(own)
+                following[number] = requests[number].steps.send(answered)
             except StopIteration as end:
                 fits[number] = end.value
         wanted = following

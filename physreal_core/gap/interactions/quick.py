@@ -89,6 +89,18 @@ def scaled(trial: Trial, scales: dict[str, float]) -> Trial:
     return dataclasses.replace(trial, fields={**trial.fields, **changed})
 
 
+def quick_around(interactions: Sequence[Interaction], anchor: Trial, factor: float) -> list[QuickInteraction] | None:
+    """Quick forms over the training frames, for tangents; None where there is none, or the anchor's rollout fails. Arguments as of
+    `quick_interactions`."""
+    if factor <= 1.0:
+        return None
+    calls = [partial(own.predict, [anchor], own.train) for own in interactions]
+    predicted = [found[0] for found in side_by_side(calls, interactions[0].device)]
+    if not all(np.isfinite(found).all() for found in predicted):
+        return None
+    return quick_interactions(interactions, anchor, predicted, factor)
+
+
 def quick_interactions(
     interactions: Sequence[Interaction], anchor: Trial, predicted: Sequence[Array], factor: float
 ) -> list[QuickInteraction] | None:

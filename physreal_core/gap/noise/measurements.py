@@ -78,6 +78,7 @@ class Measurements:
         train_frames: number of training frames of each interaction that count.
         size: of the model's error beside which fits are made, as a factor on that of the settings.
         trained: what the noise models of the training frames are built around, if it is not the same.
+        quick: cheaper forms of the interactions, from whose rollouts fits take tangents; None for none.
         noises: beside an error of size one, by interaction, first frame and end; made when first needed.
     """
 
@@ -87,6 +88,7 @@ class Measurements:
     train_frames: Sequence[int]
     size: float = 1.0
     trained: Sequence[Predicted] | None = None
+    quick: Sequence[Interaction] | None = None
     noises: dict[tuple[int, int, int], Noise] = field(default_factory=dict, repr=False, compare=False)
 
     @classmethod
@@ -97,6 +99,8 @@ class Measurements:
         settings: GapSettings,
         share: float = 1.0,
         reruns: bool = True,
+        quick: Sequence[Interaction] | None = None,
+        known: Measurements | None = None,
     ) -> Measurements:
         """Roll the baseline out and build the noise models around it.
 
@@ -106,14 +110,22 @@ class Measurements:
             settings: of the search.
             share: of the training frames that count. Below one, later frames are not rolled out.
             reruns: whether other discretisations are run too. If not, the smooth model error alone stands for them.
+            quick: cheaper forms of the interactions, for tangents.
+            known: those around a baseline that is nearly the same, whose reruns have the same moduli.
         """
         train = [max(2, round(share * experiment.train)) for experiment in experiments]
-        known = [e.frames if share == 1.0 else end for e, end in zip(experiments, train, strict=True)]
-        moduli = _moduli_of_each(experiments, trials[0], known) if reruns else [None] * len(known)
-        by_trial = [*zip(*_predicted_of_each(experiments, trials, known, moduli), strict=True)]
+        frames = [e.frames if share == 1.0 else end for e, end in zip(experiments, train, strict=True)]
+        if not reruns:
+            moduli = [None] * len(frames)
+        elif known is None:
+            moduli = _moduli_of_each(experiments, trials[0], frames)
+        else:
+            moduli = [own.moduli for own in known.predicted]
+        by_trial = [*zip(*_predicted_of_each(experiments, trials, frames, moduli), strict=True)]
         lasting = [sum(int(part.simulated.cumprod().sum()) for part in own) for own in by_trial]
         longest = [own for own, frames in zip(by_trial, lasting, strict=True) if frames == max(lasting)]
-        return cls(list(experiments), settings, [Predicted.mean(own) for own in zip(*longest, strict=True)], train)
+        means = [Predicted.mean(own) for own in zip(*longest, strict=True)]
+        return cls(list(experiments), settings, means, train, quick=quick)
 
     def around_all(self, trials: Sequence[Trial]) -> Measurements:
         """The same with the mean of the noise models around several motions, in the training frames.
@@ -146,7 +158,7 @@ class Measurements:
     def train(self) -> Data:
         """All interactions over their training frames."""
         parts = [self._noise(number, 0, end, self.size) for number, end in enumerate(self.train_frames)]
-        return Data(self.experiments, parts)
+        return Data(self.experiments, parts, self.quick)
 
     @cached_property
     def numerical_errors(self) -> tuple[float, ...]:

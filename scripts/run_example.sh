@@ -3,5 +3,6 @@
 set -euo pipefail
 cd "$(dirname "$0")/.."
 . scripts/install.sh --models
+[ $# -gt 0 ] || scripts/film_example.sh
 dvc repro "$@"
 physreal status

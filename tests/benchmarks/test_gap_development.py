@@ -54,27 +54,34 @@ def summary_of(variant: str, commit: str) -> dict:
     return summary([judge(row, sizes) for row in rows])
 
 
-TRACKS = ("named_first", "named_in_class", "joint", "false_alarm_rate", "interval_coverage")
+SETS = {
+    "tracks_only": ("85d34fb", "cdf2f37", "9beed61", "d9a2cea", "bf623fb", "59d2d58"),
+    "rgbd": ("31c929a", "d53d56a", "a2b509d"),
+}
+COLUMNS = ("named_first", "named_in_class", "joint", "false_alarm_rate", "interval_coverage")
+
+
+@pytest.mark.parametrize(
+    ("variant", "commit"), [(variant, own) for variant, commits in SETS.items() for own in commits]
+)
+def test_the_page_says_what_the_blind_sets_gave(variant, commit):
+    found = summary_of(variant, commit)["pooled"]
+    (told,) = (row for row in PAGE.read_text().splitlines() if f"| {commit} |" in row and row.count("|") > 8)
+    cells = [cell.strip() for cell in told.split("|")[4:]]
+    for key, cell in zip(COLUMNS, cells, strict=False):
+        assert cell in ("", f"{found[key]['hits']} of {found[key]['count']}"), key
+    assert all(cells[:2]) and cells[3]
 
 
 @pytest.mark.parametrize(
     ("variant", "commit", "keys"),
-    [
-        ("tracks_only", "85d34fb", TRACKS),
-        ("tracks_only", "cdf2f37", TRACKS),
-        ("tracks_only", "9beed61", (*TRACKS, "two_effects_both", "unknown_handled")),
-        ("tracks_only", "d9a2cea", (*TRACKS, "two_effects_both")),
-        ("tracks_only", "bf623fb", (*TRACKS, "two_effects_both", "unknown_handled")),
-        ("tracks_only", "59d2d58", (*TRACKS, "two_effects_both")),
-        ("rgbd", "31c929a", (*TRACKS[:2], TRACKS[3])),
-        ("rgbd", "d53d56a", (*TRACKS[:2], TRACKS[3])),
-    ],
+    [("tracks_only", "59d2d58", COLUMNS), ("rgbd", "a2b509d", ("named_first", "false_alarm_rate"))],
 )
-def test_the_page_says_what_the_blind_sets_gave(variant, commit, keys):
-    found, page = summary_of(variant, commit)["pooled"], PAGE.read_text()
-    for key in keys:
-        own, (lower, upper) = found[key], found[key]["interval"]
-        assert f"| {own['hits']} of {own['count']} | {own['share']:.2f} | {lower:.2f} to {upper:.2f} |" in page
+def test_the_page_says_how_sure_the_last_sets_are(variant, commit, keys):
+    found, page = summary_of(variant, commit)["pooled"], " ".join(PAGE.read_text().split())
+    for own in (found[key] for key in keys):
+        lower, upper = own["interval"]
+        assert f"{own['share']:.2f} ({lower:.2f} to {upper:.2f})" in page
 
 
 def test_the_readme_says_what_the_blind_sets_gave():
@@ -97,7 +104,7 @@ def test_the_readme_says_what_the_blind_sets_gave():
     ]
     hits, count = (sum(own[key] for own in before) for key in ("hits", "count"))
     assert f"three earlier states of the search had {hits} of {count}" in readme
-    video = summary_of("rgbd", "d53d56a")["pooled"]
+    video = summary_of("rgbd", "a2b509d")["pooled"]
     told = {key: f"{video[key]['hits']} of {video[key]['count']}" for key in ("named_first", "false_alarm_rate")}
     assert (
         f"From RGB-D it was first in {told['named_first']}, and {told['false_alarm_rate']} controls were alarms"
@@ -105,15 +112,6 @@ def test_the_readme_says_what_the_blind_sets_gave():
     )
     rope = summary_of("thin", "3d1ffcb")["by_body"]["rope"]["named_first"]
     assert f"Of a rope it came first in {rope['hits']} of {rope['count']}" in readme
-
-
-def test_the_page_says_how_many_effects_were_left_behind():
-    rows = read_rows(RESULTS / "gap/tracks_only-seed110.jsonl")
-    singles = [own for row in rows for own in row.get("candidates") or () if len(own["names"]) == 1]
-    gains = [own["gain"] for own in singles if own["gain"] is not None]
-    behind = sum(gain < -20.0 for gain in gains)
-    page = " ".join(PAGE.read_text().split())
-    assert f"Of {len(gains)} fits of single effects {behind} ended more than 20 nat below the baseline" in page
 
 
 def test_the_page_says_how_often_an_adopted_verdict_is_right():
@@ -129,6 +127,7 @@ def test_the_page_says_how_often_an_adopted_verdict_is_right():
             "thin-seed207",
             "rgbd-seed109",
             "rgbd-seed112",
+            "rgbd-seed115",
         )
         for row in read_rows(RESULTS / "gap" / f"{file}.jsonl")
         if row["verdict"] in ("effect", "effects")

@@ -50,6 +50,7 @@ ABOVE = {
     "benchmarks.taken",
     "benchmarks.thin.rigged",
     "benchmarks.two_parts",
+    "benchmarks.hold_seen",
 }
 BARE = f"""
 import importlib, pkgutil, sys

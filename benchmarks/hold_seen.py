@@ -8,25 +8,23 @@ Writes `results/hold_seen.md`.
 """
 
 import argparse
-import dataclasses
 from collections.abc import Iterator
 from pathlib import Path
 
 import numpy as np
+import torch
 from scipy.spatial import cKDTree
 
 from benchmarks.thin.results import RESULTS
 from benchmarks.thin.rigged import problem_of
-from benchmarks.thin.rigged_fit import errors_of
+from benchmarks.thin.rigged_fit import errors_of, refitted, with_held
 from data.rig.truth import load_truth
 from physreal_core.array_types import Array, Bool, Float
-from physreal_core.fitting.curriculum import ScanConfig, fit_one_material
+from physreal_core.fitting.curriculum import ScanConfig
 from physreal_core.fitting.descent import DescentConfig
-from physreal_core.fitting.grip import springs
-from physreal_core.fitting.losses import LossConfig
-from physreal_core.fitting.objective import Objective
 from physreal_core.fitting.problem import Problem
 from pipeline.config.fit_global import FitGlobal
+from pipeline.frames import list_frames, read_depth
 from pipeline.products.masks import read_mask
 from pipeline.products.particles import Particles
 from pipeline.project import Project
@@ -35,8 +33,8 @@ from stages._fit import variables_of
 from stages.fit_global import initial_model
 
 MOTIONS = ("plush_lift", "plush_push")
-SOFT = FitGlobal(losses={"mask": 0.0})
-FIRM = FitGlobal(losses={"mask": 0.0}, grip_stiffness={"initial": 100.0, "rate": 0.0})
+SOFT = FitGlobal()
+FIRM = FitGlobal(grip_stiffness={"initial": 100.0, "rate": 0.0})
 """Settings of Stage 1: the stiffness of the bonds starts at 12 N and is fitted, or is that of a vice."""
 
 THICKEST = 0.1
@@ -65,7 +63,7 @@ def _rows(project: Project, motion: str) -> Iterator[str]:
     for words, held in guesses.items():
         for bonds in ("soft", "firm"):
             modulus, observed, future = _fitted(
-                project, motion, _held_by(problem, held), truth.vertices, bonds == "firm"
+                project, motion, with_held(problem, held), truth.vertices, bonds == "firm"
             )
             cells = [motion, words, bonds, int(held.sum()), int((held & true).sum()), f"{1e-3 * modulus:.1f}"]
             yield f"| {' | '.join(map(str, [*cells, f'{1e3 * observed:.2f}', f'{1e3 * future:.2f}']))} |"
@@ -80,24 +78,13 @@ def _truly_held(problem: Problem, vertices: Array, gripped: Array) -> Bool[Array
 
 def hidden(project: Project, motion: str, x: Float[Array, "particles 3"]) -> Bool[Array, " particles"]:
     """Particles that lie behind the hand as the camera sees it in frame 0, by a hand's thickness at most."""
-    import cv2
-
     video = project.artifact("parse_video", motion)
-    camera, mask = load_camera(video), read_mask(project.artifact("segment_and_track", motion), "controller", 0)
-    depth = cv2.imread(str(video / "depth" / "000000.png"), cv2.IMREAD_UNCHANGED) / 1000.0
-    T, K = camera.T_world_camera.double().numpy(), camera.K.double().numpy()
-    seen = (x - T[:3, 3]) @ T[:3, :3]
-    pixels = np.round((seen @ K.T)[:, :2] / seen[:, 2:]).astype(int)
-    column, row = np.clip(pixels, 0, np.array(mask.shape[::-1]) - 1).T
-    behind = seen[:, 2] - depth[row, column]
+    mask = read_mask(project.artifact("segment_and_track", motion), "controller", 0)
+    depth = read_depth(list_frames(video).depth[0], (0.0, np.inf)) / 1000.0
+    pixels, far = (own.numpy() for own in load_camera(video).project(torch.from_numpy(x)))
+    column, row = np.clip(np.round(pixels).astype(int), 0, np.array(mask.shape[::-1]) - 1).T
+    behind = far - depth[row, column]
     return mask[row, column] & (depth[row, column] > 0) & (behind > 0) & (behind < THICKEST)
-
-
-def _held_by(problem: Problem, held: Bool[Array, " particles"]) -> Problem:
-    """The problem with bonds from these particles to the nearest points of the hand."""
-    points = problem.controllers[0].double().numpy()
-    grip = springs(problem.body.x0, np.flatnonzero(held), points, problem.body.spacing, 8)
-    return dataclasses.replace(problem, grip=grip)
 
 
 def _fitted(project: Project, motion: str, problem: Problem, true: Array, firm: bool) -> tuple[float, float, float]:
@@ -105,8 +92,8 @@ def _fitted(project: Project, motion: str, problem: Problem, true: Array, firm: 
     settings = FIRM if firm else SOFT
     model = initial_model(settings, Particles.load(project.artifact("sample_particles", motion)))
     scan, descent = ScanConfig(**settings.scan.model_dump()), DescentConfig(**settings.descent.model_dump())
-    objective = Objective(problem, model, LossConfig(**settings.losses.model_dump()))
-    model, _ = fit_one_material(objective, model, variables_of(settings.variables("volumetric")), scan, descent)
+    variables = variables_of(settings.variables("volumetric"))
+    model, _ = refitted(problem, model, variables, scan, descent, "cpu")
     error = errors_of(problem, model, true.astype(float))
     observed, later = error[: problem.observed].mean(), error[problem.observed :].mean()
     return float(model.fields["youngs_modulus"].mean()), float(observed), float(later)

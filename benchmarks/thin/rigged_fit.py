@@ -7,7 +7,7 @@ import numpy as np
 import torch
 from scipy.spatial import cKDTree
 
-from physreal_core.array_types import Array, Float
+from physreal_core.array_types import Array, Bool, Float
 from physreal_core.fitting.curriculum import ScanConfig, fit_one_material
 from physreal_core.fitting.descent import DescentConfig
 from physreal_core.fitting.grip import springs
@@ -21,10 +21,13 @@ from physreal_core.fitting.variables import Variable
 
 def held_at(problem: Problem, nodes: Float[Array, "held 3"]) -> Problem:
     """The problem where the hand holds the vertices that lie nearer than a spacing to the rig's held nodes in frame 0 [m]."""
-    body = problem.body
-    held = np.flatnonzero(cKDTree(nodes).query(body.x0)[0] < body.spacing)
-    grip = springs(body.x0, held, problem.controllers[0].double().numpy(), body.spacing, 8)
-    return dataclasses.replace(problem, grip=grip)
+    return with_held(problem, cKDTree(nodes).query(problem.body.x0)[0] < problem.body.spacing)
+
+
+def with_held(problem: Problem, held: Bool[Array, " particles"]) -> Problem:
+    """The problem where the hand holds these particles, by bonds to the nearest of its points in frame 0."""
+    body, points = problem.body, problem.controllers[0].double().numpy()
+    return dataclasses.replace(problem, grip=springs(body.x0, np.flatnonzero(held), points, body.spacing, 8))
 
 
 def refitted(

@@ -267,11 +267,8 @@ class CandidateFits:
         """
         own, bent = self.baseline.unknowns, self.uniform.vector
         guessed = np.concatenate([bent[: own.patches], own.block.mean[own.patches : own.baseline]])
-        moved = [
-            np.concatenate([v[: own.patches] + np.log(f), v[own.patches :]]) for v in (bent, guessed) for f in FACTORS
-        ]
-        kept = [np.clip(vector, own.block.lower, own.block.upper) for vector in moved]
-        return [(self.baseline.vector, self.baseline.jacobian), *((vector, self.uniform.jacobian) for vector in kept)]
+        moved = [vector for start in (bent, guessed) for vector in own.with_moduli(start, FACTORS)]
+        return [(self.baseline.vector, self.baseline.jacobian), *((vector, self.uniform.jacobian) for vector in moved)]
 
     @staticmethod
     def _beside(unknowns: Unknowns, material: Float[Array, " material"]) -> Float[Array, " unknowns"]:

@@ -5,7 +5,7 @@ import json
 import shutil
 from collections.abc import Mapping
 from dataclasses import dataclass, replace
-from functools import cached_property
+from functools import cached_property, partial
 from pathlib import Path
 from typing import Any, Literal
 
@@ -16,6 +16,7 @@ from data.rig.capture import film, simulated_truth
 from data.rig.hidden.effect import Hidden
 from data.rig.hidden.forms import OTHER_FORMS
 from data.rig.hidden.library import Staging, maker
+from data.rig.hidden.raising import until_visible
 from data.rig.hidden.strengths import AMPLITUDES, STRENGTHS, scaled
 from data.rig.hidden.together import Together
 from data.rig.mesh import mesh_shape
@@ -25,7 +26,7 @@ from data.rig.session import PLAIN, Session, drawn
 from data.rig.specimen import Specimen, as_stated, run, specimen
 from data.rig.thin_files import write_middle_at_frame_zero
 from data.rig.trajectory import Trajectory
-from data.rig.visibility import visibility
+from data.rig.visibility import Yardstick
 from physreal_core.array_types import Array
 
 TRUTH = "case.json"  # what the rig knows of a case, beside its captures
@@ -47,6 +48,7 @@ class Case:
         body: a name in `bodies.BODIES`.
         form: by the library's law, or by one of another form where there is one (`hidden.forms`).
         session: motions, frame rate, lengths and what is off.
+        raised: an effect that would not show in what is seen is made larger until it does.
     """
 
     effect: str
@@ -55,14 +57,15 @@ class Case:
     body: str = "bar"
     form: Literal["same", "other"] = "same"
     session: Session = PLAIN
+    raised: bool = False
 
     @classmethod
     def blind(cls, effect: str, strength: str, seed: int, body: str, form: str) -> "Case":
-        """A case whose session is drawn from its seed. A hidden `grip_lag` stays what it is: no delay of the record is added to it."""
+        """A case whose session is drawn from its seed, and whose effect shows. A hidden `grip_lag` stays what it is: no delay of the record is added to it."""
         session = drawn(seed)
         if "grip_lag" in effect.split("+"):
             session = replace(session, unknowns=replace(session.unknowns, hand_delay=0.0))
-        return cls(effect, strength, seed, body, form, session)
+        return cls(effect, strength, seed, body, form, session, raised=True)
 
     @property
     def names(self) -> tuple[str, ...]:
@@ -92,6 +95,11 @@ class Case:
         """
         return {name: self._effect(name, number) for number, name in enumerate(self.names)}
 
+    @cached_property
+    def yardstick(self) -> Yardstick:
+        """What says how visible an effect is, if no stroke is shortened."""
+        return Yardstick(self.specimen, self.session)
+
     @property
     def hidden(self) -> Hidden:
         """All of them at once."""
@@ -102,11 +110,19 @@ class Case:
         return self.specimen.scene(motion, replace(self.session, strokes={motion: strokes}))
 
     def _effect(self, name: str, number: int) -> Hidden:
+        made = partial(self._made, name, number)
+        return until_visible(name, self.strength, made, self.yardstick.seen) if self.raised else made(1.0)
+
+    def _made(self, name: str, number: int, share: float) -> Hidden:
+        """An effect at so many times the amplitude of its strength; what else is drawn does not depend on that."""
         make, random = maker(name), np.random.default_rng([self.seed, 10 + number])
-        amplitude = scaled(name, AMPLITUDES[name][STRENGTHS.index(self.strength)], self.specimen.body)
-        staging = Staging(self.specimen.body, self.scene(self._swung))
-        made = make(amplitude * np.exp(random.uniform(-_SPREAD, _SPREAD)), staging, random)
+        amplitude = scaled(name, share * AMPLITUDES[name][STRENGTHS.index(self.strength)], self.specimen.body)
+        made = make(amplitude * np.exp(random.uniform(-_SPREAD, _SPREAD)), self._staging, random)
         return OTHER_FORMS[name](made) if self.forms[name] == "other" else made
+
+    @cached_property
+    def _staging(self) -> Staging:
+        return Staging(self.specimen.body, self.scene(self._swung))
 
     @property
     def _swung(self) -> str:
@@ -140,6 +156,8 @@ def told(case: Case, strokes: Mapping[str, float]) -> dict[str, Any]:
         strokes: how long in space the strokes of its motions were, over what is written.
     """
     session = replace(case.session, strokes=strokes)
+    shortened = any(stroke != 1.0 for stroke in strokes.values())
+    yardstick = Yardstick(case.specimen, session) if shortened else case.yardstick
     return {
         "effect": case.effect,
         "strength": case.strength,
@@ -153,7 +171,7 @@ def told(case: Case, strokes: Mapping[str, float]) -> dict[str, Any]:
         "strokes": dict(strokes),
         "unknowns": dataclasses.asdict(session.unknowns),
         "values": {name: effect.values() for name, effect in case.effects.items()},
-        "visible": visibility(case.specimen, session, case.hidden),
+        "visible": yardstick.all(case.hidden),
     }
 
 

@@ -78,7 +78,7 @@ def simulate(
     frames = _resumed(world, kept, held)
     if not frames:
         come_to_rest(world, step, settle, calm)
-        frames = [_recorded(world, punctual)]
+        frames = [_finite(world, punctual)]
     for number in range((len(frames) - 1) * world.steps + 1, len(times)):
         world.hold_at(held[number], ahead=punctual)
         if others is not None:
@@ -86,14 +86,10 @@ def simulate(
         world.take_or_let_go(times[number])
         step(times[number])
         if number % world.steps == 0:
-            frames.append(_recorded(world, punctual))
+            frames.append(_finite(world, punctual))
             if kept.due(CHECKPOINT):
                 kept.put(CHECKPOINT, {"state": _state(world), "frames": np.stack(frames)})
     vertices = np.stack(frames)
-    if not np.isfinite(vertices).all():
-        raise RuntimeError(
-            f"the truth of {scene.name} turned non-finite; a smaller timestep than {timestep} s may help"
-        )
     further = {} if others is None else {"others": others[:: world.steps]}
     if isinstance(world.mesh, TetMesh):
         return Trajectory(world.mesh, vertices, hand[:: world.steps], world.gripped, **further)
@@ -135,6 +131,16 @@ def _resumed(world: World, kept: Checkpoints, held: Float[Array, "S 3"]) -> list
 def _recorded(world: World, punctual: bool) -> Float[Array, "R 3"]:
     """The nodes [m]; of a rope also its segments' directors."""
     return np.concatenate([world.positions if punctual else world.data.flexvert_xpos, world.directors])
+
+
+def _finite(world: World, punctual: bool) -> Float[Array, "R 3"]:
+    """`_recorded`, or an error where the simulation blew up."""
+    recorded = _recorded(world, punctual)
+    if not np.isfinite(recorded).all():
+        raise RuntimeError(
+            f"the truth of {world.scene.name} turned non-finite; a smaller timestep than {world.timestep} s may help"
+        )
+    return recorded
 
 
 def _as_it_lies(

@@ -156,7 +156,9 @@ class World:
         hands = (self._stick(stiff) if self._pushes else "") + hands
         return f"""<mujoco>
       <option timestep="{self.timestep}" gravity="{_numbers(scene.gravity)}" solver="Newton" tolerance="1e-8"
-              iterations="1000" integrator="{integrator}" cone="elliptic" impratio="{FRICTION_IMPEDANCE}"/>
+              iterations="1000" integrator="{integrator}" cone="elliptic" impratio="{FRICTION_IMPEDANCE}">
+        <flag autoreset="disable"/>
+      </option>
       <size memory="1G"/>
       <worldbody>
         <geom name="table" type="plane" size="2 2 .1" {friction}/>

@@ -110,7 +110,7 @@ def test_video_shows_what_tracks_would(monkeypatch, tmp_path):
         return replace(scene, frames=2, observed=1, view=replace(scene.view, width=80, height=60, focal=105.0))
 
     monkeypatch.setattr(Case, "scene", brief)
-    monkeypatch.setattr(case, "visibility", lambda *_: {})
+    monkeypatch.setattr(case.Yardstick, "all", lambda *_: {})
     session = Session(unknowns=Unknowns(density=0.1))
     make_case(Case("payload", "high", 3, "slab", session=session), tmp_path / "case", video=True)
     for capture in captures(tmp_path / "case"):

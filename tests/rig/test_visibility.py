@@ -11,7 +11,7 @@ from data.rig import visibility as module
 from data.rig.case import Case
 from data.rig.hidden.effect import NOTHING, Hidden
 from data.rig.session import Session
-from data.rig.visibility import MODULI, distances, elastic, visibility
+from data.rig.visibility import MODULI, distances, elastic
 
 SHORT = Session(seen=("lift_swing",), held_out="press_drag", seconds={"lift_swing": 0.6, "press_drag": 0.4})
 
@@ -23,7 +23,7 @@ def coarse(monkeypatch):
 
 def seen(effect, strength):
     case = Case(effect, strength, 4, session=SHORT)
-    return visibility(case.specimen, SHORT, case.hidden)
+    return case.yardstick.all(case.hidden)
 
 
 def test_nothing_is_not_visible():
@@ -50,7 +50,7 @@ def test_another_modulus_is_not_visible(monkeypatch):
             return 1.2
 
     case = Case("none", "middle", 4, session=SHORT)
-    found = visibility(case.specimen, SHORT, Stiffer())
+    found = case.yardstick.all(Stiffer())
     assert max(found.values()) < 0.0005
 
 
@@ -58,6 +58,6 @@ def test_the_spline_goes_through_the_bodies_that_are_simulated():
     case = Case("none", "middle", 4, session=SHORT)
     scene = replace(case.scene("lift_swing"), mesh_spacing=0.044)
     plain = elastic(scene)
-    own = module.clean_tracks(scene, NOTHING)
+    own = module.moved(scene, NOTHING)
     np.testing.assert_allclose(plain(MODULI[2]), own, atol=1e-12)
     assert distances(plain, own).min() == pytest.approx(0.0, abs=1e-15)

@@ -14,30 +14,13 @@ import numpy as np
 from scipy.interpolate import CubicSpline
 
 from data.rig.hidden.library import LIBRARY, Staging
-from data.rig.hidden.strengths import AMPLITUDES, TARGETS
+from data.rig.hidden.strengths import AMPLITUDES, LARGEST, TARGETS
 from data.rig.rig_scene import RigScene
 from data.rig.session import PLAIN
 from data.rig.specimen import specimen
-from data.rig.visibility import SPACING, clean_tracks, distances, elastic
+from data.rig.visibility import SPACING, distances, elastic, moved
 
 TRIALS = 2
-# Amplitudes beyond which the effect would be another one, or the object.
-LARGEST = {
-    "linear_drag": 12.0,
-    "quadratic_drag": 34.0,
-    "kelvin_voigt": 0.03,
-    "obstacle_post": 0.011,
-    "gravity": 0.42,
-    "wind": 6.0,
-    "soft_spot": 0.95,
-    "fibres": 6.0,
-    "density_gradient": 15.0,
-    "payload": 1.5,
-    "stick_slip": 2.5,
-    "rate_friction": 6.0,
-    "strain_stiffening": 5.0,
-    "outside:turntable": 6.0,
-}
 
 
 def scenes(seed: int) -> dict[str, RigScene]:
@@ -65,7 +48,7 @@ def size(name: str, amplitude: float, seed: int) -> float:
     case = scenes(seed)
     staging = Staging(specimen("bar", seed).body, specimen("bar", seed).scene("lift_swing"))
     hidden = LIBRARY[name](amplitude, staging, np.random.default_rng([seed, 10]))
-    squares = [distances(ELASTIC[seed, motion], clean_tracks(scene, hidden)) for motion, scene in case.items()]
+    squares = [distances(ELASTIC[seed, motion], moved(scene, hidden)) for motion, scene in case.items()]
     nearest = np.sum(squares, axis=0).argmin()
     return float(np.sqrt(np.max([square[nearest] for square in squares])))
 

@@ -11,7 +11,7 @@ from data.rig.rig_scene import RigScene
 from data.rig.world import World, firm, firmness
 from physreal_core.array_types import Array, Float
 
-_STEP = 2e-4  # [s] about that of an explicit integration
+_STEP = 5e-4  # [s], the longest of an explicit integration (`specimen.explicit_step`)
 _SLIDING_STEP = 2.5e-4  # [s] implicit; it damps as a retardation time of as much
 _SMOOTH = 'friction="1e-3 1e-4 1e-5" priority="1"'  # an obstacle has no friction to speak of, whatever the body's
 
@@ -117,8 +117,15 @@ class GroundPlane(Hidden):
         return super().prepare(world)
 
 
+class Obstacle(Hidden):
+    """A thing in the body's way."""
+
+    def is_entered(self) -> bool:
+        return True
+
+
 @dataclass(frozen=True)
-class ObstaclePlane(Hidden):
+class ObstaclePlane(Obstacle):
     """All beyond `distance` [m] from the body's middle, towards `azimuth` and `elevation` [rad], is solid."""
 
     azimuth: float
@@ -135,7 +142,7 @@ class ObstaclePlane(Hidden):
 
 
 @dataclass(frozen=True)
-class ObstacleSphere(Hidden):
+class ObstacleSphere(Obstacle):
     """A ball about (x, y, z) [m] of `radius` [m]."""
 
     x: float
@@ -148,7 +155,7 @@ class ObstacleSphere(Hidden):
 
 
 @dataclass(frozen=True)
-class ObstaclePost(Hidden):
+class ObstaclePost(Obstacle):
     """An upright post at (x, y) [m] of `radius` [m], its round top at `height` [m]."""
 
     x: float

@@ -41,6 +41,10 @@ class Hidden:
         """The scene as it truly is."""
         return scene
 
+    def is_entered(self) -> bool:
+        """Whether it is a thing in the body's way, into which that would go by millimetres."""
+        return False
+
     def things(self, scene: RigScene) -> str:
         """XML of further things in the world."""
         return ""

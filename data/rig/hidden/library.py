@@ -5,6 +5,7 @@ An amplitude is the one number of an effect that its strength sets (`strengths.p
 
 from collections.abc import Callable
 from dataclasses import dataclass
+from functools import cached_property
 
 import numpy as np
 
@@ -39,6 +40,26 @@ from data.rig.specimen import run
 from physreal_core.array_types import Array, Float
 from physreal_core.errors import InputError
 
+OUTSIDE = "outside:"  # begins the names of effects that the search does not know
+_CLEAR = 0.004  # [m] between an obstacle and the body as it lies at frame 0
+_TRIES = 8
+
+
+@dataclass(frozen=True)
+class Swing:
+    """Where the free part goes when nothing is in its way, [T, F, 3] m; and the side, 1 or -1, to which it goes furthest."""
+
+    places: Float[Array, "T F 3"]
+    side: float
+
+    @property
+    def everywhere(self) -> Float[Array, "P 3"]:
+        return self.places.reshape(-1, 3)
+
+    def is_clear(self, distance: Float[Array, " F"]) -> bool:
+        """Whether an obstacle with these distances from the free part at frame 0 [m] leaves it alone there."""
+        return bool(distance.min() > _CLEAR)
+
 
 @dataclass(frozen=True)
 class Staging:
@@ -52,13 +73,19 @@ class Staging:
     body: Body
     swung: RigScene
 
+    @cached_property
+    def swing(self) -> Swing:
+        """With the elements of the capture: a coarser body swings by millimetres less or more, as much as it should enter an obstacle."""
+        scene = self.swung
+        motion = run(scene)
+        free = motion.mesh.vertices[:, 0] < scene.grasp.lower[0] - scene.mesh_spacing
+        places = motion.vertices[:, free]
+        away = (places - places[0]).mean(axis=1)[:, 1]
+        return Swing(places, float(np.sign(away[np.abs(away).argmax()])))
+
 
 Maker = Callable[[float, Staging, np.random.Generator], Hidden]
 """From an amplitude, the object and a generator for directions and places to the effect."""
-
-OUTSIDE = "outside:"  # begins the names of effects that the search does not know
-_CLEAR = 0.004  # [m] between an obstacle and the body as it lies at frame 0
-_TRIES = 8
 
 
 def maker(name: str) -> Maker:
@@ -157,32 +184,6 @@ def _ground_plane(amplitude: float, staging: Staging, random: np.random.Generato
     return GroundPlane(float(abs(slope_x) * half[0] + abs(slope_y) * half[1]), slope_x, slope_y)
 
 
-@dataclass(frozen=True)
-class _Swing:
-    """Where the free part goes when nothing is in its way, [T, F, 3] m; and the side, 1 or -1, to which it goes furthest."""
-
-    places: Float[Array, "T F 3"]
-    side: float
-
-    @property
-    def everywhere(self) -> Float[Array, "P 3"]:
-        return self.places.reshape(-1, 3)
-
-    def is_clear(self, distance: Float[Array, " F"]) -> bool:
-        """Whether an obstacle with these distances from the free part at frame 0 [m] leaves it alone there."""
-        return bool(distance.min() > _CLEAR)
-
-
-def _swung(staging: Staging) -> _Swing:
-    """With the elements of the capture: a coarser body swings by millimetres less or more, as much as it should enter an obstacle."""
-    scene = staging.swung
-    motion = run(scene)
-    free = motion.mesh.vertices[:, 0] < scene.grasp.lower[0] - scene.mesh_spacing
-    places = motion.vertices[:, free]
-    away = (places - places[0]).mean(axis=1)[:, 1]
-    return _Swing(places, float(np.sign(away[np.abs(away).argmax()])))
-
-
 def _entered(
     places: Float[Array, "P A"], beside: Float[Array, " A"], radius: float, side: float, depth: float
 ) -> Array:
@@ -198,7 +199,7 @@ def _entered(
 
 def _obstacle_plane(amplitude: float, staging: Staging, random: np.random.Generator) -> ObstaclePlane:
     """m, by which the free end would enter the wall; oblique, so that the hand passes it."""
-    swing, middle = _swung(staging), staging.body.shape.middle()
+    swing, middle = staging.swing, staging.body.shape.middle()
     for _ in range(_TRIES):
         angle = random.uniform(0.3, 0.8)
         towards = np.array([-np.sin(angle), swing.side * np.cos(angle), 0.0])
@@ -210,7 +211,7 @@ def _obstacle_plane(amplitude: float, staging: Staging, random: np.random.Genera
 
 def _obstacle_sphere(amplitude: float, staging: Staging, random: np.random.Generator) -> ObstacleSphere:
     """m, by which the free end would enter the ball."""
-    swing, body = _swung(staging), staging.body
+    swing, body = staging.swing, staging.body
     for _ in range(_TRIES):
         x = body.lower[0] + random.uniform(0.1, 0.3) * body.length
         end, radius = np.abs(swing.places[0, :, 0] - x).argmin(), random.uniform(0.025, 0.035)
@@ -224,7 +225,7 @@ def _obstacle_sphere(amplitude: float, staging: Staging, random: np.random.Gener
 
 def _obstacle_post(amplitude: float, staging: Staging, random: np.random.Generator) -> ObstaclePost:
     """m, by which the free end would enter the post."""
-    swing, body = _swung(staging), staging.body
+    swing, body = staging.swing, staging.body
     for _ in range(_TRIES):
         beside = np.array([body.lower[0] + random.uniform(0.1, 0.3) * body.length, 0.0])
         radius = random.uniform(0.015, 0.025)

@@ -63,6 +63,32 @@ AMPLITUDES: dict[str, tuple[float, float, float]] = {
 }
 
 
+LARGEST: dict[str, float] = {
+    "linear_drag": 12.0,
+    "quadratic_drag": 34.0,
+    "kelvin_voigt": 0.03,
+    "obstacle_post": 0.011,
+    "gravity": 0.42,
+    "wind": 6.0,
+    "soft_spot": 0.95,
+    "fibres": 6.0,
+    "density_gradient": 15.0,
+    "payload": 1.5,
+    "stick_slip": 2.5,
+    "rate_friction": 6.0,
+    "strain_stiffening": 5.0,
+    "outside:turntable": 6.0,
+    "ground_plane": 0.15,
+    "grip_lag": 0.1,
+    "frame_rate": 0.1,
+    "depth_bias": 0.15,
+    "hysteretic_damping": 0.6,
+    "standard_linear_solid": 2.5,
+    "ground_adhesion": 1500.0,
+}
+"""Amplitudes on the bar beyond which the effect would be another one, or the object."""
+
+
 def scaled(name: str, amplitude: float, body: Body) -> float:
     """The amplitude for another body that has about the effect which this one has on the bar.
 

@@ -32,6 +32,9 @@ class Together(Hidden):
             scene = part.changed(scene)
         return scene
 
+    def is_entered(self) -> bool:
+        return any(part.is_entered() for part in self.parts)
+
     def things(self, scene: RigScene) -> str:
         return "".join(part.things(scene) for part in self.parts)
 

@@ -72,6 +72,11 @@ class Setting:
         """Whether the controller points move the body: by holding it, or by pushing."""
         return self.grip is not None or self.tool is not None
 
+    @property
+    def all_seen(self) -> bool:
+        """Whether one camera has seen both the body and the controller."""
+        return self.T_world_camera is not None and self.hand_seen
+
 
 @dataclass(frozen=True)
 class Inputs:

@@ -46,7 +46,7 @@ def add_effect(
         progress: called with a line of text now and then.
         names: effects to add instead of the verdict's, as for a comparison with a known truth.
     """
-    settings = settings or GapSettings()
+    settings = (settings or GapSettings()).on(seen=experiments[0].setting.all_seen)
     chosen = tuple(report.verdict.names if names is None else names)
     if not chosen or (names is None and report.verdict.kind == "unknown"):
         return Added(False, (), report.fields, before=report.baseline, elastic_law=report.elastic_law)

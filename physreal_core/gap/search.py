@@ -98,7 +98,8 @@ class Search:
     def __init__(
         self, experiments: Sequence[Interaction], settings: GapSettings, progress: Progress = lambda message: None
     ) -> None:
-        self.experiments, self.settings, self.progress = list(experiments), settings, progress
+        self.experiments, self.progress = list(experiments), progress
+        self.settings = settings.on(seen=experiments[0].setting.all_seen)
 
     def run(self) -> SearchResult:
         """Run the whole search.

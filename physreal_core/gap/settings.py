@@ -1,6 +1,6 @@
 """Settings of the search for a missing effect."""
 
-from dataclasses import dataclass, field
+from dataclasses import dataclass, field, replace
 
 from physreal_core.gap.fits.unknowns import Priors
 from physreal_core.gap.noise.discrepancy import ErrorPrior
@@ -41,6 +41,8 @@ class GapSettings:
         prior_none: prior probability that nothing is missing.
         prior_pair: prior probability of two effects, given that something is missing.
         temperature: gains are divided by it before they become probabilities, and so is the likelihood behind intervals.
+        temperature_seen: the same where a camera has seen body and hand: shape, pose and hold are then off by more than the model's error
+            knows.
         interval_scale: factor on the intervals that come of it, so that in earlier sets nine of ten held the truth.
         class_ratio: least probability of a member of the reported class, relative to the best answer.
         class_size: largest number of members of the class.
@@ -69,9 +71,14 @@ class GapSettings:
     prior_none: float = 0.5
     prior_pair: float = 0.1
     temperature: float = 25.0
+    temperature_seen: float = 40.0
     interval_scale: float = 2.6
     class_ratio: float = 0.1
     class_size: int = 3
     false_alarms: float = 0.05
     unexplained: float = 0.8
     seed: int = 0
+
+    def on(self, *, seen: bool) -> "GapSettings":
+        """The settings for interactions whose body and hand a camera has seen, or not."""
+        return replace(self, temperature=self.temperature_seen) if seen else self

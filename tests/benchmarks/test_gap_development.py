@@ -115,7 +115,9 @@ def test_the_page_says_how_sure_the_last_sets_are(variant, commit, keys):
 
 
 def test_the_readme_says_what_the_blind_sets_gave():
-    found, *older = (summary_of("tracks_only", commit)["pooled"] for commit in ("329a431", "59d2d58", "bf623fb", "d9a2cea"))
+    found, *older = (
+        summary_of("tracks_only", commit)["pooled"] for commit in ("329a431", "59d2d58", "bf623fb", "d9a2cea")
+    )
     first, named, alarms = (found[key] for key in ("named_first", "named_in_class", "false_alarm_rate"))
     readme = " ".join((PAGE.parents[1] / "README.md").read_text().split())
     lower, upper = first["interval"]
@@ -128,7 +130,9 @@ def test_the_readme_says_what_the_blind_sets_gave():
         for key in ("named_first", "false_alarm_rate")
     }
     (first, of), (alarms, controls) = counts.values()
-    assert f"The states before it had {first} of {of} in three sets and {alarms} alarms in {controls} controls" in readme
+    assert (
+        f"The states before it had {first} of {of} in three sets and {alarms} alarms in {controls} controls" in readme
+    )
     before = [
         summary_of("tracks_only", commit)["pooled"]["named_first"] for commit in ("85d34fb", "cdf2f37", "9beed61")
     ]

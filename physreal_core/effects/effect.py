@@ -96,6 +96,10 @@ class Inputs:
         return len(self.controllers) - 1
 
 
+Limits = Mapping[str, tuple[float, float]]
+"""Lowest and highest value of coefficients, by name, in SI units."""
+
+
 class Effect:
     """One candidate: subclasses fill in the class variables and override `act` or, for the measurement, `observe`.
 
@@ -167,6 +171,10 @@ class Effect:
             motion: the baseline's rollout, shapes [T, N, ...], for effects that have to look where the body goes.
         """
         return ({},)
+
+    def limits(self, setting: Setting) -> Limits:
+        """Of coefficients that this body bounds more narrowly than `coefficients` do: a place that lies in it."""
+        return {}
 
     def large_starts(self, setting: Setting) -> tuple[dict[str, float], ...]:
         """Amplitudes from which a fit starts too, each at the modulus that suits it.

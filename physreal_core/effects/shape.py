@@ -8,7 +8,7 @@ from scipy.cluster.vq import kmeans2
 from scipy.spatial import ConvexHull, QhullError, cKDTree
 
 from physreal_core.array_types import Array, Float, Tensor
-from physreal_core.effects.effect import Setting
+from physreal_core.effects.effect import Limits, Setting
 from physreal_core.simulation import Body
 
 FLAT = 0.1
@@ -71,6 +71,12 @@ def exposure(body: Body) -> Float[Array, " particles"]:
 def bump(points: Float[Tensor, "points 3"], place: Float[Tensor, "3"], radius: Tensor) -> Float[Tensor, " points"]:
     """exp(-|x - c|^2 / (2 r^2)); 1 at the place c."""
     return torch.exp(-(points - place).square().sum(-1) / (2 * radius**2))
+
+
+def box(body: Body) -> Limits:
+    """Of a place `x`, `y`, `z` [m] at frame 0: the box around the body."""
+    lower, upper = body.x0.min(0), body.x0.max(0)
+    return {axis: (float(low), float(high)) for axis, low, high in zip("xyz", lower, upper, strict=True)}
 
 
 def carried_place(

@@ -4,7 +4,9 @@ import numpy as np
 import pytest
 import torch
 
+from physreal_core.effects import EFFECTS
 from physreal_core.gap.fits.unknowns import SCALARS, Unknowns
+from tests.gap.test_predictions import experiment
 
 FIELDS = {
     name: torch.tensor(value, dtype=torch.float64)
@@ -39,3 +41,16 @@ def test_a_grip_moves_within_a_range_of_where_it_starts():
     place = unknowns.place("grip_stiffness")
     assert np.exp(unknowns.block.upper[place]) == pytest.approx(12.0 * SCALARS["grip_stiffness"].factor)
     assert np.exp(unknowns.block.lower[place]) == pytest.approx(12.0 / SCALARS["grip_stiffness"].factor)
+
+
+@pytest.mark.parametrize("name", ["payload", "soft_spot"])
+def test_what_is_in_the_body_stays_in_the_box_around_it(name):
+    own = experiment()
+    limits = {name: EFFECTS[name].limits(own.setting)}
+    unknowns = Unknowns(FIELDS, limits=limits).beside((name,), {}).under("hencky").without_contrast()
+    far = unknowns.vector_of(FIELDS)
+    far[unknowns.places[name]] = 1e3
+    found = unknowns.values(np.clip(far, unknowns.block.lower, unknowns.block.upper))[name]
+    assert [found[axis] for axis in "xyz"] == pytest.approx(own.setting.body.x0.max(0))
+    lower = unknowns.values(unknowns.block.lower)[name]
+    assert [lower[axis] for axis in "xyz"] == pytest.approx(own.setting.body.x0.min(0))

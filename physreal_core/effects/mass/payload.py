@@ -3,9 +3,9 @@
 from collections.abc import Mapping
 
 from physreal_core.array_types import Array, Float
-from physreal_core.effects.effect import ANYWHERE, Coefficient, Effect, Inputs, Setting, Values
+from physreal_core.effects.effect import ANYWHERE, Coefficient, Effect, Inputs, Limits, Setting, Values
 from physreal_core.effects.fields import changed, field, like, vector
-from physreal_core.effects.shape import bump, carried_place, local_starts
+from physreal_core.effects.shape import box, bump, carried_place, local_starts
 from physreal_core.simulation import States
 
 PLAIN = 1.0
@@ -26,9 +26,15 @@ class Payload(Effect):
     terms = ("density",)
     coefficients = (
         Coefficient("ratio", "1", "extra mass over the body's, m", 0.0, 0.0, 5.0, 0.5),
-        Coefficient("x", "m", "centre at frame 0", 0.0, -ANYWHERE, ANYWHERE, 0.03, "shape"),
-        Coefficient("y", "m", "centre at frame 0", 0.0, -ANYWHERE, ANYWHERE, 0.03, "shape"),
-        Coefficient("z", "m", "centre at frame 0", 0.0, -ANYWHERE, ANYWHERE, 0.03, "shape"),
+        Coefficient(
+            "x", "m", "centre at frame 0, within the box around the body", 0.0, -ANYWHERE, ANYWHERE, 0.03, "shape"
+        ),
+        Coefficient(
+            "y", "m", "centre at frame 0, within the box around the body", 0.0, -ANYWHERE, ANYWHERE, 0.03, "shape"
+        ),
+        Coefficient(
+            "z", "m", "centre at frame 0, within the box around the body", 0.0, -ANYWHERE, ANYWHERE, 0.03, "shape"
+        ),
         Coefficient("radius", "m", "r", 0.02, 0.005, 0.2, 0.02, "shape"),
     )
 
@@ -38,6 +44,10 @@ class Payload(Effect):
         spread = bump(x0, vector(values, "x", "y", "z", like=x0), values["radius"].to(x0))
         share = spread / (spread * volume).sum().clamp_min(1e-30)
         return changed(inputs, density=density + values["ratio"] * float(setting.body.mass.sum()) * share)
+
+    def limits(self, setting: Setting) -> Limits:
+        """Its centre lies in the body: far outside, a wide one would be a gradient."""
+        return box(setting.body)
 
     def carried(
         self, values: Mapping[str, float], rotation: Float[Array, "3 3"], translation: Float[Array, "3"]

@@ -8,6 +8,7 @@ import numpy as np
 
 from physreal_core.array_types import Array, Float, Tensor
 from physreal_core.checkpoints import remembered
+from physreal_core.effects import EFFECTS
 from physreal_core.errors import InputError
 from physreal_core.gap.fits.evidence import Evidences
 from physreal_core.gap.fits.finishing import RULED_OUT, continued
@@ -71,7 +72,9 @@ def fit_baseline(
         InputError: no start can be simulated, or the fitted model cannot be simulated to the last frame.
     """
     first, laws = experiments[0], possible_laws(experiments[0], settings)
-    unknowns = Unknowns(first.model.fields, (), settings.priors, scalars=unknown_scalars(first, settings))
+    limits = {name: effect.limits(first.setting) for name, effect in EFFECTS.items()}
+    scalars = unknown_scalars(first, settings)
+    unknowns = Unknowns(first.model.fields, (), settings.priors, scalars=scalars, limits=limits)
     found = remembered(
         "baseline",
         lambda: Trial(unknowns.fields if begun is None else begun).told(),

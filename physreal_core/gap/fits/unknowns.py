@@ -9,12 +9,13 @@ from __future__ import annotations
 
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass, replace
+from typing import Any
 
 import numpy as np
 import torch
 
 from physreal_core.array_types import Array, Bool, Float, Tensor
-from physreal_core.effects import EFFECTS
+from physreal_core.effects import EFFECTS, Limits
 from physreal_core.gap.interactions.interaction import EffectValues, Trial
 
 POISSON_RANGE = (0.05, 0.48)
@@ -108,6 +109,7 @@ class Unknowns:
         at: coefficients of the effects where a fit starts; dormant by default. The priors of shapes are centred there.
         scalars: names in `SCALARS` of the numbers that are unknown and act.
         elastic_law: in place of the model's; None for the model's own.
+        limits: of coefficients by effect, narrower than their own bounds (`Effect.limits`).
 
     Attributes:
         baseline: number of unknowns of the baseline; they come first.
@@ -124,10 +126,11 @@ class Unknowns:
         at: EffectValues | None = None,
         scalars: Sequence[str] = ("friction_coefficient",),
         elastic_law: str | None = None,
+        limits: Mapping[str, Limits] | None = None,
     ) -> None:
         self.fields, self.effects, self.priors = fields, tuple(effects), priors or Priors()
         self.patches, self.scalars = len(fields["youngs_modulus"]), tuple(scalars)
-        self.at, self.elastic_law = at or {}, elastic_law
+        self.at, self.elastic_law, self.limits = at or {}, elastic_law, limits or {}
         blocks = [self._baseline(), *(self._effect(name) for name in self.effects)]
         self.baseline = len(blocks[0])
         ends = np.cumsum([len(block) for block in blocks])
@@ -170,7 +173,8 @@ class Unknowns:
         dormant = np.array([c.dormant for c in coefficients])
         start = np.array([self.at.get(name, {}).get(c.name, c.dormant) for c in coefficients])
         amplitude = np.array([c.kind == "amplitude" for c in coefficients])
-        lower, upper = (np.array([getattr(c, side) for c in coefficients]) for side in ("lower", "upper"))
+        limits = self.limits.get(name, {})
+        lower, upper = np.array([limits.get(c.name, (c.lower, c.upper)) for c in coefficients]).T
         one_sided = amplitude & ((lower >= dormant) | (upper <= dormant))
         sign = np.where(upper <= dormant, -1.0, 1.0)
         return Block(
@@ -202,12 +206,11 @@ class Unknowns:
 
     def without_contrast(self) -> Unknowns:
         """The same unknowns under a prior that admits one modulus for all patches only."""
-        priors = replace(self.priors, contrast=NO_CONTRAST)
-        return Unknowns(self.fields, self.effects, priors, self.at, self.scalars, self.elastic_law)
+        return self._with(priors=replace(self.priors, contrast=NO_CONTRAST))
 
     def under(self, elastic_law: str | None) -> Unknowns:
         """The same unknowns under another elastic law, or under the model's own."""
-        return Unknowns(self.fields, self.effects, self.priors, self.at, self.scalars, elastic_law)
+        return self._with(elastic_law=elastic_law)
 
     def beside(self, effects: Sequence[str], at: EffectValues) -> Unknowns:
         """The unknowns of this baseline and of other effects, in the order in which they act.
@@ -216,7 +219,11 @@ class Unknowns:
             effects: their names.
             at: coefficients where a fit starts.
         """
-        return Unknowns(self.fields, effects, self.priors, at, self.scalars, self.elastic_law)
+        return self._with(effects=effects, at=at)
+
+    def _with(self, **changes: Any) -> Unknowns:
+        own = ("fields", "effects", "priors", "at", "scalars", "elastic_law", "limits")
+        return Unknowns(**{name: getattr(self, name) for name in own} | changes)
 
     def with_uniform_modulus(self, vector: Float[Array, " unknowns"]) -> Float[Array, " unknowns"]:
         """The vector with the mean of log E in all patches."""

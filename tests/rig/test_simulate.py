@@ -11,7 +11,7 @@ pytest.importorskip("mujoco")
 from data.rig.rig_scene import Material, Motion, RigScene, plush_lift
 from data.rig.shapes import Block, Capsule, RoundedShape
 from data.rig.simulate import simulate
-from data.rig.specimen import run
+from data.rig.specimen import run, specimen
 
 STILL = Motion(((0.0, 1.0, (0.0, 0.0, 0.0)),))
 NOWHERE = RoundedShape((Capsule((5, 5, 5), (5, 5, 5), 0.01),))
@@ -143,3 +143,10 @@ def test_hand_carries_what_it_grips():
     result = simulate(scene, settle=0.05)
     held = result.vertices[:, result.gripped] - result.mesh.vertices[result.gripped]
     np.testing.assert_allclose(held[-1].mean(axis=0), result.hand[-1], atol=5e-4)
+
+
+def test_a_body_that_blows_up_is_an_error():
+    """MuJoCo would put it back to where it began and go on."""
+    scene = replace(specimen("bar", 0).scene("press_drag"), mesh_spacing=0.022)
+    with pytest.raises(RuntimeError, match="non-finite"):
+        simulate(scene, timestep=0.004, integrator="Euler", settle=0.1, punctual=True)

@@ -166,6 +166,32 @@ def bind_within(
     return springs(x0, held, points, spacing, per_particle)
 
 
+def reaching(
+    grip: Grip,
+    x0: Float[Array, "particles 3"],
+    controllers: Float[Array, "controllers 3"],
+    factor: float,
+    spacing: float,
+) -> Grip:
+    """What a hand holds if it holds what is so many times as far from its points.
+
+    Args:
+        grip: what it holds, all the time.
+        x0: particles in frame 0 [m].
+        controllers: controller points then [m].
+        factor: on the farthest of the particles' distances from their nearest points.
+        spacing: of the particles [m].
+    """
+    nearest = np.full(len(x0), np.inf)
+    np.minimum.at(nearest, grip.particles, grip.rest_lengths)
+    reach = factor * nearest[grip.particles].max()
+    if factor <= 1.0:
+        return grip.within(reach)
+    return bind_grip(
+        x0, controllers[None], radius=reach, spacing=spacing, per_particle=int(np.bincount(grip.particles).max())
+    )
+
+
 def springs(x0: Array, held: Array, points: Array, spacing: float, per_particle: int) -> Grip:
     """Binds particles to the `per_particle` nearest points with springs of equal constant: weights in proportion to rest
     lengths, which sum to one for every particle. Springs in all directions hold it against shifts and turns alike."""

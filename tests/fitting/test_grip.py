@@ -5,7 +5,7 @@ import pytest
 from scipy.spatial.transform import Rotation
 
 from physreal_core.errors import InputError
-from physreal_core.fitting.grip import bind_grip, bind_within
+from physreal_core.fitting.grip import bind_grip, bind_within, reaching
 
 
 def lattice():
@@ -120,3 +120,14 @@ def test_a_clasp_without_volume_or_particles_is_refused():
             bind_within(lattice(), points, spacing=0.01)
     with pytest.raises(InputError, match=r"nearest particle is 0.095\d m away.*between the points"):
         bind_within(lattice(), clasp() - [0.12, 0.0, 0.0], spacing=0.01)
+
+
+@pytest.mark.parametrize("factor", [0.6, 1.5])
+def test_a_hand_that_reaches_as_far_as_said_holds_what_is_within_that(factor):
+    x0, hand = lattice(), np.array([[np.nan] * 3, [0.045, 0.045, 0.102], [0.065, 0.045, 0.102]])
+    grip = bind_grip(x0, over_time(hand), radius=0.03, spacing=0.01, per_particle=2)
+    away = np.linalg.norm(x0[:, None] - hand[1:], axis=2).min(axis=1)
+    reach = factor * away[grip.particles].max()
+    other = reaching(grip, x0, hand, factor, spacing=0.01)
+    np.testing.assert_array_equal(np.unique(other.particles), np.flatnonzero(away < reach))
+    assert set(other.controllers) == {1, 2} and (np.bincount(other.particles)[other.particles] == 2).all()

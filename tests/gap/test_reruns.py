@@ -3,15 +3,18 @@
 import dataclasses
 
 import numpy as np
+import pytest
 import torch
 
 from physreal_core.fitting import Problem, TrackObservations, uniform_model
+from physreal_core.fitting.grip import reaching
 from physreal_core.gap import Experiment, Trial
 from physreal_core.gap.interactions.discretisation import Discretisation
 from physreal_core.gap.noise.reruns import RERUNS, nearest_moduli, rerun_differences
 from physreal_core.geometry import patch_weights
 from physreal_core.rendering import bind
 from physreal_core.simulation import Body, Clamp
+from tests.gap.test_predictions import experiment
 
 SPACING, FRAMES, FPS = 0.0075, 8, 50.0
 
@@ -49,8 +52,8 @@ def test_a_clamped_body_is_not_turned_out_of_its_clamps():
     (predicted,) = experiment.predict([trial])
     fall = np.linalg.norm(predicted - predicted[0], axis=-1).max()
     (differences,) = rerun_differences(experiment, [trial], [predicted], nearest_moduli(experiment, trial, predicted))
-    # the law is its own
-    left = [v for v in RERUNS if v.turn == 0.0 and v.elastic_law != "hencky"]
+    # the law is its own, and nobody has seen a hand
+    left = [v for v in RERUNS if v.turn == 0.0 and v.elastic_law != "hencky" and v.hold == 1.0]
     assert len(differences) == len(left) == 3
     assert fall > 0.005 and np.linalg.norm(differences, axis=-1).max() < 0.3 * fall
     # whereas turned, it would leave them
@@ -84,3 +87,23 @@ def test_what_a_modulus_takes_up_is_no_numerical_error():
 
 def _times(fields: dict, factor: float) -> dict:
     return {**fields, "youngs_modulus": fields["youngs_modulus"] * factor}
+
+
+@pytest.mark.parametrize("hand_seen", [False, True])
+def test_another_hold_is_tried_of_a_hand_that_a_camera_has_seen(hand_seen):
+    own = experiment(hand_seen=hand_seen)
+    trial, holds = Trial(own.model.fields), [rerun for rerun in RERUNS if rerun.hold != 1.0]
+    (predicted,) = own.predict([trial])
+    ((*found,),) = rerun_differences(own, [trial], [predicted], {}, holds)
+    assert len(found) == 2 * hand_seen
+    for difference, rerun in zip(found, holds, strict=hand_seen):
+        held = reaching(
+            own.problem.grip,
+            own.problem.body.x0,
+            own.problem.controllers[0].numpy(),
+            rerun.hold,
+            own.problem.body.spacing,
+        )
+        there = Experiment(dataclasses.replace(own.problem, grip=held), own.model).predict([trial])[0]
+        np.testing.assert_allclose(difference, there - predicted, atol=1e-6)
+        assert np.abs(difference).max() > 1e-4

@@ -1,4 +1,4 @@
-"""Other discretisations of one problem, which show the simulator's numerical error."""
+"""Other discretisations of one problem, which show the simulator's numerical error, and another hold of a hand that was seen."""
 
 from __future__ import annotations
 
@@ -11,6 +11,7 @@ import torch
 from physreal_core.array_types import Float, Tensor
 from physreal_core.effects import Inputs
 from physreal_core.errors import InputError
+from physreal_core.fitting.grip import reaching
 from physreal_core.fitting.problem import Problem
 from physreal_core.simulation import Body, SimulationConfig
 
@@ -25,6 +26,7 @@ class Discretisation:
         courant: factor on the time step.
         turn: angle by which body, hand and gravity are turned about the vertical, against the grid [rad].
         elastic_law: another law of the same small-strain stiffness; None for the model's own.
+        hold: factor on how far from the hand's points the body is held.
         error: the first run's error divided by the difference between the two runs (Richardson's extrapolation).
     """
 
@@ -33,6 +35,7 @@ class Discretisation:
     courant: float = 1.0
     turn: float = 0.0
     elastic_law: str | None = None
+    hold: float = 1.0
     error: float = 1.0
 
 
@@ -48,7 +51,7 @@ class DiscretisedProblem:
         discretisation: what differs.
 
     Attributes:
-        body, config: as the simulator takes them.
+        body, config, grip: as the simulator takes them.
     """
 
     def __init__(self, problem: Problem, config: SimulationConfig, discretisation: Discretisation) -> None:
@@ -64,6 +67,10 @@ class DiscretisedProblem:
                 f"the discretisation {given.name!r} of a thin body", where="DiscretisedProblem", expected="its own mesh"
             )
         self.body = body if thin else Body(x0, body.volume, body.density, body.spacing * given.cell, pieces=body.piece)
+        self.grip = problem.grip
+        if given.hold != 1.0:
+            hand = problem.controllers[0].numpy().astype(np.float64)
+            self.grip = reaching(problem.grip, body.x0, hand, given.hold, body.spacing)
         gravity = tuple((self._turn.double() @ torch.tensor(config.gravity, dtype=torch.float64)).tolist())
         changed = {
             "courant": config.courant * given.courant,

@@ -299,7 +299,7 @@ class Experiment:
         key = config, discretisation
         if key not in self._simulators:
             given = self.problem
-            scene = given.grip, given.clamps, given.loads, given.tool
+            scene = problem.grip, given.clamps, given.loads, given.tool
             with _MAKING, one_torch_thread():
                 self._simulators[key] = Simulator(problem.body, problem.config, *scene)
         return problem, self._simulators[key]

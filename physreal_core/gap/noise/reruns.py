@@ -19,8 +19,11 @@ RERUNS = (
     Discretisation("a finer grid", cell=0.85, error=1.0 / (1.0 - 0.85**2)),
     Discretisation("a turned grid", turn=0.5),
     Discretisation("another law of the same stiffness", elastic_law="hencky"),
+    Discretisation("a smaller hold", hold=0.6),
+    Discretisation("a larger hold", hold=1.5),
 )
-"""Each changes one thing that a converged solution does not depend on (the law: at small strain).
+"""Each changes one thing that a converged solution does not depend on (the law: at small strain), or that is not known: what a hand holds which a
+camera has seen is guessed from its points.
 
 The scheme is of second order in space and of first order in time, so the difference between two grids or steps gives the
 distance to the limit (Richardson's extrapolation).
@@ -91,6 +94,9 @@ def nearest_moduli(
 def _tells(rerun: Discretisation, experiment: Interaction, trial: Trial) -> bool:
     """Whether a rerun of a trial differs from it by a numerical error alone, and at all. A thin body has no grid and a law of its own."""
     if experiment.setting.body.elements is not None and (rerun.cell, rerun.turn, rerun.elastic_law) != (1.0, 0.0, None):
+        return False
+    grip = experiment.setting.grip
+    if rerun.hold != 1.0 and not (experiment.setting.all_seen and grip is not None and grip.steady):
         return False
     stays = bool(experiment.model.effects or trial.effects or experiment.setting.clamps)
     own_law = trial.elastic_law or experiment.model.elastic_law

@@ -6,51 +6,37 @@ frames, of the motion that shows it more, averaged over seeds.
 """
 
 import argparse
-from concurrent.futures import Executor, ProcessPoolExecutor
-from dataclasses import replace
+from concurrent.futures import ProcessPoolExecutor
 from functools import partial
 
 import numpy as np
-from scipy.interpolate import CubicSpline
 
+from data.rig.hidden.effect import NOTHING
 from data.rig.hidden.library import LIBRARY, Staging
 from data.rig.hidden.strengths import AMPLITUDES, LARGEST, TARGETS
-from data.rig.rig_scene import RigScene
 from data.rig.session import PLAIN
 from data.rig.specimen import specimen
-from data.rig.visibility import SPACING, distances, elastic, moved
+from data.rig.visibility import Yardstick
 
 TRIALS = 2
 
 
-def scenes(seed: int) -> dict[str, RigScene]:
-    """The plain session's motions of one bar, coarsely meshed."""
-    return {m: replace(specimen("bar", seed).scene(m), mesh_spacing=SPACING) for m in PLAIN.motions}
+YARDSTICKS: dict[int, Yardstick] = {}
+"""By seed: what effects in a bar are held against, in the plain session."""
 
 
-ELASTIC: dict[tuple[int, str], CubicSpline] = {}
-"""By seed and motion: the tracks of the bar with nothing hidden, as of `visibility.elastic`."""
-
-
-def know_elastic(seeds: int, pool: Executor) -> None:
-    """Fill `ELASTIC`."""
-    bars = [(seed, motion) for seed in range(seeds) for motion in PLAIN.motions]
-    ELASTIC.update(zip(bars, pool.map(_elastic_bar, bars), strict=True))
-
-
-def _elastic_bar(bar: tuple[int, str]) -> CubicSpline:
-    seed, motion = bar
-    return elastic(scenes(seed)[motion])
+def know_yardsticks(seeds: int) -> None:
+    """Fill `YARDSTICKS` with such as have simulated the bars without an effect."""
+    for seed in range(seeds):
+        YARDSTICKS[seed] = Yardstick(specimen("bar", seed), PLAIN)
+        YARDSTICKS[seed].seen(NOTHING)
 
 
 def size(name: str, amplitude: float, seed: int) -> float:
     """Distance [m] of the effect's tracks from the nearest elastic bar's."""
-    case = scenes(seed)
-    staging = Staging(specimen("bar", seed).body, specimen("bar", seed).scene("lift_swing"))
-    hidden = LIBRARY[name](amplitude, staging, np.random.default_rng([seed, 10]))
-    squares = [distances(ELASTIC[seed, motion], moved(scene, hidden)) for motion, scene in case.items()]
-    nearest = np.sum(squares, axis=0).argmin()
-    return float(np.sqrt(np.max([square[nearest] for square in squares])))
+    bar = specimen("bar", seed)
+    staging = Staging(bar.body, bar.scene("lift_swing"))
+    return YARDSTICKS[seed].seen(LIBRARY[name](amplitude, staging, np.random.default_rng([seed, 10])))
 
 
 def amplitudes(name: str, seeds: int) -> tuple[float, ...]:
@@ -95,8 +81,7 @@ def main() -> None:
     parser.add_argument("--jobs", type=int, default=2)
     parser.add_argument("--seeds", type=int, default=2, help="how many objects to average over")
     arguments = parser.parse_args()
-    with ProcessPoolExecutor(arguments.jobs) as pool:
-        know_elastic(arguments.seeds, pool)
+    know_yardsticks(arguments.seeds)
     with ProcessPoolExecutor(arguments.jobs) as pool:  # forked from here, so that they share it
         list(pool.map(partial(amplitudes, seeds=arguments.seeds), arguments.effects))
 

@@ -179,12 +179,13 @@ def reaching(
         grip: what it holds, all the time.
         x0: particles in frame 0 [m].
         controllers: controller points then [m].
-        factor: on the farthest of the particles' distances from their nearest points.
+        factor: on the farthest of the particles' distances from their nearest points; the nearest particle stays held.
         spacing: of the particles [m].
     """
     nearest = np.full(len(x0), np.inf)
     np.minimum.at(nearest, grip.particles, grip.rest_lengths)
-    reach = factor * nearest[grip.particles].max()
+    away = nearest[grip.particles]
+    reach = max(factor * away.max(), away.min())
     if factor <= 1.0:
         return grip.within(reach)
     return bind_grip(

@@ -1,13 +1,18 @@
 """Where the fit of a baseline begins, and what happens where it cannot."""
 
-import numpy as np
+from dataclasses import replace
 
-from physreal_core.gap.fits.baseline import _from_a_guess, local_minima
+import numpy as np
+import pytest
+from scipy.spatial.transform import Rotation
+
+from physreal_core.gap.fits.baseline import _from_a_guess, _limits, local_minima
 from physreal_core.gap.fits.least_squares import Data, fit, together
 from physreal_core.gap.fits.unknowns import Priors, Unknowns
 from physreal_core.gap.settings import GapSettings
 from tests.gap import linear
 from tests.gap.linear import ANSWERS, LinearExperiment, baseline
+from tests.gap.test_predictions import experiment
 
 
 def test_valleys_are_the_places_without_a_deeper_neighbour():
@@ -51,3 +56,16 @@ def test_the_right_one_of_many_narrow_minima_is_found_between_the_moduli_of_the_
     np.testing.assert_allclose(
         np.exp(best.vector[: unknowns.patches]).prod() ** 0.5, 1e5 * np.sqrt(1.2 * 0.9), rtol=5e-3
     )
+
+
+def test_a_place_is_bounded_where_the_object_lies_in_the_first_interaction():
+    own = experiment()
+    first = _limits(own)["payload"]
+    rotation, translation = Rotation.from_rotvec([0.3, -0.2, 1.0]).as_matrix(), np.array([0.2, -0.1, 0.05])
+    body = own.setting.body
+    there = replace(body, x0=body.x0 @ rotation.T + translation)
+    own.setting, own.placement = replace(own.setting, body=there), (rotation, translation)
+    second = _limits(own)["payload"]
+    assert first.keys() == second.keys() == set("xyz")
+    for axis in "xyz":
+        assert second[axis] == pytest.approx(first[axis])

@@ -1,15 +1,13 @@
 """A soft spot or a tear."""
 
-from collections.abc import Mapping
-
-from physreal_core.array_types import Array, Float
-from physreal_core.effects.effect import ANYWHERE, Coefficient, Effect, Inputs, Limits, Setting, Values
+from physreal_core.effects.effect import Coefficient, Inputs, Setting, Values
 from physreal_core.effects.fields import changed, like, vector, youngs_modulus
-from physreal_core.effects.shape import box, bump, carried_place, local_starts
+from physreal_core.effects.inside import PLACE, Inside
+from physreal_core.effects.shape import bump, local_starts
 from physreal_core.simulation import States
 
 
-class SoftSpot(Effect):
+class SoftSpot(Inside):
     """Young's modulus lowered around a place; near a = 1 a tear."""
 
     name = "soft_spot"
@@ -20,15 +18,7 @@ class SoftSpot(Effect):
     distinguished_by = "loading the body on either side of the place: the bend stays where it is"
     coefficients = (
         Coefficient("loss", "1", "share of the modulus lost at the centre, a", 0.0, 0.0, 0.97, 0.4),
-        Coefficient(
-            "x", "m", "centre at frame 0, within the box around the body", 0.0, -ANYWHERE, ANYWHERE, 0.03, "shape"
-        ),
-        Coefficient(
-            "y", "m", "centre at frame 0, within the box around the body", 0.0, -ANYWHERE, ANYWHERE, 0.03, "shape"
-        ),
-        Coefficient(
-            "z", "m", "centre at frame 0, within the box around the body", 0.0, -ANYWHERE, ANYWHERE, 0.03, "shape"
-        ),
+        *PLACE,
         Coefficient("radius", "m", "r", 0.02, 0.005, 0.5, 0.02, "shape"),
     )
 
@@ -36,15 +26,6 @@ class SoftSpot(Effect):
         E = youngs_modulus(inputs, setting)
         spot = bump(like(inputs, setting.body.x0), vector(values, "x", "y", "z", like=E), values["radius"].to(E))
         return changed(inputs, youngs_modulus=E * (1 - values["loss"] * spot))
-
-    def limits(self, setting: Setting) -> Limits:
-        """Its centre lies in the body: far outside, a wide one would be a gradient."""
-        return box(setting.body)
-
-    def carried(
-        self, values: Mapping[str, float], rotation: Float[Array, "3 3"], translation: Float[Array, "3"]
-    ) -> dict[str, float]:
-        return carried_place(values, rotation, translation)
 
     def starts(self, setting: Setting, motion: States | None = None) -> tuple[dict[str, float], ...]:
         """At each of the places of the body, a tenth of the body's extent wide."""

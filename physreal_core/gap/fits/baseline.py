@@ -3,12 +3,13 @@
 from __future__ import annotations
 
 from collections.abc import Callable, Mapping, Sequence
+from dataclasses import replace
 
 import numpy as np
 
 from physreal_core.array_types import Array, Float, Tensor
 from physreal_core.checkpoints import remembered
-from physreal_core.effects import EFFECTS
+from physreal_core.effects import EFFECTS, Limits
 from physreal_core.errors import InputError
 from physreal_core.gap.fits.evidence import Evidences
 from physreal_core.gap.fits.finishing import RULED_OUT, continued
@@ -72,9 +73,8 @@ def fit_baseline(
         InputError: no start can be simulated, or the fitted model cannot be simulated to the last frame.
     """
     first, laws = experiments[0], possible_laws(experiments[0], settings)
-    limits = {name: effect.limits(first.setting) for name, effect in EFFECTS.items()}
     scalars = unknown_scalars(first, settings)
-    unknowns = Unknowns(first.model.fields, (), settings.priors, scalars=scalars, limits=limits)
+    unknowns = Unknowns(first.model.fields, (), settings.priors, scalars=scalars, limits=_limits(first))
     found = remembered(
         "baseline",
         lambda: Trial(unknowns.fields if begun is None else begun).told(),
@@ -130,6 +130,15 @@ def unknown_scalars(experiment: Interaction, settings: GapSettings) -> tuple[str
         "tool_friction": experiment.setting.tool is not None,
     }
     return tuple(name for name, acts in acting.items() if acts)
+
+
+def _limits(experiment: Interaction) -> dict[str, Limits]:
+    """Of all effects' coefficients, which belong to where the object lies in the first of all interactions."""
+    setting = experiment.setting
+    if experiment.placement is not None:
+        rotation, translation = experiment.placement
+        setting = replace(setting, body=replace(setting.body, x0=(setting.body.x0 - translation) @ rotation))
+    return {name: effect.limits(setting) for name, effect in EFFECTS.items()}
 
 
 def _without_reruns(

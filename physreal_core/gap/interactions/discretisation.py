@@ -13,7 +13,7 @@ from physreal_core.effects import Inputs
 from physreal_core.errors import InputError
 from physreal_core.fitting.grip import reaching
 from physreal_core.fitting.problem import Problem
-from physreal_core.simulation import Body, SimulationConfig
+from physreal_core.simulation import Body, Grip, SimulationConfig
 
 
 @dataclass(frozen=True)
@@ -51,11 +51,12 @@ class DiscretisedProblem:
         discretisation: what differs.
 
     Attributes:
-        body, config, grip: as the simulator takes them.
+        body, config: as the simulator takes them.
     """
 
     def __init__(self, problem: Problem, config: SimulationConfig, discretisation: Discretisation) -> None:
         body, given = problem.body, discretisation
+        self._problem, self._hold = problem, given.hold
         c, s = np.cos(given.turn), np.sin(given.turn)
         self._turn = torch.tensor([[c, -s, 0.0], [s, c, 0.0], [0.0, 0.0, 1.0]], dtype=torch.float32)
         self._centre = torch.as_tensor(body.x0.mean(0), dtype=torch.float32) * torch.tensor([1.0, 1.0, 0.0])
@@ -67,10 +68,6 @@ class DiscretisedProblem:
                 f"the discretisation {given.name!r} of a thin body", where="DiscretisedProblem", expected="its own mesh"
             )
         self.body = body if thin else Body(x0, body.volume, body.density, body.spacing * given.cell, pieces=body.piece)
-        self.grip = problem.grip
-        if given.hold != 1.0:
-            hand = problem.controllers[0].numpy().astype(np.float64)
-            self.grip = reaching(problem.grip, body.x0, hand, given.hold, body.spacing)
         gravity = tuple((self._turn.double() @ torch.tensor(config.gravity, dtype=torch.float64)).tolist())
         changed = {
             "courant": config.courant * given.courant,
@@ -78,6 +75,15 @@ class DiscretisedProblem:
             "elastic_law": given.elastic_law or config.elastic_law,
         }
         self.config = dataclasses.replace(config, **changed)
+
+    @property
+    def grip(self) -> Grip | None:
+        """As the simulator takes it."""
+        problem = self._problem
+        if self._hold == 1.0:
+            return problem.grip
+        hand = problem.controllers[0].numpy().astype(np.float64)
+        return reaching(problem.grip, problem.body.x0, hand, self._hold, problem.body.spacing)
 
     def _turned(self, points: Float[Tensor, "*shape 3"]) -> Float[Tensor, "*shape 3"]:
         turn, centre = self._turn.to(points), self._centre.to(points)

@@ -92,8 +92,10 @@ def nearest_moduli(
 
 
 def _tells(rerun: Discretisation, experiment: Interaction, trial: Trial) -> bool:
-    """Whether a rerun of a trial differs from it by a numerical error alone, and at all. A thin body has no grid and a law of its own."""
-    if experiment.setting.body.elements is not None and (rerun.cell, rerun.turn, rerun.elastic_law) != (1.0, 0.0, None):
+    """Whether a rerun of a trial differs from it by a numerical error alone, and at all. A thin body has no grid and a law of its own,
+    and is held between a hand's points and not around them."""
+    changed = (rerun.cell, rerun.turn, rerun.elastic_law, rerun.hold)
+    if experiment.setting.body.elements is not None and changed != (1.0, 0.0, None, 1.0):
         return False
     grip = experiment.setting.grip
     if rerun.hold != 1.0 and not (experiment.setting.all_seen and grip is not None and grip.steady):

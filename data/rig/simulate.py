@@ -20,6 +20,11 @@ from physreal_core.checkpoints import Checkpoints, checkpoints
 
 CHECKPOINT = "simulation"
 
+
+class BlewUp(RuntimeError):
+    """A simulation turned non-finite."""
+
+
 ROUNDS = 2
 """How often a body that lies for long comes to rest and forgets its stress. It still sinks by up to a millimetre then."""
 
@@ -50,7 +55,7 @@ def simulate(
             False: it has the stress of its own weight there.
 
     Raises:
-        RuntimeError: the simulation turned non-finite.
+        BlewUp: the simulation turned non-finite.
     """
     import mujoco
 
@@ -137,7 +142,7 @@ def _finite(world: World, punctual: bool) -> Float[Array, "R 3"]:
     """`_recorded`, or an error where the simulation blew up."""
     recorded = _recorded(world, punctual)
     if not np.isfinite(recorded).all():
-        raise RuntimeError(
+        raise BlewUp(
             f"the truth of {world.scene.name} turned non-finite; a smaller timestep than {world.timestep} s may help"
         )
     return recorded

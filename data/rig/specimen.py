@@ -6,6 +6,7 @@ takes up what the elements add to the stiffness; that they twist and stretch a b
 does, so they are fine. The hand holds the +x end: all of it to lift, so that the body is a cantilever; the upper half to press, so that the lower half gives.
 """
 
+from contextlib import suppress
 from dataclasses import dataclass, replace
 
 import numpy as np
@@ -16,7 +17,7 @@ from data.rig.motions import MOTIONS, THIN_MOTIONS, UPPER_HALF, paced, shrunk
 from data.rig.rig_scene import Material, RigScene, View, mitten
 from data.rig.session import PLAIN, Session
 from data.rig.shapes import RoundedShape
-from data.rig.simulate import simulate
+from data.rig.simulate import BlewUp, simulate
 from data.rig.thin_body import ThinBody
 from data.rig.thin_simulate import run as run_thin
 from data.rig.trajectory import Trajectory
@@ -28,6 +29,10 @@ GUESS = 0.3  # Poisson's ratio
 _SOFT, _STIFF = 1.2e5, 2.4e5  # Young's moduli of bars [Pa]
 _SETTLE = 0.1  # [s]; a body of boxes lies flat, so there is little to settle
 _SETTLE_ROUNDED = 0.3
+
+STEPS = (1.0, 0.5, 0.25)
+"""Shares of the usual time step that are tried."""
+
 _LONGEST = 5e-4  # [s]; contacts damp at the rate 2000/s (`world.firmness`), which longer explicit steps overshoot
 
 
@@ -107,14 +112,32 @@ def as_stated(scene: RigScene, session: Session) -> RigScene:
 
 
 def run(scene: RigScene, hidden: Hidden = NOTHING) -> Trajectory:
-    """The truth of a specimen's scene: undamped and symplectic unless the effect takes an implicit step."""
-    if isinstance(scene.body, ThinBody):
-        return run_thin(scene, hidden=hidden)
+    """The truth of a specimen's scene. A body that blows up takes shorter steps: one that flows or is pressed flat bears less than
+    one at rest.
+
+    Raises:
+        BlewUp: the shortest steps do not help either.
+    """
+    simulated, (*longer, shortest) = run_thin if isinstance(scene.body, ThinBody) else run_solid, STEPS
+    for share in longer:
+        with suppress(BlewUp):
+            return simulated(scene, share, hidden)
+    return simulated(scene, shortest, hidden)
+
+
+def run_solid(scene: RigScene, share: float = 1.0, hidden: Hidden = NOTHING) -> Trajectory:
+    """The truth of a volume: undamped and symplectic unless the effect takes an implicit step.
+
+    Args:
+        scene: of a volume.
+        share: of the usual time step.
+        hidden: what the scene does not tell.
+    """
     implicit = hidden.implicit_step()
     rounded = isinstance(scene.body, RoundedShape)  # its legs would sink by millimetres before they touch the table
     return simulate(
         scene,
-        timestep=explicit_step(scene) / hidden.hardening(scene) ** 0.5 if implicit is None else implicit,
+        timestep=share * (explicit_step(scene) / hidden.hardening(scene) ** 0.5 if implicit is None else implicit),
         integrator="Euler" if implicit is None else "discrete",
         settle=_SETTLE_ROUNDED if rounded else _SETTLE,
         calm=_SETTLE / 5,

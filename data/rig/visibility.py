@@ -18,6 +18,7 @@ from data.rig.hidden.effect import NOTHING, Hidden
 from data.rig.hidden.together import Together
 from data.rig.rig_scene import RigScene
 from data.rig.session import Session
+from data.rig.simulate import BlewUp
 from data.rig.specimen import Specimen, run, stiffened
 from data.rig.thin_body import ThinBody
 from physreal_core.array_types import Array, Float
@@ -69,7 +70,7 @@ class Yardstick:
         """Elastic bodies, and tracks with the effect.
 
         Raises:
-            RuntimeError: the body blows up, even with the elements of the capture.
+            BlewUp: the body blows up, even with the elements of the capture.
         """
         scene = self._specimen.scene(motion, self._session)
         if hidden.is_entered():
@@ -79,7 +80,7 @@ class Yardstick:
             try:
                 here = coarse(scene, spacing)
                 return self._of_any_modulus(motion, here), moved(here, hidden)
-            except RuntimeError:
+            except BlewUp:
                 if spacing <= scene.mesh_spacing or isinstance(scene.body, ThinBody):
                     raise
                 spacing = max(FINER * spacing, scene.mesh_spacing)

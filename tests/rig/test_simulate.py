@@ -8,10 +8,11 @@ from scipy.signal import find_peaks
 
 pytest.importorskip("mujoco")
 
+from data.rig import specimen as specimens
 from data.rig.rig_scene import Material, Motion, RigScene, plush_lift
 from data.rig.shapes import Block, Capsule, RoundedShape
-from data.rig.simulate import simulate
-from data.rig.specimen import run, specimen
+from data.rig.simulate import BlewUp, simulate
+from data.rig.specimen import explicit_step, run, run_solid, specimen
 
 STILL = Motion(((0.0, 1.0, (0.0, 0.0, 0.0)),))
 NOWHERE = RoundedShape((Capsule((5, 5, 5), (5, 5, 5), 0.01),))
@@ -148,5 +149,14 @@ def test_hand_carries_what_it_grips():
 def test_a_body_that_blows_up_is_an_error():
     """MuJoCo would put it back to where it began and go on."""
     scene = replace(specimen("bar", 0).scene("press_drag"), mesh_spacing=0.022)
-    with pytest.raises(RuntimeError, match="non-finite"):
+    with pytest.raises(BlewUp, match="non-finite"):
         simulate(scene, timestep=0.004, integrator="Euler", settle=0.1, punctual=True)
+
+
+def test_a_specimen_that_blows_up_takes_shorter_steps(monkeypatch):
+    scene = replace(specimen("bar", 0).scene("press_drag"), mesh_spacing=0.022, frames=4)
+    usual = run(scene).vertices[-1]
+    monkeypatch.setattr(specimens, "explicit_step", lambda scene: 2.5 * explicit_step(scene))
+    with pytest.raises(BlewUp):
+        run_solid(scene)
+    np.testing.assert_allclose(run(scene).vertices[-1], usual, atol=2e-4)

@@ -11,6 +11,7 @@ from data.rig import visibility as module
 from data.rig.case import Case
 from data.rig.hidden.effect import NOTHING, Hidden
 from data.rig.session import Session
+from data.rig.simulate import BlewUp
 from data.rig.visibility import MODULI, distances, elastic
 
 SHORT = Session(seen=("lift_swing",), held_out="press_drag", seconds={"lift_swing": 0.6, "press_drag": 0.4})
@@ -61,3 +62,19 @@ def test_the_spline_goes_through_the_bodies_that_are_simulated():
     own = module.moved(scene, NOTHING)
     np.testing.assert_allclose(plain(MODULI[2]), own, atol=1e-12)
     assert distances(plain, own).min() == pytest.approx(0.0, abs=1e-15)
+
+
+def test_where_a_coarse_body_blows_up_a_finer_one_is_compared(monkeypatch):
+    simulated = []
+
+    def blows_up_where_coarse(scene, hidden):
+        if scene.mesh_spacing > 0.02:
+            raise BlewUp
+        simulated.append(scene.mesh_spacing)
+        return moved(scene, hidden)
+
+    moved = module.moved
+    monkeypatch.setattr(module, "moved", blows_up_where_coarse)
+    case = Case("grip_offset", "high", 4, session=SHORT)
+    assert 0.003 < case.yardstick.seen(case.hidden) < 0.012
+    assert {round(spacing, 4) for spacing in simulated} == {0.0186}

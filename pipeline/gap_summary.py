@@ -15,6 +15,9 @@ if TYPE_CHECKING:  # the core is heavy for those who only ask what can be done
 SHOWN_ANSWERS = 8
 SHOWN_MOTIONS = 4
 
+NOT_SEARCHED = "not_searched"
+TO_ASK = "`find_gap: {search: true}` under the sequence in params.yaml asks."
+
 
 @dataclass(frozen=True)
 class GapSummary:
@@ -50,6 +53,8 @@ class GapSummary:
             [f"Not tried: {'; '.join(f'{name}, for {reason}' for name, reason in absent.items())}."] if absent else []
         )
         following = [f"Next: {what_next}."] if what_next else []
+        if self.verdict.kind == NOT_SEARCHED:
+            return [*where, f"{self.verdict.sentence} {TO_ASK}"]
         return [*where, self.verdict.sentence, *left_out, self._adopted(), *following]
 
     def _adopted(self) -> str:
@@ -91,7 +96,8 @@ class GapSummary:
 
     def tables(self) -> list[Table]:
         """The answers, the gap before and after, and motions that would tell look-alikes apart."""
-        return [self._answers(), self._before_after(), *([self._motions()] if self.gap.next_motions else [])]
+        answers = [] if self.verdict.kind == NOT_SEARCHED else [self._answers()]
+        return [*answers, self._before_after(), *([self._motions()] if self.gap.next_motions else [])]
 
     def _answers(self) -> Table:
         fitted = [candidate for candidate in self.gap.candidates if candidate.gain is not None]

@@ -116,7 +116,7 @@ def _gaps(results: Results) -> Table:
             sequence,
             gap.verdict.kind,
             " or ".join(" + ".join(names) for names in gap.verdict.members if names),
-            f"{gap.verdict.probability:.2f}",
+            "" if gap.verdict.probability is None else f"{gap.verdict.probability:.2f}",
             gap.closed,
             "" if (on_other := gap.closed_on_other_motion) is None else f"{on_other:.0%}",
             *(_stress_share(results.residual(sequence).get(kind)) for kind in ("with", "without")),

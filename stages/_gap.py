@@ -33,7 +33,7 @@ def in_companion(context: StageContext, own: Problem, model: Model) -> tuple[Mod
 
 def settings_of(params: FindGap, seed: int) -> GapSettings:
     """The search's settings: the calibrated ones but for what params.yaml gives."""
-    return GapSettings(seed=seed, **params.search())
+    return GapSettings(seed=seed, **params.given())
 
 
 def teller(context: StageContext) -> Callable[[str], None]:

@@ -1,12 +1,11 @@
 """Stage find_gap: where Stage 2's model and the measurement disagree, and what is missing (docs/missing_effect.md)."""
 
-import numpy as np
-
 from physreal_core.fitting.model import load_model
-from physreal_core.gap.adding import trial_of
+from physreal_core.gap.adding import baseline_of, trial_of
 from physreal_core.gap.interactions.experiment import Experiment
+from physreal_core.gap.looking import find_disagreement
 from physreal_core.gap.report import GapReport
-from physreal_core.gap.search import Search
+from physreal_core.gap.search import find_gap
 from pipeline.products.gap import save_gap
 from pipeline.stage import StageContext, main
 from stages._gap import interactions, settings_of, teller
@@ -17,22 +16,31 @@ def run(context: StageContext) -> None:
     """gap.json with verdict, candidates and maps, the fields of every fitted candidate, and figures."""
     with context.timed("read"):
         experiments = interactions(context, load_model(context.input("fit_patches")))
-    with context.timed("search"):
-        found = Search(experiments, settings_of(context.params, context.seed), teller(context)).run()
-        report = found.report()
+    settings = settings_of(context.params, context.seed)
+    if context.params.search:
+        with context.timed("search"):
+            report = find_gap(experiments, settings, teller(context))
+    else:
+        with context.timed("disagreement"):
+            report = find_disagreement(experiments, settings, teller(context))
     save_gap(context.output, report)
     with context.timed("figures"):
-        _draw(context, experiments[0], report, found.predictions[0])
+        _draw(context, experiments[0], report)
     print(report.where[0]["sentence"], report.verdict.sentence, sep="\n")
 
 
-def _draw(context: StageContext, own: Experiment, report: GapReport, before: np.ndarray) -> None:
-    """Figures of the sequence itself; `before` are its tracks [T,J,3] m as the baseline has them."""
+def _draw(context: StageContext, own: Experiment, report: GapReport) -> None:
+    """Figures of the sequence itself."""
     record = report.where[0]
     write_gap_map(context.output / "map.svg", own.points0, record)
     write_gap_timeline(context.output / "timeline.svg", record, observed=own.train)
-    after = own.predict([trial_of(report.best)])[0] if report.verdict.names else None
-    write_before_after(context.output / "before_after.svg", own.measured, own.valid, before, after)
+    trials = [baseline_of(report), *([trial_of(report.best)] if report.verdict.names else [])]
+    before, *after = own.predict(trials)
+    write_before_after(
+        context.output / "before_after.svg", own.measured, own.valid, before, after[0] if after else None
+    )
+    if not context.params.search:
+        return
     answers = {" + ".join(c.names) or "none": c.probability for c in report.candidates if c.gain is not None}
     named = tuple(" + ".join(names) or "none" for names in report.verdict.members)
     write_probabilities(context.output / "probabilities.svg", answers, named)

@@ -53,15 +53,15 @@ def _baselines(results: Results) -> dict:
 
 def _missing(gap: GapSummary) -> dict:
     """The verdict on a model, and the shares of the gap that what was adopted closes."""
-    closed = {
+    known = {
+        "probability": gap.verdict.probability,
         "closed": gap.after.closed if gap.after.adopted else None,
         "closed_on_other_motion": gap.closed_on_other_motion,
     }
     return {
         "verdict": gap.verdict.kind,
         "named": " + ".join(gap.verdict.names),
-        "probability": gap.verdict.probability,
-        **{name: share for name, share in closed.items() if share is not None},
+        **{name: share for name, share in known.items() if share is not None},
     }
 
 

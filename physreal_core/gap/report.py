@@ -8,7 +8,7 @@ from typing import Any, Literal
 
 from torch import Tensor
 
-Kind = Literal["none", "effect", "effects", "class", "unknown"]
+Kind = Literal["none", "effect", "effects", "class", "unknown", "not_searched"]
 
 
 @dataclass(frozen=True)
@@ -65,10 +65,10 @@ class Verdict:
 
     Args:
         kind: `none`; `effect`; `effects` for two at once; `class` for several answers that the data cannot tell apart;
-            `unknown` for a disagreement that nothing in the library explains.
+            `unknown` for a disagreement that nothing in the library explains; `not_searched` where nothing was asked.
         names: effects of the best answer; for a class, of its best member.
         members: answers of the class, the best first, at most three. Each is a tuple of names.
-        probability: that one of the members is correct.
+        probability: that one of the members is correct; None where nothing was asked.
         sentence: for a person.
         next_motion: the motion to film next, which would tell the members apart, and the second best; "" if nothing is
             open. Without a hand that holds the body, what shows each of the effects.
@@ -77,7 +77,7 @@ class Verdict:
     kind: Kind
     names: tuple[str, ...]
     members: tuple[tuple[str, ...], ...]
-    probability: float
+    probability: float | None
     sentence: str
     next_motion: str = ""
 

@@ -12,6 +12,10 @@ _CALIBRATED = "null: as calibrated on captures of known truth"
 class FindGap(StageParameters):
     """Where the expert model and the measurement disagree, and which effect of the library is missing."""
 
+    search: bool = Field(
+        True,
+        description="what is missing is looked for; false: only where model and measurement disagree, in a minute in place of many",
+    )
     candidates: list[EffectName] = Field(
         default_factory=list, description="effects that are tried; []: the whole library"
     )
@@ -30,7 +34,7 @@ class FindGap(StageParameters):
     )
     device: Device = device_field()
 
-    def search(self) -> dict:
+    def given(self) -> dict:
         """What is given of the search's settings, by their names in `GapSettings`."""
-        given = self.model_dump(exclude={"candidates", "device"}, exclude_none=True)
+        given = self.model_dump(exclude={"search", "candidates", "device"}, exclude_none=True)
         return {"candidates": tuple(self.candidates), **given}

@@ -125,6 +125,25 @@ def test_the_command_prints_what_was_found_without_searching_again(project, caps
     assert "wind" in said and "held out" in said and "[mm]" in said and "In the model from now on: wind" in said
 
 
+def test_without_a_search_the_wind_shows_and_nothing_is_named(tmp_path, capsys, monkeypatch):
+    project = _project(tmp_path, companion=True)
+    parameters = yaml.safe_load((project.root / "params.yaml").read_text())
+    parameters["sequences"]["lift"] = {"find_gap": {"search": False}}
+    (project.root / "params.yaml").write_text(yaml.safe_dump(parameters))
+    monkeypatch.setattr(find_gap, "find_gap", None)  # would fail if it ran
+    find_and_add("lift", project=project)
+    said = capsys.readouterr().out
+    assert "What is missing was not asked. `find_gap: {search: true}` under the sequence in params.yaml asks." in said
+    report = load_gap(project.artifact("find_gap", "lift"))
+    assert report.verdict.kind == "not_searched" and report.verdict.probability is None
+    assert len(report.where) == 2 and all(own["test"]["p_value"] < 0.01 for own in report.where)
+    assert not (project.artifact("find_gap", "lift") / "probabilities.svg").exists()
+    before, after = (
+        (project.artifact(stage, "lift") / "model.safetensors").read_bytes() for stage in ("fit_patches", "add_effect")
+    )
+    assert after == before
+
+
 def test_the_command_names_what_it_cannot_run_on(project):
     with pytest.raises(InputError, match="fits.lfit; did you mean fits.lift"):
         find_and_add("lfit", project=project)

@@ -3,6 +3,6 @@
 set -euo pipefail
 cd "$(dirname "$0")/.."
 . scripts/install.sh --models
-[ $# -gt 0 ] || scripts/film_example.sh
+[ $# -gt 0 ] || scripts/side_by_side.sh
 dvc repro "$@"
 physreal status

@@ -12,6 +12,7 @@ import yaml
 from PIL import Image
 
 from physreal_core.cores import available_cores
+from physreal_core.errors import InputError
 from pipeline.cli import main
 from pipeline.compose import compose
 from pipeline.config import load_parameters
@@ -135,3 +136,11 @@ def test_threads_follow_the_quota(tmp_path):
     assert available_cores(tmp_path / "cpu.max") == 1
     (tmp_path / "cpu.max").write_text("max 100000\n")
     assert available_cores(tmp_path / "cpu.max") == available_cores(tmp_path / "nothing") >= 1
+
+
+def test_cores_are_no_more_than_the_share_that_is_given(monkeypatch):
+    monkeypatch.setenv("PHYSREAL_CORES", "1")
+    assert available_cores() == 1
+    monkeypatch.setenv("PHYSREAL_CORES", "none")
+    with pytest.raises(InputError, match="PHYSREAL_CORES is 'none'"):
+        available_cores()

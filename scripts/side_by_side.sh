@@ -1,0 +1,18 @@
+#!/usr/bin/env bash
+# Makes the example's captures, then each fitted sequence's results, as many side by side as there are cores, among which they are shared out:
+# two stages on a core each are done sooner than one after the other on both. `dvc repro` afterwards does what is left.
+set -euo pipefail
+cd "$(dirname "$0")/.."
+
+# side_by_side TARGETS [options of dvc repro]; a target a line
+side_by_side() {
+  local targets=$1 cores jobs
+  shift
+  cores=$(nproc)
+  jobs=$(wc -l <<<"$targets")
+  PHYSREAL_CORES=$((cores > jobs ? cores / jobs : 1)) \
+    xargs -P "$cores" -I '{}' dvc --wait-for-lock repro --quiet "$@" '{}' <<<"$targets"
+}
+
+side_by_side "$(dvc stage list pipeline/rig/dvc.yaml --name-only)" --single-item
+side_by_side "$(dvc stage list pipeline/evaluate/dvc.yaml --name-only | grep ':evaluate@' | tac)"

@@ -15,4 +15,4 @@ side_by_side() {
 }
 
 side_by_side "$(dvc stage list pipeline/rig/dvc.yaml --name-only)" --single-item
-side_by_side "$(dvc stage list pipeline/evaluate/dvc.yaml --name-only | grep ':evaluate@' | tac)"
+side_by_side "$(printf 'pipeline/evaluate/dvc.yaml:evaluate@%s\n' bar_lift plush_lift plain_lift)" # the longest first

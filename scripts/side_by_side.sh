@@ -1,5 +1,5 @@
 #!/usr/bin/env bash
-# Makes the example's captures, then each fitted sequence's results, as many side by side as there are cores, among which they are shared out:
+# Makes the example's captures, then the results of each fitted and of each predicted sequence, as many side by side as there are cores, among which they are shared out:
 # two stages on a core each are done sooner than one after the other on both. `dvc repro` afterwards does what is left.
 set -euo pipefail
 cd "$(dirname "$0")/.."
@@ -16,3 +16,4 @@ side_by_side() {
 
 side_by_side "$(dvc stage list pipeline/rig/dvc.yaml --name-only)" --single-item
 side_by_side "$(printf 'pipeline/evaluate/dvc.yaml:evaluate@%s\n' bar_lift plush_lift plain_lift)" # the longest first
+side_by_side "$(dvc stage list pipeline/evaluate/dvc.yaml --name-only)"

@@ -36,6 +36,27 @@ class Setting:
     lower: tuple[float, float, float]
     upper: tuple[float, float, float]
 
+    def way(self, goal: str, seed: int) -> Motion:
+        """The hidden way to a goal: the one that stands in `goals` for seed 0, and one like it for every other.
+
+        It is turned about the vertical by up to 30 degrees, and 0.7 to 1.3 times as far along the table and up, within the hand's bounds.
+        """
+        known, random = self.goals[goal], np.random.default_rng(seed)
+        if seed == 0:
+            return known
+        while True:
+            angle, along, up = np.radians(random.uniform(-30, 30)), random.uniform(0.7, 1.3), random.uniform(0.7, 1.3)
+            drawn = _turned(known, angle, along, up)
+            places = drawn.displacement(np.linspace(0, FRAMES / self.scene().fps, 10 * FRAMES))
+            if (places >= self.lower).all() and (places <= self.upper).all():
+                return drawn
+
+
+def _turned(way: Motion, angle: float, along: float, up: float) -> Motion:
+    cos, sin = along * np.cos(angle), along * np.sin(angle)
+    matrix = np.array([[cos, -sin, 0.0], [sin, cos, 0.0], [0.0, 0.0, up]])
+    return Motion(tuple((begin, end, tuple(map(float, matrix @ stroke))) for begin, end, stroke in way.strokes))
+
 
 SPEED = 0.6
 """Largest of the hand [m/s]."""
@@ -91,15 +112,17 @@ class Reached:
     faces: Int[Array, "faces 3"]
 
 
-def reached(setting: Setting, goal: str, driven: Driven, kept: Path) -> Reached:
-    """The goal, which is read from `kept` where it has been made before."""
+def reached(setting: Setting, way: Motion, driven: Driven, kept: Path) -> Reached:
+    """Where a hidden way leads, which is read from `kept` where it has been found before."""
     if not kept.is_file():
         driven.begin_anew()
         start = driven.nodes
         times = np.arange(1, FRAMES + 2) / setting.scene().fps
-        seen = driven.advance(setting.goals[goal].displacement(times))
+        seen = driven.advance(way.displacement(times))
         kept.parent.mkdir(parents=True, exist_ok=True)
-        np.savez(kept, start=start, end=seen[-SETTLED:].mean(0))
+        draft = kept.with_suffix(".partial.npz")  # a killed run leaves no half of a goal
+        np.savez(draft, start=start, end=seen[-SETTLED:].mean(0))
+        draft.rename(kept)
     mesh = driven.world.mesh
     if isinstance(mesh, TetMesh):
         faces = mesh.faces

@@ -7,6 +7,7 @@ from pathlib import Path
 import numpy as np
 
 from benchmarks.gap.problems import baseline_model, problems_of
+from benchmarks.planning.cases import Case
 from benchmarks.thin.rigged_fit import refitted
 from data.rig import recording
 from data.rig.rig_scene import RigScene
@@ -20,8 +21,23 @@ from pipeline.config.fit_global import FitGlobal
 from pipeline.project import Project
 from stages._fit import variables_of
 
+Fitted = tuple[Problem, Model]
 
-def plush(project: Project, stage: str) -> tuple[Problem, Model]:
+
+def fitted(case: Case, work: Path, project: Path, stage: str) -> Fitted:
+    """The twin that plans for a case.
+
+    Args:
+        case: what is planned for.
+        work: where models of thin bodies are kept.
+        project, stage: of the plush animal's model.
+    """
+    if case.body == "plush":
+        return plush(Project(project.resolve()), stage)
+    return thin(case.setting.scene(), work)
+
+
+def plush(project: Project, stage: str) -> Fitted:
     """What a stage has fitted to `plush_lift`."""
     from applications.twin import Twin
 
@@ -29,7 +45,7 @@ def plush(project: Project, stage: str) -> tuple[Problem, Model]:
     return twin.problem, twin.model
 
 
-def thin(scene: RigScene, work: Path) -> tuple[Problem, Model]:
+def thin(scene: RigScene, work: Path) -> Fitted:
     """A rope or a cloth from 150 points on it in the lift, with 1 mm of noise and gaps; the hand's points are exact."""
     folder, fitted = work / scene.name / "captures" / scene.name, work / scene.name / "model"
     if not (folder / "capture.json").is_file():

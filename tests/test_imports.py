@@ -39,6 +39,8 @@ ABOVE = {
     "benchmarks.rendered",
     "benchmarks.perception",
     "benchmarks.planning.__main__",
+    "benchmarks.planning.cases",
+    "benchmarks.planning.measuring",
     "benchmarks.planning.report",
     "benchmarks.planning.scenes",
     "benchmarks.planning.twins",

@@ -168,7 +168,8 @@ def _parser() -> argparse.ArgumentParser:
         description="Random grasps and ways of a hand, with material, camera, light and background drawn anew each time. Written as a "
         "LeRobotDataset v3.0 and as robomimic's HDF5. A killed run goes on where it was.",
         epilog="examples: physreal generate plush_lift --episodes 100; physreal generate plush_lift --episodes 10 --plain --to /tmp/plain; "
-        "physreal generate plush_lift --episodes 1000 --coarser 1.5 --scale 0.5 --task 'lift the plush animal'",
+        "physreal generate plush_lift --episodes 1000 --coarser 1.5 --scale 0.5 --task 'lift the plush animal'; "
+        "physreal generate plush_lift --episodes 100 --arm viperx",
     )
     command.add_argument("sequence", help="a name under `fits` or `predictions` in params.yaml")
     command.add_argument("--episodes", type=int, default=10, help="how many; default: 10")
@@ -184,6 +185,11 @@ def _parser() -> argparse.ArgumentParser:
         help="factor of the particles' spacing; 1.5 is 1.6 times as fast; default: 1",
     )
     command.add_argument("--squeeze", type=float, default=10.0, help="force of each finger [N]; default: 10")
+    command.add_argument(
+        "--arm",
+        choices=["viperx"],
+        help="a robot arm that has the hand: joints as states and actions, the arm in the pictures",
+    )
     command.add_argument("--plain", action="store_true", help="the fitted material, in the filmed view and light")
     command.add_argument("--task", default="take the soft object, move it and let it go", help="what is done, in words")
     command.add_argument("--seed", type=int, default=0, help="of all that is drawn; default: 0")

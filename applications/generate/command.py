@@ -20,6 +20,7 @@ from applications.options import require
 from physreal_core.cores import available_cores
 from physreal_core.errors import InputError
 from pipeline.graph import FIT_STAGES
+from pipeline.models import fetch
 from pipeline.progress import show_progress
 from pipeline.project import Project
 from pipeline.whole_files import write_whole
@@ -43,7 +44,7 @@ def generate(parsed: argparse.Namespace) -> None:
     require(0 < parsed.scale <= 4, f"{parsed.scale:g}", "physreal generate --scale", "above 0, 4 at most")
     least = COMING + LEAVING + 1.0
     require(parsed.seconds >= least, f"{parsed.seconds:g} s", "physreal generate --seconds", f"{least:g} s or more")
-    _require_packages()
+    _require_packages(parsed.arm)
     project = Project.find()
     folder = parsed.to or project.root / "data" / "generated" / parsed.sequence
     require_new(folder, "physreal generate")
@@ -63,11 +64,12 @@ def generate(parsed: argparse.Namespace) -> None:
     print(_told(folder, records, parsed.seconds, time.perf_counter() - begun))
 
 
-def _require_packages() -> None:
-    """Those of the extra, before anything is simulated."""
+def _require_packages(arm: str | None) -> None:
+    """Those of the extra, and an arm's files, before anything is simulated; the files are fetched the first time."""
     from importlib.util import find_spec
 
-    missing = [name for name in ("h5py", "pandas", "pyarrow") if find_spec(name) is None]
+    needed = ("h5py", "pandas", "pyarrow", *(("mujoco", "mink", "trimesh") if arm else ()))
+    missing = [name for name in needed if find_spec(name) is None]
     if missing:
         raise InputError(
             f"{', '.join(missing)} not installed",
@@ -75,6 +77,8 @@ def _require_packages() -> None:
             expected="the packages that write the data",
             remedy="run `pip install 'physreal[robot]'`",
         )
+    if arm:
+        fetch([arm])
 
 
 def _setup(parsed: argparse.Namespace, project: Project, parts: Path) -> Setup:
@@ -91,6 +95,7 @@ def _setup(parsed: argparse.Namespace, project: Project, parts: Path) -> Setup:
         randomisation=Randomisation.none() if parsed.plain else Randomisation(),
         device=parsed.device,
         seed=parsed.seed,
+        arm=parsed.arm,
     )
 
 
@@ -131,7 +136,9 @@ def _wait(waiting: list[Future], what: str) -> None:
 def _assemble(draft: Path, setup: Setup, records: list[dict], grasps: list[dict], task: str) -> None:
     parts, first = [setup.parts / f"{number:06d}" for number in range(len(records))], records[0]
     statistics = [record["statistics"] for record in records]
-    lerobot.assemble(draft / "lerobot", parts, statistics, first["features"], first["fps"], task)
+    lerobot.assemble(
+        draft / "lerobot", parts, statistics, first["features"], first["fps"], task, setup.arm or "gripper"
+    )
     robomimic.assemble(draft / "robomimic.hdf5", parts, setup.sequence, first["fps"])
     write_whole(draft / GRASPS, json.dumps(grasps, indent=1))
     write_whole(draft / "episodes.json", json.dumps([record["drawn"] for record in records], indent=1))

@@ -6,6 +6,7 @@ from dataclasses import dataclass
 import numpy as np
 import torch
 
+from applications.generate.arm import Poses
 from applications.generate.way import HandWay
 from applications.twin import Twin
 from physreal_core.array_types import Array, Float
@@ -37,6 +38,7 @@ class Motion:
         force: of the hand on the body [N].
         keypoints: [m].
         lifted: whether the body is off its place, by `LIFTED`.
+        poses: of the arm that has the hand; None where no arm is there.
     """
 
     x: Float[torch.Tensor, "frames particles 3"]
@@ -45,15 +47,21 @@ class Motion:
     force: Float[Array, "frames 3"]
     keypoints: Float[Array, "frames points 3"]
     lifted: Array
+    poses: Poses | None = None
 
     @property
-    def states(self) -> Float[Array, "frames 4"]:
+    def hand(self) -> Float[Array, "frames 4"]:
         """Place of the hand [m] and 1 where it is closed."""
         return np.concatenate([self.way.places, self.way.closed[:, None]], axis=1).astype(np.float32)
 
     @property
-    def actions(self) -> Float[Array, "frames 4"]:
-        """The hand's state in the next frame: what a controller of the place is told."""
+    def states(self) -> Float[Array, "frames numbers"]:
+        """Of the arm where there is one, else of the hand."""
+        return self.hand if self.poses is None else self.poses.states
+
+    @property
+    def actions(self) -> Float[Array, "frames numbers"]:
+        """The state in the next frame: what a controller of the place, or of the joints, is told."""
         return np.concatenate([self.states[1:], self.states[-1:]])
 
 
@@ -94,8 +102,12 @@ def fields_of(model: Model, scales: Mapping[str, float]) -> Fields:
     return scaled(model.fields, tuple(scales), np.log(np.array(list(scales.values()), float)))
 
 
-def simulated(session: Session, keypoints: Keypoints, place: Float[Array, " 3"], way: HandWay) -> Motion:
+def simulated(
+    session: Session, keypoints: Keypoints, place: Float[Array, " 3"], way: HandWay, poses: Poses | None = None
+) -> Motion:
     """A session that rests, on the way of a hand which takes the body at the surface point nearest to `place` [m].
+
+    `poses` are those of the arm that has the hand.
 
     Raises:
         SimulationError: as of `Session.step`.
@@ -118,4 +130,4 @@ def simulated(session: Session, keypoints: Keypoints, place: Float[Array, " 3"],
         points.append(keypoints.of(session))
         heights.append(float(mass @ state.x.cpu().double().numpy()[:, 2]))
     lifted = np.array(heights) - rest > LIFTED
-    return Motion(torch.stack(x), torch.stack(F), way, np.array(force), np.array(points), lifted)
+    return Motion(torch.stack(x), torch.stack(F), way, np.array(force), np.array(points), lifted, poses)

@@ -11,6 +11,7 @@ from typing import Any
 
 import numpy as np
 
+from applications.generate.arm import NAMES
 from applications.generate.episode import Motion
 from applications.generate.pictures import Pictures
 from applications.generate.statistics import Statistics, of_numbers, of_pictures, together
@@ -30,8 +31,10 @@ FRAMES, VIDEO = "frames.parquet", "camera.mp4"
 def columns(motion: Motion, fps: float) -> dict[str, np.ndarray]:
     """What an episode has frame by frame, without pictures and indices."""
     last = np.arange(motion.way.frames) == motion.way.frames - 1
+    hand = {} if motion.poses is None else {"observation.hand": motion.hand}
     return {
         "observation.state": motion.states,
+        **hand,
         "observation.force": motion.force.astype(np.float32),
         "observation.environment_state": motion.keypoints.reshape(motion.way.frames, -1).astype(np.float32),
         "action": motion.actions,
@@ -56,7 +59,13 @@ def features(motion: Motion, pictures: Pictures, fps: float) -> dict[str, dict[s
         "video.channels": 3,
         "has_audio": False,
     }
-    names = {"observation.state": HAND, "action": HAND, "observation.force": ["x", "y", "z"]}
+    state = HAND if motion.poses is None else NAMES
+    names = {
+        "observation.state": state,
+        "action": state,
+        "observation.hand": HAND,
+        "observation.force": ["x", "y", "z"],
+    }
     found = {
         CAMERA: {"dtype": "video", "shape": [height, width, 3], "names": ["height", "width", "channels"], "info": video}
     }
@@ -84,6 +93,7 @@ def assemble(
     described: dict[str, dict],
     fps: float,
     task: str,
+    robot: str,
 ) -> None:
     """The dataset of episodes that `write_episode` wrote.
 
@@ -94,6 +104,7 @@ def assemble(
         described: `features`.
         fps: frames per second.
         task: what the hand does, in words.
+        robot: that does it.
     """
     import pandas as pd
 
@@ -110,14 +121,14 @@ def assemble(
     pd.DataFrame({"task_index": [0]}, index=[task]).to_parquet(folder / "meta/tasks.parquet")
     pooled = {name: together([own[name] for own in statistics]) for name in statistics[0]}
     write_whole(folder / "meta/stats.json", json.dumps(pooled))
-    info = _info(described, len(rows), sum(row["length"] for row in rows), fps)
+    info = _info(described, len(rows), sum(row["length"] for row in rows), fps, robot)
     write_whole(folder / "meta/info.json", json.dumps(info, indent=1))
 
 
-def _info(described: dict[str, dict], episodes: int, frames: int, fps: float) -> dict[str, Any]:
+def _info(described: dict[str, dict], episodes: int, frames: int, fps: float, robot: str) -> dict[str, Any]:
     return {
         "codebase_version": VERSION,
-        "robot_type": "gripper",
+        "robot_type": robot,
         "total_episodes": episodes,
         "total_frames": frames,
         "total_tasks": 1,

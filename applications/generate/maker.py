@@ -12,15 +12,18 @@ from typing import Any
 
 from applications.coarse import coarser
 from applications.generate import lerobot, robomimic
+from applications.generate.arm import Arm, OutOfReach, Poses
 from applications.generate.draws import Draws, Randomisation
 from applications.generate.episode import Keypoints, Motion, at_rest, fields_of, simulated
 from applications.generate.grasps import Grasp, Hand, candidates, tried
 from applications.generate.pictures import Studio
+from applications.generate.way import HandWay
 from applications.twin import Twin
 from physreal_core.array_types import Array, Float
 from physreal_core.cores import available_cores
 from physreal_core.errors import InputError, SimulationError
 from physreal_core.fitting.spread import Spread, spread_of
+from pipeline.models import default_folder, require
 from pipeline.project import Project
 from pipeline.whole_folder import as_a_whole
 
@@ -47,6 +50,7 @@ class Setup:
         randomisation: how far episodes differ.
         device: of the simulator.
         seed: of all.
+        arm: `viperx`, or none.
     """
 
     root: Path
@@ -61,6 +65,7 @@ class Setup:
     randomisation: Randomisation
     device: str
     seed: int
+    arm: str | None = None
 
 
 class Maker:
@@ -102,19 +107,20 @@ class Maker:
         return json.loads((folder / RECORD).read_text())
 
     def _write(self, folder: Path, number: int, grasps: Array, spread: Spread | None) -> None:
-        draws = self._draws(grasps, spread)
+        draws, arm = self._draws(grasps, spread), self._arm(grasps)
         for attempt in range(ATTEMPTS):
             draw = draws.draw(number, attempt)
             try:
-                motion = self._simulated(draw.scales, grasps[draw.grasp], draw.way)
+                poses = arm and arm.along(draw.way)
+                motion = self._simulated(draw.scales, grasps[draw.grasp], draw.way, poses)
                 break
-            except SimulationError as error:
+            except (SimulationError, OutOfReach) as error:
                 told = error
         else:
             raise InputError(
                 f"episode {number} cannot be simulated: {told}", where="physreal generate", expected="another --seed"
             )
-        pictures = self._studio.pictures(motion, draw)
+        pictures = self._studio.pictures(motion, draw, arm)
         known = {
             "episode": number,
             "attempt": attempt,
@@ -123,6 +129,7 @@ class Maker:
             "K": draw.camera.K.tolist(),
             "T_world_camera": draw.camera.T_world_camera.tolist(),
             "lifted": bool(motion.lifted.any()),
+            "arm": arm and {"foot": arm.foot.tolist(), "facing": arm.facing.tolist()},
         }
         robomimic.write_episode(folder, motion, pictures, known)
         statistics = lerobot.write_episode(folder, motion, pictures, self.fps, number)
@@ -130,9 +137,15 @@ class Maker:
         record = {"drawn": known, "statistics": statistics, "features": described, "fps": self.fps}
         (folder / RECORD).write_text(json.dumps(record))
 
-    def _simulated(self, scales: dict[str, float], place: Array, way: Any) -> Motion:
+    def _simulated(self, scales: dict[str, float], place: Array, way: HandWay, poses: Poses | None) -> Motion:
         at_rest(self._session, fields_of(self._twin.model, scales))
-        return simulated(self._session, self._keypoints, place, way)
+        return simulated(self._session, self._keypoints, place, way, poses)
+
+    def _arm(self, grasps: Array) -> Arm | None:
+        if self._setup.arm is None:
+            return None
+        eye = self._studio.camera.centre.detach().cpu().double().numpy()
+        return Arm.beside(require(self._setup.arm, default_folder()), grasps, self._floor, eye)
 
     def _draws(self, grasps: Array, spread: Spread | None) -> Draws:
         setup, camera = self._setup, self._studio.camera.scaled(self._setup.scale)

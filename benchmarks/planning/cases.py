@@ -33,6 +33,10 @@ MANNERS = {
 }
 
 
+HIDDEN = "hidden"
+"""In place of a manner: no plan, but the way that the goal was made with."""
+
+
 @dataclass(frozen=True)
 class Case:
     """One goal for one body.

@@ -12,7 +12,7 @@ import numpy as np
 import torch
 
 from benchmarks.planning import twins
-from benchmarks.planning.cases import MANNERS, Case, Manner
+from benchmarks.planning.cases import HIDDEN, MANNERS, Case, Manner
 from benchmarks.planning.scenes import FRAMES, REST, SETTLED, SPEED, Reached, reached, small_view
 from data.rig.driven import Driven
 from data.rig.raycast import Raycaster, pixel_rays
@@ -90,8 +90,7 @@ def measured(
     problem, fitted = model
     scene = case.setting.scene()
     driven = Driven(scene)
-    kept = work / "goals" / f"{case.body}-{case.goal.replace(' ', '_')}-{case.seed}.npz"
-    there = reached(case.setting, case.setting.way(case.goal, case.seed), driven, kept)
+    there = reached(case.setting, case.setting.way(case.goal, case.seed), driven, kept(case, work))
     followed = there.surface[farthest_points(there.start[there.surface], min(FOLLOWED, len(there.surface)))]
     goal = told(case.kind, small_view(scene), there, followed)
     plans: dict[bool, Plan] = {}
@@ -105,6 +104,27 @@ def measured(
         seconds = time.perf_counter() - begun
         row = row_of(done, np.concatenate(rig.nodes), there, planner, seconds)
         yield {"case": case.task, "seed": case.seed, "manner": name, **row, **machine_of(device)}
+
+
+def kept(case: Case, work: Path) -> Path:
+    """File of a case's goal."""
+    return work / "goals" / f"{case.body}-{case.goal.replace(' ', '_')}-{case.seed}.npz"
+
+
+def hidden(case: Case, work: Path, model: twins.Fitted) -> dict[str, Any]:
+    """A row for the hidden way itself, as the fitted model has it: how far the model alone is from the goal [m], which no plan makes up for.
+
+    The case must have been measured before, which finds its goal.
+    """
+    problem, fitted = model
+    with np.load(kept(case, work)) as file:
+        start, end = file["start"], file["end"]
+    forecast, way = Forecast(problem, fitted, start), case.setting.way(case.goal, case.seed)
+    moved = torch.from_numpy(way.displacement(np.arange(FRAMES + 1) / forecast.fps))[:, None]
+    with torch.no_grad():
+        seen = forecast(grasps_of(problem).controllers(moved)[None], SETTLED).points[0, 0].mean(0)
+    error = np.linalg.norm(seen.double().numpy() - end, axis=1).mean()
+    return {"case": case.task, "seed": case.seed, "manner": HIDDEN, "point_error": float(error)}
 
 
 def planner_of(

@@ -201,14 +201,14 @@ def _parser() -> argparse.ArgumentParser:
     command = commands.add_parser(
         "export",
         help="the twin for other tools: splats, glTF, USD, a web page, MuJoCo",
-        description="What a fitted model makes of the filmed hand's way, in a folder of its own; mjcf: the model itself, to be simulated on.",
+        description="What a fitted model makes of the filmed hand's way, in a folder of its own; mjcf, newton: the model itself, to be simulated on.",
         epilog="examples: physreal export plush_lift --format gltf; physreal export plush_push --format usd --to /tmp/plush; "
         "physreal export plush_lift --format page; physreal export bar_lift --format mjcf",
     )
     command.add_argument("sequence", help="a name under `fits` or `predictions` in params.yaml")
     command.add_argument(
         "--format",
-        choices=("splats", "gltf", "usd", "mjcf", "page"),
+        choices=("splats", "gltf", "usd", "mjcf", "newton", "page"),
         required=True,
         help="a .ply a frame; a .glb; a .usdc; a MuJoCo model with the material; an .html that plays the splats",
     )

@@ -3,7 +3,7 @@
 import argparse
 import importlib.util
 
-from applications.export import gltf, mjcf, page, splats, usd
+from applications.export import gltf, mjcf, newton, page, splats, usd
 from applications.export.moving import Moving
 from applications.twin import Twin
 from physreal_core.errors import InputError
@@ -11,8 +11,15 @@ from pipeline.graph import FIT_STAGES
 from pipeline.project import Project
 from pipeline.whole_folder import as_a_whole, require_new
 
-FORMATS = {"splats": splats.write, "gltf": gltf.write, "usd": usd.write, "mjcf": mjcf.write, "page": page.write}
-_PACKAGES = {"gltf": "pygltflib", "usd": "pxr", "mjcf": "mujoco"}
+FORMATS = {
+    "splats": splats.write,
+    "gltf": gltf.write,
+    "usd": usd.write,
+    "mjcf": mjcf.write,
+    "newton": newton.write,
+    "page": page.write,
+}
+_PACKAGES = {"gltf": "pygltflib", "usd": "pxr", "mjcf": "mujoco", "newton": "pxr"}
 
 
 def export(parsed: argparse.Namespace) -> None:

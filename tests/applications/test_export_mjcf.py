@@ -6,23 +6,22 @@ import numpy as np
 import pytest
 import torch
 
-from applications.export.mjcf.hand import Hand
-from applications.export.mjcf.material import Material
-from applications.export.mjcf.nodes import Nodes
-from applications.export.mjcf.solid import edge_of, tetrahedra
+from applications.export.body.hand import Hand
+from applications.export.body.material import MUJOCO, Material
+from applications.export.body.nodes import Nodes
+from applications.export.body.solid import edge_of, tetrahedra
 from applications.export.mjcf.spec import described
 from applications.twin import Twin
 from physreal_core.errors import InputError
 from physreal_core.fitting.named_effects import effect_record
 from physreal_core.fitting.rollouts import Rollouts
-from physreal_core.fitting.thin import bind_to_body
 from physreal_core.geometry.mesh import Mesh
-from physreal_core.simulation import Body, Clamp, rod_body, shell_body
+from tests.applications.bodies import DENSITY, POISSON, clamped_bar, strip
 from tests.applications.test_export import exported
 from tests.fitting import scene
 
 mujoco = pytest.importorskip("mujoco")
-GRAVITY, DENSITY, MODULUS, POISSON = 9.81, 300.0, 3e4, 0.3
+GRAVITY = 9.81
 
 
 def test_the_command_writes_a_model_that_steps_with_the_material(project, twin, monkeypatch, tmp_path, capsys):
@@ -51,35 +50,9 @@ def test_the_command_writes_a_model_that_steps_with_the_material(project, twin, 
     )
 
 
-def clamped_bar(*effects) -> Twin:
-    """160 x 40 x 40 mm, 40 mm of which are clamped; no table."""
-    h = 0.01
-    x0 = h * (np.stack(np.meshgrid(*map(np.arange, (16, 4, 4)), indexing="ij"), -1).reshape(-1, 3) + 0.5)
-    body = Body(x0, np.full(len(x0), h**3), np.full(len(x0), DENSITY), h)
-    import trimesh
-
-    box = trimesh.creation.box(bounds=[[0, 0, 0], [0.16, 0.04, 0.04]]).subdivide().subdivide()
-    return of_body(
-        body, Mesh(np.array(box.vertices), np.array(box.faces)), effects, clamps=(Clamp((-1, -1, -1), (0.04, 1, 1)),)
-    )
-
-
-def of_body(body: Body, mesh: Mesh, effects=(), **problem) -> Twin:
-    """A twin of one material that no hand holds, without a table."""
-    model = scene.model(1, youngs_modulus=MODULUS)
-    model = dataclasses.replace(model, effects=list(effects), simulation={**model.simulation, "ground_height": None})
-    one = len(body.x0), 1
-    near = {"patch_neighbours": torch.zeros(one, dtype=torch.long), "patch_weights": torch.ones(one).double()}
-    given = scene.problem(scene.model(), with_masks=False)
-    given = dataclasses.replace(
-        given, body=body, grip=None, controllers=torch.zeros(40, 0, 3, dtype=torch.float64), **near, **problem
-    )
-    return Twin("bar", "fit_patches", given, model, None, mesh, bind_to_body(mesh.vertices, body), None, None, None)
-
-
 def compiled(twin: Twin):
     """MuJoCo's model, and nodes and material that it was made from."""
-    material = Material.of(twin)
+    material = Material.of(twin, MUJOCO)
     nodes = Nodes.of(twin, material.density)
     return described(twin, nodes, material, Hand.of(material.hand)).compile(), nodes, material
 
@@ -123,7 +96,7 @@ def test_a_field_becomes_its_mean_by_volume_and_is_told():
     near = torch.tensor([[0, 1]]).expand(len(front), 2)
     problem = dataclasses.replace(twin.problem, patch_neighbours=near, patch_weights=torch.hstack([front, 1 - front]))
     material = Material.of(
-        dataclasses.replace(twin, problem=problem, model=dataclasses.replace(twin.model, fields=fields))
+        dataclasses.replace(twin, problem=problem, model=dataclasses.replace(twin.model, fields=fields)), MUJOCO
     )
     assert material.youngs_modulus == pytest.approx(0.25 * 5e4 + 0.75 * 1e4)
     assert any("from 1e+04 to 5e+04 Pa" in sentence for sentence in material.lost)
@@ -133,27 +106,9 @@ def test_a_field_becomes_its_mean_by_volume_and_is_told():
 def test_thin_bodies_hang_from_a_clamp_by_their_stiffness(kind):
     """Clamped level, a strip sinks as a cantilever: rho A g L^4 / 8 E I, small against its length."""
     thickness = 0.006
-    along = np.linspace(0, 0.12, 25)
-    if kind == "rope":
-        body = rod_body(np.stack([along, 0 * along, 0 * along], 1), thickness / 2, DENSITY)
-        inertia = thickness**2 / 16
-    else:
-        u, v = np.meshgrid(along, np.linspace(0, 0.02, 5), indexing="ij")
-        number = np.arange(125).reshape(25, 5)
-        a, b, c, d = (part.ravel() for part in (number[:-1, :-1], number[1:, :-1], number[1:, 1:], number[:-1, 1:]))
-        triangles = np.concatenate([np.stack([a, b, c], 1), np.stack([a, c, d], 1)])
-        body = shell_body(
-            np.stack([u.ravel(), v.ravel(), 0 * u.ravel()], 1), triangles, thickness, DENSITY, stretch_limit=None
-        )
-        inertia = thickness**2 / 12
-    skin = Mesh(body.x0, np.array([[0, 1, 2]]))
-    twin = of_body(body, skin, clamps=(Clamp((-1, -1, -1), (0.041, 1, 1)),))
-    stiff = dataclasses.replace(
-        twin.model, fields={**twin.model.fields, "youngs_modulus": torch.tensor([1e6]).double()}
-    )
-    twin = dataclasses.replace(twin, model=stiff)
+    twin, inertia = strip(kind, thickness, modulus=1e6), thickness**2 / {"rope": 16, "cloth": 12}[kind]
     model = compiled(twin)[0]
-    assert model.body_mass.sum() == pytest.approx(body.mass.sum(), rel=1e-3)
+    assert model.body_mass.sum() == pytest.approx(twin.problem.body.mass.sum(), rel=1e-3)
     sag = DENSITY * GRAVITY * 0.08**4 / (8 * 1e6 * inertia)
     data, lowest = mujoco.MjData(model), 0.0
     while data.time < 0.25:

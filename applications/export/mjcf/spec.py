@@ -4,9 +4,9 @@ import math
 
 import numpy as np
 
-from applications.export.mjcf.hand import Hand
-from applications.export.mjcf.material import Material
-from applications.export.mjcf.nodes import Nodes
+from applications.export.body.hand import Hand
+from applications.export.body.material import Material
+from applications.export.body.nodes import Nodes
 from applications.twin import Twin
 from data.rig.world import FRICTION_IMPEDANCE, firmness, rigid
 from physreal_core.array_types import Array, Float, Int

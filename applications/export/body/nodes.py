@@ -1,11 +1,11 @@
-"""What MuJoCo simulates of a twin: nodes with masses, the elements between them, and which of them are held."""
+"""What another simulator simulates of a twin: nodes with masses, the elements between them, and which of them are held."""
 
 import warnings
 from dataclasses import dataclass
 
 import numpy as np
 
-from applications.export.mjcf.solid import edge_of, tetrahedra
+from applications.export.body.solid import edge_of, tetrahedra
 from applications.twin import Twin
 from data.rig.world import NODE_RADIUS
 from physreal_core.array_types import Array, Bool, Float, Int

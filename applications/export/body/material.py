@@ -1,4 +1,4 @@
-"""What MuJoCo can be told of a twin's material, and in words what it cannot."""
+"""What another simulator can be told of a twin's material, and in words what it cannot."""
 
 from collections.abc import Iterator
 from dataclasses import dataclass
@@ -16,11 +16,37 @@ from physreal_core.fitting.rollouts import Rollouts
 from physreal_core.simulation import Parameters
 from physreal_core.simulation.parameters import PARAMETER_NAMES
 
-_TOLD = (
-    "youngs_modulus", "poissons_ratio", "friction_coefficient", "density", "gravity", "viscosity", "retardation_time",
-    "bending_ratio", "twisting_ratio",
-)  # fmt: skip
-"""Parameters that go into the model. An effect that changes these alone, or the hand's way, is in it."""
+
+@dataclass(frozen=True)
+class Simulator:
+    """Another simulator.
+
+    Args:
+        name: of it.
+        law: its elastic law, by our name; None where we have no such one.
+        law_words: the same in words.
+        told: parameters that go into its model. An effect that changes these alone, or the hand's way, is in it.
+    """
+
+    name: str
+    law: str | None
+    law_words: str
+    told: tuple[str, ...]
+
+
+_ELASTIC = (
+    "youngs_modulus",
+    "poissons_ratio",
+    "friction_coefficient",
+    "density",
+    "gravity",
+    "bending_ratio",
+    "twisting_ratio",
+)
+MUJOCO = Simulator(
+    "MuJoCo", "saint_venant_kirchhoff", "St. Venant-Kirchhoff", (*_ELASTIC, "viscosity", "retardation_time")
+)
+NEWTON = Simulator("Newton", None, "the stable Neo-Hookean one of Smith et al. 2018", _ELASTIC)
 
 
 @dataclass(frozen=True)
@@ -36,7 +62,7 @@ class Material:
         density: of every particle [kg/m3], shape [N].
         gravity: [m/s2], shape [3].
         hand: the way of its points, effects included [m], shape [T, C, 3].
-        lost: sentences, each of which names something that MuJoCo is not told.
+        lost: sentences, each of which names something that the simulator is not told.
     """
 
     youngs_modulus: float
@@ -51,8 +77,8 @@ class Material:
     lost: tuple[str, ...]
 
     @classmethod
-    def of(cls, twin: Twin) -> "Material":
-        """Of a twin, with its effects."""
+    def of(cls, twin: Twin, simulator: Simulator) -> "Material":
+        """Of a twin, with its effects, for a simulator."""
         problem, model = twin.problem, twin.model
         rollouts = Rollouts(problem, model)
         inputs = rollouts.inputs(model.fields, frames=problem.frame_count)
@@ -74,8 +100,8 @@ class Material:
             hand=_numbers(inputs.controllers)[: problem.frame_count],
             lost=(
                 *_lost_of_field(given, problem),
-                *_lost_of_law(model),
-                *_lost_effects(rollouts, model),
+                *_lost_of_law(model, simulator),
+                *_lost_effects(rollouts, model, simulator),
                 *_lost_hold(twin),
             ),
         )
@@ -105,15 +131,15 @@ def _lost_of_field(given: Parameters, problem: Problem) -> Iterator[str]:
     modulus = np.broadcast_to(_numbers(given.youngs_modulus), len(problem.body.x0))
     if np.ptp(modulus) > 1e-3 * modulus.mean():
         yield (
-            f"Young's modulus goes from {modulus.min():.3g} to {modulus.max():.3g} Pa over the body; a flex has one, "
+            f"Young's modulus goes from {modulus.min():.3g} to {modulus.max():.3g} Pa over the body; there it has one, "
             f"its mean by volume, {_mean(given.youngs_modulus, problem):.3g} Pa."
         )
 
 
-def _lost_of_law(model: Model) -> Iterator[str]:
-    if model.elastic_law != "saint_venant_kirchhoff":
+def _lost_of_law(model: Model, simulator: Simulator) -> Iterator[str]:
+    if model.elastic_law != simulator.law:
         yield (
-            f"The elastic law is {model.elastic_law}; MuJoCo's is St. Venant-Kirchhoff, which is the same at small strain."
+            f"The elastic law is {model.elastic_law}; {simulator.name}'s is {simulator.law_words}, which is the same at small strain."
         )
     if model.plastic_law != "identity":
         yield f"The plastic law {model.plastic_law} is left out."
@@ -121,27 +147,27 @@ def _lost_of_law(model: Model) -> Iterator[str]:
         yield "The neural residual is left out."
     unlike = [name for name in ("weft_ratio", "shear_ratio") if name in model.fields and _differs(model.fields[name])]
     if unlike:
-        yield f"The fabric's {' and '.join(unlike)} are left out: a flex has the same stiffness in all directions."
+        yield f"The fabric's {' and '.join(unlike)} are left out: there a cloth has the same stiffness in all directions."
 
 
 def _differs(ratio: torch.Tensor) -> bool:
     return bool((ratio - 1).abs().max() > 1e-3)
 
 
-def _lost_effects(rollouts: Rollouts, model: Model) -> Iterator[str]:
+def _lost_effects(rollouts: Rollouts, model: Model, simulator: Simulator) -> Iterator[str]:
     """Effects that change more than what the model is told. Those of the measurement are none of the body's."""
     near = rollouts.problem.patch_neighbours, rollouts.problem.patch_weights
     parameters = particle_parameters(model.fields, *near, dtype=rollouts.dtype, device="cpu")
     plain = Inputs(parameters, prolonged(rollouts.setting.controllers, rollouts.problem.frame_count + 1))
     for name, values in rollouts.values.items():
-        if EFFECTS[name].family != "measurement" and not _told(plain, name, values, rollouts.setting):
-            yield f"The effect {name} is left out: MuJoCo has no such thing in a model's file."
+        if EFFECTS[name].family != "measurement" and not _told(plain, name, values, rollouts.setting, simulator):
+            yield f"The effect {name} is left out: {simulator.name} has no such thing in a model's file."
 
 
-def _told(plain: Inputs, name: str, values: dict, setting: Setting) -> bool:
+def _told(plain: Inputs, name: str, values: dict, setting: Setting, simulator: Simulator) -> bool:
     after = EFFECTS[name].act(plain, values, setting)
     changed = [n for n in PARAMETER_NAMES if getattr(after.parameters, n) is not getattr(plain.parameters, n)]
-    return set(changed) <= set(_TOLD) and (bool(changed) or after.controllers is not plain.controllers)
+    return set(changed) <= set(simulator.told) and (bool(changed) or after.controllers is not plain.controllers)
 
 
 def _lost_hold(twin: Twin) -> Iterator[str]:
@@ -150,7 +176,5 @@ def _lost_hold(twin: Twin) -> Iterator[str]:
         yield "The twin's hand holds by springs; here the held nodes are fixed to it."
         if not grip.steady:
             yield "The hand comes late or lets go; here it holds all the time what it held in frame 0."
-    if twin.problem.tool is not None:
-        yield "The pushing hand has its shape, but MuJoCo does not know how fast a mocap body moves: its friction is not the twin's."
     if twin.problem.loads:
         yield "The capture's loads are left out."

@@ -57,7 +57,7 @@ def tetrahedra(mesh: Mesh, edge: float) -> TetMesh:
     if thickness < _LEAST * edge:
         raise InputError(
             f"the body is about {1e3 * thickness:.1f} mm thick, and the cubes that fill it {1e3 * edge:.1f} mm",
-            where="physreal export --format mjcf",
+            where="physreal export",
             expected=f"at least {_LEAST:g} of a cube",
             remedy="fit it with `geometry: planar` or `linear` in params.yaml, if it is a cloth or a rope",
         )

@@ -66,7 +66,7 @@ def _line(task: str, manner: str, machine: str, rows: Sequence[Row]) -> str:
         _mm(rows, "apart_end"),
         f"{median(row['seconds'] for row in rows):.0f}",
         f"{median(row['rollouts'] for row in rows):.0f}",
-        f"{machine}, {threads} threads" if machine == "CPU" else machine,
+        f"{machine}, threads: {threads}" if machine == "CPU" else machine,
     ]
     return f"| {' | '.join(cells)} |"
 

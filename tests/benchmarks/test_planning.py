@@ -62,7 +62,7 @@ def test_the_page_counts_successes_and_compares_manners_case_by_case(tmp_path, m
     report.write_page(rows)
     page = (tmp_path / "planning.md").read_text()
     assert "| plush, held up | 100 points to places | planned once | 1 of 3 | 2 of 3 (0.21 to 0.94) | 2 of 3 |" in page
-    assert "100.0 → 8.0 | 30.0 | 3.1 |" in page and "| 11 | 500 | CPU, 2 threads |" in page
+    assert "100.0 → 8.0 | 30.0 | 3.1 |" in page and "| 11 | 500 | CPU, threads: 2 |" in page
     assert "planned once, by drawing alone: nearer than planned once in 1 of 3 cases" in page
     assert "Not measured: plush, laid aside; rope, laid along a curve; cloth, folded; goals told as a shape" in page
     assert [json.loads(line) for line in (tmp_path / "planning.jsonl").read_text().splitlines()] == rows

@@ -55,7 +55,7 @@ def write(moving: Moving, folder: Path) -> list[str]:
     UsdGeom.SetStageUpAxis(stage, UsdGeom.Tokens.z)
     UsdGeom.SetStageMetersPerUnit(stage, 1.0)
     stage.SetDefaultPrim(UsdGeom.Xform.Define(stage, "/World").GetPrim())
-    _scene(stage, twin, nodes, material)
+    _scene(stage, twin, material)
     _body(stage, nodes, material)
     if hand is not None:
         _kinematic(stage, HAND, hand.places[0])
@@ -98,7 +98,7 @@ def _height(nodes: Nodes) -> float:
     return float((2 * areas[:, None] / sides).mean())
 
 
-def _scene(stage: Any, twin: Twin, nodes: Nodes, material: Material) -> None:
+def _scene(stage: Any, twin: Twin, material: Material) -> None:
     """Gravity and the table."""
     from pxr import Gf, UsdGeom, UsdPhysics, UsdShade
 
@@ -218,10 +218,10 @@ def _hold(stage: Any, path: str, by: str, nodes: Nodes, which: Array, place: Flo
     """Some nodes stay where they are in a body at a place [m]."""
     from pxr import Sdf, Vt
 
-    prim, numbers = stage.DefinePrim(path, "PhysicsAttachment"), np.flatnonzero(which)
+    numbers = np.flatnonzero(which)
     if not len(numbers):
-        stage.RemovePrim(path)
         return
+    prim = stage.DefinePrim(path, "PhysicsAttachment")
     for name, target in (("src0", SIMULATED), ("src1", by)):
         prim.CreateRelationship(f"physics:{name}", custom=False).SetTargets([Sdf.Path(target)])
     kinds, floats = Sdf.ValueTypeNames.Token, Sdf.ValueTypeNames.Vector3fArray

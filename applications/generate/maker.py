@@ -78,6 +78,7 @@ class Maker:
         self._session = self._twin.session(setup.device)
         self._floor = self._session.floor
         self._keypoints, self._studio = Keypoints(self._twin), Studio(self._twin, self._floor)
+        self._arm: Arm | None = None
         self.fps = self._session.fps
 
     def spread(self) -> Spread:
@@ -107,7 +108,7 @@ class Maker:
         return json.loads((folder / RECORD).read_text())
 
     def _write(self, folder: Path, number: int, grasps: Array, spread: Spread | None) -> None:
-        draws, arm = self._draws(grasps, spread), self._arm(grasps)
+        draws, arm = self._draws(grasps, spread), self._arm_beside(grasps)
         for attempt in range(ATTEMPTS):
             draw = draws.draw(number, attempt)
             try:
@@ -141,11 +142,12 @@ class Maker:
         at_rest(self._session, fields_of(self._twin.model, scales))
         return simulated(self._session, self._keypoints, place, way, poses)
 
-    def _arm(self, grasps: Array) -> Arm | None:
-        if self._setup.arm is None:
-            return None
-        eye = self._studio.camera.centre.detach().cpu().double().numpy()
-        return Arm.beside(require(self._setup.arm, default_folder()), grasps, self._floor, eye)
+    def _arm_beside(self, grasps: Array) -> Arm | None:
+        """The setup's arm, which is made once: all episodes have the same grasps."""
+        if self._setup.arm is not None and self._arm is None:
+            eye = self._studio.camera.centre.detach().cpu().double().numpy()
+            self._arm = Arm.beside(require(self._setup.arm, default_folder()), grasps, self._floor, eye)
+        return self._arm
 
     def _draws(self, grasps: Array, spread: Spread | None) -> Draws:
         setup, camera = self._setup, self._studio.camera.scaled(self._setup.scale)

@@ -29,7 +29,6 @@ from physreal_core.planning import (
     Cost,
     Execution,
     Forecast,
-    Plan,
     PlanConfig,
     Planner,
     PointsToPlaces,
@@ -93,10 +92,13 @@ def measured(
     there = reached(case.setting, case.setting.way(case.goal, case.seed), driven, kept(case, work))
     followed = there.surface[farthest_points(there.start[there.surface], min(FOLLOWED, len(there.surface)))]
     goal = told(case.kind, small_view(scene), there, followed)
-    plans: dict[bool, Plan] = {}
+    forecast, quick = forecasts(problem, fitted, there.start[followed], device)
+    grasps = grasps_of(problem)
+    lower, upper = (tuple(map(float, grasps.centres[0] + way)) for way in (case.setting.lower, case.setting.upper))
+    bounds, plans = Bounds(lower, upper, SPEED), {}
     for name in manners:
         manner = MANNERS[name]
-        planner = planner_of(case, manner, problem, fitted, there, followed, goal, device)
+        planner = Planner(forecast, Cost(goal, SETTLED), grasps, bounds, config_of(case, manner), quick)
         if manner.refined not in plans:
             plans[manner.refined] = planner.plan()
         begun, rig = time.perf_counter(), InTheRig(driven, followed, case.seed)
@@ -127,28 +129,22 @@ def hidden(case: Case, work: Path, model: twins.Fitted) -> dict[str, Any]:
     return {"case": case.task, "seed": case.seed, "manner": HIDDEN, "point_error": float(error)}
 
 
-def planner_of(
-    case: Case,
-    manner: Manner,
-    problem: Problem,
-    model: Model,
-    there: Reached,
-    followed: Array,
-    goal: Goal,
-    device: str,
-) -> Planner:
-    """A planner with several models of what the fit leaves open; a volume is searched on with larger particles."""
-    points0, several = there.start[followed], members(model.fields, spread_of(problem, model), MODELS)
-    forecast, coarse = Forecast(problem, model, points0, several, device), quick_form(problem, model, COARSER)
-    quick = None
-    if coarse is not None:
-        quick = Forecast(coarse[0], model, points0, [with_grip(fields, coarse[1]) for fields in several], device)
-    grasps = grasps_of(problem)
-    lower, upper = (tuple(map(float, grasps.centres[0] + way)) for way in (case.setting.lower, case.setting.upper))
+def forecasts(
+    problem: Problem, model: Model, points0: Float[Array, "points 3"], device: str
+) -> tuple[Forecast, Forecast | None]:
+    """By several models of what the fit leaves open; and the same with larger particles, on which a volume is searched."""
+    several, coarse = members(model.fields, spread_of(problem, model), MODELS), quick_form(problem, model, COARSER)
+    forecast = Forecast(problem, model, points0, several, device)
+    if coarse is None:
+        return forecast, None
+    return forecast, Forecast(coarse[0], model, points0, [with_grip(fields, coarse[1]) for fields in several], device)
+
+
+def config_of(case: Case, manner: Manner) -> PlanConfig:
+    """Of a plan in a manner."""
     drawing = SearchConfig(samples=24, elites=5, rounds=REFINED if manner.refined else DRAWN, seed=100 * case.seed)
     config = PlanConfig(FRAMES, REST, search=drawing)
-    config = config if manner.refined else replace(config, refinements=0)
-    return Planner(forecast, Cost(goal, SETTLED), grasps, Bounds(lower, upper, SPEED), config, quick)
+    return config if manner.refined else replace(config, refinements=0)
 
 
 def told(kind: str, scene: RigScene, there: Reached, followed: Array) -> Goal:

@@ -24,7 +24,7 @@ def write_page(rows: list[Row]) -> None:
     model = {(row["case"], row["seed"]): row["point_error"] for row in rows if row["manner"] == HIDDEN}
     rows = [row | {"model": model.get((row["case"], row["seed"]))} for row in rows if row["manner"] != HIDDEN]
     groups = grouped(rows)
-    record("plan", {f"{task}, {MANNERS[manner].words}": _in_use(own) for (task, manner, _), own in groups.items()})
+    record("plan", {_named(*key): _in_use(own) for key, own in groups.items()})
     table = [_line(*key, own) for key, own in groups.items()]
     page = "\n".join([*_HEAD, *table, "", *_compared(rows), *_missing(rows), "", *_FOOT, ""])
     (RESULTS / "planning.md").write_text(page)
@@ -36,6 +36,10 @@ def grouped(rows: Sequence[Row]) -> dict[tuple[str, str, str], list[Row]]:
     keys = {(row["case"], row["manner"], row["machine"]) for row in rows}
     ordered = sorted(keys, key=lambda key: (key[0], list(MANNERS).index(key[1]), key[2]))
     return {key: [row for row in rows if (row["case"], row["manner"], row["machine"]) == key] for key in ordered}
+
+
+def _named(task: str, manner: str, machine: str) -> str:
+    return f"{task}, {MANNERS[manner].words}" + ("" if machine == "CPU" else f", {machine}")
 
 
 def _in_use(rows: Sequence[Row]) -> dict[str, Any]:

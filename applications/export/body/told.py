@@ -25,7 +25,7 @@ def _summary(nodes: Nodes, material: Material) -> str:
 
 def _strays(nodes: Nodes, hand: Hand | None) -> Iterator[str]:
     if hand is not None and hand.stray > 1e-3:
-        yield (f"The hand moves as one rigid body; its points stray from that by {1e3 * hand.stray:.1f} mm.")
+        yield f"The hand moves as one rigid body; its points stray from that by {1e3 * hand.stray:.1f} mm."
     bent = np.linalg.norm((nodes.rest - nodes.start)[nodes.held], axis=1).max(initial=0.0)
     if bent > 1e-3:
-        yield (f"What the hand holds is without stress in it: nodes there move by up to {1e3 * bent:.1f} mm.")
+        yield f"What the hand holds is without stress in it: nodes there move by up to {1e3 * bent:.1f} mm."

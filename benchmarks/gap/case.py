@@ -14,15 +14,19 @@ import torch
 
 from benchmarks.gap.answer import answer, experiments_of
 from benchmarks.gap.cases import GapCase
-from benchmarks.gap.commit import searched_by
+from benchmarks.gap.commit import CHANGED, UNKNOWN, searched_by
 from benchmarks.gap.files import failure_told, read_json, write_json
 from benchmarks.gap.held_out import closed, gap, names_right, trial_of
 from benchmarks.gap.oracle import oracle_gap
 from benchmarks.gap.settings import load_settings
+from physreal_core.checkpoints import Checkpoints
 from physreal_core.gap import Experiment, GapSettings
 
 if TYPE_CHECKING:
     from data.rig.case import Case
+
+SEARCH = "search"
+"""Folder of what a search has found so far, by commit."""
 
 
 def run_case(case: GapCase, folder: Path, settings: GapSettings) -> None:
@@ -34,10 +38,23 @@ def run_case(case: GapCase, folder: Path, settings: GapSettings) -> None:
     with failure_told(own):
         capture(case, own)
         if not (own / "answer.json").is_file():
-            write_json(own / "answer.json", {**answer(own / "captures", settings, _tell), "commit": searched_by()})
+            write_json(own / "answer.json", _searched(own, settings))
+            shutil.rmtree(own / SEARCH, ignore_errors=True)
         if not (own / "oracle.json").is_file():
             experiments = experiments_of(own / "captures", kept_out(own))
             write_json(own / "oracle.json", scored(case, own, experiments, settings))
+
+
+def _searched(own: Path, settings: GapSettings) -> dict[str, Any]:
+    """The search's answer. A search that was stopped goes on from its last step, if the same commit goes on; it then has no `seconds`."""
+    commit = searched_by()
+    known = not commit.endswith(CHANGED) and commit != UNKNOWN
+    folder = own / SEARCH / commit if known else None
+    resumed = known and folder.is_dir()
+    with Checkpoints(folder):
+        found = answer(own / "captures", settings, _tell)
+    times = dict.fromkeys(("seconds", "seconds_naming")) if resumed else {}
+    return found | times | {"commit": commit}
 
 
 def capture(case: GapCase, own: Path, *, video: bool = False) -> None:

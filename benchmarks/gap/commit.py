@@ -7,6 +7,7 @@ from pathlib import Path
 
 VARIABLE = "PHYSREAL_COMMIT"
 """Environment variable that says it where there is no repository."""
+CHANGED, UNKNOWN = "+", "unknown"
 _ROOT = Path(__file__).resolve().parents[2]
 _CODE = ("physreal_core", "pipeline", "stages", "benchmarks/gap", "data/rig", "params.yaml")
 
@@ -18,9 +19,9 @@ def searched_by() -> str:
         return given
     try:
         commit = _git("rev-parse", "--short=12", "HEAD")
-        return commit + ("+" if _git("status", "--porcelain", "--untracked-files=no", "--", *_CODE) else "")
+        return commit + (CHANGED if _git("status", "--porcelain", "--untracked-files=no", "--", *_CODE) else "")
     except (OSError, subprocess.CalledProcessError):
-        return "unknown"
+        return UNKNOWN
 
 
 def _git(*arguments: str) -> str:

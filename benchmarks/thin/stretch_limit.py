@@ -21,7 +21,7 @@ STIFFNESS = 2000.0
 """Of the membrane [N/m], as of a cotton weave."""
 BENDING = 1e-5
 """[N m]"""
-LIMITS = (0.02, 0.01, 0.005, 0.0025, None)
+LIMITS = (0.02, 0.01, 0.005, 0.0025, 0.001, None)
 FPS, SECONDS = 30.0, 1.2
 
 

@@ -159,8 +159,7 @@ def _further_hands(stage: Stage, trajectory: Trajectory) -> dict[str, Array]:
 
 def describe(scene: RigScene, hints: dict) -> dict:
     """The contents of capture.json."""
-    view, body = scene.view, scene.body
-    thin = stated(body)
+    view = scene.view
     return {
         "description": scene.description,
         "controller": "hand",
@@ -169,8 +168,8 @@ def describe(scene: RigScene, hints: dict) -> dict:
         "height": view.height,
         "K": view.intrinsics().tolist(),
         "T_world_camera": view.pose().tolist(),
-        "density": body.density if thin else scene.material.density,
-        **thin,
+        "density": scene.material.density,
+        **stated(scene.body),
         "hints": hints,
         "split": {"train": [0, scene.observed], "test": [scene.observed, scene.frames]},
     }

@@ -63,7 +63,7 @@ def _rope(name: str, motion: Motion) -> RigScene:
         hand=mitten((0.185, 0.0, -0.010), (0.7, 0.3, 0.65)),
         grasp=Block((0.158, -0.02, -1.0), (0.21, 0.02, 1.0)),  # what lies in the mitten
         motion=motion,
-        material=Material(friction_coefficient=0.4),
+        material=Material(density=ROPE.density, friction_coefficient=0.4),
         view=View(eye=(0.0, -0.96, 0.47), target=(0.02, 0.0, 0.185)),
         look=Look(body="rope"),
     )
@@ -98,7 +98,7 @@ def _cloth(name: str, motion: Motion) -> RigScene:
         hand=mitten((0.0, 0.118, -0.010), (0.45, 0.6, 0.65), across=0.03),
         grasp=Block((-0.03, 0.072, -1.0), (0.03, 0.14, 1.0)),  # what lies under the thumb, and on to the edge
         motion=motion,
-        material=Material(friction_coefficient=0.4),
+        material=Material(density=CLOTH.density, friction_coefficient=0.4),
         view=View(eye=(0.22, -0.80, 0.52), target=(0.0, 0.02, 0.107), focal=500.0),
         look=Look(body="print"),
     )

@@ -5,6 +5,7 @@ import os
 import subprocess
 import sys
 
+import numpy as np
 import pytest
 
 from benchmarks.gap import case as one_case
@@ -15,6 +16,7 @@ from benchmarks.gap.multi_process import CONTROL, PIPES
 from benchmarks.gap.results import collect, write_results
 from benchmarks.gap.run import Run, card_share, core_share, environment, run_cases
 from benchmarks.gap.settings import load_settings
+from physreal_core.checkpoints import checkpoints
 from physreal_core.errors import InputError
 from physreal_core.simulation.cuda.stepper import CARD_SHARE
 from pipeline.products.gap import save_added, save_gap
@@ -52,6 +54,31 @@ def test_when_time_is_up_what_runs_is_stopped_and_nothing_more_begins(tmp_path, 
     told = capsys.readouterr().out
     assert "stopped, time is up" in told and "not begun" in told
     assert not (tmp_path / SLOW.name / "answer.json").exists() and not (tmp_path / NONE.name).exists()
+
+
+def test_a_search_that_was_stopped_goes_on_from_its_last_step(tmp_path, monkeypatch):
+    monkeypatch.setattr(one_case, "searched_by", lambda: "abc")
+    monkeypatch.setattr(one_case, "capture", lambda case, own: None)
+    monkeypatch.setattr(one_case, "experiments_of", lambda *folders: [])
+    monkeypatch.setattr(one_case, "kept_out", lambda own: own)
+    monkeypatch.setattr(one_case, "scored", lambda *given: {})
+    worked = []
+
+    def stopped(*given):
+        if checkpoints().get("first step", {"found": (1,)}) is None:
+            worked.append("first step")
+            checkpoints().put("first step", {"found": np.ones(1)})
+            raise KeyboardInterrupt
+        return {"seconds": 1.0, "seconds_naming": 1.0}
+
+    monkeypatch.setattr(one_case, "answer", stopped)
+    with pytest.raises(KeyboardInterrupt):
+        one_case.run_case(DRAG, tmp_path, load_settings(None))
+    one_case.run_case(DRAG, tmp_path, load_settings(None))
+    own = tmp_path / DRAG.name
+    assert worked == ["first step"]
+    assert json.loads((own / "answer.json").read_text()) == {"seconds": None, "seconds_naming": None, "commit": "abc"}
+    assert not (own / "search").exists()
 
 
 SERVICE = """#!/bin/sh

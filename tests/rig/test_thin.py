@@ -248,6 +248,7 @@ def test_scenes_of_one_object_are_of_one_material():
     for kind in ("rope", "cloth"):
         lift, swing = (THIN_SCENES[f"{kind}_{motion}"]() for motion in ("lift", "swing"))
         assert lift.body == swing.body and lift.grasp == swing.grasp and lift.motion != swing.motion
+        assert lift.material.density == lift.body.density, "what a capture states"
 
 
 @pytest.mark.parametrize("name", ["cloth_lift", "cloth_swing"])

@@ -31,7 +31,7 @@ from physreal_core.simulation.thin.rows import SHELL, SHELL_STIFFNESS
 from physreal_core.simulation.thin.stiffness import shell_fastest, shell_stiffness
 from physreal_core.simulation.thin.triangles import Triangles
 
-STRETCH_LIMIT = 0.005
+STRETCH_LIMIT = 0.001
 """Of a sheet that hangs by its longest side's width: by how much its own weight may stretch it where it is held, at least. A stiffer membrane
 counts as one that stretches so much, so that steps need not be shorter (docs/simulation.md, "Stiff fabric")."""
 STANDARD_GRAVITY = 9.81

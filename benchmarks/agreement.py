@@ -19,6 +19,7 @@ from benchmarks.thin_scenes import wavy_ropes, wavy_sheet
 from physreal_core.simulation import Body, Clamp, Grip, Parameters, PointLoad, SimulationConfig, Simulator, States
 from physreal_core.simulation.laws import ResidualConfig, initial_weights
 from physreal_core.simulation.terms import BRANCH_TERMS, STRESS_TERMS, TERMS, THIN_TERMS, term_shapes
+from physreal_core.simulation.thin import Shell
 
 REFERENCE = Path(__file__).parent / "results" / "agreement_cpu.npz"
 # Sums over threads come in another order on a GPU: rounding (1e-16, 6e-8) grows over some fifty substeps, and float32
@@ -27,8 +28,8 @@ TOLERANCES = {"float64": 1e-8, "float32": 5e-3}
 FRAMES = 4
 VOLUME_TERMS = tuple(term for term in TERMS if term not in THIN_TERMS)
 _COMMON = tuple(term for term in VOLUME_TERMS if term not in (*STRESS_TERMS, "initial_deformation"))
-SHELL_TERMS, ROD_TERMS = (*_COMMON, "bending", "fabric"), (*_COMMON, "bending")
-"""Those of shells, and of rods without frames, that both forms of the step have."""
+SHELL_TERMS, ROD_TERMS = (*_COMMON, *Shell.terms), (*_COMMON, "bending", "surface_drag")
+"""Those of shells, and of rods without frames."""
 
 
 def soft_block() -> Body:
@@ -142,7 +143,8 @@ def term_values(x0: np.ndarray) -> dict[str, torch.Tensor]:
     fields = {name: field for name, field in named.items() if name not in own}
     shapes = term_shapes(VOLUME_TERMS, count)
     own |= {name: field.visible * random(*shapes[name]) for name, field in fields.items()}
-    return own | {name: random(count) for term in ("bending", "fabric") for name in TERMS[term]}
+    thin = {name: field for term in ("bending", "fabric", "surface_drag") for name, field in TERMS[term].items()}
+    return own | {name: (field.visible or 1.0) * random(count) for name, field in thin.items()}
 
 
 def run(case: Case, device: str, dtype: str) -> dict[str, np.ndarray]:

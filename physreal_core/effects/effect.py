@@ -218,10 +218,10 @@ def fits(effect: Effect, config: SimulationConfig) -> bool:
     return all(getattr(config, key) in ("identity", law) for key, law in effect.laws.items())
 
 
-def lacking(effect: Effect, body: Body, device: str = "cpu") -> str:
-    """Why an effect does not act on a body that is simulated on a device, in words; empty where it does."""
-    kind = "a volume" if body.elements is None else "a thin body" if device == "cpu" else "a thin body on a GPU"
-    if terms := [term for term in effect.terms if term in absent_terms(body, device)]:
+def lacking(effect: Effect, body: Body) -> str:
+    """Why an effect does not act on a body, in words; empty where it does."""
+    kind = "a volume" if body.elements is None else "a thin body"
+    if terms := [term for term in effect.terms if term in absent_terms(body)]:
         return f"{kind} has no {' and no '.join(term.replace('_', ' ') for term in terms)}"
     return f"{kind} does not flow" if body.elements is not None and "plastic_law" in effect.laws else ""
 

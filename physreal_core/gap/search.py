@@ -75,14 +75,13 @@ def candidates(experiment: Interaction, settings: GapSettings) -> tuple[str, ...
         and effect.same_as not in unknown_numbers
         and all(compatible(name, other) for other in known)
         and fits(effect, experiment.config)
-        and not lacking(effect, experiment.setting.body, experiment.config.device)
+        and not lacking(effect, experiment.setting.body)
     )
 
 
 def left_out(experiment: Interaction, settings: GapSettings) -> dict[str, str]:
     """Effects asked for that do not act on the body, and why."""
-    body, device = experiment.setting.body, experiment.config.device
-    reasons = {name: lacking(EFFECTS[name], body, device) for name in settings.candidates or EFFECTS}
+    reasons = {name: lacking(EFFECTS[name], experiment.setting.body) for name in settings.candidates or EFFECTS}
     return {name: reason for name, reason in reasons.items() if reason}
 
 

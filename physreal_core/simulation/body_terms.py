@@ -8,16 +8,12 @@ from physreal_core.array_types import Array, Float
 from physreal_core.simulation.body import Body
 from physreal_core.simulation.terms import STRESS_TERMS, TERMS, THIN_TERMS
 
-NATIVE_ALONE = ("viscosity", "surface_drag")
-"""Terms of thin bodies that only the CPU's form of the step has."""
 
-
-def absent_terms(body: Body, device: str = "cpu") -> set[str]:
-    """Terms that a body, thin or a volume, does not have on a device."""
+def absent_terms(body: Body) -> set[str]:
+    """Terms that a body, thin or a volume, does not have."""
     if body.elements is None:
         return set(THIN_TERMS)
-    own = {*body.elements.terms} - {*(NATIVE_ALONE if device != "cpu" else ())}
-    return {*STRESS_TERMS, "initial_deformation", *THIN_TERMS} - own
+    return {*STRESS_TERMS, "initial_deformation", *THIN_TERMS} - {*body.elements.terms}
 
 
 def dormant_values(

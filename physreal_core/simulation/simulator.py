@@ -257,10 +257,10 @@ def _check_kind(body: Body, config: SimulationConfig) -> None:
             where="SimulationConfig.device",
             expected="cpu, or rod_body(..., frames=False)",
         )
-    absent = absent_terms(body, config.device)
+    absent = absent_terms(body)
     for term in config.terms:
         if term in absent:
-            kind = f"a {body.elements.element.lower()} has on {config.device}" if thin else "a volume has"
+            kind = f"a {body.elements.element.lower()} has" if thin else "a volume has"
             raise InputError(f"{term!r}", where="SimulationConfig.terms", expected=f"a term that {kind}")
     if thin and (config.plastic_law != "identity" or config.residual is not None):
         raise InputError(

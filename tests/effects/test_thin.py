@@ -57,8 +57,6 @@ def test_what_does_not_act_says_why_and_is_refused(kind):
     assert {name: reason for name, effect in EFFECTS.items() if (reason := lacking(effect, body))} == left
     of_volumes = {name: reason for name, effect in EFFECTS.items() if (reason := lacking(effect, held_specimen().body))}
     assert of_volumes == {"surface_drag": "a volume has no surface drag"}
-    on_a_gpu = lacking(EFFECTS["surface_drag"], body, "cuda:0")
-    assert on_a_gpu == "a thin body on a GPU has no surface drag" and not lacking(EFFECTS["payload"], body, "cuda:0")
     for name in left:
         with pytest.raises(InputError, match="thin|shell|rod"):
             specimen(kind).simulator(name)

@@ -17,9 +17,13 @@ THIN_FRAME = Structure(
     const int* incident_first  [particles + 1]
     const int* incident  [] of each vertex the corners that are at it, as corner * element_stride + element
     const S* element_constants  [constants, element_stride]
-    const S* element_stiffness  [R, stiffness, element_stride]
+    const S* element_stiffness  [R, stiffness, element_stride], with viscosity and drag as of ElementArrays
     S* element_bars  [R, stiffness, element_stride] adjoints; grow
     S* element_force  [R, corners, element_stride, 4], or in the adjoint what elements add to that of x
+    S* element_mean  the same of the mean velocities, with viscosity
+    S* element_velocity  the same of v, with drag
+    S* mean_velocity  [slots, P, 3] averaged over substeps, with viscosity
+    S* mean_velocity_bar  [P, 3]
     """,
     base=FRAME,
 )

@@ -27,7 +27,8 @@ class ThinModel(BodyModel):
         lower, upper = (self._numbers(corners)[:, None] for corners in held_boxes(clamps, self.lattice, thin=True))
         self._clamped = ((self._start >= lower) & (self._start <= upper)).all(-1).any(0)
         self.element = self._body.elements.element
-        self.elements = ElementArrays(self._body.elements, self.particles, WARP, self.dtype, self.device)
+        terms = self.config.terms
+        self.elements = ElementArrays(self._body.elements, self.particles, WARP, self.dtype, self.device, terms)
         self.frame["element_stride"] = self.elements.stride
         for name in ("corners", "incident_first", "incident"):
             self._give(name, getattr(self.elements, name))
@@ -35,8 +36,10 @@ class ThinModel(BodyModel):
         size = (self.rollouts, self.elements.rows, self.elements.stride)
         self._stiffness = self._give("element_stiffness", self._zeros(*size))
         self._stiffness_bar = self._give("element_bars", self._zeros(*size))
-        corners = len(self.elements.corners)
-        self._give("element_force", self._zeros(self.rollouts, corners, self.elements.stride, 4))
+        left = {"element_force": None, "element_mean": "viscosity", "element_velocity": "surface_drag"}
+        for name, term in left.items():
+            if term is None or term in terms:
+                self._give(name, self._zeros(self.rollouts, len(self.elements.corners), self.elements.stride, 4))
 
     def load(self, parameters: Parameters, substeps: int) -> None:
         """Take over parameters with an axis of rollouts."""

@@ -8,14 +8,21 @@
 #include "elements.h"
 #include "forces.h"
 #include "phase.h"
+#include "surface_drag.h"
 
 namespace physreal {
 
-// Element: see elements.h.
-template <class S, template <class, class> class Element>
+// TERMS: bits of the optional laws in use; Element: see elements.h.
+template <class S, Index TERMS, template <class, class> class Element>
 class ElementOfRollout {
     using Elastic = Element<S, S>;
+    using Drag = SurfaceDrag<S, Elastic::FACE>;
     static constexpr int CORNERS = Elastic::CORNERS, CONSTANTS = Elastic::CONSTANTS, STIFFNESS = Elastic::STIFFNESS;
+    static constexpr bool VISCOUS = TERMS & term::viscosity, DRAGGED = TERMS & term::surface_drag;
+    // The numbers of an element: its stiffness, with viscosity as many of that, and with drag its coefficients.
+    static constexpr int VISCOSITY = STIFFNESS, DRAG = VISCOUS ? 2 * STIFFNESS : STIFFNESS;
+    static constexpr int ROWS = DRAG + (DRAGGED ? Drag::ROWS : 0);
+    using Corners = Vec3<S>[CORNERS];
     const ThinFrame<S>& f_;
     const int own_, rollout_;  // number in its rollout, and the rollout
     S constants_[CONSTANTS], stiffness_[STIFFNESS];
@@ -24,43 +31,89 @@ public:
     ElementOfRollout(const ThinFrame<S>& f, int thread)
         : f_(f), own_(thread % int(f.element_stride)), rollout_(thread / int(f.element_stride)) {
         UNROLLED for (int r = 0; r < CONSTANTS; ++r) constants_[r] = f.element_constants[r * f.element_stride + own_];
-        UNROLLED for (int r = 0; r < STIFFNESS; ++r) stiffness_[r] = f.element_stiffness[stiffness_place(r)];
+        numbers(0, stiffness_);
     }
 
     // Leaves the forces of the state in a slot.
     void forward(int slot) const {
         Vec3<S> x[CORNERS], force[CORNERS] = {};
-        UNROLLED for (int c = 0; c < CORNERS; ++c) x[c] = place(slot, c);
-        ElasticForces<Element, S>{constants_, stiffness_}.forces(x, force);
-        UNROLLED for (int c = 0; c < CORNERS; ++c) leave(c, force[c]);
+        at_corners(f_.x, slot, x);
+        if constexpr (VISCOUS) {
+            S viscosity[STIFFNESS];
+            numbers(VISCOSITY, viscosity);
+            Vec3<S> mean[CORNERS];
+            at_corners(f_.mean_velocity, slot, mean);
+            ViscousForces<Element, S>{constants_, stiffness_, viscosity}.forces(x, mean, force);
+        } else {
+            ElasticForces<Element, S>{constants_, stiffness_}.forces(x, force);
+        }
+        if constexpr (DRAGGED) {
+            S coefficients[Drag::ROWS];
+            numbers(DRAG, coefficients);
+            Vec3<S> v[CORNERS];
+            at_corners(f_.v, slot, v);
+            Drag::forces(coefficients, x, v, force);
+        }
+        leave(f_.element_force, force);
     }
 
-    // Leaves what the forces' adjoint, which stands in node_bar, adds to that of the places.
+    // Leaves what the forces' adjoint, which stands in node_bar, adds to those of the places, the velocities and their means.
     void backward(int slot) const {
         Vec3<S> x[CORNERS], along[CORNERS], x_bar[CORNERS] = {};
-        UNROLLED for (int c = 0; c < CORNERS; ++c) {
-            x[c] = place(slot, c);
-            along[c] = three(reinterpret_cast<const Vec4<S>*>(f_.node_bar)[vertex(c)]);
-        }
+        at_corners(f_.x, slot, x);
         if (!(x[0][0] - x[0][0] == 0)) return;  // of a rollout that has failed
+        UNROLLED for (int c = 0; c < CORNERS; ++c)
+            along[c] = three(reinterpret_cast<const Vec4<S>*>(f_.node_bar)[vertex(c)]);
         S bar[STIFFNESS] = {};
-        ElasticForces<Element, S>{constants_, stiffness_}.adjoint(x, along, x_bar, bar);
-        UNROLLED for (int c = 0; c < CORNERS; ++c) leave(c, x_bar[c]);
-        UNROLLED for (int r = 0; r < STIFFNESS; ++r) f_.element_bars[stiffness_place(r)] += bar[r];
+        if constexpr (VISCOUS) {
+            S viscosity[STIFFNESS], viscosity_bar[STIFFNESS] = {};
+            numbers(VISCOSITY, viscosity);
+            Vec3<S> mean[CORNERS], mean_bar[CORNERS] = {};
+            at_corners(f_.mean_velocity, slot, mean);
+            const ViscousForces<Element, S> forces{constants_, stiffness_, viscosity};
+            forces.adjoint(x, mean, along, x_bar, mean_bar, bar, viscosity_bar);
+            add(VISCOSITY, viscosity_bar);
+            leave(f_.element_mean, mean_bar);
+        } else {
+            ElasticForces<Element, S>{constants_, stiffness_}.adjoint(x, along, x_bar, bar);
+        }
+        if constexpr (DRAGGED) {
+            S coefficients[Drag::ROWS], drag_bar[Drag::ROWS] = {};
+            numbers(DRAG, coefficients);
+            Vec3<S> v[CORNERS], v_bar[CORNERS] = {};
+            at_corners(f_.v, slot, v);
+            Drag::adjoint(coefficients, x, v, along, x_bar, v_bar, drag_bar);
+            add(DRAG, drag_bar);
+            leave(f_.element_velocity, v_bar);
+        }
+        add(0, bar);
+        leave(f_.element_force, x_bar);
     }
 
 private:
-    Index stiffness_place(int r) const { return (Index(rollout_) * STIFFNESS + r) * f_.element_stride + own_; }
+    Index number_place(int r) const { return (Index(rollout_) * ROWS + r) * f_.element_stride + own_; }
+    // The element's numbers from a row on.
+    template <int COUNT>
+    void numbers(int row, S (&values)[COUNT]) const {
+        UNROLLED for (int r = 0; r < COUNT; ++r) values[r] = f_.element_stiffness[number_place(row + r)];
+    }
+    template <int COUNT>
+    void add(int row, const S (&bars)[COUNT]) const {
+        UNROLLED for (int r = 0; r < COUNT; ++r) f_.element_bars[number_place(row + r)] += bars[r];
+    }
     Index vertex(int corner) const {
         return Index(rollout_) * f_.particles + f_.corners[corner * f_.element_stride + own_];
     }
-    Vec3<S> place(int slot, int corner) const {
-        const S* x = f_.x + 3 * (Index(f_.first[0] + slot) * f_.stride + vertex(corner));
-        return {{x[0], x[1], x[2]}};
+    void at_corners(const S* states, int slot, Corners& values) const {
+        UNROLLED for (int c = 0; c < CORNERS; ++c) {
+            const S* from = states + 3 * (Index(f_.first[0] + slot) * f_.stride + vertex(c));
+            values[c] = {{from[0], from[1], from[2]}};
+        }
     }
-    void leave(int corner, const Vec3<S>& value) const {
-        reinterpret_cast<Vec4<S>*>(f_.element_force)[(Index(rollout_) * CORNERS + corner) * f_.element_stride + own_] = {
-            {value[0], value[1], value[2], 0}};
+    void leave(S* to, const Corners& values) const {
+        UNROLLED for (int c = 0; c < CORNERS; ++c)
+            reinterpret_cast<Vec4<S>*>(to)[(Index(rollout_) * CORNERS + c) * f_.element_stride + own_] = {
+                {values[c][0], values[c][1], values[c][2], 0}};
     }
 };
 
@@ -69,6 +122,7 @@ template <class S, bool INPUTS, Index TERMS, int HAND, bool LED, int CORNERS>
 class VertexOfRollout : ParticleForces<S, INPUTS, TERMS, HAND, LED> {
     using Forces = ParticleForces<S, INPUTS, TERMS, HAND, LED>;
     using typename Forces::At;
+    static constexpr bool VISCOUS = TERMS & term::viscosity, DRAGGED = TERMS & term::surface_drag;
     using Forces::add_inputs, Forces::constant, Forces::dt_, Forces::fail, Forces::finite, Forces::force,
         Forces::force_adjoint, Forces::get3, Forces::own_, Forces::p_, Forces::place_in, Forces::put, Forces::rollout_,
         Forces::touching, Forces::touching_adjoint;
@@ -85,7 +139,7 @@ public:
     void forward(int substep, int slot, int slot_next, int last) const {
         const Index now = place_in(slot), after = place_in(slot_next);
         const At at = at_state(now);
-        const Vec3<S> f = force(substep, at) + left();
+        const Vec3<S> f = force(substep, at) + left(f_.element_force);
         const Vec4<S> push = {{dt_ * f[0], dt_ * f[1], dt_ * f[2], constant(constant::volume) * touching(at.x_[2])}};
         const Vec4<S> free = phase_.free(velocity(at), push, around());
         if (!finite(dot(at.x_, at.x_) + dot(three(free), three(free)))) fail(substep);
@@ -93,6 +147,8 @@ public:
         const Vec3<S> v = three(phase_.velocity(free, around())), x = at.x_ + dt_ * v;
         put(f_.v, after, v);
         put(f_.x, after, x);
+        if constexpr (VISCOUS)
+            put(f_.mean_velocity, after, remembered() * get3(f_.mean_velocity, now) + (1 - remembered()) * v);
         if (last && !finite(dot(x, x) + dot(v, v))) fail(substep + 1);
     }
 
@@ -102,9 +158,13 @@ public:
         const Index now = place_in(slot);
         if (!finite(f_.x[3 * now])) return;  // of a rollout that has failed
         At at = at_state(now);
-        Vec3<S> x_bar = get3(f_.x_bar, p_);
-        if (arrived) x_bar = x_bar + left();
-        const Vec3<S> v_bar = get3(f_.v_bar, p_) + dt_ * x_bar;
+        if (arrived) add_left();
+        Vec3<S> x_bar = get3(f_.x_bar, p_), v_bar = get3(f_.v_bar, p_) + dt_ * x_bar;
+        if constexpr (VISCOUS) {
+            const Vec3<S> mean_bar = get3(f_.mean_velocity_bar, p_);
+            v_bar = v_bar + (1 - remembered()) * mean_bar;
+            put(f_.mean_velocity_bar, p_, remembered() * mean_bar);
+        }
         FrictionBar<S> friction_bar = {};
         const auto found = phase_.adjoint(velocity(at), free_in(now), around(), {{v_bar[0], v_bar[1], v_bar[2], 0}},
                                           friction_bar);
@@ -122,7 +182,7 @@ public:
 
     // Adds what the elements of the frame's first substep have left.
     void settle() const {
-        if (finite(f_.x[3 * place_in(0)])) put(f_.x_bar, p_, get3(f_.x_bar, p_) + left());
+        if (finite(f_.x[3 * place_in(0)])) add_left();
     }
 
 private:
@@ -131,10 +191,19 @@ private:
     Around<S> around() const { return {f_.around[2 * p_], f_.around[2 * p_ + 1]}; }
     Vec4<S>& free_in(Index place) const { return reinterpret_cast<Vec4<S>*>(f_.free)[place]; }
 
+    // Share of the mean velocity that a substep keeps.
+    S remembered() const { return f_.timing[3]; }
+
+    // Adds what the elements left of a substep to the adjoints of the state before it.
+    void add_left() const {
+        put(f_.x_bar, p_, get3(f_.x_bar, p_) + left(f_.element_force));
+        if constexpr (VISCOUS) put(f_.mean_velocity_bar, p_, get3(f_.mean_velocity_bar, p_) + left(f_.element_mean));
+        if constexpr (DRAGGED) put(f_.v_bar, p_, get3(f_.v_bar, p_) + left(f_.element_velocity));
+    }
+
     // What elements left at the vertex.
-    Vec3<S> left() const {
-        const Vec4<S>* of_rollout =
-            reinterpret_cast<const Vec4<S>*>(f_.element_force) + Index(rollout_) * CORNERS * f_.element_stride;
+    Vec3<S> left(const S* from) const {
+        const Vec4<S>* of_rollout = reinterpret_cast<const Vec4<S>*>(from) + Index(rollout_) * CORNERS * f_.element_stride;
         const int end = f_.incident_first[own_ + 1];
         Vec4<S> sum = {};
         FOUR_AT_A_TIME for (int i = f_.incident_first[own_]; i < end; ++i) sum += of_rollout[f_.incident[i]];
@@ -146,7 +215,7 @@ private:
 template <class S, bool INPUTS, Index TERMS, int HAND, bool LED, template <class, class> class Element>
 struct ThinStep {
     using Vertex = VertexOfRollout<S, INPUTS, TERMS, HAND, LED, Element<S, S>::CORNERS>;
-    using Body = ElementOfRollout<S, Element>;
+    using Body = ElementOfRollout<S, TERMS, Element>;
 
     static void start(const ThinFrame<S>& f, int rollout) { f.report[rollout] = NOT_FAILED; }
     static void elements(const ThinFrame<S>& f, int thread, int slot) { Body(f, thread).forward(slot); }

@@ -61,6 +61,11 @@ LEADING = {
 gives Coriolis' force and the centrifugal one; a cord pulls towards its foot, the more the higher its end is."""
 
 
+OF_THE_RIG = {"cloth": ("kelvin_voigt",)}
+"""Effects that a body has in the rig whatever is hidden: MuJoCo's implicit step damps a cloth as a retardation time as long as the step, 0.5 ms.
+An answer may name them beside the truth or leave them out."""
+
+
 @dataclass(frozen=True)
 class GapCase:
     """One hidden-effect capture.
@@ -90,6 +95,11 @@ class GapCase:
     def truth(self) -> tuple[str, ...]:
         """Names of the library that are right, sorted; none for what is outside it."""
         return tuple(sorted(self.effect.split("+"))) if self.kind in ("single", "pair") else ()
+
+    @property
+    def of_the_rig(self) -> tuple[str, ...]:
+        """Names of the library that are there whatever is hidden."""
+        return OF_THE_RIG.get(self.body, ())
 
     @property
     def name(self) -> str:

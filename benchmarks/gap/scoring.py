@@ -28,7 +28,8 @@ class Judgement:
         named: the best answer's effects, sorted.
         members: the reported class, the best first.
         probability: stated for the class.
-        first: whether `named` is exactly the truth; for an outside effect, whether the answer is `unknown` or nearest.
+        first: whether `named` is exactly the truth, but for what the rig's body has anyway; for an outside effect, whether the answer is
+            `unknown` or nearest.
         in_class: whether a member is.
         size_error: of the amplitudes, relative, where `first` and an amplitude is known.
         covered: per coefficient whether its interval holds the truth, where `first`.
@@ -69,6 +70,11 @@ class Judgement:
         if self.closed is None or self.oracle_closed is None or not self.oracle_closed >= LEAST_CLOSED:
             return None
         return self.closed / self.oracle_closed
+
+    @property
+    def with_the_rigs_own(self) -> bool:
+        """Whether the answer is right, and names what the rig's body has anyway."""
+        return self.first and bool({*self.named} & {*self.case.of_the_rig} - {*self.truth})
 
     @property
     def shows_held_out(self) -> bool:
@@ -158,13 +164,16 @@ def is_confident_name(j: Judgement) -> bool:
 
 
 def _right(case: GapCase, verdict: str, answers: Iterable[tuple[str, ...]], truth: tuple[str, ...]) -> bool:
-    """Whether one of the answers is right."""
+    """Whether one of the answers is right; what the rig's body has anyway may be among them."""
+    if verdict != "unknown":
+        own = {*case.of_the_rig} - {*truth}
+        answers = [tuple(name for name in answer if name not in own) for answer in answers]
     if case.kind == "none":
-        return verdict == "none"
+        return verdict == "none" or (verdict != "unknown" and () in answers)
     if case.kind == "outside":
         nearest = NEAREST[case.effect.partition(":")[2]]
         return verdict == "unknown" or any(len(a) == 1 and a[0] in nearest for a in answers)
-    return verdict not in ("none", "unknown") and truth in list(answers)
+    return verdict not in ("none", "unknown") and truth in answers
 
 
 def _lead_right(case: GapCase, row: Row) -> bool | None:

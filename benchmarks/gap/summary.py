@@ -92,7 +92,7 @@ def _shares(judged: Sequence[Judgement]) -> dict[str, Iterable[bool]]:
     return {
         "named_first": (j.first for j in strong),
         "named_in_class": (j.in_class for j in strong),
-        "false_alarm_rate": (j.verdict not in ("none", "failed") for j in none),
+        "false_alarm_rate": (not j.first and j.verdict != "failed" for j in none),
         "two_effects_both": (j.in_class for j in pairs),
         "unknown_handled": (j.in_class for j in outside),
         "outside_confidently_wrong": (not j.in_class and is_confident_name(j) for j in outside),
@@ -116,6 +116,7 @@ def _counts(
         "lead": len(hits["lead_right"]),
         "intervals": len(hits["interval_coverage"]),
         "failed": sum(j.verdict == "failed" for j in judged),
+        "right_with_the_rigs_own": sum(j.with_the_rigs_own for j in judged),
     }
 
 

@@ -127,7 +127,7 @@ _HEAD = [
     "- **Given to the plush animal's planner:** the model that Stage 2 has fitted to `plush_lift` by RGB-D, in a project where the example's stages have run",
     "  up to `fit_patches` (`--project`); what that fit was given. It has 1862 particles, and the body that is searched on 220.",
     "- **Given to those of rope and cloth:** the true shape in frame 0, thickness and density; Stage 1, fitted to 150 points on the body in the rig's lift,",
-    "  with 1 mm of noise and gaps, and to the hand's exact points.",
+    "  with 1 mm of noise and gaps, and to the hand's exact points; of the cloth on triangles of 6 mm, where plans are made on 12.5 mm.",
     "- **Given to all:** the place in frame 0 of 100 points on the body, or all 81 nodes of the rope. Where a plan is made anew, their places in every",
     "  frame up to then, with 1 mm of noise along each axis. The goal without noise: places of these points, all nodes of the surface as a shape, or a",
     "  mask of 160 x 120 pixels.",

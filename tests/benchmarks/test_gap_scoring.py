@@ -139,6 +139,33 @@ def test_every_effect_outside_the_library_has_relatives_and_a_leading_term_of_th
     assert {name for names in NEAREST.values() for name in names} <= set(EFFECTS)
 
 
+def test_what_the_rigs_cloth_has_anyway_may_be_named_or_left_out():
+    known = {"kelvin_voigt": Sizes({"time": 0.0}, {"time": 0.01}, ("time",))} | SIZES
+    viscous = effect("kelvin_voigt", {"time": 0.001})
+
+    def judged(effect_name, body, names):
+        given = row(
+            GapCase(effect_name, "high", 1, body),
+            answer("effects", [names], 0.9, [viscous, effect("wind", {"x": 1.0, "y": 0.0})]),
+        )
+        return judge(json.loads(json.dumps(given)), known)
+
+    for names in (["kelvin_voigt", "wind"], ["wind"]):
+        assert judged("wind", "cloth", names).first
+    assert (
+        judged("wind", "cloth", ["kelvin_voigt", "wind"]).with_the_rigs_own
+        and not judged("wind", "cloth", ["wind"]).with_the_rigs_own
+    )
+    assert not judged("wind", "rope", ["kelvin_voigt", "wind"]).first
+    assert not judged("wind", "cloth", ["kelvin_voigt"]).first
+    assert (
+        judged("kelvin_voigt", "cloth", ["kelvin_voigt"]).first and not judged("kelvin_voigt", "cloth", ["wind"]).first
+    )
+    alone, drag = judged("none", "cloth", ["kelvin_voigt"]), judged("none", "cloth", ["kelvin_voigt", "wind"])
+    assert summary([alone, drag])["pooled"]["false_alarm_rate"]["hits"] == 1 and not drag.first
+    assert not judged("none", "bar", ["kelvin_voigt"]).first
+
+
 def test_confusion_and_reliability():
     found = summary(judged_set())
     matrix = found["confusion_matrix"]

@@ -50,6 +50,7 @@ def _plain(trial: Trial) -> dict[str, Any]:
     return {"fields": fields, "effects": trial.effects, "elastic_law": trial.elastic_law}
 
 
-def names_right(verdict: dict[str, Any], truth: Sequence[str]) -> bool:
-    """Whether the best answer is exactly the truth."""
-    return bool(truth) and sorted(verdict["names"]) == sorted(truth) and verdict["kind"] not in ("none", "unknown")
+def names_right(verdict: dict[str, Any], truth: Sequence[str], beside: Sequence[str] = ()) -> bool:
+    """Whether the best answer is exactly the truth, but for what may be named beside it."""
+    named = [name for name in verdict["names"] if name in truth or name not in beside]
+    return bool(truth) and sorted(named) == sorted(truth) and verdict["kind"] not in ("none", "unknown")

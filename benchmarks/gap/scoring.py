@@ -72,6 +72,11 @@ class Judgement:
         return self.closed / self.oracle_closed
 
     @property
+    def alarm(self) -> bool:
+        """Of a control: whether the answer names what is not there; `unknown` is an alarm too."""
+        return not self.first and self.verdict != "failed"
+
+    @property
     def with_the_rigs_own(self) -> bool:
         """Whether the answer is right, and names what the rig's body has anyway."""
         return self.first and bool({*self.named} & {*self.case.of_the_rig} - {*self.truth})

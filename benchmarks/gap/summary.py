@@ -92,7 +92,7 @@ def _shares(judged: Sequence[Judgement]) -> dict[str, Iterable[bool]]:
     return {
         "named_first": (j.first for j in strong),
         "named_in_class": (j.in_class for j in strong),
-        "false_alarm_rate": (not j.first and j.verdict != "failed" for j in none),
+        "false_alarm_rate": (j.alarm for j in none),
         "two_effects_both": (j.in_class for j in pairs),
         "unknown_handled": (j.in_class for j in outside),
         "outside_confidently_wrong": (not j.in_class and is_confident_name(j) for j in outside),
@@ -142,7 +142,7 @@ def _group(own: Sequence[Judgement]) -> dict[str, Any]:
         "named_first": counted([j.first for j in strong]),
         "named_in_class": counted([j.in_class for j in strong]),
         "joint": counted([j.joint for j in strong if j.shows_held_out]),
-        "false_alarm_rate": counted([j.verdict not in ("none", "failed") for j in own if j.kind == "none"]),
+        "false_alarm_rate": counted([j.alarm for j in own if j.kind == "none"]),
     }
 
 

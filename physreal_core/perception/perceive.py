@@ -27,7 +27,7 @@ from physreal_core.perception.onnx_tracker import inside_masks
 from physreal_core.perception.queries import background_queries, hand_queries, spread_over
 from physreal_core.perception.segmenter import Segmenter
 from physreal_core.perception.settings import PerceptionSettings
-from physreal_core.perception.support import without_support
+from physreal_core.perception.support import lies_flat, without_support
 from physreal_core.perception.tracker import Tracker, Tracks
 
 _HAND_ON_MASK = 0.2  # share of a known hand's landmarks that lie on a controller's mask, at least
@@ -319,7 +319,9 @@ def _all_masks(
     if "object" in video.masks:
         masks["object"] = video.masks["object"]
     else:
-        certain = corrections.of("object")
+        # of a thing that lies flat, as a cloth does, the part that is not lifted yet lies on the table as its shadow would
+        flat = _lies_flat(video, first["object"], settings)
+        certain = range(len(video.frames)) if flat else corrections.of("object")
         own = [m if t in certain else _standing(video, m, t, settings) for t, m in enumerate(masks["object"])]
         masks["object"] = np.stack(own)
     return masks
@@ -356,6 +358,11 @@ def _standing(video: Video, mask: Array, t: int, settings: PerceptionSettings) -
     if video.depth is None:
         return mask
     return without_support(mask, video.depth[t], video.K, video.T_world_camera, settings.noise)
+
+
+def _lies_flat(video: Video, mask: Array, settings: PerceptionSettings) -> bool:
+    """Whether the object, whose mask in frame 0 this is, lies flat on the table, where depth can tell."""
+    return video.depth is not None and lies_flat(mask, video.depth[0], video.K, video.T_world_camera, settings.noise)
 
 
 def _controller(

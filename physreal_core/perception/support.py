@@ -10,6 +10,8 @@ from physreal_core.perception.lifting import DepthNoise
 
 SURE = 3.0
 """Standard deviations of a depth reading's error within which a point may lie on the plane."""
+FLAT = 0.5
+"""Share of a thing's readings within that margin from which on the thing itself lies flat, as a cloth does."""
 
 
 def heights(
@@ -46,7 +48,7 @@ def without_support(
     if not known.any():
         return mask
     far = np.median(depth[known])
-    margin = SURE * (noise.constant + noise.quadratic * far**2)
+    margin = _margin(far, noise)
     risen = known & (height > margin)
     if not risen.any():
         return mask
@@ -54,3 +56,23 @@ def without_support(
     distance = cv2.distanceTransform((~risen).astype(np.uint8), cv2.DIST_L2, 5)
     flat = known & (np.abs(height) <= margin) & (distance > foot)
     return mask & ~flat
+
+
+def lies_flat(
+    mask: Bool[Array, "H W"],
+    depth: Float[Array, "H W"],
+    K: Float[Array, "3 3"],
+    T_world_camera: Float[Array, "4 4"],
+    noise: DepthNoise,
+) -> bool:
+    """Whether a thing lies flat on the support plane, so that depth does not tell it from what it lies on; arguments as of `without_support`."""
+    known = mask & (depth > 0)
+    if not known.any():
+        return False
+    margin = _margin(np.median(depth[known]), noise)
+    return bool((heights(depth, K, T_world_camera)[known] <= margin).mean() >= FLAT)
+
+
+def _margin(far: float, noise: DepthNoise) -> float:
+    """Height within which a point at this distance may lie on the plane [m]."""
+    return SURE * (noise.constant + noise.quadratic * far**2)

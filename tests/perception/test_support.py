@@ -4,7 +4,7 @@ import numpy as np
 import pytest
 
 from physreal_core.perception.lifting import DepthNoise
-from physreal_core.perception.support import heights, without_support
+from physreal_core.perception.support import heights, lies_flat, without_support
 
 K = np.array([[400.0, 0.0, 79.5], [0.0, 400.0, 59.5], [0.0, 0.0, 1.0]])
 DOWN = np.array([[1.0, 0.0, 0.0, 0.0], [0.0, -1.0, 0.0, 0.0], [0.0, 0.0, -1.0, 0.8], [0.0, 0.0, 0.0, 1.0]])
@@ -43,6 +43,17 @@ def test_what_is_as_thin_as_the_noise_stays(block):
     depth, stands = block
     sheet = np.roll(stands, 60, axis=1) & ~stands
     assert (without_support(sheet, depth, K, DOWN, DepthNoise()) == sheet).all()
+
+
+def test_a_sheet_lies_flat_and_a_block_does_not(block):
+    depth, stands = block
+    sheet = np.roll(stands, 60, axis=1) & ~stands
+    assert lies_flat(sheet, depth, K, DOWN, DepthNoise())
+    assert not lies_flat(stands, depth, K, DOWN, DepthNoise())
+    shadow = np.zeros_like(stands)
+    shadow[50:70, 90:150] = True
+    assert not lies_flat(stands | shadow, depth, K, DOWN, DepthNoise())  # a block with its shadow
+    assert not lies_flat(np.zeros_like(stands), depth, K, DOWN, DepthNoise())
 
 
 def test_what_has_no_reading_stays(block):

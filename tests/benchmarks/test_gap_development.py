@@ -146,6 +146,9 @@ def test_the_readme_says_what_the_blind_sets_gave():
     )
     rope = summary_of("thin", "3d1ffcb")["by_body"]["rope"]["named_first"]
     assert f"Of a rope it came first in {rope['hits']} of {rope['count']}" in readme
+    cloth = {key: summary_of("thin", "781c662651c2")["pooled"][key] for key in ("named_first", "false_alarm_rate")}
+    first, alarms = cloth["named_first"], cloth["false_alarm_rate"]
+    assert f"of a cloth in {first['hits']} of {first['count']}, with {alarms['hits']} alarms in five" in readme
 
 
 def test_the_page_says_how_often_an_adopted_verdict_is_right():
@@ -161,6 +164,7 @@ def test_the_page_says_how_often_an_adopted_verdict_is_right():
             "tracks_only-seed115",
             "tracks_only-seed116",
             "thin-seed207",
+            "thin-seed208",
             "rgbd-seed109",
             "rgbd-seed112",
             "rgbd-seed115",

@@ -135,8 +135,8 @@ _FOOT = [
     "show: the hanging rope is 0.02 % longer by its own weight, less than a tenth of a millimetre.",
     "",
     "The fits were made on a CPU. A cloth folds along the edge of its hold, and which of its vertices that edge takes decides where. The hold that is",
-    "found follows the hand's outline in the picture to about a vertex. With a quarter of a spacing more on all sides of it the same cloth is followed",
-    "to 9.5 and 13.8 mm, and its swing predicted to 13.1 and 22.9.",
+    "found follows the hand's outline in the picture to about a vertex. Where the hold is given, it is up to a spacing too large. The row of the cloth whose",
+    "shape is seen is an older one: its masks missed what still lay on the table, and its stretch limit was 0.5 %.",
 ]
 
 

@@ -71,8 +71,8 @@ def measured_with_hold(project: Project, body: str, device: str) -> dict[str, An
     problems = []
     for motion in ("lift", "swing"):
         truth = load_truth(project.capture(f"{body}_{motion}"))
-        nodes = truth.middle_vertices[0, truth.middle_gripped].astype(float)
-        problems.append(held_at(problem_of(project, f"{body}_{motion}"), nodes))
+        rig = truth.middle_vertices[0].astype(float), truth.middle_elements, truth.middle_gripped
+        problems.append(held_at(problem_of(project, f"{body}_{motion}"), *rig))
     params, particles = FitGlobal(), Particles.load(project.artifact("sample_particles", f"{body}_lift"))
     variables = variables_of(params.variables(particles.geometry))
     scan, descent = ScanConfig(**params.scan.model_dump()), DescentConfig(**params.descent.model_dump())
@@ -135,8 +135,8 @@ _FOOT = [
     "show: the hanging rope is 0.02 % longer by its own weight, less than a tenth of a millimetre.",
     "",
     "The fits were made on a CPU. A cloth folds along the edge of its hold, and which of its vertices that edge takes decides where. The hold that is",
-    "found follows the hand's outline in the picture to about a vertex. Where the hold is given, it is up to a spacing too large. The row of the cloth whose",
-    "shape is seen is an older one: its masks missed what still lay on the table, and its stretch limit was 0.5 %.",
+    "found follows the hand's outline in the picture to about a vertex. The row of the cloth whose shape is seen is an older one: its masks missed what",
+    "still lay on the table, and its stretch limit was 0.5 %.",
 ]
 
 

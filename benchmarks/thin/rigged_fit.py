@@ -1,13 +1,14 @@
 """What `benchmarks.thin.rigged` computes, on arrays alone, so that a machine with a card and little else can do it, too."""
 
 import dataclasses
+import itertools
 import math
 
 import numpy as np
 import torch
 from scipy.spatial import cKDTree
 
-from physreal_core.array_types import Array, Bool, Float
+from physreal_core.array_types import Array, Bool, Float, Int
 from physreal_core.fitting.curriculum import ScanConfig, fit_one_material
 from physreal_core.fitting.descent import DescentConfig
 from physreal_core.fitting.grip import springs
@@ -18,10 +19,28 @@ from physreal_core.fitting.problem import Problem
 from physreal_core.fitting.thin import bind_to_body
 from physreal_core.fitting.variables import Variable
 
+PARTS = 4
+"""Into which each side of an element is cut to know where it lies."""
 
-def held_at(problem: Problem, nodes: Float[Array, "held 3"]) -> Problem:
-    """The problem where the hand holds the vertices that lie nearer than a spacing to the rig's held nodes in frame 0 [m]."""
-    return with_held(problem, cKDTree(nodes).query(problem.body.x0)[0] < problem.body.spacing)
+
+def held_at(
+    problem: Problem,
+    nodes: Float[Array, "nodes 3"],
+    elements: Int[Array, "elements corners"],
+    held: Int[Array, " held"],
+) -> Problem:
+    """The problem where the hand holds the vertices that lie nearer than half a spacing to what the rig holds.
+
+    Args:
+        problem: of one motion.
+        nodes: of the rig's middle in frame 0 [m].
+        elements: of it.
+        held: nodes that the rig's hand holds; elements between them are held.
+    """
+    between, parts = elements[np.isin(elements, held).all(axis=1)], range(PARTS + 1)
+    shares = [share for share in itertools.product(parts, repeat=elements.shape[1]) if sum(share) == PARTS]
+    points = np.einsum("sc,ecd->sed", np.array(shares) / PARTS, nodes[between]).reshape(-1, 3)
+    return with_held(problem, cKDTree(points).query(problem.body.x0)[0] < 0.5 * problem.body.spacing)
 
 
 def with_held(problem: Problem, held: Bool[Array, " particles"]) -> Problem:

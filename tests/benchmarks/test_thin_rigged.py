@@ -7,12 +7,13 @@ import numpy as np
 import pytest
 import torch
 
+from benchmarks.thin.meshes import rectangle
 from benchmarks.thin.rigged_fit import errors_of, held_at, stiffness_errors, track_errors
 from physreal_core.fitting.grip import bind_grip
 from physreal_core.fitting.model import Model, uniform_model
 from physreal_core.fitting.problem import Problem
 from physreal_core.fitting.rollouts import Rollouts
-from physreal_core.simulation import rod_body
+from physreal_core.simulation import rod_body, shell_body
 from tests.fitting import scene
 
 
@@ -58,10 +59,23 @@ def test_errors_are_of_the_motion_since_frame_0():
     assert record["other_motion"] == pytest.approx(3e-3, abs=1e-6)
 
 
-def test_the_given_hold_is_what_lies_at_the_rigs_nodes():
-    problem = scene.problem(scene.model(), frames=4, observed=3, with_masks=False)
-    held = held_at(problem, problem.body.x0[[0, 20]] + 0.004).grip
-    assert {0, 20} <= set(held.particles.tolist())
-    assert (
-        np.linalg.norm(problem.body.x0[held.particles][:, None] - problem.body.x0[[0, 20]], axis=2).min(1).max() < 0.03
+def test_the_given_hold_is_what_the_rig_holds_to_half_a_spacing():
+    """The rope's vertices stand every 2 cm; the rig's nodes every 1.5 cm, and it holds those up to 4.5 cm."""
+    problem, _ = rope()
+    nodes = np.arange(14)[:, None] * [0.015, 0.0, 0.0] + [0.0, 0.0, 0.1]
+    segments = np.stack([np.arange(13), np.arange(1, 14)], axis=1)
+    assert set(held_at(problem, nodes, segments, np.arange(4)).grip.particles.tolist()) == {0, 1, 2}
+    assert set(held_at(problem, nodes, segments, np.arange(5)).grip.particles.tolist()) == {0, 1, 2, 3}
+
+
+def test_of_a_sheet_the_given_hold_is_all_between_the_rigs_held_nodes():
+    flat, triangles = rectangle((20, 20), (0.2, 0.2))
+    problem = dataclasses.replace(rope()[0], body=shell_body(flat, triangles, 0.001, 300.0))
+    nodes, elements = rectangle((8, 8), (0.2, 0.2))
+    held = np.flatnonzero((nodes[:, 0] > 0.074) & (nodes[:, 0] < 0.151) & (nodes[:, 1] < 0.051))
+    x = flat[np.unique(held_at(problem, nodes, elements, held).grip.particles)]
+    assert x[:, :2].min(0) == pytest.approx([0.075, 0.0], abs=0.0051) and x[:, :2].max(0) == pytest.approx(
+        [0.15, 0.05], abs=0.006
     )
+    inside = (flat[:, 0] > 0.0745) & (flat[:, 0] < 0.1505) & (flat[:, 1] < 0.0505)
+    assert inside.sum() <= len(x) <= inside.sum() + 40

@@ -50,6 +50,7 @@ ABOVE = {
     "benchmarks.perception_runs",
     "benchmarks.pushed",
     "benchmarks.taken",
+    "benchmarks.thin.lifted",
     "benchmarks.thin.rigged",
     "benchmarks.two_parts",
     "benchmarks.hold_seen",

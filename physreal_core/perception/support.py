@@ -47,7 +47,7 @@ def without_support(
     height, known = heights(depth, K, T_world_camera), mask & (depth > 0)
     if not known.any():
         return mask
-    far = np.median(depth[known])
+    far = float(np.median(depth[known]))
     margin = _margin(far, noise)
     risen = known & (height > margin)
     if not risen.any():
@@ -69,7 +69,7 @@ def lies_flat(
     known = mask & (depth > 0)
     if not known.any():
         return False
-    margin = _margin(np.median(depth[known]), noise)
+    margin = _margin(float(np.median(depth[known])), noise)
     return bool((heights(depth, K, T_world_camera)[known] <= margin).mean() >= FLAT)
 
 

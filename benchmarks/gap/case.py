@@ -107,7 +107,7 @@ def scored(case: GapCase, own: Path, experiments: list[Experiment], settings: Ga
     """
     found, last = read_json(own / "answer.json"), experiments[-1]
     gaps = {name: gap(last, trial_of(model)) for name, model in found["models"].items() if model is not None}
-    if case.kind == "single" and names_right(found["report"]["verdict"], case.truth, case.of_the_rig):
+    if case.kind == "single" and names_right(found["report"]["verdict"], case):
         _tell("the true model")
         gaps["oracle"] = oracle_gap(experiments, case.truth, settings)
     shares = {name: closed(gaps["baseline"], left) for name, left in gaps.items()}

@@ -96,10 +96,10 @@ class GapCase:
         """Names of the library that are right, sorted; none for what is outside it."""
         return tuple(sorted(self.effect.split("+"))) if self.kind in ("single", "pair") else ()
 
-    @property
-    def of_the_rig(self) -> tuple[str, ...]:
-        """Names of the library that are there whatever is hidden."""
-        return OF_THE_RIG.get(self.body, ())
+    def hidden_of(self, names: Iterable[str]) -> tuple[str, ...]:
+        """These names, sorted, without those of what the rig's body has whatever is hidden."""
+        own = {*OF_THE_RIG.get(self.body, ())} - {*self.truth}
+        return tuple(sorted(name for name in names if name not in own))
 
     @property
     def name(self) -> str:

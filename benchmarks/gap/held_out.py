@@ -1,11 +1,11 @@
 """How well a model predicts the motion that nobody named anything from: what the score calls the gap closed."""
 
 import math
-from collections.abc import Sequence
 from typing import Any
 
 import torch
 
+from benchmarks.gap.cases import GapCase
 from physreal_core.gap import Added, Experiment, GapReport, Trial
 from physreal_core.gap.adding import baseline_of
 from physreal_core.gap.adding import trial_of as answer_trial
@@ -50,7 +50,7 @@ def _plain(trial: Trial) -> dict[str, Any]:
     return {"fields": fields, "effects": trial.effects, "elastic_law": trial.elastic_law}
 
 
-def names_right(verdict: dict[str, Any], truth: Sequence[str], beside: Sequence[str] = ()) -> bool:
-    """Whether the best answer is exactly the truth, but for what may be named beside it."""
-    named = [name for name in verdict["names"] if name in truth or name not in beside]
-    return bool(truth) and sorted(named) == sorted(truth) and verdict["kind"] not in ("none", "unknown")
+def names_right(verdict: dict[str, Any], case: GapCase) -> bool:
+    """Whether the best answer is exactly the truth, but for what the rig's body has anyway."""
+    named = case.hidden_of(verdict["names"])
+    return bool(case.truth) and named == case.truth and verdict["kind"] not in ("none", "unknown")

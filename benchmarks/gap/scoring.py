@@ -79,7 +79,7 @@ class Judgement:
     @property
     def with_the_rigs_own(self) -> bool:
         """Whether the answer is right, and names what the rig's body has anyway."""
-        return self.first and bool({*self.named} & {*self.case.of_the_rig} - {*self.truth})
+        return self.first and self.case.hidden_of(self.named) != self.named
 
     @property
     def shows_held_out(self) -> bool:
@@ -169,16 +169,13 @@ def is_confident_name(j: Judgement) -> bool:
 
 
 def _right(case: GapCase, verdict: str, answers: Iterable[tuple[str, ...]], truth: tuple[str, ...]) -> bool:
-    """Whether one of the answers is right; what the rig's body has anyway may be among them."""
-    if verdict != "unknown":
-        own = {*case.of_the_rig} - {*truth}
-        answers = [tuple(name for name in answer if name not in own) for answer in answers]
+    """Whether one of the answers is right; what the rig's body has anyway may be named in it."""
     if case.kind == "none":
-        return verdict == "none" or (verdict != "unknown" and () in answers)
+        return verdict == "none" or (verdict != "unknown" and any(a and not case.hidden_of(a) for a in answers))
     if case.kind == "outside":
         nearest = NEAREST[case.effect.partition(":")[2]]
         return verdict == "unknown" or any(len(a) == 1 and a[0] in nearest for a in answers)
-    return verdict not in ("none", "unknown") and truth in answers
+    return verdict not in ("none", "unknown") and truth in map(case.hidden_of, answers)
 
 
 def _lead_right(case: GapCase, row: Row) -> bool | None:

@@ -318,10 +318,9 @@ def _all_masks(
     masks = dict(followed.masks)
     if "object" in video.masks:
         masks["object"] = video.masks["object"]
-    else:
-        # of a thing that lies flat, as a cloth does, the part that is not lifted yet lies on the table as its shadow would
-        flat = _lies_flat(video, first["object"], settings)
-        certain = range(len(video.frames)) if flat else corrections.of("object")
+    # of a thing that lies flat, as a cloth does, the part that is not lifted yet lies on the table as its shadow would
+    elif not _lies_flat(video, first["object"], settings):
+        certain = corrections.of("object")
         own = [m if t in certain else _standing(video, m, t, settings) for t, m in enumerate(masks["object"])]
         masks["object"] = np.stack(own)
     return masks

@@ -23,6 +23,7 @@ def _bonds(grip: Grip) -> dict[str, np.ndarray]:
         "grip_controllers": grip.controllers,
         "grip_weights": grip.weights,
         "grip_rest_lengths": grip.rest_lengths,
+        "grip_reach": grip.reach,
     }
     if grip.steady:
         return bonds
@@ -43,6 +44,7 @@ def grip_of(particles: Particles) -> Grip | None:
         rest_lengths=particles.grip_rest_lengths,
         taken=particles.grip_taken,
         released=released,
+        reach=particles.grip_reach,
     )
 
 

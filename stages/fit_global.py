@@ -53,7 +53,7 @@ class _Fitted:
 
 
 def _fit(context: StageContext, problem: Problem, model: Model, variables: list[Variable]) -> _Fitted:
-    label = "fit" if model.grip_reach is None else f"fit, held within {1e3 * model.grip_reach:g} mm"
+    label = "fit" if model.grip_reach is None else f"fit, reach {1e3 * model.grip_reach:g} mm"
     objective = objective_of(context, problem, model)
     config = ScanConfig(**context.params.scan.model_dump())
     with context.timed("scan"):

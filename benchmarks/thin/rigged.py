@@ -127,16 +127,16 @@ _HEAD = [
     "given (`--hold true`) the vertices that the rig holds are given, too, and the tracks alone are fitted. In a row with the shape seen",
     "(`--shape seen`) neither shape nor thickness is given: both are what frame 0 shows, behind the hand too.",
     "",
-    "| body | vertices | boxes | observed [mm] | future [mm] | swing, frames 0 to 41 / 42 to 59 [mm] | bending | stretching | friction, true | held within [mm] |",
+    "| body | vertices | boxes | observed [mm] | future [mm] | swing, frames 0 to 41 / 42 to 59 [mm] | bending | stretching | friction, true | reach of the hand [mm] |",
     "|---|--:|--:|--:|--:|--:|--:|--:|--:|--:|",
 ]
 _FOOT = [
     "Wanted: 5 mm observed, 10 mm future, 10 mm on the swing, both stiffnesses within 20 %. How a rope or cloth of this kind stretches does not",
     "show: the hanging rope is 0.02 % longer by its own weight, less than a tenth of a millimetre.",
     "",
-    "The fits were made on a CPU. A cloth folds along the edge of its hold, and which of its vertices that edge takes decides where. The hold that is",
-    "found follows the hand's outline in the picture to about a vertex. The row of the cloth whose shape is seen is an older one: its masks missed what",
-    "still lay on the table, and its stretch limit was 0.5 %.",
+    "The fits were made on a CPU. How far the hand reaches is fitted with them: each of `grip_reaches`, of which the least objective over the observed",
+    "frames is kept (thin.json has all of them); for a cloth beyond the outline of the hand's points, negative within it. A cloth folds along the edge",
+    "of its hold. The seen outline of the rig's hand ends 5 mm before the hold that the rig has.",
 ]
 
 
@@ -144,7 +144,7 @@ def _row(label: str, record: dict[str, Any]) -> str:
     error = {name: f"{1e3 * value:.1f}" for name, value in record["track_error"].items()}
     bending, stretching = (f"{100 * record['stiffness_error'][name]:+.0f} %" for name in ("bending", "stretching"))
     found, true = record["friction_coefficient"]
-    reach = f"{1e3 * record['grip_reach']:g}" if record.get("grip_reach") else ""
+    reach = "" if record.get("grip_reach") is None else f"{1e3 * record['grip_reach']:g}"
     swing = f"{error['other_motion_observed']} / {error['other_motion_future']}"
     cells = [label, record["vertices"], record["corrections"], error["observed"], error["future"], swing]
     return f"| {' | '.join(map(str, [*cells, bending, stretching, f'{found:.2f}, {true:g}', reach]))} |"

@@ -73,7 +73,7 @@ def bind_grip(
 ) -> Grip:
     """Binds the particles within `radius` of controller points, spots in and on a hand, in the first frame, each as `springs` says.
 
-    Of a sheet, it binds what lies between the spots that are so near to it: how far a fold begins from the hand is a matter of millimetres.
+    Of a sheet, it binds what lies between the spots that are so near to it, in the narrowest rectangle around them (`_outlined`).
 
     Args:
         x0: particles there [m].
@@ -105,8 +105,12 @@ def bind_grip(
             remedy="raise sample_particles.grip.radius, or set sample_particles.grip.holds: measured for a hand that comes later",
         )
     near = np.flatnonzero(distance < radius)
-    held = _between(x0, near, points, radius, spacing) if sheet else near
-    grip = springs(x0, held, points, spacing, per_particle)
+    if not sheet:
+        grip = springs(x0, near, points, spacing, per_particle)
+    else:
+        held, reach = _outlined(x0, near, points, radius, spacing)
+        grip = springs(x0, held, points, spacing, per_particle)
+        grip = replace(grip, reach=reach[np.searchsorted(held, grip.particles)])
     return replace(grip, controllers=known[grip.controllers])
 
 
@@ -115,22 +119,29 @@ def no_bonds() -> Grip:
     return Grip(np.empty(0, np.int32), np.empty(0, np.int32), np.empty(0), np.empty(0))
 
 
-def _between(x0: Array, near: Array, points: Array, radius: float, spacing: float) -> Array:
-    """Vertices of a sheet within the convex hull of the points near it, as seen along the normal that it has there, and within `radius` of
-    its plane; `near`, the vertices near the points, where these enclose none or stand in a row, less than a spacing wide."""
-    from scipy.spatial import Delaunay, cKDTree
+def _outlined(x0: Array, near: Array, points: Array, radius: float, spacing: float) -> tuple[Array, Array]:
+    """Vertices of a sheet in the hand's outline, and how far it has to reach beyond that to hold each [m], negative within.
+
+    The outline is the smallest rectangle around the points near the sheet, as seen along the normal that it has there: a sheet folds along
+    a line, which the rounded end of a hand or finger is not. What lies in it is held within `radius` of the sheet's plane. Where the
+    points enclose none or stand in a row, less than a spacing wide, `near` is held, the vertices near the points, however far it reaches.
+    """
+    from scipy.spatial import cKDTree
+    from trimesh.bounds import oriented_bounds_2D
 
     spots, centre = points[cKDTree(x0).query(points)[0] < radius], x0[near].mean(0)
+    anyway = near, np.full(len(near), -np.inf)
     if min(len(near), len(spots)) < 3:
-        return near
+        return anyway
     axes = np.linalg.svd(x0[near] - centre, full_matrices=False)[2]
     x, seen = (x0 - centre) @ axes.T, (spots - centre) @ axes.T
     row = np.linalg.svd(seen[:, :2] - seen[:, :2].mean(0), full_matrices=False)[2]
     if np.ptp(seen[:, :2] @ row[-1]) < spacing:
-        return near
-    inside = Delaunay(seen[:, :2]).find_simplex(x[:, :2]) >= 0
-    held = np.flatnonzero(inside & (np.abs(x[:, 2]) < radius))
-    return held if len(held) else near
+        return anyway
+    turn, sides = oriented_bounds_2D(seen[:, :2])
+    beyond = (np.abs(x[:, :2] @ turn[:2, :2].T + turn[:2, 2]) - sides / 2.0).max(axis=1)
+    held = np.flatnonzero((beyond <= 0.0) & (np.abs(x[:, 2]) < radius))
+    return (held, beyond[held]) if len(held) else anyway
 
 
 def bind_within(

@@ -59,8 +59,8 @@ class Model:
             shear_ratio [K]; Young's modulus is then that of stretching. Where a hand pushes tool_stiffness [] and tool_friction [].
         residual: sizes and bounds of the residual networks, None before Stage 3.
         simulation: what else the parameters hold for, as `SimulationConfig` takes it: `gravity`, `ground_height`, `courant`,
-            `dtype`.
-        grip_reach: how far from the hand's points a particle may be in frame 0 to be held [m]; None: all that are bound are.
+            `dtype`, `self_contact`.
+        grip_reach: how far the hand reaches to hold a particle, in the sense of `Grip.reach` [m]; None: all that are bound are held.
         effects: named effects that act in every rollout, one after another; records as of `named_effects`.
 
     Raises:

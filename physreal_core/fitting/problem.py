@@ -125,7 +125,7 @@ class Problem:
         return self.controllers.shape[0]
 
     def held_within(self, reach: float | None) -> Problem:
-        """The same where the hand holds no particle farther than `reach` [m] from it in frame 0; None: all that are bound."""
+        """The same where the hand reaches no farther than `reach` [m] to hold a particle (`Grip.reach`); None: all that are bound are held."""
         if reach is None or self.grip is None:
             return self
         return dataclasses.replace(self, grip=self.grip.within(reach))

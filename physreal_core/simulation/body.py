@@ -102,6 +102,8 @@ class Grip:
         rest_lengths: distances l0 without force [m], shape [B]; not a number for a bond that is as long as it is when taken.
         taken: frame time from which each bond acts, shape [B]; all from the first by default.
         released: frame time from which it acts no more, shape [B]; never by default.
+        reach: how far the hand has to reach to hold the bond's particle [m], shape [B]: as far as the nearest of its points, by default (0
+            where rest lengths are not numbers); of a sheet, beyond the hand's outline, negative within it.
     """
 
     particles: Int[Array, " bonds"]
@@ -110,9 +112,11 @@ class Grip:
     rest_lengths: Float[Array, " bonds"]
     taken: Int[Array, " bonds"] | None = None
     released: Int[Array, " bonds"] | None = None
+    reach: Float[Array, " bonds"] | None = None
 
     def __post_init__(self) -> None:
         count = len(self.particles)
+        object.__setattr__(self, "reach", self._nearest() if self.reach is None else self.reach)
         object.__setattr__(self, "taken", np.zeros(count) if self.taken is None else self.taken)
         object.__setattr__(self, "released", np.full(count, NEVER) if self.released is None else self.released)
         for name, kind in (
@@ -122,6 +126,7 @@ class Grip:
             ("rest_lengths", float),
             ("taken", np.int64),
             ("released", np.int64),
+            ("reach", float),
         ):
             array = np.ascontiguousarray(getattr(self, name), dtype=kind)
             if array.shape != (count,):
@@ -136,11 +141,15 @@ class Grip:
         return bool((self.taken <= 0).all() and (self.released == NEVER).all() and np.isfinite(self.rest_lengths).all())
 
     def within(self, reach: float) -> Grip:
-        """The same without particles that are farther than `reach` [m] from every controller point that they are bound to."""
+        """The same without particles for which the hand has to reach farther than `reach` [m]."""
+        kept = self.reach <= reach
+        return Grip(**{name: getattr(self, name)[kept] for name in self.__dataclass_fields__})
+
+    def _nearest(self) -> Float[Array, " bonds"]:
+        """Length [m] of the shortest bond of each bond's particle."""
         nearest = np.full(self.particles.max(initial=-1) + 1, np.inf)
         np.minimum.at(nearest, self.particles, np.nan_to_num(self.rest_lengths))
-        kept = nearest[self.particles] <= reach
-        return Grip(**{name: getattr(self, name)[kept] for name in self.__dataclass_fields__})
+        return nearest[self.particles]
 
     def acting(self, frame: int) -> Bool[Array, " bonds"]:
         """Which bonds act from this frame time to the next."""

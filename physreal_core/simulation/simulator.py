@@ -250,6 +250,7 @@ def _check_kind(body: Body, config: SimulationConfig) -> None:
             f"self_contact of a {'thin body' if thin else 'volume'} on {config.device}",
             where="SimulationConfig.self_contact",
             expected="a shell or a rod on the CPU",
+            remedy="in a project, set fit_global.simulation.self_contact to false",
         )
     if thin and body.elements.framed and config.device != "cpu":
         raise InputError(

@@ -97,6 +97,9 @@ def _reaches(default: tuple[float, ...]) -> Reaches:
     return Field(default, description=text)
 
 
+SheetReaches = Annotated[tuple[float, ...], Field(max_length=8)]
+
+
 class Sheet(StageParameters):
     """Material of a planar body and its hold, in place of those above."""
 
@@ -106,7 +109,10 @@ class Sheet(StageParameters):
     weft_ratio: WeftRatio = Field(WeftRatio(), description="E across the warp over that along it")
     shear_ratio: ShearRatio = Field(ShearRatio(), description="shear stiffness over that of an isotropic sheet")
     grip_stiffness: ThinGripStiffness = Field(ThinGripStiffness(), description="k_f (eq. interaction_force)")
-    grip_reaches: Reaches = _reaches(())
+    grip_reaches: SheetReaches = Field(
+        (0.0, -0.002, -0.004, -0.006),
+        description="how far beyond its outline the hand holds, negative within; each is fitted, the best kept. (): all that is bound [m]",
+    )
 
 
 class Rope(StageParameters):
@@ -175,11 +181,15 @@ class Simulation(StageParameters):
         description="time step relative to the elastic wave's time through a cell; a Poisson's ratio of 0.45 holds up to 0.65",
     )
     dtype: Literal["float32", "float64"] = Field("float32", description="precision of the simulator")
+    self_contact: bool = Field(
+        False, description="whether layers of a cloth or strands of a rope touch each other; with device: cpu alone"
+    )
 
     def setting(self) -> dict:
         """As `Model.simulation` holds it."""
         ground_height = 0.0 if self.ground else None
-        return {"ground_height": ground_height, "courant": self.courant, "dtype": self.dtype}
+        setting = {"ground_height": ground_height, "courant": self.courant, "dtype": self.dtype}
+        return setting | ({"self_contact": True} if self.self_contact else {})
 
 
 class Scan(StageParameters):

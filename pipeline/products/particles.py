@@ -27,6 +27,7 @@ class Particles(ArrayFile):
         grip_particles, grip_controllers: [B], a held particle and the controller point that holds it.
         grip_weights: [B], those of one particle sum to 1.
         grip_rest_lengths: [B] m; not a number for a bond that is as long as it is when taken.
+        grip_reach: [B] m, how far the hand has to reach to hold the bond's particle, as of `Grip`; None: as far as its nearest point.
         grip_taken, grip_released: [B], frames from which each bond acts, and from which it does no more, -1 for never; None, both: it
             always acts.
         tool_ends: [Q, 2], of a hand that pushes: the controller points at the ends of each of its capsules; tool_radius [Q] m. None, both,
@@ -64,6 +65,7 @@ class Particles(ArrayFile):
     rows: Int[Array, " R"] | None = None
     radius: float | None = None
     pieces: Int[Array, " N"] | None = None
+    grip_reach: Float[Array, " B"] | None = None
     grip_taken: Int[Array, " B"] | None = None
     grip_released: Int[Array, " B"] | None = None
     tool_ends: Int[Array, "Q 2"] | None = None

@@ -76,6 +76,21 @@ def test_of_a_sheet_all_between_the_spots_is_held(turned):
     np.testing.assert_array_equal(np.unique(grip.particles), np.flatnonzero(square))
 
 
+def test_the_rounded_end_of_a_hand_holds_a_sheet_up_to_a_straight_line():
+    """A thumb's outline, half a disc at the end of a strip, and what it holds as it reaches less and less far."""
+    angle = np.linspace(-np.pi / 2, np.pi / 2, 21)
+    end = np.c_[0.043 + 0.018 * np.cos(angle), 0.0475 + 0.018 * np.sin(angle)]
+    outline = np.concatenate([end, [[-0.02, 0.0295], [-0.02, 0.0655]]])
+    grip = bind_grip(
+        flat(), over_time(np.c_[outline, np.full(len(outline), 0.006)]), radius=0.025, spacing=0.005, sheet=True
+    )
+    x0 = flat()
+    deep = np.minimum(0.061 - x0[:, 0], 0.018 - np.abs(x0[:, 1] - 0.0475))
+    np.testing.assert_array_equal(np.unique(grip.particles), np.flatnonzero(deep >= 0.0))
+    np.testing.assert_allclose(grip.reach, -np.minimum(deep, x0[:, 0] + 0.02)[grip.particles], atol=1e-6)
+    np.testing.assert_array_equal(np.unique(grip.within(-0.0065).particles), np.flatnonzero(deep >= 0.0065))
+
+
 def test_spots_that_enclose_nothing_hold_what_is_near():
     in_a_row = np.array([[0.02, 0.02, 0.004], [0.03, 0.02, 0.004], [0.04, 0.02, 0.004]])
     for hand in (in_a_row, in_a_row[:1]):
@@ -83,6 +98,7 @@ def test_spots_that_enclose_nothing_hold_what_is_near():
         near = bind_grip(flat(), over_time(hand), **how)
         grip = bind_grip(flat(), over_time(hand), **how, sheet=True)
         np.testing.assert_array_equal(grip.particles, near.particles)
+        assert len(grip.within(-0.02).particles) == len(grip.particles)  # however far the hand reaches
 
 
 def clasp():

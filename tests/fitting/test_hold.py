@@ -39,6 +39,9 @@ def test_a_particle_stays_held_by_all_its_bonds_if_the_nearest_is_within_reach()
     assert held.particles.tolist() == [3, 3] and held.controllers.tolist() == [0, 1]
     assert held.weights.tolist() == [0.5, 0.5] and held.released.tolist() == [9, 8]
     assert len(grip.within(0.02).particles) == 4 and len(grip.within(0.005).particles) == 0
+    told = dataclasses.replace(grip, reach=np.array([0.004, 0.004, -0.003, -0.003]))
+    assert told.within(0.0).particles.tolist() == [5, 5]
+    assert told.within(0.0).reach.tolist() == [-0.003, -0.003]
 
 
 def test_rollouts_and_the_search_hold_what_the_model_says(problem, nearer):

@@ -21,6 +21,7 @@ from physreal_core.gap.report import GapReport, Verdict
 from physreal_core.geometry import save_mesh
 from physreal_core.playing import Changes
 from physreal_core.simulation import Body, Parameters, SimulationConfig, Simulator, rod_body, shell_body
+from pipeline.config.fit_global import FitGlobal
 from pipeline.graph import FIT_STAGES
 from pipeline.products.controllers import Controllers
 from pipeline.products.fit import Fit
@@ -47,6 +48,7 @@ from stages import (
     segment_and_track,
 )
 from stages._body import body_of
+from stages._grip import grip_of
 from tests.geometry.skins import flat_skin, tube
 from tests.simulation.thin.scenes import sheet
 
@@ -253,6 +255,24 @@ def test_a_cloth_becomes_a_shell_of_its_area_and_mass(cloth):
     assert body.mass.sum() == pytest.approx(length * width * 0.002 * CLOTH["density"], rel=1e-3)
     assert np.abs(found.x0[:, 2] - HEIGHT).max() < 1e-5  # float32, half a metre from the origin
     assert found.gaussian_neighbours.shape[1] == found.track_neighbours.shape[1] == 3
+
+
+def test_how_far_a_hand_has_to_reach_is_kept_with_its_bonds(cloth, rope):
+    """The cloth is held in a row, however far the hand reaches, the rope by the nearest points."""
+    by_row, by_points = (
+        grip_of(Particles.load(project.artifact("sample_particles", name)))
+        for project, name in ((cloth, "cloth"), (rope, "rope"))
+    )
+    assert (by_row.reach == -np.inf).all()
+    nearest = [by_points.rest_lengths[by_points.particles == particle].min() for particle in by_points.particles]
+    np.testing.assert_array_equal(by_points.reach, nearest)
+
+
+@pytest.mark.parametrize("asked", [False, True])
+def test_layers_touch_where_the_parameters_ask_for_it(cloth, asked):
+    params = FitGlobal(simulation={"self_contact": asked})
+    model = fit_global.initial_model(params, Particles.load(cloth.artifact("sample_particles", "cloth")))
+    assert model.simulation_config(FPS).self_contact == asked
 
 
 def test_the_ropes_stiffnesses_come_back(rope):

@@ -1,7 +1,7 @@
-"""Four real cloths lifted or folded by a corner: `python -m benchmarks.thin.cloth [--data FOLDER] [--out FOLDER] [--iterations N]`
+"""Four real cloths lifted or folded by a corner: `python -m benchmarks.thin.cloth [--data FOLDER] [--out FOLDER] [--iterations N] [--self-contact]`
 
 Pose, bending, stretching, shear, friction, drag and damping of each are fitted to the clouds of the first 17 frames; the last eight are unseen.
-Drag acts by mass; beside it, the same with drag by area and normal as large as air's.
+Drag acts by mass; beside it, the same with drag by area and normal as large as air's. With `--self-contact` layers of the cloth touch.
 Writes `cloth_real` into thin.json (one-sided Chamfer distance of the unseen frames [m] by cloth, that of the default fabric beside it) and
 thin_cloth.md; says so and does nothing where the recordings are not at hand.
 """
@@ -25,17 +25,17 @@ from physreal_core.errors import InputError
 TARGETS = {"chamfer_median_m": 0.008, "of_default": 0.6}
 
 
-def run(recording: Recording, iterations: int, tell=lambda _: None) -> dict[str, Any]:
+def run(recording: Recording, iterations: int, tell=lambda _: None, self_contact: bool = False) -> dict[str, Any]:
     """What is found of one cloth, JSON-able."""
     begun = time.perf_counter()
     # the corner that rises is the one that the gripper moves over the cloth: against y in lifts, along it in folds
     away = float(np.sign(recording.path[-1, 1]))
-    scene = Scene(recording, away)
+    scene = Scene(recording, away, self_contact=self_contact)
     default, fitted = fit(scene, tell, iterations)
     record = {"strays": recording.dropped, "seconds": time.perf_counter() - begun}
     for name, found in (("default", default), ("fitted", fitted)):
         record[name] = _scores(scene, found)
-    by_area = Scene(recording, away, drag="surface_drag")
+    by_area = Scene(recording, away, drag="surface_drag", self_contact=self_contact)
     _, in_air = fit(by_area, tell, iterations)
     return record | {"in_air": _scores(by_area, in_air)}
 
@@ -96,7 +96,7 @@ def markdown(part: dict[str, Any]) -> str:
         "The scene was made with an eye on all 25 frames: that the cloth turns about its corner, that two fingers hold a line, and the bounds of drag",
         "were settled by looking at the last eight, too. Numbers of fabric and pose come from the first 17 alone. The square's size is that of the",
         "published simulation, not measured. Drag and shear that end at their bounds (20 1/s, 1 N/m) are no material's numbers: they stand in for",
-        "what the scene lacks, creases at the start and layers that touch. In the last two columns drag by area and normal is in place of drag by mass, with",
+        "what the scene lacks, as creases at the start. In the last two columns drag by area and normal is in place of drag by mass, with",
         f"a coefficient that air can have (at most {largest:g} kg/m3): it ends at that bound in {at_bound} of {len(in_air)}, and the median is {1e3 * median:.1f} mm.",
     ]
     return "\n".join(lines) + "\n"
@@ -107,6 +107,7 @@ def main() -> None:
     parser.add_argument("--data", type=Path, default=real_data(), help="folder of real recordings")
     parser.add_argument("--out", type=Path, default=RESULTS)
     parser.add_argument("--iterations", type=int, default=60, help="of the descent")
+    parser.add_argument("--self-contact", action="store_true", help="let layers touch")
     args = parser.parse_args()
     try:
         files = recordings_at(args.data)
@@ -117,7 +118,10 @@ def main() -> None:
     records = {}
     for file in files:
         records[file.stem] = run(
-            load(file), args.iterations, lambda line, name=file.stem: print(f"{name}  {line}", flush=True)
+            load(file),
+            args.iterations,
+            lambda line, name=file.stem: print(f"{name}  {line}", flush=True),
+            args.self_contact,
         )
         print(file.stem, {k: records[file.stem][k]["unseen"] for k in ("default", "fitted")}, flush=True)
     part = summary(records)

@@ -51,9 +51,17 @@ class Scene:
         away: 1 where the cloth lies along +y from its held corner, -1 along -y.
         cells: along each side.
         drag: `linear_drag` by mass, or `surface_drag` by area and normal.
+        self_contact: whether layers touch.
     """
 
-    def __init__(self, recording: Recording, away: float, cells: int = CELLS, drag: str = "linear_drag") -> None:
+    def __init__(
+        self,
+        recording: Recording,
+        away: float,
+        cells: int = CELLS,
+        drag: str = "linear_drag",
+        self_contact: bool = False,
+    ) -> None:
         self.recording, self.drag = recording, drag
         flat, triangles = rectangle((cells, cells), (SIDE, SIDE))
         across, along = flat[:, 0] - flat[:, 1], flat[:, 0] + flat[:, 1]  # of the diagonals
@@ -69,7 +77,8 @@ class Scene:
         grip = Grip(held, np.arange(2), np.full(2, 0.5), np.full(2, POINT_HEIGHT))
         self._held = torch.tensor(points, dtype=torch.float32)
         self._path = torch.tensor(recording.path[:, None], dtype=torch.float32)
-        config = SimulationConfig(fps=recording.fps, terms=("bending", "fabric", "drag", "surface_drag", "viscosity"))
+        terms = ("bending", "fabric", "drag", "surface_drag", "viscosity")
+        config = SimulationConfig(fps=recording.fps, terms=terms, self_contact=self_contact)
         self.simulator = Simulator(self.body, config, grip)
         by_mass = drag == "linear_drag"
         self._dragged = torch.tensor(self.body.mass if by_mass else np.ones(len(vertices)), dtype=torch.float32)

@@ -1,22 +1,21 @@
 """Stage 3: the residual networks and the patches' latent codes (Theta_3), from the model with the named effect, the experts held.
 
-The networks stay only where they lower the objective in frames that they were not fitted to; else, and of a thin body, the model stays as it
-is. Where an effect was named, the networks are fitted once more without it, to say how much less it leaves them to do.
+The networks stay only where they lower the objective in frames that they were not fitted to; else the model stays as it is. Where an effect was named, the networks are fitted once more without it, to say how much less it leaves them to do.
 """
 
 from physreal_core.fitting.confirmation import Confirmation, confirmation, measured_from, observed_until
-from physreal_core.fitting.curriculum import NETWORK_FIELDS, patch_start, with_residual
+from physreal_core.fitting.curriculum import network_fields, patch_start, with_residual
 from physreal_core.fitting.descent import DescentResult
 from physreal_core.fitting.losses import LossConfig
-from physreal_core.fitting.model import Model, load_model, save_model
+from physreal_core.fitting.model import Model, load_model
 from physreal_core.fitting.objective import Objective
 from physreal_core.fitting.problem import Problem
 from physreal_core.fitting.share import residual_share
 from physreal_core.simulation.laws.residual_config import ResidualConfig
 from pipeline.config.fit_residual import FitResidual, Rate
-from pipeline.products.fit import Confirmed, Fit, ResidualShare
+from pipeline.products.fit import Confirmed, ResidualShare
 from pipeline.stage import StageContext, main
-from stages._fit import descend, finite_or_none, objective_of, roll_out, summary, variables_of, write_fit
+from stages._fit import descend, finite_or_none, objective_of, variables_of, write_fit
 from stages._gap import in_companion
 from stages._problem import load_problem
 from stages._substeps import tell_substeps
@@ -27,9 +26,6 @@ def run(context: StageContext) -> None:
     params: FitResidual = context.params
     problem = load_problem(context.input, params.masks if params.losses.mask > 0 else None)
     named = load_model(context.input("add_effect"))
-    if problem.body.elements is not None:
-        _leave(context, problem, named)
-        return
     seen = observed_until(problem, round(problem.observed * (1.0 - params.kept_back)))
     objective, model, result = _fit(context, seen, named)
     notes = {"residual": _share(objective, model, result)}
@@ -71,24 +67,15 @@ def _why(recordings: list[str], found: Confirmation) -> str:
     return f"the networks do not lower the objective in frames that they were not fitted to, of {' and '.join(worse)}"
 
 
-def _leave(context: StageContext, problem: Problem, model: Model) -> None:
-    """The model as it is, for a thin body: the networks add to the stress of a volume."""
-    save_model(context.output, model)
-    with context.timed("rollout"):
-        roll_out(objective_of(context, problem, model), model).save(context.output)
-    Fit(summary(model), left_out="no networks: they add to the stress of a volume, and this body is thin").save(
-        context.output
-    )
-
-
 def _fit(
     context: StageContext, problem: Problem, start: Model, label: str = "fit"
 ) -> tuple[Objective, Model, DescentResult]:
     params: FitResidual = context.params
-    model = with_residual(start, ResidualConfig(**params.residual.model_dump()), context.seed)
+    config = residual_of(params, thin=problem.body.elements is not None)
+    model = with_residual(start, config, context.seed)
     objective = objective_of(context, problem, model)
     tell_substeps(context, objective.rollouts, model.fields)
-    variables = variables_of(blocks_of(params))
+    variables = variables_of(blocks_of(params, config))
     return objective, *descend(context, objective, model, variables, patch_start(model, variables), label)
 
 
@@ -102,9 +89,17 @@ def _share(objective: Objective, model: Model, result: DescentResult) -> Residua
     )
 
 
-def blocks_of(params: FitResidual) -> dict[str, Rate]:
+def residual_of(params: FitResidual, *, thin: bool) -> ResidualConfig:
+    """Sizes and bounds of the networks of a volume or of a thin body."""
+    given = params.residual.model_dump()
+    thin_scale = given.pop("thin_strain_scale")
+    return ResidualConfig(**given | ({"strain_scale": thin_scale} if thin else {}), thin=thin)
+
+
+def blocks_of(params: FitResidual, config: ResidualConfig) -> dict[str, Rate]:
     """The rate of each field that moves."""
-    return {name: params.latents if name.startswith("latent") else params.networks for name in NETWORK_FIELDS}
+    named = network_fields(config)
+    return {name: params.latents if name.startswith("latent") else params.networks for name in named}
 
 
 if __name__ == "__main__":

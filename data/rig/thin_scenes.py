@@ -89,14 +89,16 @@ def rope_swing() -> RigScene:
     )
 
 
-def _cloth(name: str, motion: Motion) -> RigScene:
-    """The cloth, held in the middle of its far edge."""
+def _cloth(name: str, motion: Motion, aside: float = 0.0) -> RigScene:
+    """The cloth, held in the middle of its far edge, or so far aside [m]."""
     return RigScene(
         name=name,
         description="a cloth",
         body=CLOTH,
-        hand=mitten((0.0, 0.118, -0.010), (0.45, 0.6, 0.65), across=0.03),
-        grasp=Block((-0.03, 0.072, -1.0), (0.03, 0.14, 1.0)),  # what lies under the thumb, and on to the edge
+        hand=mitten((aside, 0.118, -0.010), (0.45, 0.6, 0.65), across=0.03),
+        grasp=Block(
+            (aside - 0.03, 0.072, -1.0), (aside + 0.03, 0.14, 1.0)
+        ),  # what lies under the thumb, and on to the edge
         motion=motion,
         material=Material(density=CLOTH.density, friction_coefficient=0.4),
         view=View(eye=(0.22, -0.80, 0.52), target=(0.0, 0.02, 0.107), focal=500.0),
@@ -124,7 +126,31 @@ def cloth_swing() -> RigScene:
     )
 
 
+CORNER = 0.075  # [m] aside of the edge's middle; the hold ends with the cloth
+
+
+def corner_lift() -> RigScene:
+    """A corner is lifted until the cloth hangs free, and moved aside: it swings."""
+    return _cloth("corner_lift", Motion(((0.1, 1.0, (0.0, -0.04, 0.27)), (1.05, 1.4, (-0.05, 0.02, 0.0)))), CORNER)
+
+
+def corner_swing() -> RigScene:
+    """The same corner is lifted faster, and swung to and fro."""
+    return _cloth(
+        "corner_swing",
+        Motion(
+            (
+                (0.1, 0.85, (-0.02, -0.05, 0.25)),
+                (0.9, 1.25, (0.06, 0.03, 0.0)),
+                (1.25, 1.6, (-0.05, -0.04, 0.01)),
+                (1.65, 1.95, (0.03, 0.03, 0.0)),
+            )
+        ),
+        CORNER,
+    )
+
+
 THIN_SCENES: dict[str, Callable[[], RigScene]] = {
-    make.__name__: make for make in (rope_lift, rope_swing, cloth_lift, cloth_swing)
+    make.__name__: make for make in (rope_lift, rope_swing, cloth_lift, cloth_swing, corner_lift, corner_swing)
 }
 """Scenes of thin bodies by name."""

@@ -179,7 +179,8 @@ def patch_start(model: Model, variables: list[Variable]) -> Fields:
 
 
 def with_residual(model: Model, config: ResidualConfig, seed: int) -> Model:
-    """Stage 3's starting model: zero latent codes and networks whose output layers are zero, so nothing changes yet.
+    """Stage 3's starting model: zero latent codes and networks whose output layers are zero, so nothing changes yet. A thin body has the
+    elastic ones alone.
 
     The simulator shortens its time step for the stress the networks may add. What it takes is given back in the Courant number
     (as far as stability allows), so that Stage 3 starts from the discretisation that Stage 2 was fitted in, to the last bit.
@@ -188,9 +189,15 @@ def with_residual(model: Model, config: ResidualConfig, seed: int) -> Model:
     courant = min(model.simulation["courant"] * share, max(model.simulation["courant"], LARGEST_COURANT))
     elastic, plastic = initial_weights(config, seed)
     latents = torch.zeros(model.patch_count, config.latent_size, dtype=torch.float64)
-    fields = dict(zip(NETWORK_FIELDS, (latents, latents.clone(), elastic.double(), plastic.double()), strict=True))
+    values = dict(zip(NETWORK_FIELDS, (latents, latents.clone(), elastic.double(), plastic.double()), strict=True))
+    fields = {name: values[name] for name in network_fields(config)}
     simulation = {**model.simulation, "courant": courant}
     return dataclasses.replace(model, residual=config, simulation=simulation, fields={**model.fields, **fields})
+
+
+def network_fields(config: ResidualConfig) -> tuple[str, ...]:
+    """Those of `NETWORK_FIELDS` that a model with this residual has."""
+    return tuple(name for name in NETWORK_FIELDS if not (config.thin and name.endswith("plastic")))
 
 
 def _one_row(values: Tensor) -> Tensor:

@@ -90,5 +90,6 @@ class SimulationConfig:
 
     @property
     def plastic_residual(self) -> ResidualConfig | None:
-        """Residual of the plastic flow, None if its bound leaves no room for one."""
-        return self.residual if self.residual is not None and self.residual.beta_plastic > 0 else None
+        """Residual of the plastic flow, None if its bound leaves no room for one; a thin body has none."""
+        here = self.residual is not None and self.residual.beta_plastic > 0 and not self.residual.thin
+        return self.residual if here else None

@@ -70,8 +70,8 @@ class ParticleRows:
 
     def __init__(self, config: SimulationConfig, particles: int, gripped: bool, pushed: bool = False) -> None:
         self._terms = config.terms
-        latent = {kind: 0 if residual is None else residual.latent_size for kind, residual in _residuals(config)}
-        codes = tuple((f"latent_{kind}", size) for kind, size in latent.items())
+        latent = {kind: 0 if r is None or r.thin else r.latent_size for kind, r in _residuals(config)}
+        codes = tuple((f"latent_{kind}", size) for kind, size in latent.items() if size)
         optional = TERM_ROWS.sizes if config.terms else ()
         inputs = INPUTS.sizes if config.terms else ()
         constants = Rows("", CONSTANTS.sizes + optional + codes)

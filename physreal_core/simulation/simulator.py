@@ -263,11 +263,13 @@ def _check_kind(body: Body, config: SimulationConfig) -> None:
         if term in absent:
             kind = f"a {body.elements.element.lower()} has" if thin else "a volume has"
             raise InputError(f"{term!r}", where="SimulationConfig.terms", expected=f"a term that {kind}")
-    if thin and (config.plastic_law != "identity" or config.residual is not None):
+    if thin and config.plastic_law != "identity":
+        raise InputError("plastic flow of a thin body", where="SimulationConfig.plastic_law", expected="identity")
+    if config.residual is not None and (config.residual.thin != thin or (thin and body.elements.framed)):
         raise InputError(
-            "plastic flow or a neural residual for a thin body",
-            where="SimulationConfig",
-            expected="plastic_law: identity and no residual",
+            f"thin = {config.residual.thin}, of a {body.elements.element.lower() if thin else 'volume'}",
+            where="SimulationConfig.residual",
+            expected="thin for a shell or a rod without directors, and not for a volume; none for one with directors",
         )
 
 

@@ -15,17 +15,31 @@ from physreal_core.simulation.particle_rows import (
     TERM_ROWS,
 )
 from physreal_core.simulation.terms import BRANCH_TERMS, FORCE_TERMS, STRESS_TERMS, branch_count
-from physreal_core.simulation.thin.rows import FRAMED_ROD_STIFFNESS, ROD, ROD_STIFFNESS, SHELL, SHELL_STIFFNESS
+from physreal_core.simulation.thin.rows import (
+    FRAMED_ROD_STIFFNESS,
+    ROD,
+    ROD_STIFFNESS,
+    SHELL,
+    SHELL_STIFFNESS,
+    THIN_INVARIANTS,
+)
 
 LAWS_FOLDER = Path(__file__).parent / "laws"
 THIN_FOLDER = Path(__file__).parent / "thin"
-LAW_TERMS = (*FORCE_TERMS, *STRESS_TERMS, "friction_law", "retardation", "surface_drag")
-"""Terms by their bits."""
+LAW_TERMS = (*FORCE_TERMS, *STRESS_TERMS, "friction_law", "retardation", "surface_drag", "thin_residual")
+"""Terms by their bits, and the residual of thin bodies."""
 
 
 def term_bits(terms: tuple[str, ...]) -> int:
-    """The bits of a configuration's terms that have a law."""
+    """The bits of those terms that have a law."""
     return sum(1 << bit for bit, term in enumerate(LAW_TERMS) if term in terms)
+
+
+def law_bits(config: SimulationConfig) -> int:
+    """The bits of all that a configuration has in use."""
+    residual = config.elastic_residual
+    thin = residual is not None and residual.thin
+    return term_bits((*config.terms, "thin_residual") if thin else config.terms)
 
 
 def class_name(name: str) -> str:
@@ -46,6 +60,7 @@ def layout_text(*structures: Structure) -> str:
     branches = " + ".join(f"(terms & term::{term} ? {branch_count((term,))} : 0)" for term in BRANCH_TERMS)
     return (
         f"namespace physreal {{\nnamespace term {{\nenum : Index {{ {bits} }};\n}}\n{rows}"
+        f"constexpr int INVARIANTS = {THIN_INVARIANTS};\n"
         f"constexpr int branches_of(Index terms) {{ return {branches}; }}\n}}\n"
         f"{headers}namespace physreal {{\n{lists}{''.join(s.cpp() for s in structures)}}}\n"
     )

@@ -105,6 +105,8 @@ def _thin_step(body: Body, config: SimulationConfig, parameters: Parameters) -> 
     """Of a thin body."""
     mass = torch.as_tensor(body.volume, device=parameters.youngs_modulus.device) * _density(body, parameters)
     squared, decay = body.elements.fastest(parameters, mass)
+    if config.elastic_residual is not None:
+        squared *= 1.0 + config.elastic_residual.beta_elastic
     if config.self_contact:
         squared += body.elements.surface.squared_frequency(parameters.youngs_modulus, mass)
     return 2.0 * config.courant / LARGEST_COURANT / math.sqrt(squared), decay

@@ -7,7 +7,7 @@ from pipeline.config._fitting import Descent, Device, Losses, Masks, device_fiel
 
 
 class Residual(StageParameters):
-    """The networks N_e and N_p."""
+    """The networks N_e and N_p; of a cloth or rope N_e alone."""
 
     latent_size: int = Field(4, ge=1, le=16, description="length of a patch's latent code")
     hidden: int = Field(16, ge=1, le=64, description="units of the hidden layers")
@@ -15,6 +15,10 @@ class Residual(StageParameters):
         0.2, ge=0, lt=1, description="|residual stress| at most this share of the expert's; 0: off"
     )
     beta_plastic: float = Field(0.02, ge=0, lt=1, description="|residual F| a frame at most this share of |F|; 0: off")
+    strain_scale: float = Field(0.1, gt=0, description="strain that counts as one")
+    thin_strain_scale: float = Field(
+        0.01, gt=0, description="the same of a cloth or rope, whose surface is strained that much where it bends"
+    )
 
 
 class Rate(StageParameters):

@@ -7,7 +7,6 @@ import pytest
 from benchmarks.fit import RECIPES, RESIDUAL, SCAN, STAGES, capture_table, fit, table
 from benchmarks.fit_case import make_case
 from physreal_core.fitting import DescentConfig, LossConfig, ScanConfig
-from physreal_core.simulation.laws.residual_config import ResidualConfig
 
 
 def test_the_recipes_are_the_defaults_of_the_stages():
@@ -15,13 +14,13 @@ def test_the_recipes_are_the_defaults_of_the_stages():
     from pipeline.config.fit_patches import FitPatches
     from pipeline.config.fit_residual import FitResidual
     from stages._fit import variables_of
-    from stages.fit_residual import blocks_of
+    from stages.fit_residual import blocks_of, residual_of
 
     params = dict(zip(STAGES, (FitGlobal(), FitPatches(), FitResidual()), strict=True))
     blocks = {
         "fit_global": params["fit_global"].variables("volumetric"),
         "fit_patches": {name: getattr(params["fit_patches"], name) for name in ("youngs_modulus", "poissons_ratio")},
-        "fit_residual": blocks_of(params["fit_residual"]),
+        "fit_residual": blocks_of(params["fit_residual"], residual_of(params["fit_residual"], thin=False)),
     }
     for stage, given in params.items():
         recipe = RECIPES[stage]
@@ -29,7 +28,7 @@ def test_the_recipes_are_the_defaults_of_the_stages():
         assert recipe.descent == DescentConfig(**given.descent.model_dump())
         assert LossConfig() == LossConfig(**given.losses.model_dump())
     assert ScanConfig(**params["fit_global"].scan.model_dump()) == SCAN
-    assert ResidualConfig(**params["fit_residual"].residual.model_dump()) == RESIDUAL
+    assert residual_of(params["fit_residual"], thin=False) == RESIDUAL
 
 
 @pytest.mark.slow

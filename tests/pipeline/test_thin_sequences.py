@@ -15,13 +15,18 @@ import yaml
 
 from applications.twin import Twin
 from physreal_core.errors import InputError
+from physreal_core.fitting.curriculum import with_residual
 from physreal_core.fitting.grip import bind_grip
 from physreal_core.fitting.model import load_model
+from physreal_core.fitting.rollouts import Rollouts
+from physreal_core.fitting.share import residual_share
 from physreal_core.gap.report import GapReport, Verdict
 from physreal_core.geometry import save_mesh
 from physreal_core.playing import Changes
 from physreal_core.simulation import Body, Parameters, SimulationConfig, Simulator, rod_body, shell_body
+from physreal_core.simulation.laws.residual_config import split_weights
 from pipeline.config.fit_global import FitGlobal
+from pipeline.config.fit_residual import FitResidual
 from pipeline.graph import FIT_STAGES
 from pipeline.products.controllers import Controllers
 from pipeline.products.fit import Fit
@@ -49,6 +54,7 @@ from stages import (
 )
 from stages._body import body_of
 from stages._grip import grip_of
+from stages._problem import load_problem
 from tests.geometry.skins import flat_skin, tube
 from tests.simulation.thin.scenes import sheet
 
@@ -325,18 +331,33 @@ def test_what_does_not_act_on_a_rope_is_left_out_with_a_reason(rope):
 
 
 @pytest.mark.parametrize("sequence", ["rope", "cloth"])
-def test_the_last_stage_leaves_a_thin_body_as_it_is(sequence, request):
+def test_the_last_stage_fits_networks_and_keeps_them_where_unseen_frames_confirm_them(sequence, request):
     project = request.getfixturevalue(sequence)
-    before, after = (project.artifact(stage, sequence) for stage in ("add_effect", "fit_residual"))
-    for name in ("model.json", "model.safetensors"):
-        assert (before / name).read_bytes() == (after / name).read_bytes()
-    assert "thin" in Fit.load(after).left_out
-    assert Rollout.load(after).F.shape == (
-        FRAMES,
-        len(Particles.load(project.artifact("sample_particles", sequence)).x0),
-        3,
-        3,
-    )
+    after = project.artifact("fit_residual", sequence)
+    fit, model = Fit.load(after), load_model(after)
+    assert fit.residual.objective_after <= fit.residual.objective_before
+    assert 0.0 <= fit.residual.stress_share < 0.2
+    assert (model.residual is None) == (fit.left_out is not None)
+    if model.residual is None:
+        before = project.artifact("add_effect", sequence)
+        assert (before / "model.safetensors").read_bytes() == (after / "model.safetensors").read_bytes()
+    else:
+        assert model.residual.thin and "network_plastic" not in model.fields
+    particles = len(Particles.load(project.artifact("sample_particles", sequence)).x0)
+    assert Rollout.load(after).F.shape == (FRAMES, particles, 3, 3)
+
+
+@pytest.mark.parametrize("sequence", ["rope", "cloth"])
+def test_networks_at_their_bound_carry_that_share_of_the_stress(sequence, request):
+    project = request.getfixturevalue(sequence)
+    config = fit_residual.residual_of(FitResidual(), thin=True)
+    model = with_residual(load_model(project.artifact("fit_patches", sequence)), config, seed=0)
+    problem = load_problem(lambda stage: project.artifact(stage, sequence))
+    assert residual_share(Rollouts(problem, model), model, 4) == 0.0
+    weights = model.fields["network_elastic"].clone()
+    split_weights(config, weights)["bias_3"][[0, 4]] = torch.tensor([1e4, -1e4], dtype=weights.dtype)
+    model = model.with_fields(network_elastic=weights)
+    assert residual_share(Rollouts(problem, model), model, 4) == pytest.approx(config.beta_elastic, rel=1e-3)
 
 
 @pytest.mark.parametrize("sequence", ["rope", "cloth"])

@@ -244,8 +244,9 @@ def test_cloth_does_not_fold_onto_itself(name):
 
 
 def test_scenes_of_one_object_are_of_one_material():
-    assert set(THIN_SCENES) == {"rope_lift", "rope_swing", "cloth_lift", "cloth_swing"}
-    for kind in ("rope", "cloth"):
+    bodies = ("rope", "cloth", "corner")
+    assert set(THIN_SCENES) == {f"{body}_{motion}" for body in bodies for motion in ("lift", "swing")}
+    for kind in bodies:
         lift, swing = (THIN_SCENES[f"{kind}_{motion}"]() for motion in ("lift", "swing"))
         assert lift.body == swing.body and lift.grasp == swing.grasp and lift.motion != swing.motion
         assert lift.material.density == lift.body.density, "what a capture states"

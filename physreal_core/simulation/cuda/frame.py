@@ -10,7 +10,7 @@ from physreal_core.native import native_module
 from physreal_core.simulation.config import SimulationConfig
 from physreal_core.simulation.cuda.parts import LARGEST_GROUP, NODE_THREADS, WARP
 from physreal_core.simulation.layout import Structure
-from physreal_core.simulation.step_layout import LAWS_FOLDER, law_headers, layout_text, material_arguments, term_bits
+from physreal_core.simulation.step_layout import LAWS_FOLDER, law_bits, law_headers, layout_text, material_arguments
 
 FRAME = Structure(
     "Frame",
@@ -181,7 +181,7 @@ def step_kernels(config: SimulationConfig, hand: int, led: bool | None) -> Simpl
         led: None for the forward pass: `Frame`, `give_mass`, `weigh`, `start`, `update`, `forward` by halves. Else for
             the adjoint, whether that of the controller points is asked for: `turn`, `backward` by halves, `settle`.
     """
-    flags = (cpp(bool(config.terms)), term_bits(config.terms), cpp(config.shaped), hand, cpp(bool(led)))
+    flags = (cpp(bool(config.terms)), law_bits(config), cpp(config.shaped), hand, cpp(bool(led)))
     arguments = ", ".join([SCALARS[config.dtype], *map(str, flags), material_arguments(config)])
     sizes = f"constexpr int WARP = {WARP}, LARGEST_GROUP = {LARGEST_GROUP}, NODE_THREADS = {NODE_THREADS};\n"
     preamble = f"namespace physreal {{\n{sizes}}}\n{law_headers(config)}"

@@ -6,7 +6,7 @@ from types import SimpleNamespace
 from physreal_core.simulation.config import SimulationConfig
 from physreal_core.simulation.cuda.frame import FRAME, SCALARS, Module, cpp, module_name
 from physreal_core.simulation.layout import Structure
-from physreal_core.simulation.step_layout import THIN_FOLDER, term_bits
+from physreal_core.simulation.step_layout import THIN_FOLDER, law_bits
 
 THIN_FRAME = Structure(
     "ThinFrame",
@@ -17,7 +17,7 @@ THIN_FRAME = Structure(
     const int* incident_first  [particles + 1]
     const int* incident  [] of each vertex the corners that are at it, as corner * element_stride + element
     const S* element_constants  [constants, element_stride]
-    const S* element_stiffness  [R, stiffness, element_stride], with viscosity and drag as of ElementArrays
+    const S* element_stiffness  [R, stiffness, element_stride], with viscosity, drag and residual as of ElementArrays
     S* element_bars  [R, stiffness, element_stride] adjoints; grow
     S* element_force  [R, corners, element_stride, 4], or in the adjoint what elements add to that of x
     S* element_mean  the same of the mean velocities, with viscosity
@@ -40,7 +40,7 @@ def thin_kernels(config: SimulationConfig, element: str, hand: int, led: bool | 
         led: None for the forward pass: `Frame`, `start`, `elements`, `vertices`. Else for the adjoint, whether that of the
             controller points is asked for: `vertices`, `elements`, `settle`.
     """
-    flags = (cpp(bool(config.terms)), term_bits(config.terms), hand, cpp(bool(led)))
+    flags = (cpp(bool(config.terms)), law_bits(config), hand, cpp(bool(led)))
     arguments = ", ".join([SCALARS[config.dtype], *map(str, flags), f"physreal::{element}"])
     module = Module(
         module_name("thin_rollouts", led, arguments),

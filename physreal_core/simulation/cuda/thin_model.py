@@ -28,7 +28,9 @@ class ThinModel(BodyModel):
         self._clamped = ((self._start >= lower) & (self._start <= upper)).all(-1).any(0)
         self.element = self._body.elements.element
         terms = self.config.terms
-        self.elements = ElementArrays(self._body.elements, self.particles, WARP, self.dtype, self.device, terms)
+        self.elements = ElementArrays(self._body.elements, self.particles, WARP, self.dtype, self.device, self.config)
+        if self.config.elastic_residual is not None:
+            self.frame["beta_elastic"] = self.config.elastic_residual.beta_elastic
         self.frame["element_stride"] = self.elements.stride
         for name in ("corners", "incident_first", "incident"):
             self._give(name, getattr(self.elements, name))

@@ -8,6 +8,7 @@
 #include "elements.h"
 #include "forces.h"
 #include "phase.h"
+#include "thin_residual.h"
 #include "surface_drag.h"
 
 namespace physreal {
@@ -18,10 +19,13 @@ class ElementOfRollout {
     using Elastic = Element<S, S>;
     using Drag = SurfaceDrag<S, Elastic::FACE>;
     static constexpr int CORNERS = Elastic::CORNERS, CONSTANTS = Elastic::CONSTANTS, STIFFNESS = Elastic::STIFFNESS;
+    using Residual = ResidualOf<Element, S>;
     static constexpr bool VISCOUS = TERMS & term::viscosity, DRAGGED = TERMS & term::surface_drag;
-    // The numbers of an element: its stiffness, with viscosity as many of that, and with drag its coefficients.
+    static constexpr bool CORRECTED = TERMS & term::thin_residual;
+    // The numbers of an element: its stiffness, with viscosity as many of that, with drag its coefficients, and those of a residual.
     static constexpr int VISCOSITY = STIFFNESS, DRAG = VISCOUS ? 2 * STIFFNESS : STIFFNESS;
-    static constexpr int ROWS = DRAG + (DRAGGED ? Drag::ROWS : 0);
+    static constexpr int RESIDUAL = DRAG + (DRAGGED ? Drag::ROWS : 0);
+    static constexpr int ROWS = RESIDUAL + (CORRECTED ? Residual::ROWS : 0);
     using Corners = Vec3<S>[CORNERS];
     const ThinFrame<S>& f_;
     const int own_, rollout_;  // number in its rollout, and the rollout
@@ -38,14 +42,16 @@ public:
     void forward(int slot) const {
         Vec3<S> x[CORNERS], force[CORNERS] = {};
         at_corners(f_.x, slot, x);
+        S stiffness[STIFFNESS];
+        scaled(x, stiffness);
         if constexpr (VISCOUS) {
             S viscosity[STIFFNESS];
             numbers(VISCOSITY, viscosity);
             Vec3<S> mean[CORNERS];
             at_corners(f_.mean_velocity, slot, mean);
-            ViscousForces<Element, S>{constants_, stiffness_, viscosity}.forces(x, mean, force);
+            ViscousForces<Element, S>{constants_, stiffness, viscosity}.forces(x, mean, force);
         } else {
-            ElasticForces<Element, S>{constants_, stiffness_}.forces(x, force);
+            ElasticForces<Element, S>{constants_, stiffness}.forces(x, force);
         }
         if constexpr (DRAGGED) {
             S coefficients[Drag::ROWS];
@@ -64,18 +70,26 @@ public:
         if (!(x[0][0] - x[0][0] == 0)) return;  // of a rollout that has failed
         UNROLLED for (int c = 0; c < CORNERS; ++c)
             along[c] = three(reinterpret_cast<const Vec4<S>*>(f_.node_bar)[vertex(c)]);
-        S bar[STIFFNESS] = {};
+        S bar[STIFFNESS] = {}, stiffness[STIFFNESS];
+        scaled(x, stiffness);
         if constexpr (VISCOUS) {
             S viscosity[STIFFNESS], viscosity_bar[STIFFNESS] = {};
             numbers(VISCOSITY, viscosity);
             Vec3<S> mean[CORNERS], mean_bar[CORNERS] = {};
             at_corners(f_.mean_velocity, slot, mean);
-            const ViscousForces<Element, S> forces{constants_, stiffness_, viscosity};
+            const ViscousForces<Element, S> forces{constants_, stiffness, viscosity};
             forces.adjoint(x, mean, along, x_bar, mean_bar, bar, viscosity_bar);
             add(VISCOSITY, viscosity_bar);
             leave(f_.element_mean, mean_bar);
         } else {
-            ElasticForces<Element, S>{constants_, stiffness_}.adjoint(x, along, x_bar, bar);
+            ElasticForces<Element, S>{constants_, stiffness}.adjoint(x, along, x_bar, bar);
+        }
+        if constexpr (CORRECTED) {
+            S coefficients[Residual::ROWS], coefficients_bar[Residual::ROWS] = {}, invariants_bar[INVARIANTS];
+            const Elastic element(x, constants_);
+            residual(element, coefficients).adjoint(stiffness_, coefficients, bar, coefficients_bar, invariants_bar);
+            element.invariants_adjoint(invariants_bar, x_bar);
+            add(RESIDUAL, coefficients_bar);
         }
         if constexpr (DRAGGED) {
             S coefficients[Drag::ROWS], drag_bar[Drag::ROWS] = {};
@@ -91,6 +105,20 @@ public:
     }
 
 private:
+    // The stiffness that acts at these places.
+    void scaled(const Corners& x, S (&stiffness)[STIFFNESS]) const {
+        UNROLLED for (int r = 0; r < STIFFNESS; ++r) stiffness[r] = stiffness_[r];
+        if constexpr (CORRECTED) {
+            S coefficients[Residual::ROWS];
+            residual(Elastic(x, constants_), coefficients).scale(stiffness);
+        }
+    }
+    Residual residual(const Elastic& element, S (&coefficients)[Residual::ROWS]) const {
+        S invariants[INVARIANTS];
+        element.invariants(invariants);
+        numbers(RESIDUAL, coefficients);
+        return {invariants, coefficients, f_.beta_elastic};
+    }
     Index number_place(int r) const { return (Index(rollout_) * ROWS + r) * f_.element_stride + own_; }
     // The element's numbers from a row on.
     template <int COUNT>

@@ -11,6 +11,8 @@ from physreal_core.errors import InputError
 
 STRAIN_FEATURES = 10
 OUTPUTS = 6
+THIN_OUTPUTS = 8
+"""Coefficients of a thin body's elements (thin/residual.py)."""
 _INVARIANTS = 3
 """Features before the entries of F^T F - I (residual.h)."""
 _ENTRIES = ((0, 0), (1, 1), (2, 2), (0, 1), (0, 2), (1, 2))
@@ -26,6 +28,7 @@ class ResidualConfig:
         beta_elastic: |delta tau| <= beta_elastic |tau_exp|.
         beta_plastic: |delta F| <= beta_plastic |F_exp| per frame, the share of a substep in proportion.
         strain_scale: strain that counts as one at the networks' input.
+        thin: of a thin body, whose one network takes the latent code alone (thin/residual.py); `beta_plastic` is not used.
 
     Raises:
         InputError: for a size or bound out of range.
@@ -36,10 +39,11 @@ class ResidualConfig:
     beta_elastic: float = 0.5
     beta_plastic: float = 0.1
     strain_scale: float = 0.1
+    thin: bool = False
 
     def __post_init__(self) -> None:
         for name, value, valid, expected in (
-            ("latent_size", self.latent_size, self.latent_size >= 0, "0 or more"),
+            ("latent_size", self.latent_size, self.latent_size >= self.thin, f"{int(self.thin)} or more"),
             ("hidden", self.hidden, self.hidden >= 1, "1 or more"),
             ("beta_elastic", self.beta_elastic, 0 <= self.beta_elastic < 1, "in [0, 1)"),
             ("beta_plastic", self.beta_plastic, 0 <= self.beta_plastic < 1, "in [0, 1)"),
@@ -50,8 +54,13 @@ class ResidualConfig:
 
     @property
     def input_size(self) -> int:
-        """Strain features and latent code."""
-        return STRAIN_FEATURES + self.latent_size
+        """Strain features and latent code; of a thin body the code alone."""
+        return self.latent_size + (0 if self.thin else STRAIN_FEATURES)
+
+    @property
+    def output_size(self) -> int:
+        """Entries of a symmetric matrix, or coefficients of a thin body's element."""
+        return THIN_OUTPUTS if self.thin else OUTPUTS
 
     @property
     def weight_shapes(self) -> dict[str, tuple[int, ...]]:
@@ -62,8 +71,8 @@ class ResidualConfig:
             "bias_1": (hidden,),
             "weight_2": (hidden, hidden),
             "bias_2": (hidden,),
-            "weight_3": (OUTPUTS, hidden),
-            "bias_3": (OUTPUTS,),
+            "weight_3": (self.output_size, hidden),
+            "bias_3": (self.output_size,),
         }
 
     @property
@@ -72,10 +81,11 @@ class ResidualConfig:
         return sum(math.prod(shape) for shape in self.weight_shapes.values())
 
 
-def split_weights(config: ResidualConfig, weights: Float[Tensor, " weights"]) -> dict[str, Tensor]:
-    """Views of a flat weight vector by the names of `config.weight_shapes`."""
-    parts = weights.split([math.prod(shape) for shape in config.weight_shapes.values()])
-    return {name: part.view(shape) for (name, shape), part in zip(config.weight_shapes.items(), parts, strict=True)}
+def split_weights(config: ResidualConfig, weights: Float[Tensor, "*rollouts weights"]) -> dict[str, Tensor]:
+    """Views of flat weight vectors by the names of `config.weight_shapes`."""
+    parts = weights.split([math.prod(shape) for shape in config.weight_shapes.values()], dim=-1)
+    named = zip(config.weight_shapes.items(), parts, strict=True)
+    return {name: part.unflatten(-1, shape) for (name, shape), part in named}
 
 
 def turned_weights(
@@ -91,7 +101,11 @@ def turned_weights(
         config: of the network.
         weights: flat, of one network.
         rotation: R, from the body as it lay to the body as it lies now.
+
+    Those of a thin body, of which no axes are features, stay.
     """
+    if config.thin:
+        return weights.clone()
     R = rotation.to(weights)
     scales = torch.ones(6, dtype=weights.dtype), torch.tensor([1.0, 1.0, 1.0, *3 * [0.5**0.5]], dtype=weights.dtype)
     back, on = (_turn_of_entries(turn, scale) for turn, scale in zip((R.mT, R), scales, strict=True))

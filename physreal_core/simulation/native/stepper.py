@@ -20,7 +20,7 @@ from physreal_core.simulation.native.contacts import ContactArrays
 from physreal_core.simulation.native.frame import FRAME, THIN_FRAME, WORKSPACE, frame_kernels
 from physreal_core.simulation.parameters import Parameters, row_of
 from physreal_core.simulation.particle_rows import NODE_SUMS, PARTICLE_SUMS, ParticleRows
-from physreal_core.simulation.step_layout import term_bits
+from physreal_core.simulation.step_layout import law_bits
 from physreal_core.simulation.stepper import NOT_FAILED, Span, State, state_shapes
 from physreal_core.simulation.thin.arrays import ElementArrays, SegmentArrays
 from physreal_core.simulation.timestep import rate_memory
@@ -189,7 +189,7 @@ class NativeStepper:
         frames["mass_floor"] = torch.finfo(self.dtype).eps ** 2 * body.mass.min()
         frames["touching"], frames["touch_slope"] = TOUCHING, 1.0 / (NEARLY * body.spacing)
         frames["yield_address"] = _yield_address()
-        frames["terms"], frames["frame_rate"] = term_bits(config.terms), config.fps
+        frames["terms"], frames["frame_rate"] = law_bits(config), config.fps
         boxes = held_boxes(clamps, lattice, thin)
         frames["clamps"] = len(boxes[0])
         for name, array in zip(("clamp_lower", "clamp_upper"), boxes, strict=True):
@@ -212,7 +212,7 @@ class NativeStepper:
     def _set_elements(self, body: Body) -> ElementArrays:
         """Take over the elements of a thin body."""
         frames = self._frames
-        arrays = ElementArrays(body.elements, self.particles, BLOCK, self.dtype, terms=self.config.terms)
+        arrays = ElementArrays(body.elements, self.particles, BLOCK, self.dtype, config=self.config)
         frames["elements"], frames["element_stride"] = arrays.count, arrays.stride
         for name in ("corners", "incident_first", "incident"):
             self._give(frames, name, getattr(arrays, name), shared=True)

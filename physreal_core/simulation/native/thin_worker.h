@@ -13,6 +13,7 @@
 #include "frames.h"
 #include "hand.h"
 #include "nodes.h"
+#include "thin_residual.h"
 #include "rows.h"
 #include "surface_drag.h"
 #include "term_laws.h"
@@ -101,6 +102,7 @@ private:
 
     bool viscous() const { return TERMS && HasStrains<Elastic>::value && laws_.has(term::viscosity); }
     bool dragged() const { return TERMS && laws_.has(term::surface_drag); }
+    bool corrected() const { return !FRAMED && laws_.has(term::thin_residual); }
     // Where an element leaves what its drag adds to the adjoint of v; of a viscous one OF_VELOCITY is that of the mean.
     int of_dragged() const { return viscous() ? OF_VELOCITY + 3 : OF_VELOCITY; }
     Index state_rows() const { return FRAMED ? SPIN + 1 : viscous() ? MEAN + 3 : VELOCITY + 3; }
@@ -290,10 +292,40 @@ private:
     S* viscosity_rows(S* rows) const { return rows + Elastic::STIFFNESS * frame_.element_stride; }
     const S* viscosity_rows(const S* rows) const { return rows + Elastic::STIFFNESS * frame_.element_stride; }
 
-    // Last, the coefficients of the drag.
+    // Then the coefficients of the drag, and last those of a residual.
     template <class Any>
     Any* drag_rows(Any* rows) const {
         return rows + (viscous() ? 2 : 1) * Elastic::STIFFNESS * frame_.element_stride;
+    }
+    template <class Any>
+    Any* residual_rows(Any* rows) const {
+        return drag_rows(rows) + (dragged() ? Drag::ROWS : 0) * frame_.element_stride;
+    }
+
+    // The residual of the elements e at places x; and its adjoint, which makes that of the stiffness from that of the scaled one.
+    template <class Residual>
+    Residual residual_at(Index e, const Elastic& element, V (&coefficients)[Residual::ROWS]) const {
+        V invariants[INVARIANTS];
+        element.invariants(invariants);
+        rows_of(residual_rows(frame_.element_stiffness), e, coefficients);
+        return {invariants, coefficients, frame_.beta_elastic};
+    }
+    void scale_stiffness(Index e, const Vec3<V> (&x)[CORNERS], const V (&constants)[Elastic::CONSTANTS],
+                         V (&stiffness)[Elastic::STIFFNESS]) const {
+        using Residual = ResidualOf<Element, V>;
+        V coefficients[Residual::ROWS];
+        residual_at<Residual>(e, Elastic(x, constants), coefficients).scale(stiffness);
+    }
+    void residual_adjoint(Index e, const Vec3<V> (&x)[CORNERS], const V (&constants)[Elastic::CONSTANTS],
+                          const V (&stiffness)[Elastic::STIFFNESS], V (&bar)[Elastic::STIFFNESS],
+                          Vec3<V> (&x_bar)[CORNERS]) const {
+        using Residual = ResidualOf<Element, V>;
+        V coefficients[Residual::ROWS], coefficients_bar[Residual::ROWS] = {}, invariants_bar[INVARIANTS];
+        const Elastic element(x, constants);
+        residual_at<Residual>(e, element, coefficients)
+            .adjoint(stiffness, coefficients, bar, coefficients_bar, invariants_bar);
+        element.invariants_adjoint(invariants_bar, x_bar);
+        add_rows_of(residual_rows(frame_.element_bars), e, coefficients_bar);
     }
 
     void leave_forces(const S* now) const {
@@ -315,10 +347,11 @@ private:
     }
 
     // With viscosity where there is one.
-    void add_elastic(const V (&constants)[Elastic::CONSTANTS], const V (&stiffness)[Elastic::STIFFNESS], const S* now, Index e,
+    void add_elastic(const V (&constants)[Elastic::CONSTANTS], V (&stiffness)[Elastic::STIFFNESS], const S* now, Index e,
                      Vec3<V> (&f)[CORNERS]) const {
         Vec3<V> x[CORNERS];
         at_corners(now + X * frame_.stride, e, x);
+        if (corrected()) scale_stiffness(e, x, constants, stiffness);
         if constexpr (HasStrains<Elastic>::value) {
             if (viscous()) {
                 V viscosity[Elastic::STIFFNESS];
@@ -376,8 +409,12 @@ private:
                 Vec3<V> x[CORNERS], f_bar[CORNERS], x_bar[CORNERS] = {};
                 at_corners(now + X * frame_.stride, e, x);
                 at_corners(frame_.force_bar, e, f_bar);
-                if (!leave_viscous_adjoint(ViscousRows{constants, stiffness}, now, e, x, f_bar, x_bar, bar))
-                    ElasticForces<Element, V>{constants, stiffness}.adjoint(x, f_bar, x_bar, bar);
+                V scaled[Elastic::STIFFNESS];
+                for (int r = 0; r < Elastic::STIFFNESS; r++) scaled[r] = stiffness[r];
+                if (corrected()) scale_stiffness(e, x, constants, scaled);
+                if (!leave_viscous_adjoint(ViscousRows{constants, scaled}, now, e, x, f_bar, x_bar, bar))
+                    ElasticForces<Element, V>{constants, scaled}.adjoint(x, f_bar, x_bar, bar);
+                if (corrected()) residual_adjoint(e, x, constants, stiffness, bar, x_bar);
                 if (dragged()) {
                     Vec3<V> v_bar[CORNERS] = {};
                     add_drag_adjoint(now, e, f_bar, x_bar, v_bar);

@@ -6,8 +6,10 @@ import numpy as np
 import torch
 
 from physreal_core.array_types import Array, Bool, Float, Int, Tensor
+from physreal_core.simulation.config import SimulationConfig
 from physreal_core.simulation.parameters import Parameters
 from physreal_core.simulation.thin.elements import Elements, FramedElements
+from physreal_core.simulation.thin.residual import coefficients
 
 BY_ELEMENTS = (
     "youngs_modulus",
@@ -22,8 +24,10 @@ BY_ELEMENTS = (
     "fibre_modulus",
     "fibre_direction",
     "surface_drag",
+    "latent_elastic",
+    "network_elastic",
 )
-"""Parameters that act through the elements' stiffness."""
+"""Parameters that act through the elements' numbers."""
 
 
 class ElementArrays:
@@ -35,7 +39,8 @@ class ElementArrays:
         block: elements in a block.
         dtype: of the numbers.
         device: of the arrays.
-        terms: in use; with `viscosity` its rows follow those of the stiffness, with `surface_drag` its coefficients come last.
+        config: with the term `viscosity` its rows follow those of the stiffness, then with `surface_drag` its coefficients, and last those of
+            a residual.
 
     Attributes:
         count, stride: elements, and with those that fill the last block.
@@ -52,11 +57,14 @@ class ElementArrays:
         block: int,
         dtype: torch.dtype,
         device: str = "cpu",
-        terms: tuple[str, ...] = (),
+        config: SimulationConfig | None = None,
     ) -> None:
         self._elements, self._dtype, self._device = elements, dtype, device
+        terms = () if config is None else config.terms
+        self._residual = None if config is None else config.elastic_residual
         self.count, self.rows = len(elements.corners), elements.stiffness_rows * (1 + ("viscosity" in terms))
         self.rows += elements.drag_rows * ("surface_drag" in terms)
+        self.rows += 0 if self._residual is None else self._residual.output_size
         self.stride = -(-self.count // block) * block
         filled = np.minimum(np.arange(self.stride), self.count - 1)
         self._filled = torch.as_tensor(filled, device=device)
@@ -77,7 +85,7 @@ class ElementArrays:
         return constants[:, self._filled].to(self._dtype).contiguous()
 
     def stiffness(self, parameters: Parameters) -> Float[Tensor, "rollouts stiffness stride"]:
-        """`Elements.stiffness` of them, and `Elements.drag` with that term.
+        """`Elements.stiffness` of them, `Elements.drag` with that term, and `residual.coefficients` with a residual.
 
         Args:
             parameters: complete, with an axis of rollouts, on the device.
@@ -86,10 +94,13 @@ class ElementArrays:
             return self._numbers(parameters)[..., self._filled].to(self._dtype)
 
     def _numbers(self, parameters: Parameters) -> Float[Tensor, "rollouts stiffness elements"]:
-        stiffness = self._elements.stiffness(parameters)
-        if parameters.surface_drag is None:
-            return stiffness
-        return torch.cat([stiffness, self._elements.drag(parameters.surface_drag).to(stiffness)], -2)
+        elements, numbers = self._elements, [self._elements.stiffness(parameters)]
+        if parameters.surface_drag is not None:
+            numbers.append(elements.drag(parameters.surface_drag))
+        if self._residual is not None:
+            given = parameters.latent_elastic, parameters.network_elastic
+            numbers.append(coefficients(self._residual, elements.own, elements.half_height, *given))
+        return torch.cat([part.to(numbers[0]) for part in numbers], -2)
 
     def gradients(self, parameters: Parameters, bars: Float[Tensor, "rollouts stiffness stride"]) -> dict[str, Tensor]:
         """Adjoints of the parameters by name, from those of the stiffness.

@@ -32,6 +32,10 @@ class Elements(Protocol):
     def corners(self) -> Int[Array, "elements corners"]: ...
 
     @property
+    def own(self) -> Int[Array, "elements own"]:
+        """The corners that are not a neighbour's."""
+
+    @property
     def half_height(self) -> float: ...
 
     @property

@@ -1,5 +1,5 @@
-"""Energies, dissipation and drag of thin bodies in plain torch, for tests and notebooks; the step has them in C++ (`shell.h`, `rod.h`,
-`surface_drag.h`)."""
+"""Energies, dissipation, drag and invariants of thin bodies in plain torch, for tests and notebooks; the step has them in C++ (`shell.h`,
+`rod.h`, `surface_drag.h`)."""
 
 import torch
 
@@ -18,7 +18,14 @@ def shell_energy(
         x: where the vertices are.
         stiffness: as of `stiffness.shell_stiffness`; its first twelve rows count.
     """
-    return _half_square(shell, shell_strains(shell, x), stiffness[:12])
+    return shell_energies(shell, x, stiffness).sum()
+
+
+def shell_energies(
+    shell: Shell, x: Float[Tensor, "vertices 3"], stiffness: Float[Tensor, "rows triangles"]
+) -> Float[Tensor, "2 triangles"]:
+    """The same of every triangle, of its membrane and of its bending [J]."""
+    return _half_squares(shell, shell_strains(shell, x), stiffness[:12])
 
 
 def shell_dissipation(
@@ -35,7 +42,7 @@ def shell_dissipation(
         stiffness: as of `stiffness.shell_stiffness` with viscosity; its last twelve rows count.
     """
     rates = torch.func.jvp(lambda x: shell_strains(shell, x), (x,), (v,))[1]
-    return _half_square(shell, rates, stiffness[12:])
+    return _half_squares(shell, rates, stiffness[12:]).sum()
 
 
 def shell_strains(shell: Shell, x: Float[Tensor, "vertices 3"]) -> Float[Tensor, "6 triangles"]:
@@ -50,15 +57,37 @@ def shell_strains(shell: Shell, x: Float[Tensor, "vertices 3"]) -> Float[Tensor,
     return torch.stack([green[:, 0, 0], green[:, 1, 1], 2.0 * green[:, 0, 1], *bent])
 
 
-def _half_square(shell: Shell, strains: Tensor, stiffness: Tensor) -> Float[Tensor, ""]:
+def shell_invariants(shell: Shell, x: Float[Tensor, "vertices 3"]) -> Float[Tensor, "3 triangles"]:
+    """tr E, |E|^2 and |K|^2 [1/m2] of the triangles, with the curvature K = sum of k_e n_e n_e^T (shell.py), k_e zero over free edges."""
+    e0, e1, e2, *bent = shell_strains(shell, x)
+    second, third = torch.as_tensor(shell.inverse).to(x).unbind(1)
+    slopes = torch.stack([-(second + third), second, third])
+    normals = slopes / slopes.norm(dim=-1, keepdim=True)
+    curvature = sum(k[:, None, None] * n[:, :, None] * n[:, None, :] for k, n in zip(bent, normals, strict=True))
+    return torch.stack([e0 + e1, e0**2 + e1**2 + e2**2 / 2.0, curvature.square().sum((-2, -1))])
+
+
+def rod_invariants(rod: Rod, x: Float[Tensor, "vertices 3"]) -> Float[Tensor, "3 bends"]:
+    """The mean stretch of both segments, the mean of their squares, and the square of the curvature [1/m2], at the vertices between two."""
+    corners = x[torch.as_tensor(rod.corners)]
+    segments = corners[:, 1:] - corners[:, :-1]
+    lengths = segments.norm(dim=-1)
+    stretch = lengths / torch.as_tensor(rod.rest_lengths[rod.bend_segments]).to(x) - 1.0
+    cosine = (segments[:, 0] * segments[:, 1]).sum(1) / lengths.prod(1)
+    tangent_squared = (1.0 - cosine) / (1.0 + cosine)  # of half of the angle
+    curvature_squared = 4.0 * tangent_squared / torch.as_tensor(rod.bend_lengths).to(x) ** 2
+    return torch.stack([stretch.mean(1), stretch.square().mean(1), curvature_squared])
+
+
+def _half_squares(shell: Shell, strains: Tensor, stiffness: Tensor) -> Float[Tensor, "2 triangles"]:
     e0, e1, e2 = strains[:3]
     C11, C22, C12, C33, C13, C23 = stiffness[:6]
     membrane = 0.5 * (C11 * e0**2 + C22 * e1**2 + C33 * e2**2) + C12 * e0 * e1 + (C13 * e0 + C23 * e1) * e2
     bent = strains[3:]
-    bending = 0.5 * (stiffness[6:9] * bent**2).sum()
+    bending = 0.5 * (stiffness[6:9] * bent**2).sum(0)
     for e in range(3):
-        bending = bending + (stiffness[9 + e] * bent[(e + 1) % 3] * bent[(e + 2) % 3]).sum()
-    return (torch.as_tensor(shell.area).to(strains) * membrane).sum() + bending
+        bending = bending + stiffness[9 + e] * bent[(e + 1) % 3] * bent[(e + 2) % 3]
+    return torch.stack([torch.as_tensor(shell.area).to(strains) * membrane, bending])
 
 
 def _bent(shell: Shell, corners: Tensor, normal: Tensor, e: int) -> Float[Tensor, " triangles"]:
@@ -80,6 +109,13 @@ def rod_energy(rod: Rod, x: Float[Tensor, "vertices 3"], stiffness: Float[Tensor
         x: where the vertices are.
         stiffness: as of `Rod.stiffness`.
     """
+    return rod_energies(rod, x, stiffness).sum()
+
+
+def rod_energies(
+    rod: Rod, x: Float[Tensor, "vertices 3"], stiffness: Float[Tensor, "3 bends"]
+) -> Float[Tensor, "2 bends"]:
+    """The same at every vertex between two segments, of stretching and of bending [J]."""
     corners = x[torch.as_tensor(rod.corners)]
     a, b = corners[:, 1] - corners[:, 0], corners[:, 2] - corners[:, 1]
     rest_a, rest_b = torch.as_tensor(rod.rest_lengths[rod.bend_segments]).to(x).unbind(1)
@@ -88,7 +124,7 @@ def rod_energy(rod: Rod, x: Float[Tensor, "vertices 3"], stiffness: Float[Tensor
     cosine = (a * b).sum(1) / (a.norm(dim=1) * b.norm(dim=1))
     length = torch.as_tensor(rod.bend_lengths).to(x)
     bending = stiffness[2] * 4.0 * (1.0 - cosine) / (1.0 + cosine) / length
-    return 0.5 * (stretching + bending).sum()
+    return 0.5 * torch.stack([stretching, bending])
 
 
 def framed_rod_energy(

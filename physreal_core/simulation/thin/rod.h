@@ -11,6 +11,7 @@ template <class T, class V>
 class Rod {
 public:
     static constexpr int FACE = 2, CORNERS = 3, FRAMES = 0, CONSTANTS = rod::COUNT, STIFFNESS = rod_stiffness::COUNT;
+    static constexpr int STRETCHING = rod_stiffness::bending;
 
     Rod(const Vec3<T> (&x)[CORNERS], const V (&constants)[CONSTANTS]) : per_length_(constants[rod::per_length]) {
         const T one = lifted<T>(splat<V>(Scalar<V>(1)));
@@ -43,6 +44,29 @@ public:
         // the energy is stiffness weight |a x b|^2 / 2
         const T energy = T(Scalar<V>(0.5)) * weight_ * dot(across_, across_);
         bar[rod_stiffness::bending] -= energy.slope;
+    }
+
+    // For T = V: the mean of both stretches, that of their squares, and the square of the curvature.
+    void invariants(V (&I)[INVARIANTS]) const {
+        using S = Scalar<V>;
+        I[0] = S(0.5) * (strain_[0] + strain_[1]);
+        I[1] = S(0.5) * (strain_[0] * strain_[0] + strain_[1] * strain_[1]);
+        I[2] = per_length_ * weight_ * dot(across_, across_);
+    }
+    // Adds to x_bar.
+    void invariants_adjoint(const V (&I_bar)[INVARIANTS], Vec3<V> (&x_bar)[CORNERS]) const {
+        using S = Scalar<V>;
+        // forces are minus the slope of half of weight |a x b|^2, and of rest strain^2 / 2
+        const V bending[STIFFNESS] = {V{}, V{}, S(2) * per_length_ * I_bar[2]};
+        Vec3<V> f[CORNERS] = {};
+        forces(bending, f);
+        for (int c = 0; c < CORNERS; ++c) x_bar[c] = x_bar[c] - f[c];
+        for (int i = 0; i < 2; ++i) {
+            const V strain_bar = S(0.5) * I_bar[0] + I_bar[1] * strain_[i];
+            const Vec3<V> slope = (strain_bar / (length_[i] * rest_[i])) * segment_[i];
+            x_bar[i] = x_bar[i] - slope;
+            x_bar[i + 1] = x_bar[i + 1] + slope;
+        }
     }
 
 private:

@@ -21,7 +21,7 @@ from functools import cached_property
 import numpy as np
 import torch
 
-from physreal_core.array_types import Array, Float, Tensor
+from physreal_core.array_types import Array, Float, Int, Tensor
 from physreal_core.errors import InputError
 from physreal_core.simulation.body import Body
 from physreal_core.simulation.parameters import Parameters
@@ -56,6 +56,11 @@ class Rod(Segments):
         return (FRAMED_ROD_STIFFNESS if self.framed else ROD_STIFFNESS).count
 
     # --- as the step sees it ------------------------------------------------------------------------------------
+
+    @property
+    def own(self) -> Int[Array, "bends 3"]:
+        """See `Elements`."""
+        return self.corners
 
     @property
     def half_height(self) -> float:

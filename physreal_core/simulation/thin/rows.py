@@ -11,6 +11,8 @@ ROD = Rows("rod", (("rest_length", 2), ("per_length", 1)))
 """Two segments without stress: their lengths, and one over the length that the vertex between them stands for."""
 ROD_STIFFNESS = Rows("rod_stiffness", (("stretching", 2), ("bending", 1)))
 """Of each segment the part of E A that falls to this element [N], and E I at the vertex [N m2]."""
+THIN_INVARIANTS = 3
+"""Of an element's strain and curvature, which the residual hangs on (thin_residual.h)."""
 FRAMED_ROD_STIFFNESS = Rows(
     "framed_rod_stiffness",
     (("stretching", 2), ("bending", 1), ("twisting", 1), ("rest_curvature", 2), ("retardation", 2)),

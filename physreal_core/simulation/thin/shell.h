@@ -10,7 +10,7 @@ template <class T, class V>
 class Shell {
 public:
     static constexpr int FACE = 3, CORNERS = 6, FRAMES = 0, CONSTANTS = shell::COUNT, STRAINS = 6;
-    static constexpr int STIFFNESS = shell_stiffness::COUNT;
+    static constexpr int STIFFNESS = shell_stiffness::COUNT, STRETCHING = shell_stiffness::bending;
 
     // x: of a free edge's missing neighbour any vertex.
     Shell(const Vec3<T> (&x)[CORNERS], const V (&constants)[CONSTANTS]) {
@@ -27,6 +27,7 @@ public:
         const T per_square = one / dot(normal, normal);
         for (int e = 0; e < 3; ++e) {
             width_[e] = constants[shell::width + e];
+            hinged_[e] = constants[shell::neighbour + e];
             bend(e, x[e], x[(e + 1) % 3], x[(e + 2) % 3], x[3 + e], normal, per_square, constants);
         }
     }
@@ -70,6 +71,28 @@ public:
         }
     }
 
+    // For T = V: tr E, |E|^2 and |K|^2, the curvature K = sum of k_e n_e n_e^T (shell.py), a free edge's k_e zero.
+    void invariants(V (&I)[INVARIANTS]) const {
+        using S = Scalar<V>;
+        I[0] = strain_[0] + strain_[1];
+        I[1] = strain_[0] * strain_[0] + strain_[1] * strain_[1] + S(0.5) * strain_[2] * strain_[2];
+        V along[3];
+        curvature_along(along);
+        I[2] = bent_[0] * along[0] + bent_[1] * along[1] + bent_[2] * along[2];
+    }
+    // Adds to x_bar.
+    void invariants_adjoint(const V (&I_bar)[INVARIANTS], Vec3<V> (&x_bar)[CORNERS]) const {
+        using S = Scalar<V>;
+        V s[STRAINS], along[3];
+        for (int i = 0; i < 2; ++i) s[i] = I_bar[0] + S(2) * I_bar[1] * strain_[i];
+        s[2] = I_bar[1] * strain_[2];
+        curvature_along(along);
+        for (int e = 0; e < 3; ++e) s[3 + e] = S(2) * hinged_[e] * I_bar[2] * along[e];
+        Vec3<V> f[CORNERS] = {};
+        pull(s, f);
+        for (int c = 0; c < CORNERS; ++c) x_bar[c] = x_bar[c] - f[c];
+    }
+
     void stiffness_adjoint(const V (&e)[STRAINS], const V (&e_bar)[STRAINS], V (&bar)[STIFFNESS]) const {
         bar[shell_stiffness::membrane] -= area_ * e[0] * e_bar[0];
         bar[shell_stiffness::membrane + 1] -= area_ * e[1] * e_bar[1];
@@ -85,10 +108,24 @@ public:
     }
 
 private:
-    V inverse_[4], area_, width_[3];
+    V inverse_[4], area_, width_[3], hinged_[3];
     Vec3<T> F_[2];           // columns of the deformation gradient
     T strain_[3], bent_[3];  // Green's, the last one twice; of each edge the angle by its width
     Vec3<T> own_[3], start_[3], end_[3], opposite_[3];  // derivatives of the angles
+
+    // n_e^T K n_e of the edges, n_e along the gradient of what is one at the corner opposite to e and zero on it.
+    void curvature_along(V (&along)[3]) const {
+        V g[3][2], square[3];
+        for (int d = 0; d < 2; ++d) g[1][d] = inverse_[d], g[2][d] = inverse_[2 + d], g[0][d] = -(g[1][d] + g[2][d]);
+        for (int e = 0; e < 3; ++e) square[e] = g[e][0] * g[e][0] + g[e][1] * g[e][1], along[e] = bent_[e];
+        for (int e = 0; e < 3; ++e) {
+            const int other = (e + 1) % 3;
+            const V product = g[e][0] * g[other][0] + g[e][1] * g[other][1];
+            const V cosine_squared = product * product / (square[e] * square[other]);
+            along[e] = along[e] + cosine_squared * bent_[other];
+            along[other] = along[other] + cosine_squared * bent_[e];
+        }
+    }
 
     // The angle between the normals over edge a b, and its derivatives; c: the own corner opposite to it, d: the neighbour's;
     // per_square: of the normal's length.

@@ -61,6 +61,11 @@ class Shell(Triangles):
         return np.concatenate([columns[name].astype(np.float64) for name, _ in SHELL.sizes], axis=1).T
 
     @property
+    def own(self) -> Int[Array, "triangles 3"]:
+        """See `Elements`."""
+        return self.triangles
+
+    @property
     def half_height(self) -> float:
         """Half of the thickness [m]."""
         return self.thickness / 2.0

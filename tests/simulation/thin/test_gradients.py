@@ -7,14 +7,18 @@ import pytest
 import torch
 
 from physreal_core.simulation import Body, Grip, Parameters, SimulationConfig, Simulator
+from physreal_core.simulation.laws import ResidualConfig
 from physreal_core.simulation.thin.reference import (
     framed_rod_energy,
     rod_drag,
     rod_energy,
+    rod_invariants,
     shell_dissipation,
     shell_drag,
     shell_energy,
+    shell_invariants,
 )
+from physreal_core.simulation.thin.residual import coefficients, factors
 from physreal_core.simulation.thin.rod import FRAMED_TERMS, Rod
 from tests.simulation.conftest import FUSED
 from tests.simulation.scenes import assert_adjoints_agree, directional_errors, path_derivatives, random_loss
@@ -45,7 +49,11 @@ STEPS = {
     "surface_drag": 1e-4,
     "fibre_modulus": 1e-1,
     "fibre_direction": 1e-6,
+    "latent_elastic": 1e-6,
+    "network_elastic": 1e-6,
 }
+RESIDUAL = ResidualConfig(latent_size=2, hidden=3, beta_elastic=0.5, strain_scale=0.1, thin=True)
+RESIDUAL_OF_ROD = dataclasses.replace(RESIDUAL, strain_scale=0.3)
 
 
 def scattered(count: int, value: float, seed: int, *axes: int) -> torch.Tensor:
@@ -59,12 +67,16 @@ def parameters_of(kind: str, count: int, **others) -> Parameters:
     own["poissons_ratio"] = scattered(count, 0.25, 2)
     if kind in DRAGGED:
         own["surface_drag"] = scattered(count, 5.0, 12)
-    if kind in ("shell", "viscous", "dragged", "fibrous"):
+    if kind in CORRECTED:
+        generator = torch.Generator().manual_seed(15)
+        own["latent_elastic"] = torch.randn(count, 2, generator=generator, dtype=torch.float64)
+        own["network_elastic"] = 0.5 * torch.randn(RESIDUAL.weight_count, generator=generator, dtype=torch.float64)
+    if kind in ("shell", "viscous", "dragged", "fibrous", "corrected", "corrected_viscous"):
         own |= {"weft_ratio": scattered(count, 0.7, 4), "shear_ratio": scattered(count, 0.4, 5)}
     if kind == "fibrous":
         direction = torch.randn(count, 3, generator=torch.Generator().manual_seed(13), dtype=torch.float64)
         own |= {"fibre_modulus": scattered(count, 3e5, 14), "fibre_direction": direction}
-    if kind == "viscous":
+    if kind in ("viscous", "corrected_viscous"):
         own |= {"viscosity": scattered(count, 1000.0, 10, 2)}
     elif kind == "framed":
         generator = torch.Generator().manual_seed(10)
@@ -93,23 +105,35 @@ BODIES = {
     "viscous": (crumpled, shell_energy, ("bending", "fabric", "viscosity", "surface_drag")),
     "dragged": (crumpled, shell_energy, ("bending", "fabric", "surface_drag")),
     "fibrous": (crumpled, shell_energy, ("bending", "fabric", "fibres")),
+    "corrected": (crumpled, shell_energy, ("bending", "fabric")),
+    "corrected_viscous": (crumpled, shell_energy, ("bending", "fabric", "viscosity", "surface_drag")),
     "rod": (ropes, rod_energy, ("bending",)),
+    "corrected_rod": (ropes, rod_energy, ("bending",)),
     "dragged_rod": (ropes, rod_energy, ("bending", "surface_drag")),
     "framed": (framed_ropes, framed_energy, ("bending", "surface_drag", *FRAMED_TERMS)),
 }
 DRAGGED = tuple(kind for kind, (_, _, terms) in BODIES.items() if "surface_drag" in terms)
+CORRECTED = ("corrected", "corrected_viscous", "corrected_rod")
+OF_RESIDUAL = {"latent_elastic", "network_elastic"}
 OF_FRAMES = {"twisting_ratio", "rest_curvature", "retardation_time", "initial_director"}
 OF_FIBRES = {"fibre_modulus", "fibre_direction"}
 OF_SHELLS = {"poissons_ratio", "weft_ratio", "shear_ratio", "viscosity", *OF_FIBRES}
 ABSENT = {
-    "shell": {"viscosity", "surface_drag", *OF_FIBRES, *OF_FRAMES},
-    "viscous": OF_FIBRES | OF_FRAMES,
-    "dragged": {"viscosity", *OF_FIBRES, *OF_FRAMES},
-    "fibrous": {"viscosity", "surface_drag", *OF_FRAMES},
-    "rod": {"surface_drag", *OF_SHELLS, *OF_FRAMES},
-    "dragged_rod": {*OF_SHELLS, *OF_FRAMES},
-    "framed": OF_SHELLS - {"poissons_ratio"},
+    "shell": {"viscosity", "surface_drag", *OF_FIBRES, *OF_FRAMES, *OF_RESIDUAL},
+    "viscous": OF_FIBRES | OF_FRAMES | OF_RESIDUAL,
+    "corrected": {"viscosity", "surface_drag", *OF_FIBRES, *OF_FRAMES},
+    "corrected_viscous": OF_FIBRES | OF_FRAMES,
+    "dragged": {"viscosity", *OF_FIBRES, *OF_FRAMES, *OF_RESIDUAL},
+    "fibrous": {"viscosity", "surface_drag", *OF_FRAMES, *OF_RESIDUAL},
+    "rod": {"surface_drag", *OF_SHELLS, *OF_FRAMES, *OF_RESIDUAL},
+    "corrected_rod": {"surface_drag", *OF_SHELLS, *OF_FRAMES},
+    "dragged_rod": {*OF_SHELLS, *OF_FRAMES, *OF_RESIDUAL},
+    "framed": (OF_SHELLS - {"poissons_ratio"}) | OF_RESIDUAL,
 }
+
+
+def residual_of(kind: str) -> ResidualConfig | None:
+    return {"corrected_rod": RESIDUAL_OF_ROD}.get(kind, RESIDUAL if kind in CORRECTED else None)
 
 
 @pytest.fixture(params=BODIES)
@@ -126,12 +150,68 @@ def test_forces_are_the_slope_of_the_energy(kind, count, form):
     make, energy, terms = BODIES[kind]
     body = held_in_part(make(), count)
     config = SimulationConfig(fps=1e6, dtype="float64", ground_height=None, gravity=(0.0, 0.0, 0.0), terms=terms)
+    config = dataclasses.replace(config, residual=residual_of(kind))
     parameters = parameters_of(kind, len(body.x0))
     states = Simulator(body, config).rollout(parameters, torch.zeros(2, 0, 3))
     x = torch.tensor(body.x0, requires_grad=True)
-    energy(body.elements, x, body.elements.stiffness(parameters)).backward()
+    stiffness = body.elements.stiffness(parameters)
+    if kind in CORRECTED:
+        stiffness = corrected(body, parameters, stiffness, config.residual)
+    energy(body.elements, x, stiffness).backward()
     force = states.v[1] * config.fps * torch.tensor(body.mass)[:, None]
     assert torch.allclose(force, -x.grad, rtol=0, atol=1e-9 * float(x.grad.abs().max()))
+
+
+def corrected(body: Body, parameters: Parameters, stiffness: torch.Tensor, residual: ResidualConfig) -> torch.Tensor:
+    """The stiffness where the residual has scaled it."""
+    elements, rod = body.elements, isinstance(body.elements, Rod)
+    codes = parameters.latent_elastic, parameters.network_elastic
+    own = coefficients(residual, elements.own, elements.half_height, *codes)
+    invariants = (rod_invariants if rod else shell_invariants)(elements, torch.tensor(body.x0))
+    stretching, bending = factors(own, invariants, residual.beta_elastic)
+    for factor in (stretching, bending):
+        assert ((1 - factor).abs() < residual.beta_elastic).all() and factor.std() > 0.01
+    first = 2 if rod else 6
+    return torch.cat([stretching * stiffness[:first], bending * stiffness[first:]])
+
+
+def test_a_network_without_outputs_changes_nothing():
+    body = crumpled()
+    config = SimulationConfig(fps=30, dtype="float64", terms=("bending",), courant=0.2)
+    plain = Parameters(scattered(len(body.x0), 2e5, 1), torch.tensor(0.3), torch.tensor(0.3))
+    zero = torch.zeros(RESIDUAL.weight_count, dtype=torch.float64)
+    codes = torch.randn(len(body.x0), 2, generator=torch.Generator().manual_seed(15), dtype=torch.float64)
+    with_network = dataclasses.replace(plain, latent_elastic=codes, network_elastic=zero)
+    share = (1.0 + RESIDUAL.beta_elastic) ** 0.5
+    both = dataclasses.replace(config, residual=RESIDUAL, courant=0.2 * share)
+    controllers = torch.zeros(4, 0, 3)
+    found, expected = (
+        Simulator(body, both).rollout(with_network, controllers),
+        Simulator(body, config).rollout(plain, controllers),
+    )
+    assert torch.equal(found.x, expected.x)
+
+
+def test_a_turned_body_gets_the_turned_correction():
+    body = crumpled()
+    config = SimulationConfig(
+        fps=100, dtype="float64", ground_height=None, gravity=(0.0, 0.0, 0.0), terms=("bending",), residual=RESIDUAL
+    )
+    own = {
+        n: v
+        for n, v in vars(parameters_of("corrected", len(body.x0))).items()
+        if n in ("youngs_modulus", "poissons_ratio", *OF_RESIDUAL)
+    }
+    turn = torch.linalg.qr(torch.randn(3, 3, generator=torch.Generator().manual_seed(2), dtype=torch.float64))[0]
+    turn = turn * torch.linalg.det(turn)
+    x0 = torch.tensor(body.x0)
+    config = dataclasses.replace(config, terms=("bending", "initial_position"))
+    simulator, controllers = Simulator(body, config), torch.zeros(5, 0, 3)
+    lying, turned = (
+        simulator.rollout(Parameters(**own, initial_position=x), controllers).x[-1] for x in (x0, x0 @ turn.T)
+    )
+    moved = (lying - x0).abs().max()
+    assert torch.allclose(turned, lying @ turn.T, rtol=0, atol=1e-7 * float(moved))
 
 
 def test_spins_follow_the_slope_of_the_energy_by_a_turn_of_directors():
@@ -190,7 +270,7 @@ def scene(kind: str, speed: tuple, friction: float):
     body = make(height=0.003)
     terms = (*own_terms, "gravity", "density", "force", "initial_position", "drag")
     courant = 0.3 if kind == "framed" else 0.4  # at 0.4 a vertex of these ropes just misses the ground
-    config = SimulationConfig(fps=60, courant=courant, dtype="float64", terms=terms)
+    config = SimulationConfig(fps=60, courant=courant, dtype="float64", terms=terms, residual=residual_of(kind))
     points = body.x0[[0, 8]] + np.r_[0.0, 0.0, 0.02]
     bound = np.array([0, 1, 4, 8, 9])
     owner = np.array([0, 0, 0, 1, 1])

@@ -46,7 +46,7 @@ def grasps_at(
 
     Args:
         problem: the body.
-        model: fitted; its grip's stiffness is what the bonds' weights multiply.
+        model: fitted; its grip's stiffness is what the bonds' weights multiply, and the recorded hand holds as far as it reaches in it.
         places: in frame 0 [m].
         keep: whether the recorded hand holds on; it is then the first grasp.
 
@@ -58,7 +58,7 @@ def grasps_at(
     x0, weight = problem.body.x0, float(problem.body.mass.sum()) * GRAVITY
     points, group, parts = [], [], []
     if keep:
-        own, grip = grasps_of(problem), problem.grip
+        own, grip = grasps_of(problem), problem.held_within(model.grip_reach).grip
         points.append(own.points0.numpy())
         group.append(own.group.numpy())
         parts.append((grip.particles, grip.controllers, grip.weights, grip.rest_lengths))
@@ -68,7 +68,8 @@ def grasps_at(
         parts.append((handle.particles, first + np.arange(len(handle.particles)), handle.weights, handle.lengths))
         group.append(np.full(len(handle.particles), len(points)))
         points.append(handle.points)
-    grip = Grip(*map(np.concatenate, zip(*parts, strict=True)))
+    bonds = [np.concatenate(part) for part in zip(*parts, strict=True)]
+    grip = Grip(*bonds, reach=np.full(len(bonds[0]), -np.inf))  # held, however far the recorded hand reaches
     grasps = Grasps(torch.from_numpy(np.concatenate(points)), torch.from_numpy(np.concatenate(group)))
     resting = grasps.points0.expand(problem.frame_count, -1, -1)
     return dataclasses.replace(problem, grip=grip, controllers=resting, hand_modes=None), grasps

@@ -138,6 +138,21 @@ def test_two_hands_take_it_where_they_are_told(bars):
         grasps_at(problem, model, (), keep=False)
 
 
+def test_a_grasp_holds_however_far_the_recorded_hand_reaches(bars):
+    """A cloth's reach may be negative, a rope's less than a handle is wide; of the recorded hand only what it holds in the model stays."""
+    problem, model, *_ = bars
+    beyond = np.where(problem.grip.particles == problem.grip.particles.min(), -0.004, 0.0)
+    near = dataclasses.replace(problem, grip=dataclasses.replace(problem.grip, reach=beyond))
+    short = dataclasses.replace(model, grip_reach=-0.004)
+    place = problem.body.x0[problem.body.x0[:, 0].argmin()]
+    alone, _ = grasps_at(near, short, [place], keep=False)
+    both, _ = grasps_at(near, short, [place], keep=True)
+    kept = np.unique(near.grip.within(-0.004).particles)
+    assert 0 < len(kept) < len(np.unique(near.grip.particles))
+    for made, expected in ((alone, alone.grip.particles), (both, np.concatenate([kept, alone.grip.particles]))):
+        assert set(made.held_within(short.grip_reach).grip.particles) == set(expected)
+
+
 def test_errors_of_points_out_of_sight_are_those_of_their_neighbours():
     points0 = np.array([[0.0, 0, 0], [1.0, 0, 0], [2.0, 0, 0]])
     bias = np.array([[[0.1, 0, 0], [np.nan] * 3, [0.3, 0, 0]]])

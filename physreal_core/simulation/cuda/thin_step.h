@@ -19,7 +19,7 @@ class ElementOfRollout {
     using Elastic = Element<S, S>;
     using Drag = SurfaceDrag<S, Elastic::FACE>;
     static constexpr int CORNERS = Elastic::CORNERS, CONSTANTS = Elastic::CONSTANTS, STIFFNESS = Elastic::STIFFNESS;
-    using Residual = ResidualOf<Element, S>;
+    using Residual = ThinResidual<Element, S>;
     static constexpr bool VISCOUS = TERMS & term::viscosity, DRAGGED = TERMS & term::surface_drag;
     static constexpr bool CORRECTED = TERMS & term::thin_residual;
     // The numbers of an element: its stiffness, with viscosity as many of that, with drag its coefficients, and those of a residual.
@@ -42,16 +42,13 @@ public:
     void forward(int slot) const {
         Vec3<S> x[CORNERS], force[CORNERS] = {};
         at_corners(f_.x, slot, x);
-        S stiffness[STIFFNESS];
-        scaled(x, stiffness);
-        if constexpr (VISCOUS) {
-            S viscosity[STIFFNESS];
-            numbers(VISCOSITY, viscosity);
-            Vec3<S> mean[CORNERS];
-            at_corners(f_.mean_velocity, slot, mean);
-            ViscousForces<Element, S>{constants_, stiffness, viscosity}.forces(x, mean, force);
+        if constexpr (CORRECTED) {
+            S coefficients[Residual::ROWS], scaled[STIFFNESS];
+            numbers(RESIDUAL, coefficients);
+            Residual(x, constants_, coefficients, f_.beta_elastic).scale(stiffness_, scaled);
+            add_elastic(scaled, slot, x, force);
         } else {
-            ElasticForces<Element, S>{constants_, stiffness}.forces(x, force);
+            add_elastic(stiffness_, slot, x, force);
         }
         if constexpr (DRAGGED) {
             S coefficients[Drag::ROWS];
@@ -70,26 +67,17 @@ public:
         if (!(x[0][0] - x[0][0] == 0)) return;  // of a rollout that has failed
         UNROLLED for (int c = 0; c < CORNERS; ++c)
             along[c] = three(reinterpret_cast<const Vec4<S>*>(f_.node_bar)[vertex(c)]);
-        S bar[STIFFNESS] = {}, stiffness[STIFFNESS];
-        scaled(x, stiffness);
-        if constexpr (VISCOUS) {
-            S viscosity[STIFFNESS], viscosity_bar[STIFFNESS] = {};
-            numbers(VISCOSITY, viscosity);
-            Vec3<S> mean[CORNERS], mean_bar[CORNERS] = {};
-            at_corners(f_.mean_velocity, slot, mean);
-            const ViscousForces<Element, S> forces{constants_, stiffness, viscosity};
-            forces.adjoint(x, mean, along, x_bar, mean_bar, bar, viscosity_bar);
-            add(VISCOSITY, viscosity_bar);
-            leave(f_.element_mean, mean_bar);
-        } else {
-            ElasticForces<Element, S>{constants_, stiffness}.adjoint(x, along, x_bar, bar);
-        }
+        S bar[STIFFNESS] = {};
         if constexpr (CORRECTED) {
-            S coefficients[Residual::ROWS], coefficients_bar[Residual::ROWS] = {}, invariants_bar[INVARIANTS];
-            const Elastic element(x, constants_);
-            residual(element, coefficients).adjoint(stiffness_, coefficients, bar, coefficients_bar, invariants_bar);
-            element.invariants_adjoint(invariants_bar, x_bar);
+            S coefficients[Residual::ROWS], coefficients_bar[Residual::ROWS] = {}, scaled[STIFFNESS];
+            numbers(RESIDUAL, coefficients);
+            const Residual residual(x, constants_, coefficients, f_.beta_elastic);
+            residual.scale(stiffness_, scaled);
+            add_elastic_adjoint(scaled, slot, x, along, x_bar, bar);
+            residual.adjoint(stiffness_, coefficients, bar, x_bar, coefficients_bar);
             add(RESIDUAL, coefficients_bar);
+        } else {
+            add_elastic_adjoint(stiffness_, slot, x, along, x_bar, bar);
         }
         if constexpr (DRAGGED) {
             S coefficients[Drag::ROWS], drag_bar[Drag::ROWS] = {};
@@ -105,19 +93,32 @@ public:
     }
 
 private:
-    // The stiffness that acts at these places.
-    void scaled(const Corners& x, S (&stiffness)[STIFFNESS]) const {
-        UNROLLED for (int r = 0; r < STIFFNESS; ++r) stiffness[r] = stiffness_[r];
-        if constexpr (CORRECTED) {
-            S coefficients[Residual::ROWS];
-            residual(Elastic(x, constants_), coefficients).scale(stiffness);
+    // With viscosity where there is one.
+    void add_elastic(const S (&stiffness)[STIFFNESS], int slot, const Corners& x, Corners& force) const {
+        if constexpr (VISCOUS) {
+            S viscosity[STIFFNESS];
+            numbers(VISCOSITY, viscosity);
+            Vec3<S> mean[CORNERS];
+            at_corners(f_.mean_velocity, slot, mean);
+            ViscousForces<Element, S>{constants_, stiffness, viscosity}.forces(x, mean, force);
+        } else {
+            ElasticForces<Element, S>{constants_, stiffness}.forces(x, force);
         }
     }
-    Residual residual(const Elastic& element, S (&coefficients)[Residual::ROWS]) const {
-        S invariants[INVARIANTS];
-        element.invariants(invariants);
-        numbers(RESIDUAL, coefficients);
-        return {invariants, coefficients, f_.beta_elastic};
+    void add_elastic_adjoint(const S (&stiffness)[STIFFNESS], int slot, const Corners& x, const Corners& along,
+                             Corners& x_bar, S (&bar)[STIFFNESS]) const {
+        if constexpr (VISCOUS) {
+            S viscosity[STIFFNESS], viscosity_bar[STIFFNESS] = {};
+            numbers(VISCOSITY, viscosity);
+            Vec3<S> mean[CORNERS], mean_bar[CORNERS] = {};
+            at_corners(f_.mean_velocity, slot, mean);
+            const ViscousForces<Element, S> forces{constants_, stiffness, viscosity};
+            forces.adjoint(x, mean, along, x_bar, mean_bar, bar, viscosity_bar);
+            add(VISCOSITY, viscosity_bar);
+            leave(f_.element_mean, mean_bar);
+        } else {
+            ElasticForces<Element, S>{constants_, stiffness}.adjoint(x, along, x_bar, bar);
+        }
     }
     Index number_place(int r) const { return (Index(rollout_) * ROWS + r) * f_.element_stride + own_; }
     // The element's numbers from a row on.

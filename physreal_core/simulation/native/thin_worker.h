@@ -31,6 +31,7 @@ class ThinWorker : ParticleRows<S> {
     // MEAN: velocities, averaged over substeps, which viscosity acts on (`rate_memory`); only of an element that has strains, without frames.
     static constexpr int X = 0, VELOCITY = 3, DIRECTOR = 6, SPIN = 9, MEAN = 6;
     using Drag = SurfaceDrag<V, Elastic::FACE>;
+    using Residual = ThinResidual<Element, V>;
     // Of frame.element_force: forces, and torques; or what an element adds to the adjoint of x, of directors, of v (or of its mean) and of spins.
     static constexpr int TORQUE = 3, OF_DIRECTOR = 3, OF_VELOCITY = FRAMED ? 6 : 3, OF_SPIN = 9;
 
@@ -302,32 +303,6 @@ private:
         return drag_rows(rows) + (dragged() ? Drag::ROWS : 0) * frame_.element_stride;
     }
 
-    // The residual of the elements e at places x; and its adjoint, which makes that of the stiffness from that of the scaled one.
-    template <class Residual>
-    Residual residual_at(Index e, const Elastic& element, V (&coefficients)[Residual::ROWS]) const {
-        V invariants[INVARIANTS];
-        element.invariants(invariants);
-        rows_of(residual_rows(frame_.element_stiffness), e, coefficients);
-        return {invariants, coefficients, frame_.beta_elastic};
-    }
-    void scale_stiffness(Index e, const Vec3<V> (&x)[CORNERS], const V (&constants)[Elastic::CONSTANTS],
-                         V (&stiffness)[Elastic::STIFFNESS]) const {
-        using Residual = ResidualOf<Element, V>;
-        V coefficients[Residual::ROWS];
-        residual_at<Residual>(e, Elastic(x, constants), coefficients).scale(stiffness);
-    }
-    void residual_adjoint(Index e, const Vec3<V> (&x)[CORNERS], const V (&constants)[Elastic::CONSTANTS],
-                          const V (&stiffness)[Elastic::STIFFNESS], V (&bar)[Elastic::STIFFNESS],
-                          Vec3<V> (&x_bar)[CORNERS]) const {
-        using Residual = ResidualOf<Element, V>;
-        V coefficients[Residual::ROWS], coefficients_bar[Residual::ROWS] = {}, invariants_bar[INVARIANTS];
-        const Elastic element(x, constants);
-        residual_at<Residual>(e, element, coefficients)
-            .adjoint(stiffness, coefficients, bar, coefficients_bar, invariants_bar);
-        element.invariants_adjoint(invariants_bar, x_bar);
-        add_rows_of(residual_rows(frame_.element_bars), e, coefficients_bar);
-    }
-
     void leave_forces(const S* now) const {
         for (Index e = first_element_; e < last_element_; e += LANES) {
             V constants[Elastic::CONSTANTS], stiffness[Elastic::STIFFNESS];
@@ -351,7 +326,11 @@ private:
                      Vec3<V> (&f)[CORNERS]) const {
         Vec3<V> x[CORNERS];
         at_corners(now + X * frame_.stride, e, x);
-        if (corrected()) scale_stiffness(e, x, constants, stiffness);
+        if (corrected()) {
+            V coefficients[Residual::ROWS];
+            rows_of(residual_rows(frame_.element_stiffness), e, coefficients);
+            Residual(x, constants, coefficients, frame_.beta_elastic).scale(stiffness, stiffness);
+        }
         if constexpr (HasStrains<Elastic>::value) {
             if (viscous()) {
                 V viscosity[Elastic::STIFFNESS];
@@ -409,12 +388,21 @@ private:
                 Vec3<V> x[CORNERS], f_bar[CORNERS], x_bar[CORNERS] = {};
                 at_corners(now + X * frame_.stride, e, x);
                 at_corners(frame_.force_bar, e, f_bar);
-                V scaled[Elastic::STIFFNESS];
-                for (int r = 0; r < Elastic::STIFFNESS; r++) scaled[r] = stiffness[r];
-                if (corrected()) scale_stiffness(e, x, constants, scaled);
-                if (!leave_viscous_adjoint(ViscousRows{constants, scaled}, now, e, x, f_bar, x_bar, bar))
-                    ElasticForces<Element, V>{constants, scaled}.adjoint(x, f_bar, x_bar, bar);
-                if (corrected()) residual_adjoint(e, x, constants, stiffness, bar, x_bar);
+                const auto add_elastic_adjoint = [&](const V(&acting)[Elastic::STIFFNESS]) {
+                    if (!leave_viscous_adjoint(ViscousRows{constants, acting}, now, e, x, f_bar, x_bar, bar))
+                        ElasticForces<Element, V>{constants, acting}.adjoint(x, f_bar, x_bar, bar);
+                };
+                if (corrected()) {
+                    V coefficients[Residual::ROWS], coefficients_bar[Residual::ROWS] = {}, scaled[Elastic::STIFFNESS];
+                    rows_of(residual_rows(frame_.element_stiffness), e, coefficients);
+                    const Residual residual(x, constants, coefficients, frame_.beta_elastic);
+                    residual.scale(stiffness, scaled);
+                    add_elastic_adjoint(scaled);
+                    residual.adjoint(stiffness, coefficients, bar, x_bar, coefficients_bar);
+                    add_rows_of(residual_rows(frame_.element_bars), e, coefficients_bar);
+                } else {
+                    add_elastic_adjoint(stiffness);
+                }
                 if (dragged()) {
                     Vec3<V> v_bar[CORNERS] = {};
                     add_drag_adjoint(now, e, f_bar, x_bar, v_bar);

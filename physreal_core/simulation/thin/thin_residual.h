@@ -9,19 +9,24 @@
 
 namespace physreal {
 
-// V: a number or lanes; STRETCHING of the STIFFNESS numbers are those of stretching, the rest of bending.
-template <class V, int STIFFNESS, int STRETCHING>
-class StiffnessResidual {
+// At places of an element. Of its STIFFNESS numbers the first STRETCHING are those of stretching, the rest of bending.
+template <template <class, class> class Element, class V>
+class ThinResidual {
     using S = Scalar<V>;
-    static constexpr int GROUPS = 2;
+    using Plain = Element<V, V>;
+    static constexpr int STIFFNESS = Plain::STIFFNESS, CORNERS = Plain::CORNERS, GROUPS = 2;
+    const Plain element_;
     V features_[1 + INVARIANTS], factor_[GROUPS], slope_[GROUPS];
 
-    static constexpr int group_of(int row) { return row < STRETCHING ? 0 : 1; }
+    static constexpr int group_of(int row) { return row < Plain::STRETCHING ? 0 : 1; }
 
 public:
     static constexpr int ROWS = GROUPS * (1 + INVARIANTS);
 
-    StiffnessResidual(const V (&invariants)[INVARIANTS], const V (&coefficients)[ROWS], S beta) {
+    ThinResidual(const Vec3<V> (&x)[CORNERS], const V (&constants)[Plain::CONSTANTS], const V (&coefficients)[ROWS], S beta)
+        : element_(x, constants) {
+        V invariants[INVARIANTS];
+        element_.invariants(invariants);
         features_[0] = splat<V>(S(1));
         for (int j = 0; j < INVARIANTS; ++j) features_[1 + j] = invariants[j];
         for (int g = 0; g < GROUPS; ++g) {
@@ -33,20 +38,18 @@ public:
         }
     }
 
-    void scale(V (&stiffness)[STIFFNESS]) const {
-        for (int r = 0; r < STIFFNESS; ++r) stiffness[r] = factor_[group_of(r)] * stiffness[r];
+    void scale(const V (&stiffness)[STIFFNESS], V (&scaled)[STIFFNESS]) const {
+        for (int r = 0; r < STIFFNESS; ++r) scaled[r] = factor_[group_of(r)] * stiffness[r];
     }
 
-    // In: the stiffness before it was scaled, and in `bar` the adjoint of the scaled one; out: that of the former, of the coefficients, to
-    // which it is added, and of the invariants.
-    void adjoint(const V (&stiffness)[STIFFNESS], const V (&coefficients)[ROWS], V (&bar)[STIFFNESS],
-                 V (&coefficients_bar)[ROWS], V (&invariants_bar)[INVARIANTS]) const {
-        V o_bar[GROUPS] = {};
+    // In: in `bar` the adjoint of the scaled stiffness; out: that of the stiffness. Adds to those of x and of the coefficients.
+    void adjoint(const V (&stiffness)[STIFFNESS], const V (&coefficients)[ROWS], V (&bar)[STIFFNESS], Vec3<V> (&x_bar)[CORNERS],
+                 V (&coefficients_bar)[ROWS]) const {
+        V o_bar[GROUPS] = {}, invariants_bar[INVARIANTS] = {};
         for (int r = 0; r < STIFFNESS; ++r) {
             o_bar[group_of(r)] += stiffness[r] * bar[r];
             bar[r] = factor_[group_of(r)] * bar[r];
         }
-        for (int j = 0; j < INVARIANTS; ++j) invariants_bar[j] = V{};
         for (int g = 0; g < GROUPS; ++g) {
             const V own = slope_[g] * o_bar[g];
             for (int j = 0; j <= INVARIANTS; ++j) {
@@ -55,10 +58,8 @@ public:
                 if (j > 0) invariants_bar[j - 1] += own * coefficients[row];
             }
         }
+        element_.invariants_adjoint(invariants_bar, x_bar);
     }
 };
-
-template <template <class, class> class Element, class V>
-using ResidualOf = StiffnessResidual<V, Element<V, V>::STIFFNESS, Element<V, V>::STRETCHING>;
 
 }  // namespace physreal

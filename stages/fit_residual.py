@@ -1,6 +1,7 @@
 """Stage 3: the residual networks and the patches' latent codes (Theta_3), from the model with the named effect, the experts held.
 
-The networks stay only where they lower the objective in frames that they were not fitted to; else the model stays as it is. Where an effect was named, the networks are fitted once more without it, to say how much less it leaves them to do.
+The networks stay only where they lower the objective in frames that they were not fitted to; else the model stays as it is. Where an effect
+was named, the networks are fitted once more without it, to say how much less it leaves them to do. A thin body has one network, of its stress.
 """
 
 from physreal_core.fitting.confirmation import Confirmation, confirmation, measured_from, observed_until

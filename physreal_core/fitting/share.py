@@ -57,11 +57,10 @@ def _thin_share(
     energies, invariants = (getattr(thin_reference, f"{kind}_{what}") for what in ("energies", "invariants"))
     stiffness, added, all_of_it = elements.stiffness(given), 0.0, 0.0
     for places in x:
-        energy, factor = (
-            energies(elements, places, stiffness),
-            factors(own, invariants(elements, places), config.beta_elastic),
-        )
-        added, all_of_it = added + ((factor - 1.0) ** 2 * energy).sum(), all_of_it + energy.sum()
+        energy = energies(elements, places, stiffness)
+        scaled_by = factors(own, invariants(elements, places), config.beta_elastic)
+        added += ((scaled_by - 1.0) ** 2 * energy).sum()
+        all_of_it += energy.sum()
     return float((added / all_of_it).sqrt())
 
 

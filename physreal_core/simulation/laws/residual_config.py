@@ -95,14 +95,12 @@ def turned_weights(
 
     Six features are entries of F^T F - I in the axes of the undeformed body, the six outputs entries of a symmetric matrix there. What was C is
     R C R^T in the turned body. Both maps are linear, so the first layer takes the features back and the last one turns the outputs; their
-    norm, which bounds the residual, stays.
+    norm, which bounds the residual, stays. The weights of a thin body stay as they are: no axes are among its features.
 
     Args:
         config: of the network.
         weights: flat, of one network.
         rotation: R, from the body as it lay to the body as it lies now.
-
-    Those of a thin body, of which no axes are features, stay.
     """
     if config.thin:
         return weights.clone()

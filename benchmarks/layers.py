@@ -1,4 +1,5 @@
-"""What contact of layers costs: a cloth of 2000 triangles, level and folded in half at rest, and a rope, with and without it.
+"""What contact of a body with itself costs: a cloth of 2000 triangles, level and folded in half at rest, a rope, and 2000 particles of a
+volume, one block or two that lie on each other.
 
     python -m benchmarks.layers [threads]
 
@@ -51,12 +52,23 @@ def rope() -> Body:
     return rod_body(x, 0.005, 600.0)
 
 
+def blocks(count: int) -> Body:
+    """Two thousand particles in so many blocks that lie on each other."""
+    spacing, heights = 0.008, 20 // count
+    cells = np.stack(np.meshgrid(np.arange(10), np.arange(10), np.arange(heights), indexing="ij"), -1).reshape(-1, 3)
+    x0 = np.concatenate([spacing * (cells + 0.5 + [0.3 * n, 0.4 * n, 1.01 * heights * n]) for n in range(count)])
+    pieces = np.repeat(np.arange(count), len(cells))
+    return Body(x0, np.full(len(x0), spacing**3), np.full(len(x0), 300.0), spacing, pieces=pieces)
+
+
 def run(body: Body, contact: bool) -> tuple[int, float, float]:
     """Substeps a frame, and milliseconds of a frame forward and with the gradient."""
-    simulator = Simulator(body, SimulationConfig(fps=30, self_contact=contact, terms=("drag", "bending")))
+    terms = ("drag",) if body.elements is None else ("drag", "bending")
+    simulator = Simulator(body, SimulationConfig(fps=30, self_contact=contact, terms=terms))
     parameters = Parameters(
         torch.tensor(1e5, requires_grad=True), torch.tensor(0.3), torch.tensor(0.4),
-        linear_drag=torch.tensor(3.0) * torch.tensor(body.mass).float(), bending_ratio=torch.tensor(0.05),
+        linear_drag=torch.tensor(3.0) * torch.tensor(body.mass).float(),
+        bending_ratio=torch.tensor(0.05) if "bending" in terms else None,
         layer_friction=torch.tensor(0.4) if contact else None,
     )  # fmt: skip
     stamps: list[float] = []
@@ -77,6 +89,8 @@ def main() -> None:
         "cloth, folded, layers' vertices on each other": cloth(0.0012),
         "cloth, folded askew": cloth(0.0012, 0.3),
         "rope, coiled": rope(),
+        "volume, one block": blocks(1),
+        "volume, two blocks on each other": blocks(2),
     }
     print("| body | substeps | ms a frame | ms with the gradient |\n|---|---|---|---|")
     for name, body in bodies.items():

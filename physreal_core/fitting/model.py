@@ -25,6 +25,7 @@ UNITS = {
     "grip_damping": "N s/m",
     "tool_stiffness": "1/s2",
     "tool_friction": "1",
+    "layer_friction": "1",
     "bending_ratio": "1",
     "weft_ratio": "1",
     "shear_ratio": "1",
@@ -43,6 +44,9 @@ THIN_FIELDS = ("bending_ratio", "weft_ratio", "shear_ratio")
 TOOL_FIELDS = ("tool_stiffness", "tool_friction")
 """Numbers that only the model of a body has that a hand pushes without holding it."""
 
+WHOLE_FIELDS = ("friction_coefficient", "layer_friction", "grip_stiffness", "grip_damping", *TOOL_FIELDS)
+"""Numbers of the contacts."""
+
 PATCH_FIELDS = ("youngs_modulus", "poissons_ratio", "plastic", "latent_elastic", "latent_plastic", *THIN_FIELDS)
 """Tensors with one row per patch; the others hold for the whole object."""
 
@@ -56,7 +60,8 @@ class Model:
         fields: youngs_modulus [K], poissons_ratio [K], friction_coefficient [], grip_stiffness [], grip_damping [],
             patch_positions [K,3] (world frame, frame 0), and where they apply plastic [K,2], latent_elastic [K,L],
             latent_plastic [K,L], network_elastic [W], network_plastic [W]. Of a thin body bending_ratio [K], of a fabric weft_ratio and
-            shear_ratio [K]; Young's modulus is then that of stretching. Where a hand pushes tool_stiffness [] and tool_friction [].
+            shear_ratio [K]; Young's modulus is then that of stretching. Where a hand pushes tool_stiffness [] and tool_friction [],
+            where the object touches itself layer_friction [].
         residual: sizes and bounds of the residual networks, None before Stage 3.
         simulation: what else the parameters hold for, as `SimulationConfig` takes it: `gravity`, `ground_height`, `courant`,
             `dtype`, `self_contact`.
@@ -158,8 +163,7 @@ def particle_parameters(
 
     return Parameters(
         **{name: spread(name) for name in PATCH_FIELDS},
-        **{name: whole(name) for name in ("friction_coefficient", "grip_stiffness", "grip_damping", *TOOL_FIELDS)},
-        **{name: whole(name) for name in ("network_elastic", "network_plastic")},
+        **{name: whole(name) for name in (*WHOLE_FIELDS, "network_elastic", "network_plastic")},
         initial_velocity=torch.zeros(neighbours.shape[0], 3, dtype=dtype, device=device),
     )
 

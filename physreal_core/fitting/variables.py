@@ -23,6 +23,7 @@ TRANSFORMS: dict[str, Transform] = {
     "grip_damping": "log",
     "tool_stiffness": "log",
     "tool_friction": "log",
+    "layer_friction": "log",
     "bending_ratio": "log",
     "weft_ratio": "log",
     "shear_ratio": "log",

@@ -13,6 +13,7 @@ from physreal_core.errors import InputError
 from physreal_core.simulation.pieces import pieces_of
 
 if TYPE_CHECKING:
+    from physreal_core.simulation.contact.surface import Surface
     from physreal_core.simulation.thin.elements import Elements
 
 
@@ -67,6 +68,13 @@ class Body:
     def piece(self) -> Int[Array, " particles"]:
         """Number from 0 of each particle's piece, shape [N]."""
         return pieces_of(self.x0, self.spacing) if self.pieces is None else self.pieces
+
+    @cached_property
+    def surface(self) -> Surface:
+        """What the body touches itself with."""
+        from physreal_core.simulation.contact.volume_surface import volume_surface
+
+        return volume_surface(self) if self.elements is None else self.elements.surface
 
     @property
     def mass(self) -> Float[Array, " particles"]:

@@ -23,7 +23,7 @@ class SimulationConfig:
             (tests/simulation/test_stability.py).
         residual: neural residuals beside the expert laws; None for none. A bound beta of zero leaves that one out.
         terms: optional terms in use, of `terms.TERMS`; each switches parameters of `Parameters` on.
-        self_contact: whether layers of a thin body touch each other (`thin/contact.py`).
+        self_contact: whether the body touches itself: layers of a sheet, strands of a rope, parts and pieces of a volume (`contact/`).
         dtype: "float32", or "float64" for gradient proofs.
         device: "cpu" or "cuda:0".
     """

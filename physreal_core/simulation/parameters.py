@@ -49,7 +49,7 @@ class Parameters:
         bending_ratio: bending stiffness of a thin body over that of a homogeneous one, shape [N].
         weft_ratio: a fabric's Young's modulus across `Shell.warp` over that along it, shape [N].
         shear_ratio: its shear modulus over that of an isotropic sheet, shape [N].
-        layer_friction: Coulomb's coefficient between layers of a thin body (`SimulationConfig.self_contact`), shape [].
+        layer_friction: Coulomb's coefficient where the body touches itself (`SimulationConfig.self_contact`), shape [].
         twisting_ratio: twisting stiffness of a framed rod over that of a homogeneous round one, G J with G = E / (2 (1 + nu)),
             shape [N].
         rest_curvature: curvature without stress of a framed rod by its two directors (`thin.rod`) [1/m], shape [N, 2].

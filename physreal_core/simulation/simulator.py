@@ -245,11 +245,11 @@ def _check_kind(body: Body, config: SimulationConfig) -> None:
     thin = body.elements is not None
     if not thin:
         require_thickness(body.x0, body.volume, body.spacing, where="Body.spacing")
-    if config.self_contact and (not thin or config.device != "cpu"):
+    if config.self_contact and config.device != "cpu":
         raise InputError(
-            f"self_contact of a {'thin body' if thin else 'volume'} on {config.device}",
+            f"self_contact on {config.device}",
             where="SimulationConfig.self_contact",
-            expected="a shell or a rod on the CPU",
+            expected="the CPU",
             remedy="in a project, set fit_global.simulation.self_contact to false",
         )
     if thin and body.elements.framed and config.device != "cpu":

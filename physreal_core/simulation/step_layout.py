@@ -26,6 +26,7 @@ from physreal_core.simulation.thin.rows import (
 
 LAWS_FOLDER = Path(__file__).parent / "laws"
 THIN_FOLDER = Path(__file__).parent / "thin"
+CONTACT_FOLDER = Path(__file__).parent / "contact"
 LAW_TERMS = (*FORCE_TERMS, *STRESS_TERMS, "friction_law", "retardation", "surface_drag", "thin_residual")
 """Terms by their bits, and the residual of thin bodies."""
 

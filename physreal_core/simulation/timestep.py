@@ -39,8 +39,8 @@ _USUAL = {"youngs_modulus": 1e6, "poissons_ratio": 0.3, "density": 300.0, "cell"
 def elastic_step(body: Body, config: SimulationConfig, parameters: Parameters) -> float:
     """Courant number times the time in which the fastest elastic wave crosses a cell [s].
 
-    Of a thin body that share of the longest stable step of its elements, where a volume's is at LARGEST_COURANT; contact of its layers adds
-    its own frequency, in squares.
+    Of a thin body that share of the longest stable step of its elements, where a volume's is at LARGEST_COURANT. Contact of the body with
+    itself adds its own frequency, in squares.
     The speed is sqrt((lambda + 2 mu) / rho), in a body that starts stretched as many times that as its largest stretch;
     neural residuals may add their bounded share to the stress, fibres, stiffening and Maxwell branches their tangent modulus
     at a moderate stretch.
@@ -51,7 +51,13 @@ def elastic_step(body: Body, config: SimulationConfig, parameters: Parameters) -
     if parameters.initial_deformation is not None:
         stretch = torch.linalg.matrix_norm(parameters.initial_deformation.detach().double(), ord=2)
         squared_speed = squared_speed * stretch**2
-    return config.courant * body.cell / math.sqrt(float(squared_speed.max()))
+    step = config.courant * body.cell / math.sqrt(float(squared_speed.max()))
+    if not config.self_contact:
+        return step
+    safety = config.courant / LARGEST_COURANT
+    mass = torch.as_tensor(body.volume, device=parameters.youngs_modulus.device) * _density(body, parameters)
+    on_contact = body.surface.squared_frequency(parameters.youngs_modulus, mass)
+    return 2.0 * safety / math.sqrt((2.0 * safety / step) ** 2 + on_contact)
 
 
 def viscous_step(body: Body, config: SimulationConfig, parameters: Parameters) -> float:
@@ -108,7 +114,7 @@ def _thin_step(body: Body, config: SimulationConfig, parameters: Parameters) -> 
     if config.elastic_residual is not None:
         squared *= 1.0 + config.elastic_residual.beta_elastic
     if config.self_contact:
-        squared += body.elements.surface.squared_frequency(parameters.youngs_modulus, mass)
+        squared += body.surface.squared_frequency(parameters.youngs_modulus, mass)
     return 2.0 * config.courant / LARGEST_COURANT / math.sqrt(squared), decay
 
 

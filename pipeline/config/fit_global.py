@@ -10,6 +10,7 @@ from pipeline.config._fitting import Descent, Device, Losses, Masks, Variable, d
 _MATERIAL = ("youngs_modulus", "poissons_ratio", "bending_ratio", "weft_ratio", "shear_ratio")
 _CONTACT = ("friction_coefficient", "grip_stiffness", "grip_damping")
 _PUSH = ("tool_stiffness", "tool_friction")
+_LAYERS = ("layer_friction",)
 _RATE = "Adam's step in its {} per iteration; 0: held at the start"
 
 
@@ -149,6 +150,13 @@ class ToolFriction(Variable):
     rate: float = Field(0.1, ge=0, description=_RATE.format("logarithm"))
 
 
+class LayerFriction(Variable):
+    initial: float = Field(0.4, gt=0, description="start")
+    lower: float = Field(0.01, gt=0, description="")
+    upper: float = Field(1.0, gt=0, description="")
+    rate: float = Field(0.1, ge=0, description=_RATE.format("logarithm"))
+
+
 class Material(StageParameters):
     """Expert laws and what of them is not fitted."""
 
@@ -182,7 +190,8 @@ class Simulation(StageParameters):
     )
     dtype: Literal["float32", "float64"] = Field("float32", description="precision of the simulator")
     self_contact: bool = Field(
-        False, description="whether layers of a cloth or strands of a rope touch each other; with device: cpu alone"
+        False,
+        description="whether layers of a cloth, strands of a rope, parts and pieces of a volume touch; with device: cpu alone",
     )
 
     def setting(self) -> dict:
@@ -220,6 +229,9 @@ class FitGlobal(StageParameters):
         ToolStiffness(), description="of a hand that pushes (sample_particles.grip.contact)"
     )
     tool_friction: ToolFriction = Field(ToolFriction(), description="mu of a hand that pushes")
+    layer_friction: LayerFriction = Field(
+        LayerFriction(), description="mu where the object touches itself (simulation.self_contact)"
+    )
     grip_reaches: Reaches = _reaches(())
     simulation: Simulation = Field(Simulation(), description="")
     losses: Losses = Field(Losses(), description="")
@@ -243,7 +255,7 @@ class FitGlobal(StageParameters):
         """What may move of the model of a body of this geometry, by the model's field; `pushed`: with what a hand has that pushes."""
         block = self.of(geometry)
         material = {name: getattr(block, name) for name in _MATERIAL if hasattr(block, name)}
-        contact = (*_CONTACT, *_PUSH) if pushed else _CONTACT
+        contact = (*_CONTACT, *(_PUSH if pushed else ()), *(_LAYERS if self.simulation.self_contact else ()))
         return material | {name: getattr(block, name, getattr(self, name)) for name in contact}
 
     def of(self, geometry: str) -> "FitGlobal | Sheet | Rope":

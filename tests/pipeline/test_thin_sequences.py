@@ -17,7 +17,7 @@ from applications.twin import Twin
 from physreal_core.errors import InputError
 from physreal_core.fitting.curriculum import with_residual
 from physreal_core.fitting.grip import bind_grip
-from physreal_core.fitting.model import load_model
+from physreal_core.fitting.model import load_model, particle_parameters
 from physreal_core.fitting.rollouts import Rollouts
 from physreal_core.fitting.share import residual_share
 from physreal_core.gap.report import GapReport, Verdict
@@ -279,6 +279,11 @@ def test_layers_touch_where_the_parameters_ask_for_it(cloth, asked):
     params = FitGlobal(simulation={"self_contact": asked})
     model = fit_global.initial_model(params, Particles.load(cloth.artifact("sample_particles", "cloth")))
     assert model.simulation_config(FPS).self_contact == asked
+    variables = params.variables("planar")
+    assert ("layer_friction" in variables) == ("layer_friction" in model.fields) == asked
+    patches = torch.zeros(3, 1, dtype=torch.int64), torch.ones(3, 1)
+    given = particle_parameters(model.fields, *patches, dtype=torch.float32, device="cpu").layer_friction
+    assert given is None if not asked else float(given) == pytest.approx(variables["layer_friction"].initial)
 
 
 def test_the_ropes_stiffnesses_come_back(rope):

@@ -1,4 +1,4 @@
-// Contact of a thin body with itself, one thread's share: which pairs may touch, their forces, and the adjoint.
+// Contact of a body with itself, one thread's share: which pairs may touch, their forces, and the adjoint.
 //
 // Pairs within the distance and a margin are listed anew whenever the vertices may have moved by the margin against each other. So no pair
 // that touches is missed, and which pairs are listed does not change the result. A thread lists those of its own vertices and edges. Most of
@@ -12,12 +12,12 @@
 
 namespace physreal {
 
-// FACE: corners of what points touch, 3 of a shell's triangles, 2 of a rod's segments.
-template <class S, int FACE>
+// FACE: corners of what points touch, 3 of a shell's or a volume's triangles, 2 of a rod's segments. UNLIKE: whether vertices differ in reach.
+template <class S, int FACE, bool UNLIKE>
 class Contacts : ParticleRows<S> {
     using V = Lanes<S>;
     using Rows = ParticleRows<S>;
-    using Rows::first_, Rows::last_, Rows::padded_end;
+    using Rows::first_, Rows::frame_, Rows::last_, Rows::lanes_from, Rows::padded_end;
     static constexpr int FACES = FACE == 3 ? POINT_TRIANGLE : POINT_SEGMENT, X = 0, VELOCITY = 3, LEFT = 28;
     // Rows of pairs: their corners, their numbers among those listed, and their places among those near.
     static constexpr int ROWS = 6, NUMBER = 4, PLACE = 5;
@@ -26,8 +26,7 @@ class Contacts : ParticleRows<S> {
     static constexpr S CAUTION = S(0.98);     // share of the way between two things after which they may touch, see squared_distance_of_edges
 
 public:
-    Contacts(const ThinFrame<S>& frame, int thread, Barrier& barrier)
-        : Rows(frame, thread), frame_(frame), thread_(thread), barrier_(barrier) {}
+    Contacts(const Frame<S>& frame, int thread, Barrier& barrier) : Rows(frame, thread), thread_(thread), barrier_(barrier) {}
 
     bool on() const { return frame_.contact_distance > 0; }
 
@@ -38,7 +37,7 @@ public:
         const Index since[2] = {listed_at_, near_at_};
         const auto drift = [&](int d, Index substeps) { return splat<V>(frame_.dt * S(substeps) * frame_.contact_drift[d]); };
         V most[2] = {};
-        for (Index p = first_; p < padded_end(); p += LANES) {
+        for (Index p = first_; p < last_; p += LANES) {
             V squared[2] = {}, step = {};
             for (int d = 0; d < 3; d++) {
                 for (int r = 0; r < 2; r++) {
@@ -49,7 +48,10 @@ public:
                 const V way = splat<V>(frame_.dt) * load<S, LANES>(after + (VELOCITY + d) * frame_.stride + p) - drift(d, 1);
                 step += way * way;
             }
-            for (int r = 0; r < 2; r++) most[r] = max(most[r], squared[r]);
+            for (int r = 0; r < 2; r++) {
+                for (int l = lanes_from(p); l < LANES; l++) squared[r][l] = 0;  // what fills the last block does not count
+                most[r] = max(most[r], squared[r]);
+            }
             store(frame_.path + p, (at_near_ ? V{} : load<S, LANES>(frame_.path + p)) + sqrt(step));
         }
         for (int r = 0; r < 2; r++) {
@@ -92,6 +94,42 @@ public:
         for_touching<EDGES>(1, now, [&](const auto& block) { leave_adjoints_of(block, now, friction_bar); });
     }
 
+    // Sums of the forces of a substep at the thread's own vertices, in frame.contact_force.
+    void add_up_forces() const {
+        this->clear(frame_.contact_force, 3);
+        S *x = frame_.contact_force, *y = x + frame_.stride, *z = y + frame_.stride;
+        for_left([=](Index p, const S* left, int corner) {
+            const S* from = left + 3 * corner * LANES;
+            x[p] += from[0];
+            y[p] += from[LANES];
+            z[p] += from[2 * LANES];
+        });
+    }
+
+    // Where the adjoint of a vector of each vertex stands: steps from one axis and from one vertex to the next.
+    struct VectorBar {
+        S* first;
+        Index axis, vertex;
+    };
+
+    // Adds to the adjoints of x, in rows, of v and of Young's modulus, at the thread's own vertices.
+    void add_up_adjoints(S* x_bar, VectorBar v_bar, S* modulus_bar) const {
+        for_left([=](Index p, const S* left, int corner) {
+            for (int d = 0; d < 3; d++) {
+                x_bar[d * frame_.stride + p] += left[(3 * corner + d) * LANES];
+                v_bar.first[d * v_bar.axis + p * v_bar.vertex] += left[(12 + 3 * corner + d) * LANES];
+            }
+            modulus_bar[p] += left[(24 + corner) * LANES];
+        });
+    }
+
+private:
+    Index thread_;
+    Barrier& barrier_;
+    bool listed_ = false, at_near_ = false;  // at_near_: whether vertices are where they were when pairs near were kept apart
+    Index listed_at_ = 0, near_at_ = 0;      // substeps
+    S horizon_ = 0;  // lists of pairs near hold until a vertex is farther from where it was
+
     // Calls visit(vertex, first of the rows of LANES that were left there for it, corner) for the thread's own vertices.
     template <class Visit>
     void for_left(Visit visit) const {
@@ -110,14 +148,6 @@ public:
             }
         }
     }
-
-private:
-    const ThinFrame<S>& frame_;
-    Index thread_;
-    Barrier& barrier_;
-    bool listed_ = false, at_near_ = false;  // at_near_: whether vertices are where they were when pairs near were kept apart
-    Index listed_at_ = 0, near_at_ = 0;      // substeps
-    S horizon_ = 0;  // lists of pairs near hold until a vertex is farther from where it was
 
     // Where vertices were when pairs were listed, and when those near were kept apart.
     S* place(int which) const { return frame_.places + 3 * which * frame_.stride; }
@@ -168,12 +198,19 @@ private:
             for (int d = 0; d < 3; d++) values[c][d] = gather<S, LANES>(rows + d * frame_.stride, block + c * stride);
     }
     void corners(const S* rows, const int* block, Vec3<V> (&values)[4]) const { corners(rows, block, frame_.pair_capacity, values); }
+    // Largest distance at which a pair touches.
     V distance() const { return splat<V>(frame_.contact_distance); }
+    // That of the corners of a block of pairs.
+    void reaches(const int* block, V (&values)[4]) const {
+        for (int c = 0; c < 4; c++)
+            values[c] = UNLIKE ? gather<S, LANES>(frame_.contact_reach, block + c * frame_.pair_capacity) : S(0.5) * distance();
+    }
 
     template <int KIND>
     static V distance_between(const Vec3<V> (&x)[4]) {
         if constexpr (KIND == EDGES) return sqrt(squared_distance_of_edges(x));
-        return Contact<KIND, V, V>(x, V{}).length();
+        const V none[4] = {};
+        return Contact<KIND, UNLIKE, V, V>(x, none).length();
     }
 
     // --- which pairs are looked at
@@ -248,8 +285,10 @@ private:
         Index found = 0;
         for (Index b = 0; b < count; b += LANES) {
             Vec3<V> x[4];
+            V reach[4];
             corners(now + X * frame_.stride, pairs + b, x);
-            const Contact<KIND, V, V> contact(x, distance());
+            reaches(pairs + b, reach);
+            const Contact<KIND, UNLIKE, V, V> contact(x, reach);
             const V to_go = select(contact.distinct(), way_to_go(contact.length()), V{});
             scatter<S, LANES>(near_wake_of(list), pairs + PLACE * frame_.pair_capacity + b, path(pairs + b) + to_go);
             append(pairs, found, pairs + b, bits_below(contact.touches(), count - b));
@@ -273,10 +312,12 @@ private:
     template <class Pairs>
     void leave_forces_of(const Pairs& block, const S* now) const {
         Vec3<V> x[4], v[4], f[4] = {};
+        V reach[4];
+        reaches(block.corners, reach);
         corners(now + X * frame_.stride, block.corners, x);
         corners(now + VELOCITY * frame_.stride, block.corners, v);
         const V k = of_pairs(stiffness_of(block.list), block);
-        const Contact<Pairs::KIND, V, V> contact(x, distance());
+        const Contact<Pairs::KIND, UNLIKE, V, V> contact(x, reach);
         contact.forces(k, f);
         contact.friction(k, friction(), v, f);
         S* left = left_of(block.list) + LEFT * block.b;
@@ -287,14 +328,16 @@ private:
     template <class Pairs>
     void leave_adjoints_of(const Pairs& block, const S* now, S& friction_bar) const {
         Vec3<V> x[4], v[4], bar[4], x_bar[4] = {}, v_bar[4] = {};
+        V reach[4];
+        reaches(block.corners, reach);
         corners(now + X * frame_.stride, block.corners, x);
         corners(now + VELOCITY * frame_.stride, block.corners, v);
         corners(frame_.force_bar, block.corners, bar);
         const V k = of_pairs(stiffness_of(block.list), block), by_modulus = of_pairs(by_modulus_of(block.list), block);
         V k_bar = {}, coefficient_bar = {};
-        const Contact<Pairs::KIND, V, V> contact(x, distance());
+        const Contact<Pairs::KIND, UNLIKE, V, V> contact(x, reach);
         contact.friction_adjoint(k, friction(), v, bar, x_bar, v_bar, k_bar, coefficient_bar);
-        normal_adjoint<Pairs::KIND>(x, bar, k, x_bar, k_bar);
+        normal_adjoint<Pairs::KIND>(x, bar, reach, k, x_bar, k_bar);
         const Index lanes = min_of(LANES, frame_.pairs_touch[block.list] - block.b);
         for (Index l = 0; l < lanes; l++) friction_bar += coefficient_bar[l];
         S* left = left_of(block.list) + LEFT * block.b;
@@ -309,11 +352,11 @@ private:
 
     // The energy's second derivatives are symmetric, so the adjoint of x is the slope of the forces along that of the forces.
     template <int KIND>
-    void normal_adjoint(const Vec3<V> (&x)[4], const Vec3<V> (&bar)[4], V k, Vec3<V> (&x_bar)[4], V& k_bar) const {
+    void normal_adjoint(const Vec3<V> (&x)[4], const Vec3<V> (&bar)[4], const V (&reach)[4], V k, Vec3<V> (&x_bar)[4], V& k_bar) const {
         Vec3<Dual<V>> moved[4], f[4] = {};
         for (int c = 0; c < 4; c++)
             for (int d = 0; d < 3; d++) moved[c][d] = {x[c][d], bar[c][d]};
-        const Contact<KIND, Dual<V>, V> contact(moved, distance());
+        const Contact<KIND, UNLIKE, Dual<V>, V> contact(moved, reach);
         contact.forces(k, f);
         k_bar -= contact.energy().slope;
         for (int c = 0; c < 4; c++)
@@ -324,7 +367,7 @@ private:
 
     // Faces or edges as balls in the cells of a grid; all threads read what the first has sorted.
     struct Bins {
-        const ThinFrame<S>& f;
+        const Frame<S>& f;
         int which;
         Index items() const { return which ? f.contact_edges : f.contact_faces; }
         int corners() const { return which ? 2 : FACE; }
@@ -454,6 +497,7 @@ private:
         Candidates candidates;
         Index listed = 0;
         for (Index p = first_; p < last_; p++) {
+            if (frame_.contact_weight[p] <= 0) continue;
             const S point[3] = {x[p], x[frame_.stride + p], x[2 * frame_.stride + p]};
             mark(p, 1);
             faces.near(point, reach, -1, [&](Index face) {

@@ -1,12 +1,12 @@
-"""Arrays for the contact of a thin body with itself on the CPU (contacts.h)."""
+"""Arrays for the contact of a body with itself on the CPU (contacts.h)."""
 
 import numpy as np
 import torch
 
-from physreal_core.array_types import Tensor
+from physreal_core.array_types import Array, Int, Tensor
 from physreal_core.errors import SimulationError
 from physreal_core.simulation.body import Body
-from physreal_core.simulation.thin.contact import LAYER_SPEED, TOUCHING_PAIRS
+from physreal_core.simulation.contact.surface import LAYER_SPEED
 
 BLOCK = 16  # pairs; the widest block that a machine works on
 FIRST_ROOM = 4
@@ -22,7 +22,8 @@ class ContactArrays:
     """What frames are given, and the room for pairs, which grows.
 
     Args:
-        body: thin.
+        body: of the simulation.
+        order: the particle at each place.
         threads: of one rollout.
         dtype: of the numbers.
 
@@ -30,8 +31,9 @@ class ContactArrays:
         capacity: pairs of a kind that a thread has room for.
     """
 
-    def __init__(self, body: Body, threads: int, dtype: torch.dtype) -> None:
-        self._body, self._surface, self._threads, self._dtype = body, body.elements.surface, threads, dtype
+    def __init__(self, body: Body, order: Int[Array, " particles"], threads: int, dtype: torch.dtype) -> None:
+        self._body, self._surface, self._threads, self._dtype = body, body.surface, threads, dtype
+        self._order = order
         self.capacity = self._rounded(FIRST_ROOM * len(body.x0) // threads)
 
     @staticmethod
@@ -40,13 +42,21 @@ class ContactArrays:
 
     def model(self) -> dict[str, Tensor]:
         """Arrays that all rollouts share, by the frame's name."""
-        surface = self._surface
+        surface, order = self._surface, self._order
+        place = np.argsort(order)
         first, near = surface.neighbours()
-        whole = {"contact_face": surface.faces, "contact_edge": surface.edges, "near_first": first, "near": near}
+        by_place = [near[first[p] : first[p + 1]] for p in order]
+        whole = {
+            "contact_face": place[surface.faces],
+            "contact_edge": place[surface.edges],
+            "near_first": np.cumsum([0, *map(len, by_place)]),
+            "near": place[np.concatenate(by_place)],
+        }
         arrays = {
             name: torch.from_numpy(np.ascontiguousarray(values, dtype=np.int32)) for name, values in whole.items()
         }
-        return arrays | {"contact_weight": torch.as_tensor(surface.weight).to(self._dtype)}
+        numbers = {"contact_weight": surface.weight, "contact_reach": surface.reach}
+        return arrays | {name: torch.as_tensor(values[order]).to(self._dtype) for name, values in numbers.items()}
 
     def numbers(self) -> dict[str, float | int]:
         """Numbers that all rollouts share, by the frame's name."""
@@ -60,7 +70,7 @@ class ContactArrays:
             "contact_size": surface.size,
             "layer_speed": LAYER_SPEED,
             # a vertex between others under as many pairs loses at most its speed in a step
-            "layer_softening": 4.0 * TOUCHING_PAIRS / float(body.mass.mean()),
+            "layer_softening": 2.0 * surface.pairs_at_a_vertex / float(body.mass.mean()),
         }
 
     @property

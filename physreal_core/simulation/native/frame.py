@@ -10,7 +10,14 @@ from physreal_core.native import native_module
 from physreal_core.simulation.config import SimulationConfig
 from physreal_core.simulation.layout import Structure
 from physreal_core.simulation.particle_rows import NUMBERS
-from physreal_core.simulation.step_layout import LAWS_FOLDER, THIN_FOLDER, law_headers, layout_text, material_arguments
+from physreal_core.simulation.step_layout import (
+    CONTACT_FOLDER,
+    LAWS_FOLDER,
+    THIN_FOLDER,
+    law_headers,
+    layout_text,
+    material_arguments,
+)
 
 WORKSPACE = Structure(
     "Workspace",
@@ -160,6 +167,26 @@ FRAME = Structure(
 
     S* kept_grids  free where it stays; 0 where it does not
     Index* status  [threads] first failure as substep * particles + particle: not finite
+
+    # Contact with itself (contact/surface.py), vertices by their places; contact_distance is 0 without
+    Index contact_faces
+    Index contact_edges
+    Index pair_capacity
+    Index bin_cells
+    S contact_distance
+    S contact_margin  within which pairs are listed
+    S contact_size  stiffness over Young's modulus [m]
+    S contact_drift:3  velocity of the body as a whole [m/s]
+    S layer_friction
+    S layer_speed
+    S layer_softening
+    const int* contact_face  [contact_faces, corners]
+    const int* contact_edge  [contact_edges, 2]
+    const S* contact_weight  [N]
+    const S* contact_reach  [N] [m]
+    const int* near_first  [N + 1]
+    const int* near  [] vertices that hang together with each
+    Index* pairs_needed  [threads, 2] the most that were found
     """,
     base=WORKSPACE,
 )
@@ -189,25 +216,6 @@ THIN_FRAME = Structure(
     const S* element_constants  [constants, element_stride]
     const S* element_stiffness  [stiffness, element_stride]
     S* element_bars  [stiffness, element_stride] adjoints; grow
-
-    # Contact with itself (thin/contact.py); contact_distance is 0 without
-    Index contact_faces
-    Index contact_edges
-    Index pair_capacity
-    Index bin_cells
-    S contact_distance
-    S contact_margin  within which pairs are listed
-    S contact_size  stiffness over Young's modulus [m]
-    S contact_drift:3  velocity of the body as a whole [m/s]
-    S layer_friction
-    S layer_speed
-    S layer_softening
-    const int* contact_face  [contact_faces, corners]
-    const int* contact_edge  [contact_edges, 2]
-    const S* contact_weight  [N]
-    const int* near_first  [N + 1]
-    const int* near  [] vertices that hang together with each
-    Index* pairs_needed  [threads, 2] the most that were found
     """,
     base=FRAME,
 )
@@ -237,7 +245,7 @@ def frame_kernels(config: SimulationConfig, element: str | None = None) -> Frame
         config: of the simulation.
         element: class of a thin body's elements; None for a volume.
     """
-    switches = ["true" if on else "false" for on in (bool(config.terms), config.shaped)]
+    switches = ["true" if on else "false" for on in (bool(config.terms), config.shaped, config.self_contact)]
     if element is not None:
         return _kernels(config.dtype, f"{switches[0]}, physreal::{element}", f'#include "{element.lower()}.h"\n', True)
     return _kernels(config.dtype, f"{', '.join(switches)}, {material_arguments(config)}", law_headers(config), False)
@@ -249,7 +257,7 @@ def _kernels(dtype: str, form: str, laws: str, thin: bool) -> FrameKernels:
     structures = (WORKSPACE, FRAME, THIN_FRAME) if thin else (WORKSPACE, FRAME)
     text = f'#include "lanes.h"\n{layout_text(*structures)}{laws}'
     header = Path(__file__).parent / ("thin_worker.h" if thin else "worker.h")
-    module = native_module(name, header, LAWS_FOLDER, THIN_FOLDER, preamble=text)
+    module = native_module(name, header, LAWS_FOLDER, THIN_FOLDER, CONTACT_FOLDER, preamble=text)
     arguments = f"{'float' if dtype == 'float32' else 'double'}, {form}"
 
     @wp.func_native(f"physreal::forward_frames<{arguments}>(frames, workspaces, count, next, thread);")

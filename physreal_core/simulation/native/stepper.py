@@ -99,7 +99,7 @@ class NativeStepper:
         self._set_model(body, clamps, loads, body.reach if tool is None else tool.reach(body))
         self._elements = self._set_elements(body) if thin else None
         self._segments = self._set_segments(body, clamps, grip) if framed else None
-        self._contacts = ContactArrays(body, self._sharing, self.dtype) if config.self_contact else None
+        self._contacts = ContactArrays(body, self._order, self._sharing, self.dtype) if config.self_contact else None
         if self._contacts is not None:
             self._give_all(self._frames, self._contacts.model(), shared=True)
             for name, value in self._contacts.numbers().items():
@@ -179,7 +179,7 @@ class NativeStepper:
         frames["stride"] = -(-self.particles // BLOCK) * BLOCK
         frames["gravity"] = config.gravity
         lattice, thin = self.lattice, body.elements is not None
-        order = np.arange(self.particles) if thin else lattice.order(lattice.place)
+        order = self._order = np.arange(self.particles) if thin else lattice.order(lattice.place)
         for name, array in (("order", order), ("place", np.argsort(order))):
             self._give(frames, name, torch.from_numpy(array.astype(np.int32)), shared=True)
         frames["offset"], frames["count"], frames["cell"] = lattice.offset, lattice.count, lattice.cell

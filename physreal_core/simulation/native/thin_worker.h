@@ -99,7 +99,7 @@ private:
     TermLaws<S> laws_;
     Hand<S> hand_;
     Barrier barrier_;
-    Contacts<S, Elastic::FACE> contacts_;
+    Contacts<S, Elastic::FACE, false> contacts_;
 
     bool viscous() const { return TERMS && HasStrains<Elastic>::value && laws_.has(term::viscosity); }
     bool dragged() const { return TERMS && laws_.has(term::surface_drag); }
@@ -488,18 +488,6 @@ private:
 
     // --- contact between layers
 
-    // Adds the forces of a substep to those in frame.contact_force, of the thread's vertices.
-    void add_up_contact_forces() const {
-        clear(frame_.contact_force, 3);
-        S *x = frame_.contact_force, *y = x + frame_.stride, *z = y + frame_.stride;
-        contacts_.for_left([=](Index p, const S* left, int corner) {
-            const S* from = left + 3 * corner * LANES;
-            x[p] += from[0];
-            y[p] += from[LANES];
-            z[p] += from[2 * LANES];
-        });
-    }
-
     void leave_contact_adjoints(Index s) {
         contacts_.update(state(s), s);
         contacts_.leave_adjoints(state(s), node_sums()[node_sum::layer_friction]);
@@ -507,14 +495,8 @@ private:
 
     // To the adjoints of x, of the velocity in frame.carry and of Young's modulus.
     void add_up_contacts() const {
-        S *x_bar = frame_.adjoint + X * frame_.stride, *modulus_bar = frame_.bars + bar::youngs_modulus * frame_.stride;
-        contacts_.for_left([&](Index p, const S* left, int corner) {
-            for (int d = 0; d < 3; d++) {
-                x_bar[d * frame_.stride + p] += left[(3 * corner + d) * LANES];
-                frame_.carry[4 * p + d] += left[(12 + 3 * corner + d) * LANES];
-            }
-            modulus_bar[p] += left[(24 + corner) * LANES];
-        });
+        S* x_bar = frame_.adjoint + X * frame_.stride;
+        contacts_.add_up_adjoints(x_bar, {frame_.carry, 1, 4}, frame_.bars + bar::youngs_modulus * frame_.stride);
     }
 
     // --- vertices
@@ -539,7 +521,7 @@ private:
         S* next = state_at(s + 1);
         const NodePhase<S> phase = node_phase();
         apply_forces(s, now);
-        if (contacts_.on()) add_up_contact_forces();
+        if (contacts_.on()) contacts_.add_up_forces();
         for (Index p = first_; p < last_; p++) {
             const Vec3<S> x = at(now, X, p), v = at(now, VELOCITY, p);
             Vec3<S> f = at(frame_.force, 0, p) + left_at(p);

@@ -4,6 +4,7 @@
 // result depends on their number but not on chance. Places on the grid are those of the body at rest, all the time.
 #pragma once
 #include "barrier.h"
+#include "contacts.h"
 #include "frames.h"
 #include "hand.h"
 #include "material.h"
@@ -16,8 +17,9 @@
 namespace physreal {
 
 // With TERMS, inputs beside the material have adjoints, and optional laws act as frame.terms says. With SHAPED, the body's
-// own shape may differ from that in which it lies on the grid: by how it starts, or because it flows.
-template <class S, bool TERMS, bool SHAPED, class Material>
+// own shape may differ from that in which it lies on the grid: by how it starts, or because it flows. With TOUCHES, the body's surface touches
+// itself.
+template <class S, bool TERMS, bool SHAPED, bool TOUCHES, class Material>
 class Worker : ParticleRows<S> {
     using V = Lanes<S>;
     using Rows = ParticleRows<S>;
@@ -41,7 +43,8 @@ public:
                                            frame.networks + thread * frame.network_numbers)),
           laws_(frame, thread),
           hand_(frame, thread),
-          barrier_(frame.shared + 64 * pass, frame.threads, frame.yield_address) {}
+          barrier_(frame.shared + 64 * pass, frame.threads, frame.yield_address),
+          contacts_(frame, thread, barrier_) {}
 
     void forward() {
         load_model();
@@ -49,12 +52,14 @@ public:
         weigh_nodes();
         if (frame_.replay) return replay();
         for (Index s = 0; s < frame_.substeps; s++) {
+            if constexpr (TOUCHES) touch(s);
             scatter_forces(s);
             barrier_.wait();
             if (stopped()) return;
             update_nodes(s);
             barrier_.wait();
             gather_velocity(s);
+            if constexpr (TOUCHES) contacts_.measure(state_at(s + 1), state_at(s + 1), s + 1);
         }
         if (frame_.keep_states) return;
         check_state();
@@ -71,6 +76,7 @@ public:
             update_nodes_adjoint(s);
             barrier_.wait();
             gather_force_bar(s);
+            if constexpr (TOUCHES) touch_adjoint(s);
         }
         weigh_nodes_adjoint();
         material_.finish();
@@ -90,6 +96,7 @@ private:
     TermLaws<S> laws_;
     Hand<S> hand_;
     Barrier barrier_;
+    Contacts<S, 3, true> contacts_;
 
     bool viscous() const { return TERMS && laws_.has(term::viscosity); }
     // Rows of the state behind x, v and F: the shape where it has one, with viscosity the mean rate of deformation, and
@@ -107,6 +114,8 @@ private:
     S* node_sums() const { return frame_.node_sums + node_sum::COUNT * thread_; }
 
     S* state(Index slot) const { return frame_.state + slot * state_rows() * frame_.stride; }
+    // After s substeps.
+    S* state_at(Index s) const { return state(frame_.keep_states ? s : 0); }
 
     typename TermLaws<S>::Arrays law_arrays(const S* now) const {
         S* bar = frame_.adjoint;
@@ -252,7 +261,10 @@ private:
     FieldBlock<S> force_field(Index p, const S* now, const Mat3<V>& P) const {
         const V volume = row_of(constants(constant::volume), 0, p);
         Vec3<V> q;
-        for (int d = 0; d < 3; d++) q.v[d] = frame_.dt * row_of(frame_.force, d, p);
+        for (int d = 0; d < 3; d++) {
+            q.v[d] = frame_.dt * row_of(frame_.force, d, p);
+            if constexpr (TOUCHES) q.v[d] += frame_.dt * row_of(frame_.contact_force, d, p);
+        }
         return {q, volume * touching(p, now), (volume * (-frame_.dt / frame_.cell)) * P};
     }
 
@@ -291,7 +303,7 @@ private:
     }
 
     void scatter_forces(Index s) {
-        const S* now = state(frame_.keep_states ? s : 0);
+        const S* now = state_at(s);
         apply_forces(s, now);
         clear_scratch();
         scatter_blocks([&](Index p) {
@@ -301,6 +313,15 @@ private:
             check(s, p, vector(now, X, p), vector(frame_.force, 0, p), P);
             return force_field(p, now, P);
         });
+    }
+
+    // Forces of a substep where the surface touches itself, of the thread's particles.
+    void touch(Index s) {
+        barrier_.wait();
+        contacts_.update(state_at(s), s);
+        contacts_.leave_forces(state_at(s));
+        barrier_.wait();
+        contacts_.add_up_forces();
     }
 
     void update_nodes(Index s) {
@@ -344,8 +365,8 @@ private:
     }
 
     void gather_velocity(Index s) {
-        const S* now = state(frame_.keep_states ? s : 0);
-        S* next = state(frame_.keep_states ? s + 1 : 0);
+        const S* now = state_at(s);
+        S* next = state_at(s + 1);
         for (Index p = first_; p < last_; p += LANES) {
             const auto moments = gathered(frame_.velocity, stencil_of(p), p);
             const Vec3<V> v = moments.value();
@@ -524,26 +545,37 @@ private:
                       bar + VELOCITY * frame_.stride, TERMS ? input_bars(input::mass) : nullptr, particle_sums());
         if (TERMS && laws_.has(ForceTerms::TERMS)) laws_.forces_adjoint(law_arrays(now));
     }
+
+    // In: frame.force_bar. To the adjoints of x, v and Young's modulus.
+    void touch_adjoint(Index s) {
+        contacts_.measure(state(s), state(s + 1), s);
+        barrier_.wait();
+        contacts_.update(state(s), s);
+        contacts_.leave_adjoints(state(s), node_sums()[node_sum::layer_friction]);
+        barrier_.wait();
+        S *x_bar = frame_.adjoint + X * frame_.stride, *v_bar = frame_.adjoint + VELOCITY * frame_.stride;
+        contacts_.add_up_adjoints(x_bar, {v_bar, frame_.stride, 1}, frame_.bars + bar::youngs_modulus * frame_.stride);
+    }
 };
 
-template <class S, bool TERMS, bool SHAPED, template <class> class Elastic, class Plastic, class ElasticNetwork,
+template <class S, bool TERMS, bool SHAPED, bool TOUCHES, template <class> class Elastic, class Plastic, class ElasticNetwork,
           class PlasticNetwork>
-using WorkerOf = Worker<S, TERMS, SHAPED, Material<Lanes<S>, Elastic, Plastic, ElasticNetwork, PlasticNetwork>>;
+using WorkerOf = Worker<S, TERMS, SHAPED, TOUCHES, Material<Lanes<S>, Elastic, Plastic, ElasticNetwork, PlasticNetwork>>;
 
-template <class S, bool TERMS, bool SHAPED, template <class> class Elastic, class Plastic, class ElasticNetwork,
+template <class S, bool TERMS, bool SHAPED, bool TOUCHES, template <class> class Elastic, class Plastic, class ElasticNetwork,
           class PlasticNetwork>
 inline void forward_frames(unsigned long long frames, unsigned long long workspaces, int count, unsigned long long next,
                            int thread) {
     for_frames<S, Frame>(frames, workspaces, count, next, thread, [](const Frame<S>& frame, int own) {
-        WorkerOf<S, TERMS, SHAPED, Elastic, Plastic, ElasticNetwork, PlasticNetwork>(frame, own, 0).forward();
+        WorkerOf<S, TERMS, SHAPED, TOUCHES, Elastic, Plastic, ElasticNetwork, PlasticNetwork>(frame, own, 0).forward();
     });
 }
 
-template <class S, bool TERMS, bool SHAPED, template <class> class Elastic, class Plastic, class ElasticNetwork,
+template <class S, bool TERMS, bool SHAPED, bool TOUCHES, template <class> class Elastic, class Plastic, class ElasticNetwork,
           class PlasticNetwork>
 inline void backward_frames(unsigned long long frames, unsigned long long workspaces, int count,
                             unsigned long long next, int thread) {
-    using Work = WorkerOf<S, TERMS, SHAPED, Elastic, Plastic, ElasticNetwork, PlasticNetwork>;
+    using Work = WorkerOf<S, TERMS, SHAPED, TOUCHES, Elastic, Plastic, ElasticNetwork, PlasticNetwork>;
     for_frames<S, Frame>(frames, workspaces, count, next, thread, [](const Frame<S>& frame, int own) {
         Work(frame, own, 0).forward();
         Work(frame, own, 1).backward();
@@ -551,7 +583,7 @@ inline void backward_frames(unsigned long long frames, unsigned long long worksp
 }
 
 // Numbers that a thread needs for the networks' adjoints.
-template <class S, bool TERMS, bool SHAPED, template <class> class Elastic, class Plastic, class ElasticNetwork,
+template <class S, bool TERMS, bool SHAPED, bool TOUCHES, template <class> class Elastic, class Plastic, class ElasticNetwork,
           class PlasticNetwork>
 inline void network_numbers(Index* size) {
     size[0] = Material<Lanes<S>, Elastic, Plastic, ElasticNetwork, PlasticNetwork>::workspace_size;

@@ -3,8 +3,8 @@
 from typing import Protocol, runtime_checkable
 
 from physreal_core.array_types import Array, Bool, Float, Int, Tensor
+from physreal_core.simulation.contact.surface import Surface
 from physreal_core.simulation.parameters import Parameters
-from physreal_core.simulation.thin.contact import Surface
 
 
 @runtime_checkable

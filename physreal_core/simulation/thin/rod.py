@@ -24,8 +24,8 @@ import torch
 from physreal_core.array_types import Array, Float, Int, Tensor
 from physreal_core.errors import InputError
 from physreal_core.simulation.body import Body
+from physreal_core.simulation.contact.surface import SHARE, Surface, thin_links
 from physreal_core.simulation.parameters import Parameters
-from physreal_core.simulation.thin.contact import SHARE, Surface
 from physreal_core.simulation.thin.framed_stiffness import framed_frequency, framed_stiffness
 from physreal_core.simulation.thin.rows import FRAMED_ROD_STIFFNESS, ROD, ROD_STIFFNESS
 from physreal_core.simulation.thin.segments import Segments
@@ -70,9 +70,14 @@ class Rod(Segments):
     @cached_property
     def surface(self) -> Surface:
         """What ropes touch with."""
-        size = SHARE * np.pi * self.radius**2 / float(np.median(self.rest_lengths))
+        usual = float(np.median(self.rest_lengths))
         weight = self.vertex_length / self.vertex_length.mean()
-        return Surface(self.segments, self.segments, self.rest_lengths, 2.0 * self.radius, size, weight)
+        links, reach = (
+            thin_links(self.segments, self.rest_lengths, 2.0 * self.radius),
+            np.full(len(weight), self.radius),
+        )
+        size = SHARE * np.pi * self.radius**2 / usual
+        return Surface(self.segments, self.segments, reach, size, weight, links, usual)
 
     def constants(self) -> Float[Array, "rows bends"]:
         """Rows `ROD` of every vertex between two segments."""

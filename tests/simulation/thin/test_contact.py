@@ -7,12 +7,10 @@ import numpy as np
 import pytest
 import torch
 
-from physreal_core.errors import InputError
 from physreal_core.simulation import Body, Clamp, Grip, Parameters, SimulationConfig, Simulator, rod_body, shell_body
+from physreal_core.simulation.contact import surface as contact_module
+from physreal_core.simulation.contact.reference import contact_energy
 from physreal_core.simulation.native import NativeStepper
-from physreal_core.simulation.thin import contact as contact_module
-from physreal_core.simulation.thin.contact_reference import contact_energy
-from tests.simulation.scenes import block
 from tests.simulation.thin.contact_scenes import crossing_ropes, folded, stacked_sheets
 from tests.simulation.thin.scenes import sheet
 from tests.simulation.thin.test_gradients import scattered
@@ -256,11 +254,3 @@ def strand_distance(x: torch.Tensor, half: int) -> np.ndarray:
         (s[:, :-1, None] + along * (s[:, 1:, None] - s[:, :-1, None])).flatten(1, 2) for s in (x[:, :half], x[:, half:])
     ]
     return np.array([float(torch.cdist(p, q).min()) for p, q in zip(*points, strict=True)])
-
-
-# --- input ------------------------------------------------------------------------------------------------------
-
-
-def test_a_volume_is_refused():
-    with pytest.raises(InputError, match="self_contact of a volume"):
-        Simulator(block((3, 3, 3)), SimulationConfig(fps=30, self_contact=True))

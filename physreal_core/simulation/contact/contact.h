@@ -1,15 +1,16 @@
-// Two simplices of thin bodies that come nearer than a distance (contact.py): a point and a triangle, a point and a segment, two edges.
+// Two simplices of a body's surface that come nearer than they reach (surface.py): a point and a triangle, a point and a segment, two edges.
 //
 // The way between their nearest points is g = from + a D0 + b D1 = sum_c s_c x_c over four corners x, with a and b such that g is shortest:
 // on edges places along either, on a triangle along two of its sides, of a segment there is no b. Which of a and b are free depends on where
 // the nearest point lies: within a triangle both, on its border one combination, at a corner none.
-// With depth = distance - |g| > 0 the energy is W k depth^2 / 2. W is 1 where a point takes part. Of two edges it is
+// With depth = R - |g| > 0 the energy is W k depth^2 / 2. R is the sum of both things' reach at the nearest points, that of corners the same
+// on all of a thin body, or linear between those of a volume's. W is 1 where a point takes part. Of two edges it is
 //     W = bump(a) bump(b) crossing(sin^2 of the angle between them) ,
 // which fades towards their ends, where points and faces meet, and towards parallel edges, which have no nearest points.
 // Friction acts against the difference u of the velocities across g: mu N u / |u|, with N = W k depth, smoothed below a speed e as by Li et
 // al. (ACM TOG 39, 2020, "Incremental potential contact"): mu N (2 - |u| / e) u / e.
 #pragma once
-#include "elements.h"
+#include "vectors.h"
 
 namespace physreal {
 
@@ -91,14 +92,15 @@ struct LayerFriction {
     V softening;           // which grows with the largest friction, so that steps are stable [m/s/N]
 };
 
-template <int KIND, class T, class V>
+// UNLIKE: whether corners differ in their reach.
+template <int KIND, bool UNLIKE, class T, class V>
 class Contact {
     using S = Scalar<V>;
     static constexpr S SHALLOW = S(0.01), STEEP = S(0.1);  // sin^2 between which edges come to count as crossing
     static constexpr int I = KIND == EDGES ? 0 : 2, J = KIND == EDGES ? 2 : 1;  // D0 = x[1] - x[I], D1 = x[J] - x[3]
 
 public:
-    Contact(const Vec3<T> (&x)[4], V distance) {
+    Contact(const Vec3<T> (&x)[4], const V (&reach)[4]) {
         const T one = constant(1);
         const Vec3<T> from = x[0] - x[J];
         D_[0] = x[1] - x[I];
@@ -124,7 +126,7 @@ public:
         const T squared = dot(way_, way_) + constant(S(1e-20));
         per_length_ = inverse_sqrt(squared);
         length_ = squared * per_length_;
-        const T deep = lifted<T>(distance) - length_;
+        const T deep = reach_at_nearest(reach) - length_;
         depth_ = select(deep > T{}, deep, T{});
     }
 
@@ -145,14 +147,16 @@ public:
     // Energy over stiffness.
     T energy() const { return constant(S(0.5)) * weight() * depth_ * depth_; }
 
-    // Subtracts the energy's derivative by x from f. As the way is shortest, places do not matter but for the weight.
+    // Subtracts the energy's derivative by x from f. As the way is shortest, places do not matter but for the weight and the reach.
     void forces(V stiffness, Vec3<T> (&f)[4]) const {
         const T k = lifted<T>(stiffness);
         const Vec3<T> push = (k * weight() * depth_ * per_length_) * way_;
         for (int c = 0; c < 4; ++c) f[c] = f[c] + s_[c] * push;
-        if constexpr (KIND == EDGES) {
+        if constexpr (KIND == EDGES || UNLIKE) {
             Vec3<T> x_bar[4] = {};
-            pull_back({}, {}, {}, constant(S(0.5)) * k * depth_ * depth_, x_bar);
+            const T by_reach = k * weight() * depth_;
+            pull_back({}, by_reach * lifted<T>(reach_by_a_), by_reach * lifted<T>(reach_by_b_),
+                      constant(S(0.5)) * k * depth_ * depth_, x_bar);
             for (int c = 0; c < 4; ++c) f[c] = f[c] - x_bar[c];
         }
     }
@@ -189,9 +193,11 @@ public:
             s_bar[c] += dot(v[c], u_bar);
         }
         const V W = weight();
-        const Vec3<V> way_bar = per_length_ * (n_bar - dot(n, n_bar) * n) - select(touches(), N_bar * W * stiffness, V{}) * n;
+        const V depth_bar = select(touches(), N_bar * W * stiffness, V{});
+        const Vec3<V> way_bar = per_length_ * (n_bar - dot(n, n_bar) * n) - depth_bar * n;
         stiffness_bar += N_bar * W * depth_;
-        const V a_bar = s_bar[1] - s_bar[I] + dot(D_[0], way_bar), b_bar = s_bar[J] - s_bar[3] + dot(D_[1], way_bar);
+        const V a_bar = s_bar[1] - s_bar[I] + dot(D_[0], way_bar) + depth_bar * reach_by_a_;
+        const V b_bar = s_bar[J] - s_bar[3] + dot(D_[1], way_bar) + depth_bar * reach_by_b_;
         pull_back(way_bar, a_bar, b_bar, N_bar * stiffness * depth_, x_bar);
     }
 
@@ -200,6 +206,7 @@ private:
     Vec3<T> D_[2] = {}, way_;
     T a_ = {}, b_ = {}, G00_, G01_ = {}, G11_ = {};  // G: what a and b change with minus the products of D and the way
     T s_[4] = {}, per_length_, length_, depth_;
+    V reach_by_a_ = {}, reach_by_b_ = {};  // derivatives of the sum of both things' reach
     T per_squares_;  // of edges: over the product of their squared lengths
     Mask<V> crosses_;
 
@@ -208,6 +215,15 @@ private:
     };
 
     static T constant(S value) { return lifted<T>(splat<V>(value)); }
+
+    // Of both things, where they are nearest.
+    T reach_at_nearest(const V (&reach)[4]) {
+        if constexpr (!UNLIKE) return lifted<T>(reach[0] + reach[1]);
+        const V along = reach[1] - reach[I];
+        reach_by_a_ = KIND == EDGES ? along : -along;
+        reach_by_b_ = reach[3] - reach[J];
+        return lifted<T>(reach[0] + reach[J]) + a_ * lifted<T>(reach_by_a_) + b_ * lifted<T>(reach_by_b_);
+    }
 
     void place_on_part(const Part<V>& part) {
         const T da = lifted<T>(part.da), db = lifted<T>(part.db), a = lifted<T>(part.a), b = lifted<T>(part.b);

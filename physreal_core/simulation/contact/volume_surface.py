@@ -1,0 +1,98 @@
+"""The surface of a volume: triangles between its outermost particles.
+
+Neighbouring particles span tetrahedra, and the faces of a single one of these are the surface. Each particle stands off what it touches by half
+of its size, and by less where the body at rest is nearer to itself than that, so that a body at rest does not push itself apart.
+"""
+
+from __future__ import annotations
+
+from typing import TYPE_CHECKING
+
+import numpy as np
+import torch
+
+from physreal_core.array_types import Array, Float, Int
+from physreal_core.simulation.contact.reference import nearest_on_faces
+from physreal_core.simulation.contact.surface import SHARE, Links, Surface
+from physreal_core.simulation.pieces import NEAR
+
+if TYPE_CHECKING:
+    from physreal_core.simulation.body import Body
+
+PATH = 2.5
+"""Spacings through the body within which particles never touch: what is as thin as that is as thick as its particles, squeezed or not."""
+SHIFT = 1e-3
+"""Spacings by which particles are moved to tell which of the many tetrahedra in a lattice's cells to take."""
+
+
+def volume_surface(body: Body) -> Surface:
+    """What a volume touches itself with.
+
+    Args:
+        body: a volume.
+    """
+    from scipy.spatial import cKDTree
+
+    h, count = body.spacing, len(body.x0)
+    links = cKDTree(body.x0).query_pairs(NEAR * h, p=np.inf, output_type="ndarray")
+    links = links[body.piece[links[:, 0]] == body.piece[links[:, 1]]].astype(np.int64).reshape(-1, 2)
+    tetrahedra = _tetrahedra(body.x0, h, body.piece)
+    faces = _boundary(tetrahedra)
+    edges = np.unique(np.sort(faces[:, [[0, 1], [1, 2], [2, 0]]].reshape(-1, 2), axis=1), axis=0)
+    outside = np.ones(count, dtype=bool)
+    outside[tetrahedra] = False  # what no tetrahedron has is a point by itself
+    outside[faces] = True
+    weight = np.where(outside, body.volume / h**3, 0.0)
+    lengths = np.linalg.norm(body.x0[links[:, 1]] - body.x0[links[:, 0]], axis=1)
+    together = Links(links, lengths, PATH * h)
+    reach = _apart_at_rest(body.x0, body.reach, faces, *together.neighbours(weight))
+    return Surface(faces, edges, reach, SHARE * h, weight, together, h, sides=1)
+
+
+def _tetrahedra(
+    x0: Float[Array, "particles 3"], spacing: float, piece: Int[Array, " particles"]
+) -> Int[Array, "tetrahedra 4"]:
+    """Those of which all corners are neighbours."""
+    from scipy.spatial import Delaunay
+
+    if len(x0) < 5:
+        return np.zeros((0, 4), dtype=np.int64)
+    shift = np.random.default_rng(0).uniform(-SHIFT, SHIFT, x0.shape) * spacing
+    found = Delaunay(x0 + shift).simplices.astype(np.int64)
+    extent = np.ptp(x0[found], axis=1).max(1)
+    return found[(extent <= NEAR * spacing) & (np.ptp(piece[found], axis=1) == 0)]
+
+
+def _boundary(tetrahedra: Int[Array, "tetrahedra 4"]) -> Int[Array, "faces 3"]:
+    """Faces of a single tetrahedron."""
+    faces = np.sort(tetrahedra[:, [[1, 2, 3], [0, 2, 3], [0, 1, 3], [0, 1, 2]]].reshape(-1, 3), axis=1)
+    single, times = np.unique(faces, axis=0, return_counts=True)
+    return single[times == 1]
+
+
+def _apart_at_rest(
+    x0: Float[Array, "particles 3"],
+    reach: Float[Array, " particles"],
+    faces: Int[Array, "faces 3"],
+    bounds: Int[Array, " bounds"],
+    near: Int[Array, " neighbours"],
+) -> Float[Array, " particles"]:
+    """How far particles stand off, such that at rest none touches a face."""
+    from scipy.sparse import csr_matrix
+    from scipy.spatial import cKDTree
+
+    centre = x0[faces].mean(1)
+    radius = np.linalg.norm(x0[faces] - centre[:, None], axis=-1).max(initial=0.0)
+    points = np.flatnonzero(np.diff(bounds) > 1)
+    around = cKDTree(centre).query_ball_point(x0[points], 2.0 * reach.max() + radius) if len(faces) else []
+    one = np.repeat(points, [len(found) for found in around]).astype(np.int64)
+    other = np.concatenate([*around, []]).astype(np.int64)
+    together = csr_matrix((np.ones(len(near), dtype=bool), near, bounds), shape=(len(x0),) * 2)
+    apart = ~np.stack([np.asarray(together[one, corner]).ravel() for corner in faces[other].T]).any(0)
+    one, other = one[apart], faces[other[apart]]
+    distance = nearest_on_faces(torch.from_numpy(x0[one]), torch.from_numpy(x0[other]))[0].numpy()
+    share = np.minimum(1.0, distance / (reach[one] + reach[other].max(1, initial=0.0)))
+    least = np.ones(len(x0))
+    np.minimum.at(least, one, share)
+    np.minimum.at(least, other, share[:, None])
+    return least * reach

@@ -21,7 +21,7 @@ from benchmarks.thin.bodies import (
 )
 from benchmarks.thin.meshes import rectangle, scattered
 from benchmarks.thin.theory import FIRST_OF_CHAIN, chain_frequency, clamped_frequency, clamped_shape
-from physreal_core.simulation import Body, Clamp, Parameters, SimulationConfig, Simulator, States
+from physreal_core.simulation import Body, Clamp, Parameters, SimulationConfig, Simulator, States, rod_body
 from physreal_core.simulation.thin.reference import rod_energy, shell_energy
 
 SMALL = 1e-4
@@ -52,6 +52,26 @@ def frequency_rope(segments: int) -> tuple[float, float]:
     body, clamp = held_rope(rope, segments)
     expected = clamped_frequency(rope.bending, rope.mass, 0.1)
     return frequency_of(*_swing(rope, body, clamp, 3.2, expected)), expected
+
+
+def torsion_rope(segments: int) -> tuple[float, float]:
+    """Torsional vibration of a rope with directors that is held at one end [rad/s]: pi / (2 L) sqrt(G / rho)"""
+    rope, length, radius, modulus, ratio = Rope(), 0.4, 0.004, 1e6, 0.25
+    first = length / segments
+    middle = (np.arange(segments + 1) - 0.5) * first  # of the segments, from the one that is held on
+    expected = np.pi / (2 * (length - 0.5 * first)) * np.sqrt(modulus / (2 * (1 + ratio)) / rope.density)
+    angle = 0.4 * np.sin(np.pi * middle / (2 * (length - 0.5 * first)))
+    start = np.c_[np.linspace(0.0, length, segments + 1), np.zeros((segments + 1, 2))]
+    body = rod_body(start, radius, rope.density, directors=np.c_[0.0 * angle, np.cos(angle), np.sin(angle)])
+    config = SimulationConfig(
+        fps=4000.0, dtype="float64", ground_height=None, gravity=(0.0, 0.0, 0.0), terms=("bending", "twisting")
+    )
+    frames = int(3.3 * 2.0 * np.pi / expected * 4000.0)
+    simulator = Simulator(body, config, clamps=(around(start[:2]),))
+    F = simulator.rollout(Parameters(torch.tensor(modulus), torch.tensor(ratio)), torch.zeros(frames, 0, 3)).F
+    director = F[:, -1] @ torch.tensor(body.elements.directors[-2])
+    turned = torch.atan2(director[:, 2], director[:, 1]).numpy()
+    return frequency_of(np.arange(frames) / 4000.0, turned), expected
 
 
 def swing_of_chain(segments: int) -> tuple[float, float]:

@@ -7,6 +7,7 @@ import numpy as np
 import pytest
 import torch
 
+from benchmarks.thin.touching import two_blocks
 from physreal_core.geometry import Mesh
 from physreal_core.geometry.filling import fill_pieces
 from physreal_core.simulation import Body, Clamp, Parameters, SimulationConfig, Simulator
@@ -202,10 +203,10 @@ def test_a_batch_is_single_rollouts():
 # --- scenes whose end is known ----------------------------------------------------------------------------------
 
 
-@pytest.mark.parametrize("shift", [(0.0, 0.0), (0.5, 0.5), (0.3, 0.4)])
-def test_a_block_that_falls_on_another_comes_to_rest_on_it(shift):
+@pytest.mark.parametrize("corner", [(0.02, 0.02), (0.025, 0.025), (0.023, 0.024)])
+def test_a_block_that_falls_on_another_comes_to_rest_on_it(corner):
     """Wherever its lattice lies against the other's."""
-    body = stacked(gap=1.5, shift=shift)
+    body = two_blocks(H, (8, 8, 4), (4, 4, 3), corner, 1.5 * H)
     parameters = Parameters(
         torch.tensor(4e4), torch.tensor(0.3), torch.tensor(0.4), layer_friction=torch.tensor(0.3),
         linear_drag=torch.tensor(3.0 * body.mass).float(),
@@ -216,35 +217,6 @@ def test_a_block_that_falls_on_another_comes_to_rest_on_it(shift):
     upper = torch.tensor(body.piece == 1)
     assert float(states.v[-1].norm(dim=1).mean()) < 0.01
     assert float(height[upper].min() - height[~upper].max()) == pytest.approx(H, rel=0.1)
-
-
-def stacked(gap: float, shift: tuple[float, float], low=(8, 8, 4), up=(4, 4, 3)) -> Body:
-    """A block above another, with so many spacings of air between them."""
-    lower = block(low, H).x0
-    upper = block(up, H, corner=(0.02 + shift[0] * H, 0.02 + shift[1] * H, (low[2] + gap) * H)).x0
-    x0 = np.concatenate([lower, upper])
-    pieces = np.repeat([0, 1], [len(lower), len(upper)])
-    return Body(x0, np.full(len(x0), H**3), np.full(len(x0), 300.0), H, pieces=pieces)
-
-
-@pytest.mark.parametrize("friction, slope", [(0.3, 0.2), (0.3, 0.5), (0.0, 0.3), (0.6, 0.7)])
-def test_a_block_slides_down_another_by_coulombs_law(friction, slope):
-    """On a held one; gravity is tilted instead. Where tan(slope) is below friction it stays but for a creep."""
-    g = 9.81
-    body = stacked(gap=0.0, shift=(0.3, 0.4), low=(24, 8, 2), up=(5, 4, 2))
-    gravity = (g * math.sin(slope), 0.0, -g * math.cos(slope))
-    config = SimulationConfig(fps=60, gravity=gravity, ground_height=None, self_contact=True)
-    held = Clamp((-1.0, -1.0, -1.0), (1.0, 1.0, H))  # and not what the other piece lies on
-    parameters = Parameters(torch.tensor(5e4), torch.tensor(0.3), layer_friction=torch.tensor(friction))
-    frames, skipped = 16, 5
-    states = Simulator(body, config, clamps=(held,)).rollout(parameters, torch.zeros(frames, 0, 3))
-    speed = states.v[:, torch.tensor(body.piece == 1), 0].mean(1)
-    time = (frames - 1 - skipped) / 60
-    if math.tan(slope) < friction:
-        assert float(speed[-1]) < 3 * surface_module.LAYER_SPEED
-    else:
-        gained = float(speed[-1] - speed[skipped]) / time
-        assert gained == pytest.approx(g * (math.sin(slope) - friction * math.cos(slope)), rel=0.03)
 
 
 @pytest.mark.parametrize("touching", [True, False])
@@ -273,7 +245,7 @@ def test_prongs_that_are_thrown_at_each_other_do_not_pass_through(touching):
 
 def test_friction_between_pieces_comes_back_from_their_motion():
     """By its gradient through a slide."""
-    body = stacked(gap=0.1, shift=(0.3, 0.4), low=(10, 6, 2), up=(4, 4, 2))
+    body = two_blocks(H, (10, 6, 2), (4, 4, 2), (0.023, 0.024), 0.1 * H)
     held = Clamp((-1.0, -1.0, -1.0), (1.0, 1.0, H))
     config = SimulationConfig(fps=60, gravity=(3.0, 0.0, -9.0), ground_height=None, self_contact=True)
     simulator = Simulator(body, config, clamps=(held,))

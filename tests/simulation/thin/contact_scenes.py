@@ -33,18 +33,3 @@ def crossing_ropes(seed: int = 0, height: float = 0.05, gap: float = 0.98, frame
     lengths = np.concatenate([np.linalg.norm(np.diff(row, axis=0), axis=1) for row in rows])
     start = rest + 3e-4 * rng.normal(size=rest.shape) + [0.0, 0.0, height]
     return rod_body(start, 0.005, 600.0, lengths, (count,) * 3, frames)
-
-
-def folded(
-    cells: tuple[int, int], size: tuple[float, float], thickness: float, gap: float, density: float = 300.0
-) -> Body:
-    """A sheet on the ground, folded in half along its width, its halves `gap` of its thickness apart."""
-    rest, triangles = sheet(cells, size)
-    radius = gap * thickness / 2
-    along = rest[:, 0] - size[0] / 2  # the first half lies below
-    angle = np.clip(along / radius + np.pi / 2, 0.0, np.pi)
-    beyond = along - np.clip(along, -np.pi * radius / 2, np.pi * radius / 2)
-    start = rest.copy()
-    start[:, 0] = size[0] / 2 + radius * np.sin(angle) - np.abs(beyond)
-    start[:, 2] = thickness / 2 + radius * (1 - np.cos(angle))
-    return shell_body(start, triangles, thickness, density, rest)

@@ -1,18 +1,17 @@
 """Contact of layers against its energy in torch, conservation laws, and scenes whose end is known."""
 
 import dataclasses
-import math
 
 import numpy as np
 import pytest
 import torch
 
-from physreal_core.simulation import Body, Clamp, Grip, Parameters, SimulationConfig, Simulator, rod_body, shell_body
+from benchmarks.thin import touching
+from physreal_core.simulation import Body, Grip, Parameters, SimulationConfig, Simulator, rod_body
 from physreal_core.simulation.contact import surface as contact_module
 from physreal_core.simulation.contact.reference import contact_energy
 from physreal_core.simulation.native import NativeStepper
-from tests.simulation.thin.contact_scenes import crossing_ropes, folded, stacked_sheets
-from tests.simulation.thin.scenes import sheet
+from tests.simulation.thin.contact_scenes import crossing_ropes, stacked_sheets
 from tests.simulation.thin.test_gradients import scattered
 
 SCENES = {"shell": stacked_sheets, "rod": crossing_ropes}
@@ -109,7 +108,7 @@ def test_which_pairs_are_listed_does_not_matter(kind, monkeypatch):
 
 
 def test_the_number_of_threads_does_not_matter():
-    body = folded((24, 24), (0.24, 0.24), 0.004, gap=0.7)
+    body = touching.folded((24, 24), (0.24, 0.24), 0.004, gap=0.7)
     parameters = Parameters(number(1e5), number(0.3), number(0.3), layer_friction=number(0.3))
     results = []
     for threads in (1, 2):
@@ -124,26 +123,13 @@ def test_the_number_of_threads_does_not_matter():
 
 
 def test_a_folded_sheet_comes_to_rest_a_thickness_apart():
-    """Dropped with its halves 3 thicknesses apart: the upper half ends on the lower one, at half a thickness at least and one at most."""
-    thickness = 0.002
-    body = folded((20, 8), (0.2, 0.08), thickness, gap=3.0)
-    config = SimulationConfig(fps=30, terms=("drag", "bending"), self_contact=True)
-    parameters = Parameters(
-        torch.tensor(1e5), torch.tensor(0.3), torch.tensor(0.4), bending_ratio=torch.tensor(0.05),
-        linear_drag=torch.tensor(3.0) * torch.tensor(body.mass), layer_friction=torch.tensor(0.4),
-    )  # fmt: skip
-    states = Simulator(body, config).rollout(parameters, torch.zeros(46, 0, 3))
-    upper = np.arange(21)[:, None] * 9 + np.arange(9)
-    height = states.x[-1, :, 2][torch.as_tensor(upper)]
-    low, high = height[:6].mean(), height[-6:]
-    assert float(states.v[-1].norm(dim=1).mean()) < 0.05
-    assert float(low) == pytest.approx(thickness / 2, abs=0.1 * thickness)
-    assert float((high - low).min()) > 0.5 * thickness
-    assert float(high.mean() - low) == pytest.approx(thickness, rel=0.1)
+    """Dropped with its halves 3 thicknesses apart."""
+    height, thickness = touching.rest_fold(20)
+    assert height == pytest.approx(thickness, rel=0.1)
 
 
 def test_without_contact_the_folded_sheet_falls_through_itself():
-    body = folded((20, 8), (0.2, 0.08), 0.002, gap=3.0)
+    body = touching.folded((20, 8), (0.2, 0.08), 0.002, gap=3.0)
     config = SimulationConfig(fps=30, terms=("drag", "bending"))
     parameters = Parameters(
         torch.tensor(1e5), torch.tensor(0.3), torch.tensor(0.4), bending_ratio=torch.tensor(0.05),
@@ -154,50 +140,25 @@ def test_without_contact_the_folded_sheet_falls_through_itself():
 
 
 @pytest.mark.parametrize("friction, slope", [(0.3, 0.2), (0.3, 0.5), (0.0, 0.3), (0.6, 0.7)])
-def test_a_strip_slides_down_another_by_coulombs_law(friction, slope):
-    """On a held strip; gravity is tilted instead. Where tan(slope) is below friction it stays but for a creep."""
-    thickness, g = 0.004, 9.81
-    lower, first = sheet((30, 4), (0.3, 0.04))
-    upper, second = sheet((5, 3), (0.056, 0.03))
-    upper = upper + [0.021, 0.005, thickness]
-    body = shell_body(np.concatenate([lower, upper]), np.concatenate([first, second + len(lower)]), thickness, 300.0)
-    gravity = (g * math.sin(slope), 0.0, -g * math.cos(slope))
-    config = SimulationConfig(fps=60, gravity=gravity, ground_height=None, self_contact=True, terms=("bending",))
-    held = Clamp((-1.0, -1.0, -1e-3), (1.0, 1.0, 1e-3))
-    parameters = Parameters(
-        torch.tensor(5e5), torch.tensor(0.0), bending_ratio=torch.tensor(1.0), layer_friction=torch.tensor(friction)
-    )
-    frames, skipped = 16, 4
-    states = Simulator(body, config, clamps=(held,)).rollout(parameters, torch.zeros(frames, 0, 3))
-    speed = states.v[:, len(lower) :, 0].mean(1)
-    time = (frames - 1 - skipped) / 60
-    gained = float(speed[-1] - speed[skipped]) / time
-    if math.tan(slope) < friction:
-        assert float(speed[-1]) < 2 * contact_module.LAYER_SPEED
+@pytest.mark.parametrize("slides", [touching.sliding_strip, touching.sliding_block])
+def test_what_lies_on_itself_slides_by_coulombs_law(slides, friction, slope):
+    """Where tan(slope) is below friction it stays but for a creep."""
+    acceleration, speed = slides(30 if slides is touching.sliding_strip else 2, friction, slope)
+    expected = touching.slide_down(slope, friction)
+    if expected == 0.0:
+        assert speed < 3 * contact_module.LAYER_SPEED
     else:
-        assert gained == pytest.approx(g * (math.sin(slope) - friction * math.cos(slope)), rel=0.03)
+        assert acceleration == pytest.approx(expected, rel=0.03)
 
 
 def test_a_cloth_folded_in_half_and_lifted_by_the_upper_corners_opens():
-    """Its lower half stays while the upper one is lifted: at the end it hangs in one layer, longer than half of it."""
-    body = folded((20, 6), (0.2, 0.06), 0.002, gap=1.1)
-    corners = np.array([len(body.x0) - 7, len(body.x0) - 1])
-    points = body.x0[corners] + [0.0, 0.0, 0.005]
-    grip = Grip(corners, np.arange(2), np.ones(2), np.full(2, 0.005))
-    config = SimulationConfig(fps=30, terms=("drag", "bending"), self_contact=True)
-    parameters = Parameters(
-        torch.tensor(1e5), torch.tensor(0.3), torch.tensor(0.4), bending_ratio=torch.tensor(0.05),
-        grip_stiffness=torch.tensor(2.0), grip_damping=torch.tensor(0.01),
-        linear_drag=torch.tensor(3.0) * torch.tensor(body.mass), layer_friction=torch.tensor(0.4),
-    )  # fmt: skip
-    frames = 46
-    time = torch.linspace(0, 1, frames)[:, None, None]
-    path = torch.tensor(points).float() + 0.3 * time * torch.tensor([0.0, 0.0, 1.0])
-    states = Simulator(body, config, grip).rollout(parameters, path)
-    heights = states.x[-1, :, 2]
-    rows = heights.view(21, 7).mean(1)
-    assert (rows[1:] > rows[:-1] - 1e-3).all()  # from the free end upwards without a fold
-    assert float(rows[-1] - rows[0]) > 0.18
+    height, length = touching.cloth_opens(20)
+    assert height == pytest.approx(length, rel=0.02)
+
+
+def test_a_rope_laid_in_a_loop_and_pulled_does_not_pass_through_itself():
+    least, diameter = touching.loop_pulled(60)
+    assert least > 0.5 * diameter
 
 
 def test_hooked_ropes_do_not_pass_through_each_other():

@@ -38,8 +38,16 @@ def soft_block() -> Body:
     return Body((index + 0.5) * 0.01, np.full(len(index), 1e-6), np.full(len(index), 300.0), 0.01)
 
 
-BODIES = {"block": soft_block, "shell": wavy_sheet, "rod": wavy_ropes}
-MODULI = {"block": 2e3, "shell": 3e4, "rod": 3e4}  # Pa
+def fork() -> Body:
+    """A base and two prongs of 96 particles with two spacings of air between them: limbs that share no node of the grid."""
+    index = np.stack(np.meshgrid(np.arange(6), np.arange(6), np.arange(3), indexing="ij"), -1).reshape(-1, 3)
+    index = index[(index[:, 1] > 3) | (index[:, 0] < 2) | (index[:, 0] > 3)]
+    return Body((index + 0.5) * 0.01, np.full(len(index), 1e-6), np.full(len(index), 300.0), 0.01)
+
+
+BODIES = {"block": soft_block, "fork": fork, "shell": wavy_sheet, "rod": wavy_ropes}
+MODULI = {"block": 2e3, "fork": 2e3, "shell": 3e4, "rod": 3e4}  # Pa
+THIN_RESIDUAL = ResidualConfig(latent_size=2, hidden=4, strain_scale=0.01, thin=True)
 
 
 @dataclass(frozen=True)
@@ -68,6 +76,9 @@ CASES = {
     "drag, density": Case(terms=("drag", "density")),
     "shell": Case(body="shell", held=True, terms=SHELL_TERMS, led=True),
     "rod": Case(body="rod", held=True, terms=ROD_TERMS, led=True),
+    "limbs": Case(body="fork", held=True, terms=("drag", "density"), led=True),
+    "shell, residual": Case(body="shell", residual=THIN_RESIDUAL, held=True, terms=SHELL_TERMS),
+    "rod, residual": Case(body="rod", residual=THIN_RESIDUAL, held=True, terms=ROD_TERMS),
 }
 PLASTIC = {"identity": (0.0, 0.0), "von_mises": (20.0, 1.0), "drucker_prager": (0.4, 5.0)}
 
@@ -108,7 +119,8 @@ def scene(case: Case, device: str, dtype: str) -> tuple[Simulator, dict, torch.T
     if case.plastic_law != "identity":
         leaves["plastic"] = leaf(torch.tensor(PLASTIC[case.plastic_law]).expand(count, 2))
     if case.residual is not None:
-        for name, weights in zip(("elastic", "plastic"), initial_weights(case.residual, 0), strict=True):
+        names = ("elastic",) if case.residual.thin else ("elastic", "plastic")
+        for name, weights in zip(names, initial_weights(case.residual, 0), strict=False):
             noise = torch.randn(weights.shape, generator=generator, dtype=torch.float64)
             leaves[f"network_{name}"] = leaf(weights + 0.3 * noise)
             leaves[f"latent_{name}"] = leaf(torch.randn(count, 2, generator=generator, dtype=torch.float64))

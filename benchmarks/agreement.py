@@ -15,7 +15,7 @@ from pathlib import Path
 import numpy as np
 import torch
 
-from benchmarks.thin_scenes import wavy_ropes, wavy_sheet
+from benchmarks.thin_scenes import crossing_ropes, stacked_sheets, wavy_ropes, wavy_sheet
 from physreal_core.simulation import Body, Clamp, Grip, Parameters, PointLoad, SimulationConfig, Simulator, States
 from physreal_core.simulation.laws import ResidualConfig, initial_weights
 from physreal_core.simulation.terms import BRANCH_TERMS, STRESS_TERMS, TERMS, THIN_TERMS, term_shapes
@@ -45,8 +45,15 @@ def fork() -> Body:
     return Body((index + 0.5) * 0.01, np.full(len(index), 1e-6), np.full(len(index), 300.0), 0.01)
 
 
-BODIES = {"block": soft_block, "fork": fork, "shell": wavy_sheet, "rod": wavy_ropes}
-MODULI = {"block": 2e3, "fork": 2e3, "shell": 3e4, "rod": 3e4}  # Pa
+BODIES = {
+    "block": soft_block,
+    "fork": fork,
+    "shell": wavy_sheet,
+    "rod": wavy_ropes,
+    "sheets": stacked_sheets,
+    "ropes": crossing_ropes,
+}
+MODULI = {"block": 2e3, "fork": 2e3} | dict.fromkeys(("shell", "rod", "sheets", "ropes"), 3e4)  # Pa
 THIN_RESIDUAL = ResidualConfig(latent_size=2, hidden=4, strain_scale=0.01, thin=True)
 
 
@@ -60,6 +67,7 @@ class Case:
     held: bool = False  # by a clamp at one side, pulled by a load at another
     terms: tuple[str, ...] = ()
     led: bool = False  # whether the controller points have a gradient, too
+    touching: bool = False  # whether the body touches itself
     body: str = "block"
 
 
@@ -77,6 +85,8 @@ CASES = {
     "shell": Case(body="shell", held=True, terms=SHELL_TERMS, led=True),
     "rod": Case(body="rod", held=True, terms=ROD_TERMS, led=True),
     "limbs": Case(body="fork", held=True, terms=("drag", "density"), led=True),
+    "sheets that touch": Case(body="sheets", terms=("bending",), touching=True),
+    "ropes that touch": Case(body="ropes", terms=("bending",), touching=True),
     "shell, residual": Case(body="shell", residual=THIN_RESIDUAL, held=True, terms=SHELL_TERMS),
     "rod, residual": Case(body="rod", residual=THIN_RESIDUAL, held=True, terms=ROD_TERMS),
 }
@@ -92,7 +102,7 @@ def scene(case: Case, device: str, dtype: str) -> tuple[Simulator, dict, torch.T
     lengths = np.linalg.norm(x0[particles] - points[particles % 2], axis=1)
     config = SimulationConfig(
         fps=60.0, elastic_law=case.elastic_law, plastic_law=case.plastic_law, residual=case.residual, terms=case.terms,
-        dtype=dtype, device=device,
+        dtype=dtype, device=device, self_contact=case.touching,
     )  # fmt: skip
     clamps, loads = (), ()
     if case.held:
@@ -124,7 +134,12 @@ def scene(case: Case, device: str, dtype: str) -> tuple[Simulator, dict, torch.T
             noise = torch.randn(weights.shape, generator=generator, dtype=torch.float64)
             leaves[f"network_{name}"] = leaf(weights + 0.3 * noise)
             leaves[f"latent_{name}"] = leaf(torch.randn(count, 2, generator=generator, dtype=torch.float64))
-    if case.body == "rod":
+    if case.touching:
+        leaves["layer_friction"] = leaf(0.4)
+        leaves["friction_coefficient"].requires_grad_(False)  # the ground is below
+        upper = x0[:, 2:] > x0[:, 2].mean()
+        leaves["initial_velocity"] = leaf([0.5, 0.2, 0.0] + np.where(upper, -0.2, 0.2) * [1.0, 0.5, 1.0])
+    if case.body in ("rod", "ropes"):
         leaves["poissons_ratio"].requires_grad_(False)  # a rod does not feel it
     given = term_values(x0)
     leaves |= {name: leaf(given[name]) for term in case.terms for name in TERMS[term]}

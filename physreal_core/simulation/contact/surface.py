@@ -104,7 +104,7 @@ class Surface:
         return self.links.neighbours(self.weight)
 
     def squared_frequency(
-        self, youngs_modulus: Float[Tensor, "*rollouts vertices"], mass: Float[Tensor, "*rollouts vertices"]
+        self, youngs_modulus: Float[Tensor, "*#rollouts vertices"], mass: Float[Tensor, "*#rollouts vertices"]
     ) -> float:
         """Upper bound of the square of the fastest vibration of vertices on contacts [rad2/s2], of many rollouts the largest.
 

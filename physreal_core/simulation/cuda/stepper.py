@@ -79,6 +79,7 @@ class CudaStepper:
         self.particles, self.rollouts = len(body.x0), rollouts
         self._thin = body.elements is not None
         self.model = (ThinModel if self._thin else VolumeModel)(body, config, grip, clamps, loads, tool, rollouts)
+        self._contact = self.model.contact if self._thin else None
         self.shapes, self.state_shapes, self.lattice = self.model.shapes, self.model.state_shapes, self.model.lattice
         if rollouts * max(NODE_THREADS * self.lattice.nodes, 27 * self.particles) > MOST_NUMBERS:
             raise InputError(
@@ -96,7 +97,7 @@ class CudaStepper:
         self._weighed = False  # whether the nodes know what is around them
         self._fresh = True  # whether the state has to be put in anew
         self._launches: Launches | None = None
-        self._graphs: dict[tuple[str, int], wp.Graph] = {}
+        self._graphs: dict[tuple[str, int, int], wp.Graph] = {}
 
     def _cell_order(self) -> Tensor:
         """Order of the particles by columns of cells, rollout by rollout, shape [P]; the vertices of a thin body stay as they are."""
@@ -168,10 +169,28 @@ class CudaStepper:
         self._start_frame(span, kept)
         if self._fresh or kept is not None:
             self._launches.set_state(start, self._slot, self.order)
-        self._run(f"forward, keep={kept is not None}", lambda: self._launches.forward(self.substeps, kept is not None))
+        kept = self._run_forward(span, start, kept)
         self._launches.write_state(end, self._slot + (self.substeps if kept is not None else 0), self.order)
         self._fresh = kept is not None
         return self._report.cpu().numpy()
+
+    def _run_forward(self, span: Span, start: State, kept: int | None) -> int | None:
+        """Run the frame's substeps, again where the lists of pairs that touch did not do; whether and where the frame is still kept."""
+        self._run_substeps(kept is not None)
+        while self._contact is not None:
+            grown, too_far = self._contact.grow(), self._contact.list_more_often()
+            if grown:  # the pairs are elsewhere, which all launches have to know
+                self.slots, self.kept_slots, self.holder, kept = 0, 0, None, None
+                self.reserve(2)
+                self._start_frame(span, None)
+            elif not too_far:
+                break
+            self._launches.set_state(start, self._slot, self.order)
+            self._run_substeps(kept is not None)
+        return kept
+
+    def _run_substeps(self, keep: bool) -> None:
+        self._run(f"forward, keep={keep}", lambda: self._launches.forward(self.substeps, keep))
 
     def _start_frame(self, span: Span, kept: int | None) -> None:
         """Choose the slots: those of a kept frame, else the working ones; and put in what differs between frames."""
@@ -192,7 +211,7 @@ class CudaStepper:
         if self.device == "cpu":
             launches()
             return
-        key = (name, self.substeps)
+        key = (name, self.substeps, self._contact.every if self._contact else 0)
         if key not in self._graphs:
             if len(self._graphs) >= GRAPHS:
                 self._graphs.pop(next(iter(self._graphs)))
@@ -220,13 +239,15 @@ class CudaStepper:
         launches, self._fresh = self._launches, True
         if span.kept is None:
             launches.set_state(start, self._slot, self.order)
-            self._run("forward, keep=True", lambda: launches.forward(self.substeps, True))
+            self._run_substeps(True)
         launches.recall(start)
         for rollout in np.flatnonzero(~span.alive):
             launches.void(rollout, slice(self._slot, self._slot + self.substeps + 1))
         launches.prepare_backward(led)
         self.model.hand.controllers_bar.zero_()
         self._run(f"backward, controllers={led}", lambda: launches.backward(self.substeps, led))
+        if self._contact is not None:
+            self._contact.check()
         return self.model.hand.controllers_bar.transpose(0, 1) if led else None
 
     def nodes_adjoint(self) -> Tensor:

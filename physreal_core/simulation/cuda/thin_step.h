@@ -3,11 +3,12 @@
 //
 // Two launches a substep, one thread for each element and one for each vertex. A vertex adds up in the order of its incidence list and
 // there are no atomics, so that a rerun gives the same bytes, wherever in a batch a rollout stands. Slots count from the frame's
-// first one, as everywhere (forces.h).
+// first one, as everywhere (forces.h). Where the body touches itself, pairs leave their forces before the vertices move (thin_contact.h).
 #pragma once
 #include "elements.h"
 #include "forces.h"
 #include "phase.h"
+#include "thin_contact.h"
 #include "thin_residual.h"
 #include "surface_drag.h"
 
@@ -146,8 +147,8 @@ private:
     }
 };
 
-// INPUTS, TERMS, HAND, LED: as of ParticleForces; CORNERS: of an element.
-template <class S, bool INPUTS, Index TERMS, int HAND, bool LED, int CORNERS>
+// INPUTS, TERMS, HAND, LED: as of ParticleForces; TOUCHES: whether the body touches itself; CORNERS: of an element.
+template <class S, bool INPUTS, Index TERMS, int HAND, bool LED, bool TOUCHES, int CORNERS>
 class VertexOfRollout : ParticleForces<S, INPUTS, TERMS, HAND, LED> {
     using Forces = ParticleForces<S, INPUTS, TERMS, HAND, LED>;
     using typename Forces::At;
@@ -168,7 +169,8 @@ public:
     void forward(int substep, int slot, int slot_next, int last) const {
         const Index now = place_in(slot), after = place_in(slot_next);
         const At at = at_state(now);
-        const Vec3<S> f = force(substep, at) + left(f_.element_force);
+        Vec3<S> f = force(substep, at) + left(f_.element_force);
+        if constexpr (TOUCHES) f = f + sums().take_force(p_);
         const Vec4<S> push = {{dt_ * f[0], dt_ * f[1], dt_ * f[2], constant(constant::volume) * touching(at.x_[2])}};
         const Vec4<S> free = phase_.free(velocity(at), push, around());
         if (!finite(dot(at.x_, at.x_) + dot(three(free), three(free)))) fail(substep);
@@ -176,6 +178,7 @@ public:
         const Vec3<S> v = three(phase_.velocity(free, around())), x = at.x_ + dt_ * v;
         put(f_.v, after, v);
         put(f_.x, after, x);
+        if constexpr (TOUCHES) raise_to(f_.contact_moved, float(distance_from(f_.contact_place, x)));
         if constexpr (VISCOUS)
             put(f_.mean_velocity, after, remembered() * get3(f_.mean_velocity, now) + (1 - remembered()) * v);
         if (last && !finite(dot(x, x) + dot(v, v))) fail(substep + 1);
@@ -187,7 +190,7 @@ public:
         const Index now = place_in(slot);
         if (!finite(f_.x[3 * now])) return;  // of a rollout that has failed
         At at = at_state(now);
-        if (arrived) add_left();
+        if (arrived) add_left(slot + 1);
         Vec3<S> x_bar = get3(f_.x_bar, p_), v_bar = get3(f_.v_bar, p_) + dt_ * x_bar;
         if constexpr (VISCOUS) {
             const Vec3<S> mean_bar = get3(f_.mean_velocity_bar, p_);
@@ -205,13 +208,15 @@ public:
         put(f_.x_bar, p_, x_bar + at.x_bar);
         put(f_.v_bar, p_, three(bar) + at.v_bar);
         reinterpret_cast<Vec4<S>*>(f_.node_bar)[p_] = {{f_bar[0], f_bar[1], f_bar[2], 0}};
+        if constexpr (TOUCHES)
+            for (int d = 0; d < 3; ++d) raise_to(&sums().largest(slot), float(f_bar[d] < 0 ? -f_bar[d] : f_bar[d]));
         add_inputs(found.mass + at.mass_bar, f_bar);
         add_node_sums<INPUTS, TERMS>(f_, p_, friction_bar, bar);
     }
 
     // Adds what the elements of the frame's first substep have left.
     void settle() const {
-        if (finite(f_.x[3 * place_in(0)])) add_left();
+        if (finite(f_.x[3 * place_in(0)])) add_left(0);
     }
 
 private:
@@ -223,11 +228,27 @@ private:
     // Share of the mean velocity that a substep keeps.
     S remembered() const { return f_.timing[3]; }
 
-    // Adds what the elements left of a substep to the adjoints of the state before it.
-    void add_left() const {
+    ContactSums<S> sums() const { return {f_, rollout_}; }
+    S distance_from(const S* places, const Vec3<S>& x) const {
+        const Vec3<S> way = x - get3(places, p_);
+        return sqrt(dot(way, way));
+    }
+
+    // Adds what the elements and contact left of the substep in a slot to the adjoints of the state before it.
+    void add_left(int slot) const {
         put(f_.x_bar, p_, get3(f_.x_bar, p_) + left(f_.element_force));
         if constexpr (VISCOUS) put(f_.mean_velocity_bar, p_, get3(f_.mean_velocity_bar, p_) + left(f_.element_mean));
         if constexpr (DRAGGED) put(f_.v_bar, p_, get3(f_.v_bar, p_) + left(f_.element_velocity));
+        if constexpr (TOUCHES) add_contact(slot);
+    }
+    void add_contact(int slot) const {
+        using Sums = ContactSums<S>;
+        for (int d = 0; d < 3; ++d) {
+            f_.x_bar[3 * p_ + d] += sums().take_bar(p_, Sums::X_BAR + d, slot);
+            f_.v_bar[3 * p_ + d] += sums().take_bar(p_, Sums::V_BAR + d, slot);
+        }
+        f_.bars[bar::youngs_modulus * f_.stride + p_] += sums().take_bar(p_, Sums::MODULUS_BAR, slot);
+        if (own_ == 0) f_.node_sums[node_sum::layer_friction * f_.rollouts * f_.nodes + p_] += sums().take_friction(slot);
     }
 
     // What elements left at the vertex.
@@ -241,9 +262,10 @@ private:
 };
 
 // The entry points: one element or one vertex of all rollouts.
-template <class S, bool INPUTS, Index TERMS, int HAND, bool LED, template <class, class> class Element>
+template <class S, bool INPUTS, Index TERMS, int HAND, bool LED, bool TOUCHES, template <class, class> class Element>
 struct ThinStep {
-    using Vertex = VertexOfRollout<S, INPUTS, TERMS, HAND, LED, Element<S, S>::CORNERS>;
+    using Vertex = VertexOfRollout<S, INPUTS, TERMS, HAND, LED, TOUCHES, Element<S, S>::CORNERS>;
+    using Pairs = ContactOfRollout<S, Element<S, S>::FACE>;
     using Body = ElementOfRollout<S, TERMS, Element>;
 
     static void start(const ThinFrame<S>& f, int rollout) { f.report[rollout] = NOT_FAILED; }
@@ -257,6 +279,13 @@ struct ThinStep {
     }
     static void elements_adjoint(const ThinFrame<S>& f, int thread, int slot) { Body(f, thread).backward(slot); }
     static void settle(const ThinFrame<S>& f, int thread) { Vertex(f, thread).settle(); }
+
+    // Where the body touches itself.
+    static void clear_pairs(const ThinFrame<S>& f, int thread, int slot) { Pairs(f).clear(thread, slot); }
+    static void list_pairs(const ThinFrame<S>& f, int thread, int slot) { Pairs(f).list(thread, slot); }
+    static void touch(const ThinFrame<S>& f, int thread, int slot) { Pairs(f).forward(thread, slot); }
+    static void begin_adjoint(const ThinFrame<S>& f, int thread) { Pairs(f).begin_adjoint(thread); }
+    static void touch_adjoint(const ThinFrame<S>& f, int thread, int slot) { Pairs(f).backward(thread, slot); }
 };
 
 }  // namespace physreal

@@ -1,12 +1,11 @@
 """Arrays for the contact of a body with itself on the CPU (contacts.h)."""
 
-import numpy as np
 import torch
 
 from physreal_core.array_types import Array, Int, Tensor
 from physreal_core.errors import SimulationError
 from physreal_core.simulation.body import Body
-from physreal_core.simulation.contact.surface import LAYER_SPEED
+from physreal_core.simulation.contact.arrays import surface_arrays, surface_numbers
 
 BLOCK = 16  # pairs; the widest block that a machine works on
 FIRST_ROOM = 4
@@ -42,36 +41,11 @@ class ContactArrays:
 
     def model(self) -> dict[str, Tensor]:
         """Arrays that all rollouts share, by the frame's name."""
-        surface, order = self._surface, self._order
-        place = np.argsort(order)
-        first, near = surface.neighbours()
-        by_place = [near[first[p] : first[p + 1]] for p in order]
-        whole = {
-            "contact_face": place[surface.faces],
-            "contact_edge": place[surface.edges],
-            "near_first": np.cumsum([0, *map(len, by_place)]),
-            "near": place[np.concatenate(by_place)],
-        }
-        arrays = {
-            name: torch.from_numpy(np.ascontiguousarray(values, dtype=np.int32)) for name, values in whole.items()
-        }
-        numbers = {"contact_weight": surface.weight, "contact_reach": surface.reach}
-        return arrays | {name: torch.as_tensor(values[order]).to(self._dtype) for name, values in numbers.items()}
+        return surface_arrays(self._body, self._order, self._dtype)
 
     def numbers(self) -> dict[str, float | int]:
         """Numbers that all rollouts share, by the frame's name."""
-        surface, body = self._surface, self._body
-        return {
-            "contact_faces": len(surface.faces),
-            "contact_edges": len(surface.edges),
-            "bin_cells": self._cells,
-            "contact_distance": surface.distance,
-            "contact_margin": surface.margin,
-            "contact_size": surface.size,
-            "layer_speed": LAYER_SPEED,
-            # a vertex between others under as many pairs loses at most its speed in a step
-            "layer_softening": 2.0 * surface.pairs_at_a_vertex / float(body.mass.mean()),
-        }
+        return surface_numbers(self._body) | {"bin_cells": self._cells}
 
     @property
     def _cells(self) -> int:

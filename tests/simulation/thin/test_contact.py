@@ -7,11 +7,12 @@ import pytest
 import torch
 
 from benchmarks.thin import touching
+from benchmarks.thin_scenes import crossing_ropes, stacked_sheets
 from physreal_core.simulation import Body, Grip, Parameters, SimulationConfig, Simulator, rod_body
 from physreal_core.simulation.contact import surface as contact_module
 from physreal_core.simulation.contact.reference import contact_energy
+from physreal_core.simulation.cuda import thin_contact
 from physreal_core.simulation.native import NativeStepper
-from tests.simulation.thin.contact_scenes import crossing_ropes, stacked_sheets
 from tests.simulation.thin.test_gradients import scattered
 
 SCENES = {"shell": stacked_sheets, "rod": crossing_ropes}
@@ -23,7 +24,7 @@ def number(value: float) -> torch.Tensor:
 
 
 @pytest.mark.parametrize("kind", SCENES)
-def test_forces_are_the_slope_of_the_energy(kind):
+def test_forces_are_the_slope_of_the_energy(kind, form):
     """Elastic forces cancel between a step with and one without contact."""
     body = SCENES[kind]()
     count = len(body.x0)
@@ -42,7 +43,7 @@ def test_forces_are_the_slope_of_the_energy(kind):
 
 
 @pytest.mark.parametrize("kind", SCENES)
-def test_momentum_is_kept(kind):
+def test_momentum_is_kept(kind, form):
     """With friction: forces between layers are pairs along one line, or shared at the nearest points."""
     body = SCENES[kind]()
     config = SimulationConfig(fps=500, **WEIGHTLESS)
@@ -57,7 +58,7 @@ def test_momentum_is_kept(kind):
 
 
 @pytest.mark.parametrize("kind", SCENES)
-def test_a_bounce_without_friction_keeps_the_energy(kind):
+def test_a_bounce_without_friction_keeps_the_energy(kind, form):
     """Of stiff layers that have parted again: kinetic and elastic energy; what a step of first order loses shrinks with it."""
     body = SCENES[kind](gap=1.3) if kind == "shell" else crossing_ropes(gap=1.3)
     errors = []
@@ -89,8 +90,9 @@ def total_energy(body: Body, parameters: Parameters, states, frame: int) -> floa
 
 
 @pytest.mark.parametrize("kind", SCENES)
-def test_which_pairs_are_listed_does_not_matter(kind, monkeypatch):
+def test_which_pairs_are_listed_does_not_matter(kind, form, monkeypatch):
     """A margin of a fiftieth of an edge, with lists every other step, and one that holds the whole body give the same digits."""
+    monkeypatch.setattr(thin_contact, "SELDOM", 4)
     body = SCENES[kind](gap=1.2)
     up = torch.tensor(body.x0[:, 2] > body.x0[:, 2].mean()).double()[:, None]
     start = (2 * up - 1) * torch.tensor([0.8, 0.3, -1.0], dtype=torch.float64)
@@ -105,6 +107,38 @@ def test_which_pairs_are_listed_does_not_matter(kind, monkeypatch):
         results.append((states.x.detach(), parameters.youngs_modulus.grad))
     assert torch.allclose(results[0][0], results[1][0], rtol=0, atol=1e-9)
     assert torch.allclose(results[0][1], results[1][1], rtol=1e-5, atol=0)
+
+
+def collision(body: Body, slide: float = 0.8) -> dict[str, torch.Tensor]:
+    """Places and gradients of layers that meet."""
+    up = torch.tensor(body.x0[:, 2] > body.x0[:, 2].mean()).double()[:, None]
+    start = (2 * up - 1) * torch.tensor([slide, 0.3, -1.0], dtype=torch.float64)
+    leaves = {
+        "youngs_modulus": scattered(len(body.x0), 2e5, 1).requires_grad_(),
+        "layer_friction": number(0.3).requires_grad_(),
+    }
+    config = SimulationConfig(fps=100, **WEIGHTLESS)
+    states = Simulator(body, config).rollout(
+        Parameters(poissons_ratio=number(0.25), initial_velocity=start, **leaves), torch.zeros(6, 0, 3)
+    )
+    states.x[-1].square().sum().backward()
+    return {"x": states.x.detach()} | {name: leaf.grad for name, leaf in leaves.items()}
+
+
+@pytest.mark.parametrize("kind", SCENES)
+def test_too_little_room_and_too_few_lists_are_made_good(kind, fused, monkeypatch):
+    """The fused form repeats a frame with more room for pairs, and with more lists where vertices go too far between two; a rerun gives the same
+    bytes."""
+    body = SCENES[kind](gap=1.2)
+    as_usual = collision(body)
+    for setting, value in (("FIRST_ROOM", 0.1), ("SELDOM", 10_000)):
+        with monkeypatch.context() as patch:
+            patch.setattr(thin_contact, setting, value)
+            found = collision(body)
+            for name, values in as_usual.items():
+                torch.testing.assert_close(found[name], values, rtol=1e-12, atol=0)
+    again = collision(body)
+    assert all(torch.equal(again[name], values) for name, values in as_usual.items())
 
 
 def test_the_number_of_threads_does_not_matter():
@@ -146,7 +180,7 @@ def test_what_lies_on_itself_slides_by_coulombs_law(slides, friction, slope):
     acceleration, speed = slides(30 if slides is touching.sliding_strip else 2, friction, slope)
     expected = touching.slide_down(slope, friction)
     if expected == 0.0:
-        assert speed < 3 * contact_module.LAYER_SPEED
+        assert speed < (2 if slides is touching.sliding_strip else 5) * contact_module.LAYER_SPEED
     else:
         assert acceleration == pytest.approx(expected, rel=0.03)
 

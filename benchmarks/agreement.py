@@ -15,6 +15,7 @@ from pathlib import Path
 import numpy as np
 import torch
 
+from benchmarks.thin.touching import two_blocks
 from benchmarks.thin_scenes import crossing_ropes, stacked_sheets, wavy_ropes, wavy_sheet
 from physreal_core.simulation import Body, Clamp, Grip, Parameters, PointLoad, SimulationConfig, Simulator, States
 from physreal_core.simulation.laws import ResidualConfig, initial_weights
@@ -45,15 +46,21 @@ def fork() -> Body:
     return Body((index + 0.5) * 0.01, np.full(len(index), 1e-6), np.full(len(index), 300.0), 0.01)
 
 
+def blocks() -> Body:
+    """A block of 32 particles that lies on another of 50."""
+    return two_blocks(0.01, (5, 5, 2), (4, 4, 2), (0.003, 0.004), 0.001)
+
+
 BODIES = {
     "block": soft_block,
+    "blocks": blocks,
     "fork": fork,
     "shell": wavy_sheet,
     "rod": wavy_ropes,
     "sheets": stacked_sheets,
     "ropes": crossing_ropes,
 }
-MODULI = {"block": 2e3, "fork": 2e3} | dict.fromkeys(("shell", "rod", "sheets", "ropes"), 3e4)  # Pa
+MODULI = dict.fromkeys(("block", "blocks", "fork"), 2e3) | dict.fromkeys(("shell", "rod", "sheets", "ropes"), 3e4)  # Pa
 THIN_RESIDUAL = ResidualConfig(latent_size=2, hidden=4, strain_scale=0.01, thin=True)
 
 
@@ -85,6 +92,7 @@ CASES = {
     "shell": Case(body="shell", held=True, terms=SHELL_TERMS, led=True),
     "rod": Case(body="rod", held=True, terms=ROD_TERMS, led=True),
     "limbs": Case(body="fork", held=True, terms=("drag", "density"), led=True),
+    "blocks that touch": Case(terms=("drag", "density"), body="blocks", touching=True),
     "sheets that touch": Case(body="sheets", terms=("bending",), touching=True),
     "ropes that touch": Case(body="ropes", terms=("bending",), touching=True),
     "shell, residual": Case(body="shell", residual=THIN_RESIDUAL, held=True, terms=SHELL_TERMS),
@@ -136,7 +144,7 @@ def scene(case: Case, device: str, dtype: str) -> tuple[Simulator, dict, torch.T
             leaves[f"latent_{name}"] = leaf(torch.randn(count, 2, generator=generator, dtype=torch.float64))
     if case.touching:
         leaves["layer_friction"] = leaf(0.4)
-        leaves["friction_coefficient"].requires_grad_(False)  # the ground is below
+        leaves["friction_coefficient"].requires_grad_(case.body == "blocks")  # the others are above the ground
         upper = x0[:, 2:] > x0[:, 2].mean()
         leaves["initial_velocity"] = leaf([0.5, 0.2, 0.0] + np.where(upper, -0.2, 0.2) * [1.0, 0.5, 1.0])
     if case.body in ("rod", "ropes"):

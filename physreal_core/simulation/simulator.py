@@ -245,13 +245,6 @@ def _check_kind(body: Body, config: SimulationConfig) -> None:
     thin = body.elements is not None
     if not thin:
         require_thickness(body.x0, body.volume, body.spacing, where="Body.spacing")
-    if config.self_contact and config.device != "cpu" and not thin:
-        raise InputError(
-            f"self_contact of a volume on {config.device}",
-            where="SimulationConfig.self_contact",
-            expected="a shell or a rod, or the CPU",
-            remedy="in a project, set fit_global.simulation.self_contact to false",
-        )
     if thin and body.elements.framed and config.device != "cpu":
         raise InputError(
             f"a rod with directors on {config.device}",

@@ -191,7 +191,7 @@ class Simulation(StageParameters):
     dtype: Literal["float32", "float64"] = Field("float32", description="precision of the simulator")
     self_contact: bool = Field(
         False,
-        description="whether layers of a cloth, strands of a rope, parts and pieces of a volume touch; with device: cpu alone",
+        description="whether layers of a cloth, strands of a rope, parts and pieces of a volume touch",
     )
 
     def setting(self) -> dict:

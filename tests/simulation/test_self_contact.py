@@ -88,7 +88,7 @@ def test_a_filled_mesh_at_rest_touches_nowhere(gap):
 # --- forces -----------------------------------------------------------------------------------------------------
 
 
-def test_forces_are_the_slope_of_the_energy():
+def test_forces_are_the_slope_of_the_energy(form):
     """What contact adds to the velocities of one step is the energy's slope, brought to the nodes and back."""
     body = stones()
     config = dataclasses.replace(WEIGHTLESS, fps=1e6, terms=("initial_position",))
@@ -119,7 +119,7 @@ def collision(body: Body, config: SimulationConfig, friction: float, slide: tupl
     return x, v, F, record.further["nodes"][:, 0, :, :3]
 
 
-def test_momentum_is_kept():
+def test_momentum_is_kept(form):
     """With friction, linear and angular."""
     body = stones()
     _, v, _, nodes = collision(body, WEIGHTLESS, 0.5)
@@ -132,7 +132,7 @@ def test_momentum_is_kept():
     assert float((momentum - momentum[0]).abs().max()) < 1e-10 * scale
 
 
-def test_a_bounce_without_friction_keeps_the_energy():
+def test_a_bounce_without_friction_keeps_the_energy(form):
     body = stones()
     lattice = lattice_of(body, ())
     mass = node_masses(dataclasses.replace(body, x0=lattice.place), lattice)[:, None]
@@ -170,7 +170,7 @@ def test_which_pairs_are_listed_and_how_many_threads_list_them_does_not_matter(m
 
 
 @pytest.mark.parametrize("slide", [0.3, 1e-4])
-def test_every_parameter_through_contact(slide):
+def test_every_parameter_through_contact(slide, form):
     """While the pieces slide past each other, and while friction holds them."""
     body, rng = stones(), torch.Generator().manual_seed(3)
     count = len(body.x0)
@@ -188,7 +188,7 @@ def test_every_parameter_through_contact(slide):
     assert_adjoints_agree(directional_errors(simulator, parameters, NO_POINTS, random_loss([1, 2, 3]), steps))
 
 
-def test_a_batch_is_single_rollouts():
+def test_a_batch_is_single_rollouts(form):
     body = stones()
     start = sign(body) * torch.tensor([0.3, 0.1, -0.8], dtype=torch.float64)
     parameters = Parameters(number(2e4), number(0.3), initial_velocity=start, layer_friction=number(0.3))
@@ -220,7 +220,7 @@ def test_a_block_that_falls_on_another_comes_to_rest_on_it(corner):
 
 
 @pytest.mark.parametrize("touching", [True, False])
-def test_prongs_that_are_thrown_at_each_other_do_not_pass_through(touching):
+def test_prongs_that_are_thrown_at_each_other_do_not_pass_through(touching, form):
     """Held at the base. Without contact they cross."""
     body = fork(2)
     lower, upper = prongs(body)

@@ -10,7 +10,14 @@ from physreal_core.native import native_module
 from physreal_core.simulation.config import SimulationConfig
 from physreal_core.simulation.cuda.parts import LARGEST_GROUP, NODE_THREADS, WARP
 from physreal_core.simulation.layout import Structure
-from physreal_core.simulation.step_layout import LAWS_FOLDER, law_bits, law_headers, layout_text, material_arguments
+from physreal_core.simulation.step_layout import (
+    CONTACT_FOLDER,
+    LAWS_FOLDER,
+    law_bits,
+    law_headers,
+    layout_text,
+    material_arguments,
+)
 
 FRAME = Structure(
     "Frame",
@@ -105,6 +112,33 @@ FRAME = Structure(
     S* node_sums  [NODE_SUMS, R * nodes]
     S* controllers_bar  [R, 4, points, 3]
     S* rest_length_bar  [R, B]
+
+    # Contact with itself (contact/surface.py)
+    Index contact_faces
+    Index contact_edges
+    Index pair_capacity  of each rollout and kind of pairs
+    S contact_distance
+    S contact_margin  half of which a vertex may go between lists
+    S contact_size  stiffness over Young's modulus [m]
+    S layer_speed
+    S layer_softening
+    const int* contact_face  [contact_faces, corners]
+    const int* contact_edge  [contact_edges, 2]
+    const S* contact_weight  [particles]
+    const S* contact_reach  [particles] [m]
+    const int* near_first  [particles + 1]
+    const int* near  [] vertices that hang together with each
+    const S* layer_friction  [R]
+    const double* contact_scale  [R] stiffness of the stiffest pair [N/m]
+    int* pairs  [2, R, pair_capacity, 4] vertices of points and faces, and of edges
+    int* pair_count  [2, R]
+    int* pairs_needed  [1] room that was too little
+    S* contact_place  [P, 3] where vertices were when pairs were listed
+    float* contact_moved  [1] how far from there one is, at most [m]
+    Index* contact_sums  [P, 7] forces, or adjoints of x, v and Young's modulus, in units
+    S* contact_force_bar  [P, 4] adjoint of the forces
+    float* contact_largest  [R, 2] of the forces' adjoint, after even and odd substeps
+    Index* contact_friction_bar  [R] in units
     """,
 )
 INTEGERS = wp.types.vector(4, wp.int32)
@@ -179,14 +213,22 @@ def step_kernels(config: SimulationConfig, hand: int, led: bool | None) -> Simpl
         config: laws, residuals, terms and scalar type.
         hand: bits of what the hand does (`hand_model`).
         led: None for the forward pass: `Frame`, `give_mass`, `weigh`, `start`, `update`, `forward` by halves. Else for
-            the adjoint, whether that of the controller points is asked for: `turn`, `backward` by halves, `settle`.
+            the adjoint, whether that of the controller points is asked for: `turn`, `backward` by halves, `settle`. Beside them
+            `contact_kernels`.
     """
-    flags = (cpp(bool(config.terms)), law_bits(config), cpp(config.shaped), hand, cpp(bool(led)))
+    flags = (
+        cpp(bool(config.terms)),
+        law_bits(config),
+        cpp(config.shaped),
+        hand,
+        cpp(bool(led)),
+        cpp(config.self_contact),
+    )
     arguments = ", ".join([SCALARS[config.dtype], *map(str, flags), material_arguments(config)])
     sizes = f"constexpr int WARP = {WARP}, LARGEST_GROUP = {LARGEST_GROUP}, NODE_THREADS = {NODE_THREADS};\n"
     preamble = f"namespace physreal {{\n{sizes}}}\n{law_headers(config)}"
     name = module_name("rollouts", led, arguments)
-    module = Module(name, "step.h", (FRAME,), f"physreal::Step<{arguments}>", config.dtype, preamble)
+    module = Module(name, "step.h", (FRAME,), f"physreal::Step<{arguments}>", config.dtype, preamble, (CONTACT_FOLDER,))
 
     def halves(name: str, integers: int) -> dict[tuple[bool, bool], wp.Kernel]:
         return {
@@ -200,13 +242,23 @@ def step_kernels(config: SimulationConfig, hand: int, led: bool | None) -> Simpl
 
     if led is not None:
         settle = [module.kernel(f"settle_{what}", 0) for what in ("nodes", "particles")]
-        return SimpleNamespace(turn=module.kernel("turn", 3), backward=halves("backward", 1), settle=settle)
+        turn, backward = module.kernel("turn", 3), halves("backward", 1)
+        return SimpleNamespace(turn=turn, backward=backward, settle=settle, **contact_kernels(module, config, led))
     return SimpleNamespace(
         Frame=module.Frame,
         **{name: module.kernel(name, 0) for name in ("give_mass", "weigh", "start")},
         update=module.kernel("update", 1),
         forward=halves("forward", 4),
+        **contact_kernels(module, config, led),
     )
+
+
+def contact_kernels(module: Module, config: SimulationConfig, led: bool | None) -> dict[str, wp.Kernel]:
+    """Those of a body that touches itself, by name: `clear_pairs`, `list_pairs` and `touch` for the forward pass, `begin_adjoint` and
+    `touch_adjoint` for the adjoint."""
+    forward, backward = {"clear_pairs": 1, "list_pairs": 1, "touch": 1}, {"begin_adjoint": 0, "touch_adjoint": 1}
+    names = {} if not config.self_contact else forward if led is None else backward
+    return {name: module.kernel(name, integers) for name, integers in names.items()}
 
 
 def cpp(flag: bool) -> str:

@@ -58,6 +58,10 @@ class Launches:
         kernels = self._kernels(None)
         self._frame = kernels.Frame.from_buffer_copy(record.tobytes())
         self._record(kernels)
+        if model.contact is not None:
+            self._clear = self._phase(kernels.clear_pairs, count)
+            self._list = self._phase(kernels.list_pairs, model.contact.listing_threads)
+            self._pairs = self._phase(kernels.touch, model.contact.pair_threads)
         self._backward: dict[bool, tuple] = {}
 
     def _phase(self, kernel: wp.Kernel, threads: int) -> Phase:
@@ -97,11 +101,36 @@ class Launches:
             led: whether that of the controller points is asked for, too.
         """
         if led not in self._backward:
-            self._backward[led] = self._record_backward(self._kernels(led))
+            kernels, contact = self._kernels(led), self.model.contact
+            self._backward[led] = self._record_backward(kernels)
+            if contact is not None:
+                self._begin_adjoint = self._phase(kernels.begin_adjoint, self.model.rollouts)
+                self._pairs_adjoint = self._phase(kernels.touch_adjoint, contact.pair_threads)
 
     def backward(self, substeps: int, led: bool) -> None:
         """Adjoint of a kept frame, once it is prepared."""
         raise NotImplementedError
+
+    def _touch(self, substep: int, slot: int) -> None:
+        """Let pairs leave their forces before a substep, where the body touches itself."""
+        if self.model.contact is None:
+            return
+        if substep % self.model.contact.every == 0:
+            self._list_pairs(slot)
+        self._pairs(slot)
+
+    def _touch_adjoint(self, substep: int, substeps: int) -> None:
+        """Let pairs leave their forces' adjoint after a substep of the frame."""
+        contact = self.model.contact
+        if contact is None:
+            return
+        if substep + 1 == substeps or (substep + 1) % contact.every == 0:
+            self._list_pairs(substep - substep % contact.every)  # as in the frame itself
+        self._pairs_adjoint(substep)
+
+    def _list_pairs(self, slot: int) -> None:
+        self._clear(slot)
+        self._list(slot)
 
     def _kernels(self, led: bool | None) -> SimpleNamespace:
         raise NotImplementedError
@@ -114,7 +143,8 @@ class Launches:
 
 
 class FrameLaunches(Launches):
-    """Those of a volume: two a substep, over particles and over nodes, forward and adjoint."""
+    """Those of a volume: two a substep, over particles and over nodes, forward and adjoint. Where the body touches itself the particles' is in
+    two halves, before and behind that over pairs."""
 
     model: VolumeModel
 
@@ -155,22 +185,32 @@ class FrameLaunches(Launches):
 
     def forward(self, substeps: int, keep: bool) -> None:
         """All substeps of the frame: from its first slot to slot `substeps` with `keep`, else within the first."""
+        whole = self.model.contact is None
         self._start()
+        self._touch(0, 0)
         self._forward[False, True](0, 0, 0, int(keep))
         for s in range(substeps):
             slot, following = (s, s + 1) if keep else (0, 0)
+            last = s + 1 == substeps
             self._update(slot)
-            self._forward[True, s + 1 < substeps](s + 1, slot, following, int(keep))
+            self._forward[True, whole and not last](s + 1, slot, following, int(keep))
+            if not whole and not last:
+                self._touch(s + 1, following)
+                self._forward[False, True](s + 1, following, following, int(keep))
 
     def backward(self, substeps: int, led: bool) -> None:
         """Adjoint of a kept frame, once it is prepared."""
         turn, phases, settle = self._backward[led]
+        whole = self.model.contact is None
+        if not whole:
+            self._begin_adjoint()
         turn(substeps, 0, 1)
         phases[False, True](substeps)
-        for s in reversed(range(1, substeps)):
-            turn(s, 1, 1)
-            phases[True, True](s)
-        turn(0, 1, 0)
-        phases[True, False](0)
+        for s in reversed(range(substeps)):
+            turn(s, 1, int(s > 0))
+            phases[True, whole and s > 0](s)
+            self._touch_adjoint(s, substeps)
+            if not whole and s > 0:
+                phases[False, True](s)
         for phase in settle:
             phase()

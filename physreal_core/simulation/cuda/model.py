@@ -10,6 +10,7 @@ import torch
 from physreal_core.array_types import Tensor
 from physreal_core.simulation.body import Body, Clamp, Grip, PointLoad, Tool, load_forces
 from physreal_core.simulation.config import SimulationConfig
+from physreal_core.simulation.cuda.contacts import ContactModel
 from physreal_core.simulation.cuda.hand_model import GRIPS, HandModel
 from physreal_core.simulation.lattice import lattice_of
 from physreal_core.simulation.layout import Structure
@@ -35,6 +36,7 @@ class BodyModel:
         shapes: full shape of every parameter in use by name, without the axis of rollouts.
         state_shapes: of what a state has of every particle, by name.
         hand: what the hand does.
+        contact: of the body with itself; None where it does not touch itself.
         lattice: the grid of each rollout.
         state_bars: adjoints of the state by name, each [P, ...], in the order of the kernels.
     """
@@ -64,6 +66,8 @@ class BodyModel:
         self.hand = HandModel(body, grip, tool, rollouts, *given)
         self._rows = ParticleRows(config, self.particles, bool(self.hand.bits & GRIPS), tool is not None)
         self.shapes = self._rows.shapes
+        order = np.arange(self.particles) if body.elements is not None else self.lattice.order(self.lattice.place)
+        self.contact = ContactModel(body, order, rollouts, *given) if config.self_contact else None
         self._parameters()
         self._adjoints()
         self._settled = self._weight_bar = torch.zeros((), device=self.device)
@@ -134,6 +138,8 @@ class BodyModel:
             if value is not None:
                 held[name].copy_(value)
         self._held["numbers"].copy_(self._rows.numbers(parameters))
+        if self.contact is not None:
+            self.contact.load(parameters.youngs_modulus, parameters.layer_friction)
         self._now, self._dt = parameters, timing[0]
         self.hand.forget()
         self._load_constants()

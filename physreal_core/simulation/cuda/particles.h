@@ -6,6 +6,7 @@
 // (ARRIVING), then scatters those of the velocities it was gathered from (LEAVING). Places on the grid are those of the
 // body at rest, all the time.
 #pragma once
+#include "contacts.h"
 #include "forces.h"
 #include "material.h"
 #include "shape.h"
@@ -14,8 +15,8 @@
 namespace physreal {
 
 // INPUTS, TERMS, HAND, LED: as of ParticleForces; SHAPED: whether the body's own shape may differ from that on the grid
-// (shape.h).
-template <class S, bool INPUTS, Index TERMS, bool SHAPED, int HAND, bool LED, class Material>
+// (shape.h); TOUCHES: whether the body touches itself.
+template <class S, bool INPUTS, Index TERMS, bool SHAPED, int HAND, bool LED, bool TOUCHES, class Material>
 class ParticleOfRollout : ParticleForces<S, INPUTS, TERMS, HAND, LED> {
     using Forces = ParticleForces<S, INPUTS, TERMS, HAND, LED>;
     using typename Forces::At;
@@ -69,6 +70,7 @@ public:
                 B = shape_after_flow(B, trial, F);
             }
             put(f_.x, after, x);
+            if constexpr (TOUCHES) sums().follow(p_, x);
             put(f_.F, after, F);
             if constexpr (SHAPED) put(f_.shape, after, B);
             if (keep || !LEAVING) put(f_.v, after, v);
@@ -96,6 +98,7 @@ public:
             forces_adjoint(slot, now, x_bar, v_bar, F_bar, B_bar, rate_bar);
         else
             v_bar = get3(f_.v_bar, p_);
+        if constexpr (TOUCHES && LEAVING) sums().add_bars(p_, own_, slot, x_bar, v_bar);
         if constexpr (LEAVING)
             velocity_adjoint(place_in(slot - 1), x_bar, v_bar, F_bar, B_bar, rate_bar);
         else
@@ -106,8 +109,15 @@ public:
         put(f_.F_bar, p_, F_bar);
     }
 
-    // The share in the masses' adjoint.
+    // The share in the masses' adjoint, and where the body touches itself what pairs left of the frame's first substep.
     void settle() const {
+        if constexpr (TOUCHES)
+            if (finite(f_.x[3 * place_in(0)])) {
+                Vec3<S> x_bar = get3(f_.x_bar, p_), v_bar = get3(f_.v_bar, p_);
+                sums().add_bars(p_, own_, 0, x_bar, v_bar);
+                put(f_.x_bar, p_, x_bar);
+                put(f_.v_bar, p_, v_bar);
+            }
         if constexpr (INPUTS)
             if (finite(f_.x[3 * place_in(0)]))
                 f_.bars[(bar::COUNT + input::mass) * f_.stride + p_] +=
@@ -115,6 +125,7 @@ public:
     }
 
 private:
+    ContactSums<S> sums() const { return {f_, rollout_}; }
     // One row of a network's weights' adjoint to a warp, which sums its shares.
     Index weight_row() const { return rollout_ * f_.weight_rows + p_ / 32 % f_.weight_rows; }
     S remembered() const { return f_.timing[3]; }
@@ -182,7 +193,8 @@ private:
                         const Mat3<S>& B, const Mat3<S>& rate) {
         const At at = {*this, now, x, v, rate};
         const Mat3<S> P = ShapeOnGrid<SHAPED, S>(F, B).stress(stress(at, F, material_.stress(p_, F).tau));
-        const Vec3<S> push = dt_ * force(substep, at);
+        Vec3<S> push = dt_ * force(substep, at);
+        if constexpr (TOUCHES) push = push + dt_ * sums().take_force(p_);
         const bool sound = finite(dot(x, x) + dot(push, push) + dot(P, P));
         if (!sound) fail(substep);
         const S volume = constant(constant::volume);
@@ -204,6 +216,7 @@ private:
             ShapeOnGrid<SHAPED, S>(F, shape_at(now)).stress_adjoint(stress(at, F, expert.tau), P_bar, F_bar, B_bar);
         x_bar[2] += touching_adjoint(at.x_[2], bar.value[3]);
         force_adjoint(slot, at, f_bar);
+        if constexpr (TOUCHES) sums().keep(p_, slot, f_bar);
         if constexpr ((TERMS & StressTerms::TERMS) != 0) {
             const Mat3<S> T = symmetric(tau_bar);
             StressTerms::each(TERMS, [&](auto law) { law.adjoint(at, F, T, F_bar); });

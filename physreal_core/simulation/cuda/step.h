@@ -5,11 +5,11 @@
 
 namespace physreal {
 
-template <class S, bool INPUTS, Index TERMS, bool SHAPED, int HAND, bool LED, template <class> class Elastic,
+template <class S, bool INPUTS, Index TERMS, bool SHAPED, int HAND, bool LED, bool TOUCHES, template <class> class Elastic,
           class Plastic, class ElasticNetwork, class PlasticNetwork>
-struct Step {
+struct Step : ContactStep<S, 3, true> {
     using Node = NodeOfRollout<S, INPUTS, TERMS>;
-    using Particle = ParticleOfRollout<S, INPUTS, TERMS, SHAPED, HAND, LED,
+    using Particle = ParticleOfRollout<S, INPUTS, TERMS, SHAPED, HAND, LED, TOUCHES,
                                        Material<S, Elastic, Plastic, ElasticNetwork, PlasticNetwork>>;
 
     static void give_mass(const Frame<S>& f, int thread) {

@@ -79,7 +79,7 @@ class CudaStepper:
         self.particles, self.rollouts = len(body.x0), rollouts
         self._thin = body.elements is not None
         self.model = (ThinModel if self._thin else VolumeModel)(body, config, grip, clamps, loads, tool, rollouts)
-        self._contact = self.model.contact if self._thin else None
+        self._contact = self.model.contact
         self.shapes, self.state_shapes, self.lattice = self.model.shapes, self.model.state_shapes, self.model.lattice
         if rollouts * max(NODE_THREADS * self.lattice.nodes, 27 * self.particles) > MOST_NUMBERS:
             raise InputError(

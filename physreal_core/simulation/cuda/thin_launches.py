@@ -26,25 +26,13 @@ class ThinLaunches(Launches):
         self._start = self._phase(kernels.start, model.rollouts)
         self._elements = self._phase(kernels.elements, self._element_threads)
         self._vertices = self._phase(kernels.vertices, self._vertex_threads)
-        if model.contact is not None:
-            self._clear = self._phase(kernels.clear_pairs, self._vertex_threads)
-            self._list = self._phase(kernels.list_pairs, model.contact.listing_threads)
-            self._touch = self._phase(kernels.touch, model.contact.pair_threads)
 
     def _record_backward(self, kernels: SimpleNamespace) -> tuple:
         return (
             self._phase(kernels.vertices, self._vertex_threads),
             self._phase(kernels.elements, self._element_threads),
             self._phase(kernels.settle, self._vertex_threads),
-            *self._record_contact_backward(kernels),
         )
-
-    def _record_contact_backward(self, kernels: SimpleNamespace) -> tuple:
-        contact = self.model.contact
-        if contact is None:
-            return None, None
-        begin = self._phase(kernels.begin_adjoint, self.model.rollouts)
-        return begin, self._phase(kernels.touch_adjoint, contact.pair_threads)
 
     def write_state(self, out: State, slot: int, order: Tensor) -> None:
         """Write the state of a slot."""
@@ -53,32 +41,20 @@ class ThinLaunches(Launches):
 
     def forward(self, substeps: int, keep: bool) -> None:
         """All substeps of the frame: from its first slot to slot `substeps` with `keep`, else within the first."""
-        contact = self.model.contact
         self._start()
         for s in range(substeps):
             slot, following = (s, s + 1) if keep else (0, 0)
-            if contact is not None:
-                if s % contact.every == 0:
-                    self._list_pairs(slot)
-                self._touch(slot)
+            self._touch(s, slot)
             self._elements(slot)
             self._vertices(s, slot, following, int(s + 1 == substeps))
 
     def backward(self, substeps: int, led: bool) -> None:
         """Adjoint of a kept frame, once it is prepared."""
-        vertices, elements, settle, begin, touch = self._backward[led]
-        contact = self.model.contact
-        if contact is not None:
-            begin()
+        vertices, elements, settle = self._backward[led]
+        if self.model.contact is not None:
+            self._begin_adjoint()
         for s in reversed(range(substeps)):
             vertices(s, int(s + 1 < substeps))
-            if contact is not None:
-                if s + 1 == substeps or (s + 1) % contact.every == 0:
-                    self._list_pairs(s - s % contact.every)  # as in the frame itself
-                touch(s)
+            self._touch_adjoint(s, substeps)
             elements(s)
         settle()
-
-    def _list_pairs(self, slot: int) -> None:
-        self._clear(slot)
-        self._list(slot)

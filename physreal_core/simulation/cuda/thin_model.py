@@ -6,7 +6,6 @@ from physreal_core.array_types import Tensor
 from physreal_core.simulation.body import Clamp
 from physreal_core.simulation.cuda.model import BodyModel
 from physreal_core.simulation.cuda.parts import WARP
-from physreal_core.simulation.cuda.thin_contact import ThinContact
 from physreal_core.simulation.cuda.thin_frame import THIN_FRAME
 from physreal_core.simulation.lattice import held_boxes
 from physreal_core.simulation.parameters import Parameters
@@ -19,7 +18,6 @@ class ThinModel(BodyModel):
     Attributes:
         element: class of the elements in C++.
         elements: of one rollout.
-        contact: of the body with itself; None without.
     """
 
     layout = THIN_FRAME
@@ -31,8 +29,6 @@ class ThinModel(BodyModel):
         self.element = self._body.elements.element
         terms = self.config.terms
         self.elements = ElementArrays(self._body.elements, self.particles, WARP, self.dtype, self.device, self.config)
-        given = self.frame, self._give, self.dtype, self.device
-        self.contact = ThinContact(self._body, self.rollouts, *given) if self.config.self_contact else None
         if self.config.elastic_residual is not None:
             self.frame["beta_elastic"] = self.config.elastic_residual.beta_elastic
         self.frame["element_stride"] = self.elements.stride
@@ -51,8 +47,6 @@ class ThinModel(BodyModel):
         """Take over parameters with an axis of rollouts."""
         super().load(parameters, substeps)
         self._stiffness.copy_(self.elements.stiffness(parameters))
-        if self.contact is not None:
-            self.contact.load(parameters.youngs_modulus, parameters.layer_friction)
 
     def _load_constants(self) -> None:
         """See `BodyModel`; what a clamp holds has no mass around it."""

@@ -3,12 +3,12 @@
 //
 // Two launches a substep, one thread for each element and one for each vertex. A vertex adds up in the order of its incidence list and
 // there are no atomics, so that a rerun gives the same bytes, wherever in a batch a rollout stands. Slots count from the frame's
-// first one, as everywhere (forces.h). Where the body touches itself, pairs leave their forces before the vertices move (thin_contact.h).
+// first one, as everywhere (forces.h). Where the body touches itself, pairs leave their forces before the vertices move (contacts.h).
 #pragma once
+#include "contacts.h"
 #include "elements.h"
 #include "forces.h"
 #include "phase.h"
-#include "thin_contact.h"
 #include "thin_residual.h"
 #include "surface_drag.h"
 
@@ -178,7 +178,7 @@ public:
         const Vec3<S> v = three(phase_.velocity(free, around())), x = at.x_ + dt_ * v;
         put(f_.v, after, v);
         put(f_.x, after, x);
-        if constexpr (TOUCHES) raise_to(f_.contact_moved, float(distance_from(f_.contact_place, x)));
+        if constexpr (TOUCHES) sums().follow(p_, x);
         if constexpr (VISCOUS)
             put(f_.mean_velocity, after, remembered() * get3(f_.mean_velocity, now) + (1 - remembered()) * v);
         if (last && !finite(dot(x, x) + dot(v, v))) fail(substep + 1);
@@ -208,8 +208,7 @@ public:
         put(f_.x_bar, p_, x_bar + at.x_bar);
         put(f_.v_bar, p_, three(bar) + at.v_bar);
         reinterpret_cast<Vec4<S>*>(f_.node_bar)[p_] = {{f_bar[0], f_bar[1], f_bar[2], 0}};
-        if constexpr (TOUCHES)
-            for (int d = 0; d < 3; ++d) raise_to(&sums().largest(slot), float(f_bar[d] < 0 ? -f_bar[d] : f_bar[d]));
+        if constexpr (TOUCHES) sums().keep(p_, slot, f_bar);
         add_inputs(found.mass + at.mass_bar, f_bar);
         add_node_sums<INPUTS, TERMS>(f_, p_, friction_bar, bar);
     }
@@ -229,26 +228,18 @@ private:
     S remembered() const { return f_.timing[3]; }
 
     ContactSums<S> sums() const { return {f_, rollout_}; }
-    S distance_from(const S* places, const Vec3<S>& x) const {
-        const Vec3<S> way = x - get3(places, p_);
-        return sqrt(dot(way, way));
-    }
 
     // Adds what the elements and contact left of the substep in a slot to the adjoints of the state before it.
     void add_left(int slot) const {
         put(f_.x_bar, p_, get3(f_.x_bar, p_) + left(f_.element_force));
         if constexpr (VISCOUS) put(f_.mean_velocity_bar, p_, get3(f_.mean_velocity_bar, p_) + left(f_.element_mean));
         if constexpr (DRAGGED) put(f_.v_bar, p_, get3(f_.v_bar, p_) + left(f_.element_velocity));
-        if constexpr (TOUCHES) add_contact(slot);
-    }
-    void add_contact(int slot) const {
-        using Sums = ContactSums<S>;
-        for (int d = 0; d < 3; ++d) {
-            f_.x_bar[3 * p_ + d] += sums().take_bar(p_, Sums::X_BAR + d, slot);
-            f_.v_bar[3 * p_ + d] += sums().take_bar(p_, Sums::V_BAR + d, slot);
+        if constexpr (TOUCHES) {
+            Vec3<S> x_bar = get3(f_.x_bar, p_), v_bar = get3(f_.v_bar, p_);
+            sums().add_bars(p_, own_, slot, x_bar, v_bar);
+            put(f_.x_bar, p_, x_bar);
+            put(f_.v_bar, p_, v_bar);
         }
-        f_.bars[bar::youngs_modulus * f_.stride + p_] += sums().take_bar(p_, Sums::MODULUS_BAR, slot);
-        if (own_ == 0) f_.node_sums[node_sum::layer_friction * f_.rollouts * f_.nodes + p_] += sums().take_friction(slot);
     }
 
     // What elements left at the vertex.
@@ -263,9 +254,8 @@ private:
 
 // The entry points: one element or one vertex of all rollouts.
 template <class S, bool INPUTS, Index TERMS, int HAND, bool LED, bool TOUCHES, template <class, class> class Element>
-struct ThinStep {
+struct ThinStep : ContactStep<S, Element<S, S>::FACE, false> {
     using Vertex = VertexOfRollout<S, INPUTS, TERMS, HAND, LED, TOUCHES, Element<S, S>::CORNERS>;
-    using Pairs = ContactOfRollout<S, Element<S, S>::FACE>;
     using Body = ElementOfRollout<S, TERMS, Element>;
 
     static void start(const ThinFrame<S>& f, int rollout) { f.report[rollout] = NOT_FAILED; }
@@ -279,13 +269,6 @@ struct ThinStep {
     }
     static void elements_adjoint(const ThinFrame<S>& f, int thread, int slot) { Body(f, thread).backward(slot); }
     static void settle(const ThinFrame<S>& f, int thread) { Vertex(f, thread).settle(); }
-
-    // Where the body touches itself.
-    static void clear_pairs(const ThinFrame<S>& f, int thread, int slot) { Pairs(f).clear(thread, slot); }
-    static void list_pairs(const ThinFrame<S>& f, int thread, int slot) { Pairs(f).list(thread, slot); }
-    static void touch(const ThinFrame<S>& f, int thread, int slot) { Pairs(f).forward(thread, slot); }
-    static void begin_adjoint(const ThinFrame<S>& f, int thread) { Pairs(f).begin_adjoint(thread); }
-    static void touch_adjoint(const ThinFrame<S>& f, int thread, int slot) { Pairs(f).backward(thread, slot); }
 };
 
 }  // namespace physreal

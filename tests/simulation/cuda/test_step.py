@@ -27,13 +27,15 @@ MATERIALS = [pytest.param(name, marks=pytest.mark.slow if name in SLOW else ()) 
 
 @pytest.mark.parametrize("name", MATERIALS)
 def test_values_and_gradients_are_the_native_forms_to_rounding(name, device, monkeypatch):
-    """Both add in another order: 1e-16 a sum, grown over some ninety substeps to 1e-13, and to 1e-11 where the parts cancel."""
+    """Both add in another order: 1e-16 a sum, grown over some ninety substeps to 1e-13, and to 1e-11 where the parts cancel. What pairs that touch
+    leave in the adjoint are multiples of a unit of about 1e-10."""
     ours = run(CASES[name], device, "float64")
     monkeypatch.undo()
     theirs = run(CASES[name], "cpu", "float64")
-    cancelling = "gradient friction_coefficient"
-    assert worst({cancelling: ours.pop(cancelling)}, {cancelling: theirs.pop(cancelling)}) < 1e-10
-    assert worst(ours, theirs) < 1e-11
+    cancelling, touching = "gradient friction_coefficient", CASES[name].touching
+    if cancelling in theirs:
+        assert worst({cancelling: ours.pop(cancelling)}, {cancelling: theirs.pop(cancelling)}) < 1e-10
+    assert worst(ours, theirs) < (1e-9 if touching else 1e-11)
 
 
 def rollout(simulator: Simulator, leaves: dict, controllers: torch.Tensor) -> dict[str, np.ndarray]:

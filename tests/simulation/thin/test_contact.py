@@ -11,7 +11,7 @@ from benchmarks.thin_scenes import crossing_ropes, stacked_sheets
 from physreal_core.simulation import Body, Grip, Parameters, SimulationConfig, Simulator, rod_body
 from physreal_core.simulation.contact import surface as contact_module
 from physreal_core.simulation.contact.reference import contact_energy
-from physreal_core.simulation.cuda import thin_contact
+from physreal_core.simulation.cuda import contacts
 from physreal_core.simulation.native import NativeStepper
 from tests.simulation.thin.test_gradients import scattered
 
@@ -92,7 +92,7 @@ def total_energy(body: Body, parameters: Parameters, states, frame: int) -> floa
 @pytest.mark.parametrize("kind", SCENES)
 def test_which_pairs_are_listed_does_not_matter(kind, form, monkeypatch):
     """A margin of a fiftieth of an edge, with lists every other step, and one that holds the whole body give the same digits."""
-    monkeypatch.setattr(thin_contact, "SELDOM", 4)
+    monkeypatch.setattr(contacts, "SELDOM", 4)
     body = SCENES[kind](gap=1.2)
     up = torch.tensor(body.x0[:, 2] > body.x0[:, 2].mean()).double()[:, None]
     start = (2 * up - 1) * torch.tensor([0.8, 0.3, -1.0], dtype=torch.float64)
@@ -133,7 +133,7 @@ def test_too_little_room_and_too_few_lists_are_made_good(kind, fused, monkeypatc
     as_usual = collision(body)
     for setting, value in (("FIRST_ROOM", 0.1), ("SELDOM", 10_000)):
         with monkeypatch.context() as patch:
-            patch.setattr(thin_contact, setting, value)
+            patch.setattr(contacts, setting, value)
             found = collision(body)
             for name, values in as_usual.items():
                 torch.testing.assert_close(found[name], values, rtol=1e-12, atol=0)

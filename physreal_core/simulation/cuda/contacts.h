@@ -1,4 +1,4 @@
-// Contact of a thin body with itself in all rollouts at once.
+// Contact of a body with itself in all rollouts at once.
 //
 // Every few substeps the pairs within the distance and a margin are listed; each that touches leaves forces at its corners, or adjoints. Threads
 // list and add up in any order. What they add up are whole numbers of small units, whose sum does not depend on the order, so that a rerun
@@ -51,12 +51,12 @@ inline Index in_units(S value, double unit) {
     return Index(many < 0 ? many - 0.5 : many + 0.5);
 }
 
-// What a rollout's vertices learn of contact.
+// What a rollout's particles, or vertices, learn of contact.
 template <class S>
 struct ContactSums {
     enum : int { X_BAR, V_BAR = 3, MODULUS_BAR = 6, COUNT = 7 };  // of the adjoint; a force comes first, too
 
-    const ThinFrame<S>& f;
+    const Frame<S>& f;
     const int rollout;
 
     Index* of(Index p) const { return f.contact_sums + COUNT * p; }
@@ -79,10 +79,33 @@ struct ContactSums {
         for (int d = 0; d < 3; ++d) sum[d] = S(double(take(of(p)[d])) * force_unit());
         return sum;
     }
-    S take_bar(Index p, int entry, int slot) const { return S(double(take(of(p)[entry])) * bar_unit(slot, entry)); }
-    S take_friction(int slot) const { return S(double(take(f.contact_friction_bar[rollout])) * friction_unit(slot)); }
+
+    // Adds what pairs left of the substep in a slot to the adjoints of the state before it, and to those of Young's modulus and friction.
+    void add_bars(Index p, int own, int slot, Vec3<S>& x_bar, Vec3<S>& v_bar) const {
+        for (int d = 0; d < 3; ++d) {
+            x_bar[d] += take_bar(p, X_BAR + d, slot);
+            v_bar[d] += take_bar(p, V_BAR + d, slot);
+        }
+        f.bars[bar::youngs_modulus * f.stride + p] += take_bar(p, MODULUS_BAR, slot);
+        if (own == 0) f.node_sums[(node_sum::layer_friction * f.rollouts + rollout) * f.nodes] += take_friction(slot);
+    }
+
+    // Keeps the adjoint of the forces after a substep for the pairs.
+    void keep(Index p, int slot, const Vec3<S>& force_bar) const {
+        reinterpret_cast<Vec4<S>*>(f.contact_force_bar)[p] = {{force_bar[0], force_bar[1], force_bar[2], 0}};
+        for (int d = 0; d < 3; ++d) raise_to(&largest(slot), float(force_bar[d] < 0 ? -force_bar[d] : force_bar[d]));
+    }
+
+    // Tells how far a particle has come since pairs were listed.
+    void follow(Index p, const Vec3<S>& x) const {
+        const S* from = f.contact_place + 3 * p;
+        const Vec3<S> way = x - Vec3<S>{{from[0], from[1], from[2]}};
+        raise_to(f.contact_moved, float(sqrt(dot(way, way))));
+    }
 
 private:
+    S take_bar(Index p, int entry, int slot) const { return S(double(take(of(p)[entry])) * bar_unit(slot, entry)); }
+    S take_friction(int slot) const { return S(double(take(f.contact_friction_bar[rollout])) * friction_unit(slot)); }
     static Index take(Index& sum) {
         const Index value = sum;
         sum = 0;
@@ -90,15 +113,15 @@ private:
     }
 };
 
-// One of the pairs of a rollout, or one of the threads that look for them.
-template <class S, int FACE>
+// One of the pairs of a rollout, or one of the threads that look for them. FACE, UNLIKE: see native/contacts.h.
+template <class S, int FACE, bool UNLIKE>
 class ContactOfRollout {
     static constexpr int FACES = FACE == 3 ? POINT_TRIANGLE : POINT_SEGMENT;
     using Corners = Vec3<S>[4];
-    const ThinFrame<S>& f_;
+    const Frame<S>& f_;
 
 public:
-    explicit ContactOfRollout(const ThinFrame<S>& f) : f_(f) {}
+    explicit ContactOfRollout(const Frame<S>& f) : f_(f) {}
 
     // Before pairs are listed; thread: of the vertices of all rollouts.
     void clear(int thread, int slot) const {
@@ -128,7 +151,7 @@ public:
         with_pair(thread, [&](auto kind, int rollout, const int* pair) { this->template leave_forces<decltype(kind)::KIND>(rollout, slot, pair); });
     }
 
-    // Leaves what the forces' adjoint, which stands in node_bar, adds to those of the state in a slot.
+    // Leaves what the forces' adjoint, which stands in contact_force_bar, adds to those of the state in a slot.
     void backward(int thread, int slot) const {
         if (thread < f_.rollouts) ContactSums<S>{f_, thread}.largest(slot + 1) = 0;  // for the substep before
         with_pair(thread, [&](auto kind, int rollout, const int* pair) { this->template leave_adjoints<decltype(kind)::KIND>(rollout, slot, pair); });
@@ -175,6 +198,7 @@ private:
     }
 
     void list_faces(int rollout, int slot, int p, int begin) const {
+        if (f_.contact_weight[p] <= 0) return;
         const Vec3<S> x = place(f_.x, rollout, slot, p);
         const S reach = f_.contact_distance + 2 * f_.contact_margin;
         const int end = begin + CHUNK < f_.contact_faces ? begin + CHUNK : int(f_.contact_faces);
@@ -224,7 +248,7 @@ private:
             way = sqrt(squared_distance_of_edges(x));
         } else {
             const S none[4] = {};
-            way = Contact<KIND, false, S, S>(x, none).length();
+            way = Contact<KIND, UNLIKE, S, S>(x, none).length();
         }
         if (!(way <= reach)) return;
         const int number = next_of(f_.pair_count + which * f_.rollouts + rollout);
@@ -249,8 +273,8 @@ private:
         }
         by_modulus = f_.contact_size / S(corner_count<KIND>()) * weight;
     }
-    void reaches(S (&reach)[4]) const {
-        for (int c = 0; c < 4; ++c) reach[c] = S(0.5) * f_.contact_distance;
+    void reaches(const int* pair, S (&reach)[4]) const {
+        for (int c = 0; c < 4; ++c) reach[c] = UNLIKE ? f_.contact_reach[pair[c]] : S(0.5) * f_.contact_distance;
     }
     LayerFriction<S> friction(int rollout) const {
         return {f_.layer_friction[rollout], f_.layer_speed, f_.layer_softening * f_.timing[0]};
@@ -260,9 +284,9 @@ private:
     void leave_forces(int rollout, int slot, const int* pair) const {
         Corners x, v, force = {};
         S reach[4], by_modulus, moduli;
-        reaches(reach);
+        reaches(pair, reach);
         corners(f_.x, rollout, slot, pair, x);
-        const Contact<KIND, false, S, S> contact(x, reach);
+        const Contact<KIND, UNLIKE, S, S> contact(x, reach);
         if (!contact.touches()) return;
         corners(f_.v, rollout, slot, pair, v);
         stiffness<KIND>(rollout, pair, by_modulus, moduli);
@@ -280,12 +304,12 @@ private:
         if (!(sums.largest(slot) > 0)) return;
         Corners x, v, bar, x_bar = {}, v_bar = {};
         S reach[4], by_modulus, moduli, k_bar = 0, coefficient_bar = 0;
-        reaches(reach);
+        reaches(pair, reach);
         corners(f_.x, rollout, slot, pair, x);
-        const Contact<KIND, false, S, S> contact(x, reach);
+        const Contact<KIND, UNLIKE, S, S> contact(x, reach);
         if (!contact.touches()) return;
         corners(f_.v, rollout, slot, pair, v);
-        for (int c = 0; c < 4; ++c) bar[c] = three(reinterpret_cast<const Vec4<S>*>(f_.node_bar)[vertex(rollout, pair[c])]);
+        for (int c = 0; c < 4; ++c) bar[c] = three(reinterpret_cast<const Vec4<S>*>(f_.contact_force_bar)[vertex(rollout, pair[c])]);
         stiffness<KIND>(rollout, pair, by_modulus, moduli);
         const S k = by_modulus * moduli;
         contact.friction_adjoint(k, friction(rollout), v, bar, x_bar, v_bar, k_bar, coefficient_bar);
@@ -305,13 +329,26 @@ private:
     template <int KIND>
     void normal_adjoint(const Corners& x, const Corners& bar, const S (&reach)[4], S k, Corners& x_bar, S& k_bar) const {
         Vec3<Dual<S>> moved[4], force[4] = {};
-        move_along(x, bar, moved);
-        const Contact<KIND, false, Dual<S>, S> contact(moved, reach);
+        for (int c = 0; c < 4; ++c)
+            for (int d = 0; d < 3; ++d) moved[c][d] = {x[c][d], bar[c][d]};
+        const Contact<KIND, UNLIKE, Dual<S>, S> contact(moved, reach);
         contact.forces(k, force);
         k_bar -= contact.energy().slope;
         for (int c = 0; c < 4; ++c)
             for (int d = 0; d < 3; ++d) x_bar[c][d] += force[c][d].slope;
     }
+};
+
+// Entry points: one pair, or one of the threads that look for them, of all rollouts.
+template <class S, int FACE, bool UNLIKE>
+struct ContactStep {
+    using Pairs = ContactOfRollout<S, FACE, UNLIKE>;
+
+    static void clear_pairs(const Frame<S>& f, int thread, int slot) { Pairs(f).clear(thread, slot); }
+    static void list_pairs(const Frame<S>& f, int thread, int slot) { Pairs(f).list(thread, slot); }
+    static void touch(const Frame<S>& f, int thread, int slot) { Pairs(f).forward(thread, slot); }
+    static void begin_adjoint(const Frame<S>& f, int thread) { Pairs(f).begin_adjoint(thread); }
+    static void touch_adjoint(const Frame<S>& f, int thread, int slot) { Pairs(f).backward(thread, slot); }
 };
 
 }  // namespace physreal

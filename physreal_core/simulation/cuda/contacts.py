@@ -1,11 +1,11 @@
-"""Arrays for the contact of a thin body with itself in many rollouts (thin_contact.h), and how often pairs are listed."""
+"""Arrays for the contact of a body with itself in many rollouts (contacts.h), and how often pairs are listed."""
 
 from collections.abc import Callable
 
 import numpy as np
 import torch
 
-from physreal_core.array_types import Float, Tensor
+from physreal_core.array_types import Array, Float, Int, Tensor
 from physreal_core.errors import SimulationError
 from physreal_core.simulation.body import Body
 from physreal_core.simulation.contact.arrays import surface_arrays, surface_numbers
@@ -15,16 +15,17 @@ SELDOM = 16
 FIRST_ROOM = 8
 """Pairs of each kind and vertex for which there is room at first."""
 CHUNK = 64
-"""Things that one thread compares with its own, as in thin_contact.h."""
+"""Things that one thread compares with its own, as in contacts.h."""
 SUMS = 7
-"""Numbers that are added up at a vertex: a force, or adjoints of x, v and Young's modulus."""
+"""Numbers that are added up at a particle: a force, or adjoints of x, v and Young's modulus."""
 
 
-class ThinContact:
+class ContactModel:
     """Room for pairs and sums of `rollouts` copies of a body.
 
     Args:
-        body: thin.
+        body: of the simulation.
+        order: the particle at each place, in the kernels' order.
         rollouts: R.
         record: the frame's, in which numbers are put.
         give: keeps an array alive and gives the record its address; of a name and the array.
@@ -38,6 +39,7 @@ class ThinContact:
     def __init__(
         self,
         body: Body,
+        order: Int[Array, " particles"],
         rollouts: int,
         record: np.ndarray,
         give: Callable[[str, Tensor], Tensor],
@@ -46,9 +48,8 @@ class ThinContact:
     ) -> None:
         self._rollouts, self._record, self._give, self._device = rollouts, record, give, device
         self._largest_weight, count = float(body.surface.weight.max()), len(body.x0)
-        for name, values in surface_arrays(body, np.arange(count), dtype).items():
-            if name in record.dtype.names:
-                give(name, values.to(device))
+        for name, values in surface_arrays(body, order, dtype).items():
+            give(name, values.to(device))
         numbers = surface_numbers(body)
         self._margin = numbers["contact_margin"] = numbers["contact_margin"] / 2.0
         self._size, faces, edges = numbers["contact_size"], numbers["contact_faces"], numbers["contact_edges"]
@@ -63,6 +64,7 @@ class ThinContact:
         give("contact_place", torch.zeros(rollouts * count, 3, dtype=dtype, device=device))
         self._moved = give("contact_moved", torch.zeros(1, **single))
         give("contact_sums", torch.zeros(rollouts * count, SUMS, dtype=torch.int64, device=device))
+        give("contact_force_bar", torch.zeros(rollouts * count, 4, dtype=dtype, device=device))
         give("contact_largest", torch.zeros(rollouts, 2, **single))
         give("contact_friction_bar", torch.zeros(rollouts, dtype=torch.int64, device=device))
         self._friction = give("layer_friction", torch.zeros(rollouts, dtype=dtype, device=device))

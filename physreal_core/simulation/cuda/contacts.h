@@ -10,8 +10,9 @@
 
 namespace physreal {
 
-// Things that one thread compares with its own.
-constexpr int CHUNK = 64;
+// Things that one thread compares with its own; they lie beside each other (contacts.py), so that most threads learn from the ball around them that
+// there is nothing to compare.
+constexpr int CHUNK = 32;
 
 inline void add_to(Index* sum, Index value) {
 #if defined(__CUDA_ARCH__)
@@ -128,6 +129,8 @@ public:
         const S* from = f_.x + 3 * (Index(f_.first[0] + slot) * f_.stride + thread);
         for (int d = 0; d < 3; ++d) f_.contact_place[3 * Index(thread) + d] = from[d];
         if (thread < 2 * f_.rollouts) f_.pair_count[thread] = 0;
+        const int own = int(chunks(f_.contact_faces) + chunks(f_.contact_edges));
+        if (thread < own * f_.rollouts) bound(thread / own, thread % own, slot);
     }
 
     // Before the adjoint of a frame; thread: of the rollouts.
@@ -138,12 +141,12 @@ public:
     // Thread: of a rollout's vertices and edges, times the chunks of what each is compared with.
     void list(int thread, int slot) const {
         const Index point_threads = f_.particles * chunks(f_.contact_faces), edge_threads = f_.contact_edges * chunks(f_.contact_edges);
-        const Index own = thread % (point_threads + edge_threads);
+        const Index own = thread % (point_threads + edge_threads), edge = own - point_threads;
         const int rollout = int(thread / (point_threads + edge_threads));
         if (own < point_threads)
-            list_faces(rollout, slot, int(own % f_.particles), CHUNK * int(own / f_.particles));
+            list_faces(rollout, slot, int(own % f_.particles), int(own / f_.particles));
         else
-            list_edges(rollout, slot, int((own - point_threads) % f_.contact_edges), CHUNK * int((own - point_threads) / f_.contact_edges));
+            list_edges(rollout, slot, int(edge % f_.contact_edges), int(edge / f_.contact_edges));
     }
 
     // Leaves forces of the state in a slot; thread: of the room for pairs.
@@ -190,6 +193,36 @@ private:
 
     // --- which pairs may touch
 
+    // The ball around a chunk of faces or, behind these, of edges.
+    S* ball(int rollout, int chunk) const {
+        const Index all = chunks(f_.contact_faces) + chunks(f_.contact_edges);
+        return f_.contact_balls + 4 * (rollout * all + chunk);
+    }
+    void bound(int rollout, int chunk, int slot) const {
+        const int of_faces = int(chunks(f_.contact_faces)), count = chunk < of_faces ? FACE : 2;
+        const int* things = chunk < of_faces ? f_.contact_face : f_.contact_edge;
+        const int all = int(chunk < of_faces ? f_.contact_faces : f_.contact_edges);
+        const int begin = CHUNK * (chunk < of_faces ? chunk : chunk - of_faces), end = begin + CHUNK < all ? begin + CHUNK : all;
+        Vec3<S> middle = {};
+        for (int i = count * begin; i < count * end; ++i) middle = middle + place(f_.x, rollout, slot, things[i]);
+        middle = (S(1) / S(count * (end - begin))) * middle;
+        S squared = 0;
+        for (int i = count * begin; i < count * end; ++i) {
+            const Vec3<S> way = place(f_.x, rollout, slot, things[i]) - middle;
+            squared = max(squared, dot(way, way));
+        }
+        S* to = ball(rollout, chunk);
+        for (int d = 0; d < 3; ++d) to[d] = middle[d];
+        to[3] = sqrt(squared);
+    }
+    // Whether something of a chunk may be within reach of a place.
+    bool near(const Vec3<S>& x, S reach, int rollout, int chunk) const {
+        const S* of = ball(rollout, chunk);
+        const Vec3<S> way = x - Vec3<S>{{of[0], of[1], of[2]}};
+        const S most = reach + of[3];
+        return dot(way, way) <= most * most;
+    }
+
     // Whether two vertices hang together so closely that they never touch.
     bool together(int p, int q) const {
         for (int n = f_.near_first[p]; n < f_.near_first[p + 1]; ++n)
@@ -197,11 +230,12 @@ private:
         return false;
     }
 
-    void list_faces(int rollout, int slot, int p, int begin) const {
+    void list_faces(int rollout, int slot, int p, int chunk) const {
         if (f_.contact_weight[p] <= 0) return;
         const Vec3<S> x = place(f_.x, rollout, slot, p);
         const S reach = f_.contact_distance + 2 * f_.contact_margin;
-        const int end = begin + CHUNK < f_.contact_faces ? begin + CHUNK : int(f_.contact_faces);
+        if (!near(x, reach, rollout, chunk)) return;
+        const int begin = CHUNK * chunk, end = begin + CHUNK < f_.contact_faces ? begin + CHUNK : int(f_.contact_faces);
         for (int i = begin; i < end; ++i) {
             const int *own = face(i), pair[4] = {p, own[0], own[1], own[FACE - 1]};
             const S longest = spread(rollout, slot, own, FACE), way = distance_to_first(x, rollout, slot, own);
@@ -212,11 +246,12 @@ private:
         }
     }
 
-    void list_edges(int rollout, int slot, int e, int begin) const {
+    void list_edges(int rollout, int slot, int e, int chunk) const {
         const int* own = edge(e);
         const Vec3<S> x = place(f_.x, rollout, slot, own[0]);
         const S reach = f_.contact_distance + 2 * f_.contact_margin, length = spread(rollout, slot, own, 2);
-        const int end = begin + CHUNK < f_.contact_edges ? begin + CHUNK : int(f_.contact_edges);
+        if (CHUNK * (chunk + 1) <= e || !near(x, reach + length, rollout, int(chunks(f_.contact_faces)) + chunk)) return;
+        const int begin = CHUNK * chunk, end = begin + CHUNK < f_.contact_edges ? begin + CHUNK : int(f_.contact_edges);
         for (int i = begin > e ? begin : e + 1; i < end; ++i) {
             const int *other = edge(i), pair[4] = {own[0], own[1], other[0], other[1]};
             const S way = distance_to_first(x, rollout, slot, other);

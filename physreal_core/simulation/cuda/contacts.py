@@ -11,10 +11,12 @@ from physreal_core.simulation.body import Body
 from physreal_core.simulation.contact.arrays import surface_arrays, surface_numbers
 
 SELDOM = 16
-"""Substeps from one list of pairs to the next, at first; half as many where vertices go too far meanwhile."""
+"""Substeps from one list of pairs to the next, at most; half as many and so on while particles go too far meanwhile."""
+SLOW = 0.25
+"""Of the way that they may go: where they stay within it, the next frame has half as many lists."""
 FIRST_ROOM = 8
 """Pairs of each kind and vertex for which there is room at first."""
-CHUNK = 64
+CHUNK = 32
 """Things that one thread compares with its own, as in contacts.h."""
 SUMS = 7
 """Numbers that are added up at a particle: a force, or adjoints of x, v and Young's modulus."""
@@ -49,14 +51,16 @@ class ContactModel:
         self._rollouts, self._record, self._give, self._device = rollouts, record, give, device
         self._largest_weight, count = float(body.surface.weight.max()), len(body.x0)
         for name, values in surface_arrays(body, order, dtype).items():
-            give(name, values.to(device))
+            give(name, (_in_chunks(values, body.x0[order]) if values.dim() == 2 else values).to(device))
         numbers = surface_numbers(body)
         self._margin = numbers["contact_margin"] = numbers["contact_margin"] / 2.0
         self._size, faces, edges = numbers["contact_size"], numbers["contact_faces"], numbers["contact_edges"]
         for name, value in numbers.items():
             record[name] = value
-        self.every = SELDOM
-        self.listing_threads = rollouts * (count * -(-faces // CHUNK) + edges * -(-edges // CHUNK))
+        self.every, self._calm = SELDOM, False
+        chunks = -(-faces // CHUNK), -(-edges // CHUNK)
+        self.listing_threads = rollouts * (count * chunks[0] + edges * chunks[1])
+        give("contact_balls", torch.zeros(rollouts, sum(chunks), 4, dtype=dtype, device=device))
         self._allot(max(1, int(FIRST_ROOM * count)))
         whole, single = {"device": device, "dtype": torch.int32}, {"device": device, "dtype": torch.float32}
         give("pair_count", torch.zeros(2, rollouts, **whole))
@@ -94,13 +98,19 @@ class ContactModel:
         return True
 
     def list_more_often(self) -> bool:
-        """Whether a vertex went farther between two lists than they allow; then they come twice as often."""
-        moved = float(self._moved)
+        """Whether a particle went farther between two lists than they allow; then they come twice as often."""
+        share = float(self._moved) / (self._margin / 2.0)
         self._moved.zero_()
-        if self.every == 1 or moved <= self._margin / 2.0:
-            return False
-        self.every //= 2
-        return True
+        if share > 1.0 and self.every > 1:
+            self.every //= 2
+            return True
+        self._calm = share < SLOW
+        return False
+
+    def list_less_often(self) -> None:
+        """For a frame that follows one in which all were slow."""
+        if self._calm:
+            self.every, self._calm = min(2 * self.every, SELDOM), False
 
     def check(self) -> None:
         """Raise `SimulationError` where an adjoint found more pairs than there was room for."""
@@ -109,3 +119,12 @@ class ContactModel:
             raise SimulationError(
                 f"{needed} pairs of layers that may touch, and room for {self.capacity}", frame=0, substep=0, particle=0
             )
+
+
+def _in_chunks(things: Int[Tensor, "things corners"], x0: Float[Array, "particles 3"]) -> Int[Tensor, "things corners"]:
+    """Faces or edges in an order in which those that follow each other lie beside each other."""
+    from scipy.spatial import cKDTree
+
+    if not len(things):
+        return things
+    return things[torch.from_numpy(cKDTree(x0[things.numpy()].mean(1), leafsize=CHUNK).indices)]

@@ -133,6 +133,7 @@ FRAME = Structure(
     int* pairs  [2, R, pair_capacity, 4] vertices of points and faces, and of edges
     int* pair_count  [2, R]
     int* pairs_needed  [1] room that was too little
+    S* contact_balls  [R, chunks, 4] around some faces or edges
     S* contact_place  [P, 3] where vertices were when pairs were listed
     float* contact_moved  [1] how far from there one is, at most [m]
     Index* contact_sums  [P, 7] forces, or adjoints of x, v and Young's modulus, in units

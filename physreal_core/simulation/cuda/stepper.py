@@ -98,6 +98,7 @@ class CudaStepper:
         self._fresh = True  # whether the state has to be put in anew
         self._launches: Launches | None = None
         self._graphs: dict[tuple[str, int, int], wp.Graph] = {}
+        self._lists: dict[int, int] = {}  # by frame, substeps from one list of pairs that touch to the next
 
     def _cell_order(self) -> Tensor:
         """Order of the particles by columns of cells, rollout by rollout, shape [P]; the vertices of a thin body stay as they are."""
@@ -176,6 +177,8 @@ class CudaStepper:
 
     def _run_forward(self, span: Span, start: State, kept: int | None) -> int | None:
         """Run the frame's substeps, again where the lists of pairs that touch did not do; whether and where the frame is still kept."""
+        if self._contact is not None:
+            self._contact.list_less_often()
         self._run_substeps(kept is not None)
         while self._contact is not None:
             grown, too_far = self._contact.grow(), self._contact.list_more_often()
@@ -184,6 +187,7 @@ class CudaStepper:
                 self.reserve(2)
                 self._start_frame(span, None)
             elif not too_far:
+                self._lists[span.frame] = self._contact.every
                 break
             self._launches.set_state(start, self._slot, self.order)
             self._run_substeps(kept is not None)
@@ -237,9 +241,14 @@ class CudaStepper:
         """Adjoint of a frame; see `stepper.Stepper`."""
         self._start_frame(span, span.kept)
         launches, self._fresh = self._launches, True
+        if self._contact is not None:
+            self._contact.every = self._lists[span.frame]
         if span.kept is None:
             launches.set_state(start, self._slot, self.order)
             self._run_substeps(True)
+            while self._contact is not None and self._contact.list_more_often():  # of a rollout since then
+                launches.set_state(start, self._slot, self.order)
+                self._run_substeps(True)
         launches.recall(start)
         for rollout in np.flatnonzero(~span.alive):
             launches.void(rollout, slice(self._slot, self._slot + self.substeps + 1))

@@ -60,7 +60,14 @@ def project(tmp_path_factory) -> Project:
     return _project(tmp_path_factory.mktemp("project"))
 
 
-def _project(root: Path, given: Problem | None = None, *, kept_back: float = 0.0, companion: bool = False) -> Project:
+def _project(
+    root: Path,
+    given: Problem | None = None,
+    *,
+    kept_back: float = 0.0,
+    companion: bool = False,
+    self_contact: bool = False,
+) -> Project:
     """Both sequences are those of `given`, by default of the hand that lifts; Stage 3 keeps no frame back."""
     root.mkdir(exist_ok=True)
     descent = {"iterations": 4, "checkpoint_every": 1}
@@ -72,6 +79,7 @@ def _project(root: Path, given: Problem | None = None, *, kept_back: float = 0.0
             "scan": {"count": 3, "factor": 3.0},
             "masks": {"frames": 2, "reduction": 1, "hidden_margin": 0},
             "descent": {**descent, "warmup": 1},
+            "simulation": {"self_contact": self_contact},
         },
         "fit_patches": {"descent": descent, "masks": {"frames": 2, "reduction": 2}},
         "find_gap": {"candidates": ["soft_spot"], "shortlist": 1, "seconds": 0, "iterations": 1},
@@ -226,6 +234,17 @@ def test_predict_rolls_another_sequence_out_with_every_model(project):
         given, taken = (Rollout.load(path).x for path in (project.artifact(stage, "lift"), folder / stage))
         # Same scene, so the same rollout, but for the registration of the patches.
         assert np.abs(given - taken).max() < 1e-3
+
+
+def test_a_body_that_may_touch_itself_is_fitted(tmp_path):
+    """Nothing of the bar touches, so nothing moves the friction where it would, and all is as without."""
+    free, touching = (_project(tmp_path / str(asked), self_contact=asked) for asked in (False, True))
+    without, found = (
+        load_model(run_stage("fit_global", "lift", fit_global.run, project)) for project in (free, touching)
+    )
+    assert found.simulation["self_contact"] and float(found.fields["layer_friction"]) == pytest.approx(0.4)
+    for name, values in without.fields.items():
+        assert found.fields[name].numpy() == pytest.approx(values.numpy(), rel=0.05), name  # steps are shorter
 
 
 def test_how_a_hand_pushes_is_fitted_kept_and_taken_to_other_motions(tmp_path):

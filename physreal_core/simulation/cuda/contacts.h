@@ -10,9 +10,11 @@
 
 namespace physreal {
 
-// Things that one thread compares with its own; they lie beside each other (contacts.py), so that most threads learn from the ball around them that
-// there is nothing to compare.
-constexpr int CHUNK = 32;
+// Things that lie beside each other (contacts.py): the ball around them mostly tells that there is nothing to compare. And chunks that one thread
+// looks at.
+constexpr int CHUNK = 32, CHUNKS = 32;
+// Pairs for which there is room, for each thread that goes through them.
+constexpr int PAIRS = 4;
 
 inline void add_to(Index* sum, Index value) {
 #if defined(__CUDA_ARCH__)
@@ -138,9 +140,9 @@ public:
         for (int slot = 0; slot < 2; ++slot) ContactSums<S>{f_, thread}.largest(slot) = 0;
     }
 
-    // Thread: of a rollout's vertices and edges, times the chunks of what each is compared with.
+    // Thread: of a rollout's vertices and edges, times the threads for what each is compared with.
     void list(int thread, int slot) const {
-        const Index point_threads = f_.particles * chunks(f_.contact_faces), edge_threads = f_.contact_edges * chunks(f_.contact_edges);
+        const Index point_threads = f_.particles * lookers(f_.contact_faces), edge_threads = f_.contact_edges * lookers(f_.contact_edges);
         const Index own = thread % (point_threads + edge_threads), edge = own - point_threads;
         const int rollout = int(thread / (point_threads + edge_threads));
         if (own < point_threads)
@@ -149,7 +151,7 @@ public:
             list_edges(rollout, slot, int(edge % f_.contact_edges), int(edge / f_.contact_edges));
     }
 
-    // Leaves forces of the state in a slot; thread: of the room for pairs.
+    // Leaves forces of the state in a slot; thread: of those that go through pairs.
     void forward(int thread, int slot) const {
         with_pair(thread, [&](auto kind, int rollout, const int* pair) { this->template leave_forces<decltype(kind)::KIND>(rollout, slot, pair); });
     }
@@ -167,6 +169,7 @@ private:
     };
 
     static Index chunks(Index count) { return (count + CHUNK - 1) / CHUNK; }
+    static Index lookers(Index count) { return (chunks(count) + CHUNKS - 1) / CHUNKS; }
     const int* face(int i) const { return f_.contact_face + FACE * i; }
     const int* edge(int i) const { return f_.contact_edge + 2 * i; }
     Index vertex(int rollout, int own) const { return Index(rollout) * f_.particles + own; }
@@ -181,14 +184,16 @@ private:
 
     template <class Use>
     void with_pair(int thread, Use use) const {
-        const int list = int(thread / f_.pair_capacity), number = int(thread % f_.pair_capacity);
+        const int step = int((f_.pair_capacity + PAIRS - 1) / PAIRS), list = thread / step;
         const int which = list / int(f_.rollouts), rollout = list % int(f_.rollouts);
-        if (number >= f_.pair_count[list]) return;
-        const int* pair = pairs(which, rollout) + 4 * Index(number);
-        if (which == 0)
-            use(Kind<FACES>(), rollout, pair);
-        else
-            use(Kind<EDGES>(), rollout, pair);
+        const int listed = f_.pair_count[list], count = listed < f_.pair_capacity ? listed : int(f_.pair_capacity);
+        for (int number = thread % step; number < count; number += step) {
+            const int* pair = pairs(which, rollout) + 4 * Index(number);
+            if (which == 0)
+                use(Kind<FACES>(), rollout, pair);
+            else
+                use(Kind<EDGES>(), rollout, pair);
+        }
     }
 
     // --- which pairs may touch
@@ -203,11 +208,9 @@ private:
         const int* things = chunk < of_faces ? f_.contact_face : f_.contact_edge;
         const int all = int(chunk < of_faces ? f_.contact_faces : f_.contact_edges);
         const int begin = CHUNK * (chunk < of_faces ? chunk : chunk - of_faces), end = begin + CHUNK < all ? begin + CHUNK : all;
-        Vec3<S> middle = {};
-        for (int i = count * begin; i < count * end; ++i) middle = middle + place(f_.x, rollout, slot, things[i]);
-        middle = (S(1) / S(count * (end - begin))) * middle;
+        const Vec3<S> middle = place(f_.x, rollout, slot, things[count * ((begin + end) / 2)]);
         S squared = 0;
-        for (int i = count * begin; i < count * end; ++i) {
+        FOUR_AT_A_TIME for (int i = count * begin; i < count * end; ++i) {
             const Vec3<S> way = place(f_.x, rollout, slot, things[i]) - middle;
             squared = max(squared, dot(way, way));
         }
@@ -230,36 +233,45 @@ private:
         return false;
     }
 
-    void list_faces(int rollout, int slot, int p, int chunk) const {
-        if (f_.contact_weight[p] <= 0) return;
-        const Vec3<S> x = place(f_.x, rollout, slot, p);
-        const S reach = f_.contact_distance + 2 * f_.contact_margin;
-        if (!near(x, reach, rollout, chunk)) return;
-        const int begin = CHUNK * chunk, end = begin + CHUNK < f_.contact_faces ? begin + CHUNK : int(f_.contact_faces);
-        for (int i = begin; i < end; ++i) {
-            const int *own = face(i), pair[4] = {p, own[0], own[1], own[FACE - 1]};
-            const S longest = spread(rollout, slot, own, FACE), way = distance_to_first(x, rollout, slot, own);
-            if (!(way <= reach + longest)) continue;
-            bool apart = true;
-            for (int c = 0; c < FACE; ++c) apart = apart && !together(p, own[c]);
-            if (apart) propose<FACES>(0, rollout, slot, pair, reach);
+    // Of the chunks that a thread looks at, calls visit(number of the thing) for all things in those near a place; from a thing on.
+    template <class Visit>
+    void for_near(const Vec3<S>& x, S reach, int rollout, int looker, bool edges, int after, Visit visit) const {
+        const Index count = edges ? f_.contact_edges : f_.contact_faces;
+        const int first_ball = edges ? int(chunks(f_.contact_faces)) : 0, all = int(chunks(count));
+        const int last = CHUNKS * (looker + 1) < all ? CHUNKS * (looker + 1) : all;
+        for (int chunk = CHUNKS * looker; chunk < last; ++chunk) {
+            if (CHUNK * (chunk + 1) <= after || !near(x, reach, rollout, first_ball + chunk)) continue;
+            const int begin = CHUNK * chunk > after ? CHUNK * chunk : after, end = CHUNK * (chunk + 1) < count ? CHUNK * (chunk + 1) : int(count);
+            for (int i = begin; i < end; ++i) visit(i);
         }
     }
 
-    void list_edges(int rollout, int slot, int e, int chunk) const {
+    void list_faces(int rollout, int slot, int p, int looker) const {
+        if (f_.contact_weight[p] <= 0) return;
+        const Vec3<S> x = place(f_.x, rollout, slot, p);
+        const S reach = f_.contact_distance + 2 * f_.contact_margin;
+        for_near(x, reach, rollout, looker, false, 0, [&](int i) {
+            const int *own = face(i), pair[4] = {p, own[0], own[1], own[FACE - 1]};
+            const S longest = spread(rollout, slot, own, FACE), way = distance_to_first(x, rollout, slot, own);
+            if (!(way <= reach + longest)) return;
+            bool apart = true;
+            for (int c = 0; c < FACE; ++c) apart = apart && !together(p, own[c]);
+            if (apart) propose<FACES>(0, rollout, slot, pair, reach);
+        });
+    }
+
+    void list_edges(int rollout, int slot, int e, int looker) const {
         const int* own = edge(e);
         const Vec3<S> x = place(f_.x, rollout, slot, own[0]);
         const S reach = f_.contact_distance + 2 * f_.contact_margin, length = spread(rollout, slot, own, 2);
-        if (CHUNK * (chunk + 1) <= e || !near(x, reach + length, rollout, int(chunks(f_.contact_faces)) + chunk)) return;
-        const int begin = CHUNK * chunk, end = begin + CHUNK < f_.contact_edges ? begin + CHUNK : int(f_.contact_edges);
-        for (int i = begin > e ? begin : e + 1; i < end; ++i) {
+        for_near(x, reach + length, rollout, looker, true, e + 1, [&](int i) {
             const int *other = edge(i), pair[4] = {own[0], own[1], other[0], other[1]};
             const S way = distance_to_first(x, rollout, slot, other);
-            if (!(way <= reach + length + spread(rollout, slot, other, 2))) continue;
+            if (!(way <= reach + length + spread(rollout, slot, other, 2))) return;
             bool apart = true;
             for (int c = 0; c < 2; ++c) apart = apart && !together(own[0], other[c]) && !together(own[1], other[c]);
             if (apart) propose<EDGES>(1, rollout, slot, pair, reach);
-        }
+        });
     }
 
     // From the first corner of a thing to the farthest other one.

@@ -10,14 +10,14 @@ from physreal_core.errors import SimulationError
 from physreal_core.simulation.body import Body
 from physreal_core.simulation.contact.arrays import surface_arrays, surface_numbers
 
-SELDOM = 16
-"""Substeps from one list of pairs to the next, at most; half as many and so on while particles go too far meanwhile."""
+SELDOM, AT_FIRST = 64, 16
+"""Substeps from one list of pairs to the next, at most and at first; half as many and so on while particles go too far meanwhile."""
 SLOW = 0.25
 """Of the way that they may go: where they stay within it, the next frame has half as many lists."""
 FIRST_ROOM = 8
 """Pairs of each kind and vertex for which there is room at first."""
-CHUNK = 32
-"""Things that one thread compares with its own, as in contacts.h."""
+CHUNK, CHUNKS, PAIRS = 32, 32, 4
+"""As in contacts.h: things in a chunk, chunks that a thread looks at, and pairs for each thread that goes through them."""
 SUMS = 7
 """Numbers that are added up at a particle: a force, or adjoints of x, v and Young's modulus."""
 
@@ -57,9 +57,10 @@ class ContactModel:
         self._size, faces, edges = numbers["contact_size"], numbers["contact_faces"], numbers["contact_edges"]
         for name, value in numbers.items():
             record[name] = value
-        self.every, self._calm = SELDOM, False
+        self.every, self._calm = min(AT_FIRST, SELDOM), False
         chunks = -(-faces // CHUNK), -(-edges // CHUNK)
-        self.listing_threads = rollouts * (count * chunks[0] + edges * chunks[1])
+        lookers = [-(-number // CHUNKS) for number in chunks]
+        self.listing_threads = rollouts * (count * lookers[0] + edges * lookers[1])
         give("contact_balls", torch.zeros(rollouts, sum(chunks), 4, dtype=dtype, device=device))
         self._allot(max(1, int(FIRST_ROOM * count)))
         whole, single = {"device": device, "dtype": torch.int32}, {"device": device, "dtype": torch.float32}
@@ -80,8 +81,8 @@ class ContactModel:
 
     @property
     def pair_threads(self) -> int:
-        """One for each pair for which there is room."""
-        return 2 * self._rollouts * self.capacity
+        """Of all lists of pairs."""
+        return 2 * self._rollouts * -(-self.capacity // PAIRS)
 
     def load(self, youngs_modulus: Float[Tensor, "rollouts vertices"], friction: Float[Tensor, " rollouts"]) -> None:
         """Take over parameters."""
@@ -127,4 +128,4 @@ def _in_chunks(things: Int[Tensor, "things corners"], x0: Float[Array, "particle
 
     if not len(things):
         return things
-    return things[torch.from_numpy(cKDTree(x0[things.numpy()].mean(1), leafsize=CHUNK).indices)]
+    return things[torch.tensor(cKDTree(x0[things.numpy()].mean(1), leafsize=CHUNK).indices)]

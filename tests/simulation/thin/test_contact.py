@@ -92,7 +92,7 @@ def total_energy(body: Body, parameters: Parameters, states, frame: int) -> floa
 @pytest.mark.parametrize("kind", SCENES)
 def test_which_pairs_are_listed_does_not_matter(kind, form, monkeypatch):
     """A margin of a fiftieth of an edge, with lists every other step, and one that holds the whole body give the same digits."""
-    monkeypatch.setattr(contacts, "SELDOM", 4)
+    monkeypatch.setattr(contacts, "AT_FIRST", 4)
     body = SCENES[kind](gap=1.2)
     up = torch.tensor(body.x0[:, 2] > body.x0[:, 2].mean()).double()[:, None]
     start = (2 * up - 1) * torch.tensor([0.8, 0.3, -1.0], dtype=torch.float64)
@@ -131,12 +131,15 @@ def test_too_little_room_and_too_few_lists_are_made_good(kind, fused, monkeypatc
     bytes."""
     body = SCENES[kind](gap=1.2)
     as_usual = collision(body)
-    for setting, value in (("FIRST_ROOM", 0.1), ("SELDOM", 10_000)):
+    for setting, value, remedy in (("FIRST_ROOM", 0.1, "grow"), ("AT_FIRST", 64, "list_more_often")):
         with monkeypatch.context() as patch:
             patch.setattr(contacts, setting, value)
+            taken, mend = [], getattr(contacts.ContactModel, remedy)
+            patch.setattr(contacts.ContactModel, remedy, lambda own, to=taken, by=mend: to.append(by(own)) or to[-1])
             found = collision(body)
             for name, values in as_usual.items():
                 torch.testing.assert_close(found[name], values, rtol=1e-12, atol=0)
+            assert any(taken), remedy
     again = collision(body)
     assert all(torch.equal(again[name], values) for name, values in as_usual.items())
 

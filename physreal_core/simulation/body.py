@@ -74,7 +74,9 @@ class Body:
         """What the body touches itself with."""
         from physreal_core.simulation.contact.volume_surface import volume_surface
 
-        return volume_surface(self) if self.elements is None else self.elements.surface
+        if self.elements is not None:
+            return self.elements.surface
+        return volume_surface(self.x0, self.volume, self.reach, self.piece, self.spacing)
 
     @property
     def mass(self) -> Float[Array, " particles"]:

@@ -4,10 +4,6 @@ Neighbouring particles span tetrahedra, and the faces of a single one of these a
 of its size, and by less where the body at rest is nearer to itself than that, so that a body at rest does not push itself apart.
 """
 
-from __future__ import annotations
-
-from typing import TYPE_CHECKING
-
 import numpy as np
 import torch
 
@@ -16,37 +12,43 @@ from physreal_core.simulation.contact.reference import nearest_on_faces
 from physreal_core.simulation.contact.surface import SHARE, Links, Surface
 from physreal_core.simulation.pieces import NEAR
 
-if TYPE_CHECKING:
-    from physreal_core.simulation.body import Body
-
 PATH = 2.5
 """Spacings through the body within which particles never touch: what is as thin as that is as thick as its particles, squeezed or not."""
 SHIFT = 1e-3
 """Spacings by which particles are moved to tell which of the many tetrahedra in a lattice's cells to take."""
 
 
-def volume_surface(body: Body) -> Surface:
+def volume_surface(
+    x0: Float[Array, "particles 3"],
+    volume: Float[Array, " particles"],
+    reach: Float[Array, " particles"],
+    piece: Int[Array, " particles"],
+    spacing: float,
+) -> Surface:
     """What a volume touches itself with.
 
     Args:
-        body: a volume.
+        x0: particles at rest [m].
+        volume: of each [m3].
+        reach: half of the size of each [m].
+        piece: which it belongs to.
+        spacing: between neighbours [m].
     """
     from scipy.spatial import cKDTree
 
-    h, count = body.spacing, len(body.x0)
-    links = cKDTree(body.x0).query_pairs(NEAR * h, p=np.inf, output_type="ndarray")
-    links = links[body.piece[links[:, 0]] == body.piece[links[:, 1]]].astype(np.int64).reshape(-1, 2)
-    tetrahedra = _tetrahedra(body.x0, h, body.piece)
+    links = cKDTree(x0).query_pairs(NEAR * spacing, p=np.inf, output_type="ndarray")
+    links = links[piece[links[:, 0]] == piece[links[:, 1]]].astype(np.int64).reshape(-1, 2)
+    tetrahedra = _tetrahedra(x0, spacing, piece)
     faces = _boundary(tetrahedra)
     edges = np.unique(np.sort(faces[:, [[0, 1], [1, 2], [2, 0]]].reshape(-1, 2), axis=1), axis=0)
-    outside = np.ones(count, dtype=bool)
+    outside = np.ones(len(x0), dtype=bool)
     outside[tetrahedra] = False  # what no tetrahedron has is a point by itself
     outside[faces] = True
-    weight = np.where(outside, body.volume / h**3, 0.0)
-    lengths = np.linalg.norm(body.x0[links[:, 1]] - body.x0[links[:, 0]], axis=1)
-    together = Links(links, lengths, PATH * h)
-    reach = _apart_at_rest(body.x0, body.reach, faces, *together.neighbours(weight))
-    return Surface(faces, edges, reach, SHARE * h, weight, together, h, sides=1)
+    weight = np.where(outside, volume / spacing**3, 0.0)
+    lengths = np.linalg.norm(x0[links[:, 1]] - x0[links[:, 0]], axis=1)
+    together = Links(links, lengths, PATH * spacing)
+    reach = _apart_at_rest(x0, reach, faces, *together.neighbours(weight))
+    return Surface(faces, edges, reach, SHARE * spacing, weight, together, spacing, sides=1)
 
 
 def _tetrahedra(

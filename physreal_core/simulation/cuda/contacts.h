@@ -10,9 +10,8 @@
 
 namespace physreal {
 
-// Things that lie beside each other (contacts.py): the ball around them mostly tells that there is nothing to compare. And chunks that one thread
-// looks at.
-constexpr int CHUNK = 32, CHUNKS = 32;
+// Points, faces or edges that lie beside each other (contacts.py): of the balls around such chunks most are apart.
+constexpr int CHUNK = 32;
 // Pairs for which there is room, for each thread that goes through them.
 constexpr int PAIRS = 4;
 
@@ -131,24 +130,36 @@ public:
         const S* from = f_.x + 3 * (Index(f_.first[0] + slot) * f_.stride + thread);
         for (int d = 0; d < 3; ++d) f_.contact_place[3 * Index(thread) + d] = from[d];
         if (thread < 2 * f_.rollouts) f_.pair_count[thread] = 0;
-        const int own = int(chunks(f_.contact_faces) + chunks(f_.contact_edges));
+        if (thread < f_.rollouts) f_.chunk_pair_count[thread] = 0;
+        const int own = chunks();
         if (thread < own * f_.rollouts) bound(thread / own, thread % own, slot);
+    }
+
+    // Pairs of chunks that are near each other; thread: of the pairs of all chunks of all rollouts.
+    void match(int thread) const {
+        const int all = chunks(), rollout = thread / (all * all), one = thread / all % all, other = thread % all;
+        const bool faces = one < point_chunks() && other >= point_chunks() && other < edge_chunk(0);
+        if (!(faces || (one >= edge_chunk(0) && other >= one)) || !near(rollout, one, other)) return;
+        const int number = next_of(f_.chunk_pair_count + rollout);
+        if (number >= f_.chunk_pair_capacity) return raise_to(f_.pairs_needed + 1, number + 1);
+        f_.chunk_pairs[rollout * f_.chunk_pair_capacity + number] = all * one + other;
+    }
+
+    // Thread: of the room for pairs of chunks, times the things of one chunk.
+    void list(int thread, int slot) const {
+        const int lane = thread % CHUNK, number = int(thread / CHUNK % f_.chunk_pair_capacity);
+        const int rollout = int(thread / CHUNK / f_.chunk_pair_capacity);
+        if (number >= f_.chunk_pair_count[rollout]) return;
+        const int pair = f_.chunk_pairs[rollout * f_.chunk_pair_capacity + number], one = pair / chunks(), other = pair % chunks();
+        if (one < point_chunks())
+            list_faces(rollout, slot, CHUNK * one + lane, other - point_chunks());
+        else
+            list_edges(rollout, slot, CHUNK * (one - edge_chunk(0)) + lane, other - edge_chunk(0));
     }
 
     // Before the adjoint of a frame; thread: of the rollouts.
     void begin_adjoint(int thread) const {
         for (int slot = 0; slot < 2; ++slot) ContactSums<S>{f_, thread}.largest(slot) = 0;
-    }
-
-    // Thread: of a rollout's vertices and edges, times the threads for what each is compared with.
-    void list(int thread, int slot) const {
-        const Index point_threads = f_.particles * lookers(f_.contact_faces), edge_threads = f_.contact_edges * lookers(f_.contact_edges);
-        const Index own = thread % (point_threads + edge_threads), edge = own - point_threads;
-        const int rollout = int(thread / (point_threads + edge_threads));
-        if (own < point_threads)
-            list_faces(rollout, slot, int(own % f_.particles), int(own / f_.particles));
-        else
-            list_edges(rollout, slot, int(edge % f_.contact_edges), int(edge / f_.contact_edges));
     }
 
     // Leaves forces of the state in a slot; thread: of those that go through pairs.
@@ -168,8 +179,11 @@ private:
         static constexpr int KIND = KIND_;
     };
 
-    static Index chunks(Index count) { return (count + CHUNK - 1) / CHUNK; }
-    static Index lookers(Index count) { return (chunks(count) + CHUNKS - 1) / CHUNKS; }
+    // Chunks of points come first, then those of faces and of edges.
+    static int chunks_of(Index count) { return int((count + CHUNK - 1) / CHUNK); }
+    int point_chunks() const { return chunks_of(f_.contact_points); }
+    int edge_chunk(int number) const { return point_chunks() + chunks_of(f_.contact_faces) + number; }
+    int chunks() const { return edge_chunk(chunks_of(f_.contact_edges)); }
     const int* face(int i) const { return f_.contact_face + FACE * i; }
     const int* edge(int i) const { return f_.contact_edge + 2 * i; }
     Index vertex(int rollout, int own) const { return Index(rollout) * f_.particles + own; }
@@ -198,19 +212,16 @@ private:
 
     // --- which pairs may touch
 
-    // The ball around a chunk of faces or, behind these, of edges.
-    S* ball(int rollout, int chunk) const {
-        const Index all = chunks(f_.contact_faces) + chunks(f_.contact_edges);
-        return f_.contact_balls + 4 * (rollout * all + chunk);
-    }
+    S* ball(int rollout, int chunk) const { return f_.contact_balls + 4 * (Index(rollout) * chunks() + chunk); }
     void bound(int rollout, int chunk, int slot) const {
-        const int of_faces = int(chunks(f_.contact_faces)), count = chunk < of_faces ? FACE : 2;
-        const int* things = chunk < of_faces ? f_.contact_face : f_.contact_edge;
-        const int all = int(chunk < of_faces ? f_.contact_faces : f_.contact_edges);
-        const int begin = CHUNK * (chunk < of_faces ? chunk : chunk - of_faces), end = begin + CHUNK < all ? begin + CHUNK : all;
-        const Vec3<S> middle = place(f_.x, rollout, slot, things[count * ((begin + end) / 2)]);
+        const bool points = chunk < point_chunks(), edges = chunk >= edge_chunk(0);
+        const int* things = points ? f_.contact_point : edges ? f_.contact_edge : f_.contact_face;
+        const int corners = points ? 1 : edges ? 2 : FACE, first = points ? 0 : edges ? edge_chunk(0) : point_chunks();
+        const int all = int(points ? f_.contact_points : edges ? f_.contact_edges : f_.contact_faces);
+        const int begin = CHUNK * (chunk - first), end = begin + CHUNK < all ? begin + CHUNK : all;
+        const Vec3<S> middle = place(f_.x, rollout, slot, things[corners * ((begin + end) / 2)]);
         S squared = 0;
-        FOUR_AT_A_TIME for (int i = count * begin; i < count * end; ++i) {
+        FOUR_AT_A_TIME for (int i = corners * begin; i < corners * end; ++i) {
             const Vec3<S> way = place(f_.x, rollout, slot, things[i]) - middle;
             squared = max(squared, dot(way, way));
         }
@@ -218,11 +229,11 @@ private:
         for (int d = 0; d < 3; ++d) to[d] = middle[d];
         to[3] = sqrt(squared);
     }
-    // Whether something of a chunk may be within reach of a place.
-    bool near(const Vec3<S>& x, S reach, int rollout, int chunk) const {
-        const S* of = ball(rollout, chunk);
-        const Vec3<S> way = x - Vec3<S>{{of[0], of[1], of[2]}};
-        const S most = reach + of[3];
+    S reach() const { return f_.contact_distance + 2 * f_.contact_margin; }
+    bool near(int rollout, int one, int other) const {
+        const S *a = ball(rollout, one), *b = ball(rollout, other);
+        const Vec3<S> way = {{a[0] - b[0], a[1] - b[1], a[2] - b[2]}};
+        const S most = reach() + a[3] + b[3];
         return dot(way, way) <= most * most;
     }
 
@@ -233,45 +244,35 @@ private:
         return false;
     }
 
-    // Of the chunks that a thread looks at, calls visit(number of the thing) for all things in those near a place; from a thing on.
-    template <class Visit>
-    void for_near(const Vec3<S>& x, S reach, int rollout, int looker, bool edges, int after, Visit visit) const {
-        const Index count = edges ? f_.contact_edges : f_.contact_faces;
-        const int first_ball = edges ? int(chunks(f_.contact_faces)) : 0, all = int(chunks(count));
-        const int last = CHUNKS * (looker + 1) < all ? CHUNKS * (looker + 1) : all;
-        for (int chunk = CHUNKS * looker; chunk < last; ++chunk) {
-            if (CHUNK * (chunk + 1) <= after || !near(x, reach, rollout, first_ball + chunk)) continue;
-            const int begin = CHUNK * chunk > after ? CHUNK * chunk : after, end = CHUNK * (chunk + 1) < count ? CHUNK * (chunk + 1) : int(count);
-            for (int i = begin; i < end; ++i) visit(i);
+    void list_faces(int rollout, int slot, int point, int chunk) const {
+        if (point >= f_.contact_points) return;
+        const int p = f_.contact_point[point], begin = CHUNK * chunk;
+        const int end = begin + CHUNK < f_.contact_faces ? begin + CHUNK : int(f_.contact_faces);
+        const Vec3<S> x = place(f_.x, rollout, slot, p);
+        for (int i = begin; i < end; ++i) {
+            const int *own = face(i), pair[4] = {p, own[0], own[1], own[FACE - 1]};
+            const S longest = spread(rollout, slot, own, FACE), way = distance_to_first(x, rollout, slot, own);
+            if (!(way <= reach() + longest)) continue;
+            bool apart = true;
+            for (int c = 0; c < FACE; ++c) apart = apart && !together(p, own[c]);
+            if (apart) propose<FACES>(0, rollout, slot, pair);
         }
     }
 
-    void list_faces(int rollout, int slot, int p, int looker) const {
-        if (f_.contact_weight[p] <= 0) return;
-        const Vec3<S> x = place(f_.x, rollout, slot, p);
-        const S reach = f_.contact_distance + 2 * f_.contact_margin;
-        for_near(x, reach, rollout, looker, false, 0, [&](int i) {
-            const int *own = face(i), pair[4] = {p, own[0], own[1], own[FACE - 1]};
-            const S longest = spread(rollout, slot, own, FACE), way = distance_to_first(x, rollout, slot, own);
-            if (!(way <= reach + longest)) return;
-            bool apart = true;
-            for (int c = 0; c < FACE; ++c) apart = apart && !together(p, own[c]);
-            if (apart) propose<FACES>(0, rollout, slot, pair, reach);
-        });
-    }
-
-    void list_edges(int rollout, int slot, int e, int looker) const {
-        const int* own = edge(e);
+    void list_edges(int rollout, int slot, int e, int chunk) const {
+        if (e >= f_.contact_edges) return;
+        const int *own = edge(e), begin = CHUNK * chunk;
+        const int end = begin + CHUNK < f_.contact_edges ? begin + CHUNK : int(f_.contact_edges);
         const Vec3<S> x = place(f_.x, rollout, slot, own[0]);
-        const S reach = f_.contact_distance + 2 * f_.contact_margin, length = spread(rollout, slot, own, 2);
-        for_near(x, reach + length, rollout, looker, true, e + 1, [&](int i) {
+        const S length = spread(rollout, slot, own, 2);
+        for (int i = begin > e ? begin : e + 1; i < end; ++i) {
             const int *other = edge(i), pair[4] = {own[0], own[1], other[0], other[1]};
             const S way = distance_to_first(x, rollout, slot, other);
-            if (!(way <= reach + length + spread(rollout, slot, other, 2))) return;
+            if (!(way <= reach() + length + spread(rollout, slot, other, 2))) continue;
             bool apart = true;
             for (int c = 0; c < 2; ++c) apart = apart && !together(own[0], other[c]) && !together(own[1], other[c]);
-            if (apart) propose<EDGES>(1, rollout, slot, pair, reach);
-        });
+            if (apart) propose<EDGES>(1, rollout, slot, pair);
+        }
     }
 
     // From the first corner of a thing to the farthest other one.
@@ -287,7 +288,7 @@ private:
     }
 
     template <int KIND>
-    void propose(int which, int rollout, int slot, const int* pair, S reach) const {
+    void propose(int which, int rollout, int slot, const int* pair) const {
         Corners x;
         corners(f_.x, rollout, slot, pair, x);
         S way;
@@ -297,7 +298,7 @@ private:
             const S none[4] = {};
             way = Contact<KIND, UNLIKE, S, S>(x, none).length();
         }
-        if (!(way <= reach)) return;
+        if (!(way <= reach())) return;
         const int number = next_of(f_.pair_count + which * f_.rollouts + rollout);
         if (number >= f_.pair_capacity) return raise_to(f_.pairs_needed, number + 1);
         for (int c = 0; c < 4; ++c) pairs(which, rollout)[4 * Index(number) + c] = pair[c];
@@ -392,6 +393,7 @@ struct ContactStep {
     using Pairs = ContactOfRollout<S, FACE, UNLIKE>;
 
     static void clear_pairs(const Frame<S>& f, int thread, int slot) { Pairs(f).clear(thread, slot); }
+    static void match_chunks(const Frame<S>& f, int thread) { Pairs(f).match(thread); }
     static void list_pairs(const Frame<S>& f, int thread, int slot) { Pairs(f).list(thread, slot); }
     static void touch(const Frame<S>& f, int thread, int slot) { Pairs(f).forward(thread, slot); }
     static void begin_adjoint(const Frame<S>& f, int thread) { Pairs(f).begin_adjoint(thread); }

@@ -16,8 +16,10 @@ SLOW = 0.25
 """Of the way that they may go: where they stay within it, the next frame has half as many lists."""
 FIRST_ROOM = 8
 """Pairs of each kind and vertex for which there is room at first."""
-CHUNK, CHUNKS, PAIRS = 32, 32, 4
-"""As in contacts.h: things in a chunk, chunks that a thread looks at, and pairs for each thread that goes through them."""
+CHUNK, PAIRS = 32, 4
+"""As in contacts.h: things in a chunk, and pairs for each thread that goes through them."""
+FIRST_CHUNK_PAIRS = 16
+"""Pairs of chunks that are near each other, for each chunk, for which there is room at first."""
 SUMS = 7
 """Numbers that are added up at a particle: a force, or adjoints of x, v and Young's modulus."""
 
@@ -35,7 +37,8 @@ class ContactModel:
 
     Attributes:
         every: substeps from one list of pairs to the next.
-        capacity: pairs of a kind for which each rollout has room.
+        capacity, chunk_capacity: pairs of a kind, and pairs of chunks, for which each rollout has room.
+        matching_threads: one for each pair of all chunks.
     """
 
     def __init__(
@@ -58,14 +61,18 @@ class ContactModel:
         for name, value in numbers.items():
             record[name] = value
         self.every, self._calm = min(AT_FIRST, SELDOM), False
-        chunks = -(-faces // CHUNK), -(-edges // CHUNK)
-        lookers = [-(-number // CHUNKS) for number in chunks]
-        self.listing_threads = rollouts * (count * lookers[0] + edges * lookers[1])
-        give("contact_balls", torch.zeros(rollouts, sum(chunks), 4, dtype=dtype, device=device))
+        points = np.flatnonzero(body.surface.weight[order] > 0)
+        record["contact_points"] = len(points)
+        give("contact_point", _in_chunks(torch.tensor(points.astype(np.int32))[:, None], body.x0[order]).to(device))
+        chunks = sum(-(-number // CHUNK) for number in (len(points), faces, edges))
+        self.matching_threads = rollouts * chunks**2
+        give("contact_balls", torch.zeros(rollouts, chunks, 4, dtype=dtype, device=device))
+        self._allot_chunks(FIRST_CHUNK_PAIRS * chunks)
         self._allot(max(1, int(FIRST_ROOM * count)))
         whole, single = {"device": device, "dtype": torch.int32}, {"device": device, "dtype": torch.float32}
         give("pair_count", torch.zeros(2, rollouts, **whole))
-        self._needed = give("pairs_needed", torch.zeros(1, **whole))
+        give("chunk_pair_count", torch.zeros(rollouts, **whole))
+        self._needed = give("pairs_needed", torch.zeros(2, **whole))
         give("contact_place", torch.zeros(rollouts * count, 3, dtype=dtype, device=device))
         self._moved = give("contact_moved", torch.zeros(1, **single))
         give("contact_sums", torch.zeros(rollouts * count, SUMS, dtype=torch.int64, device=device))
@@ -79,6 +86,15 @@ class ContactModel:
         self._record["pair_capacity"] = self.capacity = capacity
         self._give("pairs", torch.zeros(2, self._rollouts, capacity, 4, dtype=torch.int32, device=self._device))
 
+    def _allot_chunks(self, capacity: int) -> None:
+        self._record["chunk_pair_capacity"] = self.chunk_capacity = capacity
+        self._give("chunk_pairs", torch.zeros(self._rollouts, capacity, dtype=torch.int32, device=self._device))
+
+    @property
+    def listing_threads(self) -> int:
+        """One for each thing of the first chunk of each pair of chunks for which there is room."""
+        return self._rollouts * self.chunk_capacity * CHUNK
+
     @property
     def pair_threads(self) -> int:
         """Of all lists of pairs."""
@@ -91,12 +107,13 @@ class ContactModel:
 
     def grow(self) -> bool:
         """Whether a frame found more pairs than there was room for; then there is twice the room, elsewhere."""
-        needed = int(self._needed)
+        pairs, chunks = self._needed.tolist()
         self._needed.zero_()
-        if needed <= self.capacity:
-            return False
-        self._allot(2 * needed)
-        return True
+        if pairs > self.capacity:
+            self._allot(2 * pairs)
+        if chunks > self.chunk_capacity:
+            self._allot_chunks(2 * chunks)
+        return pairs > 0 or chunks > 0
 
     def list_more_often(self) -> bool:
         """Whether a particle went farther between two lists than they allow; then they come twice as often."""
@@ -115,17 +132,17 @@ class ContactModel:
 
     def check(self) -> None:
         """Raise `SimulationError` where an adjoint found more pairs than there was room for."""
-        needed = int(self._needed)
-        if needed > self.capacity:
+        needed = max(self._needed.tolist())
+        if needed > 0:
             raise SimulationError(
-                f"{needed} pairs of layers that may touch, and room for {self.capacity}", frame=0, substep=0, particle=0
+                f"room for {needed} pairs of what may touch was missing", frame=0, substep=0, particle=0
             )
 
 
 def _in_chunks(things: Int[Tensor, "things corners"], x0: Float[Array, "particles 3"]) -> Int[Tensor, "things corners"]:
-    """Faces or edges in an order in which those that follow each other lie beside each other."""
+    """Points, faces or edges in an order in which those that follow each other lie beside each other."""
     from scipy.spatial import cKDTree
 
     if not len(things):
-        return things
+        return things.contiguous()
     return things[torch.tensor(cKDTree(x0[things.numpy()].mean(1), leafsize=CHUNK).indices)]

@@ -116,6 +116,8 @@ FRAME = Structure(
     # Contact with itself (contact/surface.py)
     Index contact_faces
     Index contact_edges
+    Index contact_points
+    Index chunk_pair_capacity  of each rollout
     Index pair_capacity  of each rollout and kind of pairs
     S contact_distance
     S contact_margin  half of which a vertex may go between lists
@@ -124,6 +126,7 @@ FRAME = Structure(
     S layer_softening
     const int* contact_face  [contact_faces, corners]
     const int* contact_edge  [contact_edges, 2]
+    const int* contact_point  [contact_points] particles on the surface
     const S* contact_weight  [particles]
     const S* contact_reach  [particles] [m]
     const int* near_first  [particles + 1]
@@ -132,8 +135,10 @@ FRAME = Structure(
     const double* contact_scale  [R] stiffness of the stiffest pair [N/m]
     int* pairs  [2, R, pair_capacity, 4] vertices of points and faces, and of edges
     int* pair_count  [2, R]
-    int* pairs_needed  [1] room that was too little
-    S* contact_balls  [R, chunks, 4] around some faces or edges
+    int* chunk_pairs  [R, chunk_pair_capacity] that are near each other: chunks * one + other
+    int* chunk_pair_count  [R]
+    int* pairs_needed  [2] room for pairs that was too little, and for those of chunks
+    S* contact_balls  [R, chunks, 4] around chunks of points, of faces and of edges
     S* contact_place  [P, 3] where vertices were when pairs were listed
     float* contact_moved  [1] how far from there one is, at most [m]
     Index* contact_sums  [P, 7] forces, or adjoints of x, v and Young's modulus, in units
@@ -255,9 +260,12 @@ def step_kernels(config: SimulationConfig, hand: int, led: bool | None) -> Simpl
 
 
 def contact_kernels(module: Module, config: SimulationConfig, led: bool | None) -> dict[str, wp.Kernel]:
-    """Those of a body that touches itself, by name: `clear_pairs`, `list_pairs` and `touch` for the forward pass, `begin_adjoint` and
+    """Those of a body that touches itself, by name: `clear_pairs`, `match_chunks`, `list_pairs` and `touch` for the forward pass, `begin_adjoint` and
     `touch_adjoint` for the adjoint."""
-    forward, backward = {"clear_pairs": 1, "list_pairs": 1, "touch": 1}, {"begin_adjoint": 0, "touch_adjoint": 1}
+    forward, backward = (
+        {"clear_pairs": 1, "match_chunks": 0, "list_pairs": 1, "touch": 1},
+        {"begin_adjoint": 0, "touch_adjoint": 1},
+    )
     names = {} if not config.self_contact else forward if led is None else backward
     return {name: module.kernel(name, integers) for name, integers in names.items()}
 

@@ -60,6 +60,7 @@ class Launches:
         self._record(kernels)
         if model.contact is not None:
             self._clear = self._phase(kernels.clear_pairs, count)
+            self._match = self._phase(kernels.match_chunks, model.contact.matching_threads)
             self._list = self._phase(kernels.list_pairs, model.contact.listing_threads)
             self._pairs = self._phase(kernels.touch, model.contact.pair_threads)
         self._backward: dict[bool, tuple] = {}
@@ -130,6 +131,7 @@ class Launches:
 
     def _list_pairs(self, slot: int) -> None:
         self._clear(slot)
+        self._match()
         self._list(slot)
 
     def _kernels(self, led: bool | None) -> SimpleNamespace:

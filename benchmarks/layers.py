@@ -17,6 +17,8 @@ from dataclasses import replace
 import numpy as np
 import torch
 
+from benchmarks.thin.meshes import rectangle
+from benchmarks.thin.touching import block, folded, two_blocks
 from physreal_core.simulation import Body, Parameters, SimulationConfig, Simulator, rod_body, shell_body
 
 THICKNESS = 0.002
@@ -31,20 +33,9 @@ def cloth(radius: float | None, turn: float = 0.0) -> Body:
         radius: of the fold.
         turn: of the fold's line against the mesh [rad], so that the layers' vertices do not lie on each other.
     """
-    u, v = np.meshgrid(*(np.linspace(-s / 2, s / 2, n + 1) for s, n in zip(SIZE, CELLS, strict=True)), indexing="ij")
-    number = np.arange(u.size).reshape(u.shape)
-    a, b, c, d = number[:-1, :-1], number[1:, :-1], number[1:, 1:], number[:-1, 1:]
-    triangles = np.concatenate([np.stack([a, b, c], -1).reshape(-1, 3), np.stack([a, c, d], -1).reshape(-1, 3)])
-    rest = np.stack([u.ravel(), v.ravel(), np.full(u.size, THICKNESS / 2)], 1)
-    if radius is None:
-        return shell_body(rest, triangles, THICKNESS, 300.0)
-    along = np.array([np.cos(turn), np.sin(turn), 0.0])
-    s = rest @ along
-    angle = np.clip(s / radius + np.pi / 2, 0.0, np.pi)
-    beyond = s - np.clip(s, -np.pi * radius / 2, np.pi * radius / 2)
-    start = rest + (radius * np.sin(angle) - np.abs(beyond) - s)[:, None] * along
-    start[:, 2] += radius * (1 - np.cos(angle))
-    return shell_body(start, triangles, THICKNESS, 300.0, rest)
+    if radius is not None:
+        return folded(CELLS, SIZE, THICKNESS, radius, turn)
+    return shell_body(*rectangle(CELLS, SIZE, THICKNESS / 2), THICKNESS, 300.0)
 
 
 def rope() -> Body:
@@ -56,12 +47,12 @@ def rope() -> Body:
 
 
 def blocks(count: int) -> Body:
-    """Two thousand particles in so many blocks that lie on each other."""
-    spacing, heights = 0.008, 20 // count
-    cells = np.stack(np.meshgrid(np.arange(10), np.arange(10), np.arange(heights), indexing="ij"), -1).reshape(-1, 3)
-    x0 = np.concatenate([spacing * (cells + 0.5 + [0.3 * n, 0.4 * n, 1.01 * heights * n]) for n in range(count)])
-    pieces = np.repeat(np.arange(count), len(cells))
-    return Body(x0, np.full(len(x0), spacing**3), np.full(len(x0), 300.0), spacing, pieces=pieces)
+    """Two thousand particles in one block, or in two that lie on each other."""
+    spacing = 0.008
+    if count == 2:
+        return two_blocks(spacing, (10, 10, 10), (10, 10, 10), (0.3 * spacing, 0.4 * spacing), 0.1 * spacing)
+    x0 = block((10, 10, 20), spacing, (0.0, 0.0, 0.0))
+    return Body(x0, np.full(len(x0), spacing**3), np.full(len(x0), 300.0), spacing)
 
 
 def scene(body: Body, contact: bool, device: str) -> tuple[Simulator, Parameters]:

@@ -12,7 +12,6 @@ from physreal_core.simulation import Body, Clamp, Grip, Parameters, SimulationCo
 
 FRICTION, SLOPE = 0.3, 0.5
 """Coulomb's coefficient, and the angle [rad] by which gravity is tilted."""
-NO_HAND = torch.zeros(2, 0, 3)
 
 
 def block(counts: tuple[int, int, int], spacing: float, corner: tuple[float, float, float]) -> np.ndarray:
@@ -110,51 +109,52 @@ def rest_block(particles: int) -> tuple[float, float]:
     return float(z[upper].min() - z[~upper].max()), spacing
 
 
+def _soft_cloth(body: Body, **others: torch.Tensor) -> Parameters:
+    return Parameters(
+        torch.tensor(1e5), torch.tensor(0.3), torch.tensor(0.4), bending_ratio=torch.tensor(0.05),
+        linear_drag=torch.tensor(3.0) * torch.tensor(body.mass), layer_friction=torch.tensor(0.4), **others,
+    )  # fmt: skip
+
+
+SOFT_CLOTH = SimulationConfig(fps=30, terms=("drag", "bending"), self_contact=True)
+
+
 def rest_fold(cells: int) -> tuple[float, float]:
     """Height of a folded sheet's upper half, dropped from three thicknesses, over its lower half [m]: a thickness"""
     thickness, width = 0.002, max(4, 2 * cells // 5)
-    body = folded((cells, width), (0.2, 0.08), thickness, gap=3.0)
-    parameters = Parameters(
-        torch.tensor(1e5), torch.tensor(0.3), torch.tensor(0.4), bending_ratio=torch.tensor(0.05),
-        linear_drag=torch.tensor(3.0) * torch.tensor(body.mass), layer_friction=torch.tensor(0.4),
-    )  # fmt: skip
-    config = SimulationConfig(fps=30, terms=("drag", "bending"), self_contact=True)
-    z = Simulator(body, config).rollout(parameters, torch.zeros(46, 0, 3)).x[-1, :, 2].reshape(cells + 1, width + 1)
+    body = folded((cells, width), (0.2, 0.08), thickness, radius=1.5 * thickness)
+    z = Simulator(body, SOFT_CLOTH).rollout(_soft_cloth(body), torch.zeros(46, 0, 3)).x[-1, :, 2]
+    z = z.reshape(cells + 1, width + 1)
     part = max(2, 3 * cells // 10)
     return float(z[-part:].mean() - z[:part].mean()), thickness
 
 
 def folded(
-    cells: tuple[int, int], size: tuple[float, float], thickness: float, gap: float, density: float = 300.0
+    cells: tuple[int, int], size: tuple[float, float], thickness: float, radius: float, turn: float = 0.0
 ) -> Body:
-    """A sheet on the ground, folded in half along its width, its halves `gap` of its thickness apart."""
-    rest, triangles = rectangle(cells, size)
-    radius = gap * thickness / 2
-    along = rest[:, 0] - size[0] / 2  # the first half lies below
-    angle = np.clip(along / radius + np.pi / 2, 0.0, np.pi)
-    beyond = along - np.clip(along, -np.pi * radius / 2, np.pi * radius / 2)
-    start = rest.copy()
-    start[:, 0] = size[0] / 2 + radius * np.sin(angle) - np.abs(beyond)
-    start[:, 2] = thickness / 2 + radius * (1 - np.cos(angle))
-    return shell_body(start, triangles, thickness, density, rest)
+    """A sheet on the ground, folded in half with a radius [m], by a line across it that is turned by an angle [rad] against the mesh."""
+    rest, triangles = rectangle(cells, size, thickness / 2)
+    along = np.array([np.cos(turn), np.sin(turn), 0.0])
+    s = (rest - rest.mean(0)) @ along  # the first half lies below
+    angle = np.clip(s / radius + np.pi / 2, 0.0, np.pi)
+    beyond = s - np.clip(s, -np.pi * radius / 2, np.pi * radius / 2)
+    start = rest + (radius * np.sin(angle) - np.abs(beyond) - s)[:, None] * along
+    start[:, 2] += radius * (1 - np.cos(angle))
+    return shell_body(start, triangles, thickness, 300.0, rest)
 
 
 def cloth_opens(cells: int) -> tuple[float, float]:
     """Height of a cloth that was folded in half and is lifted by the corners of its upper half until it hangs [m]: its length"""
     width = max(3, 3 * cells // 10)
-    body = folded((cells, width), (0.2, 0.06), 0.002, gap=1.1)
+    body = folded((cells, width), (0.2, 0.06), 0.002, radius=0.0011)
     corners = np.array([len(body.x0) - width - 1, len(body.x0) - 1])
     points = body.x0[corners] + [0.0, 0.0, 0.005]
-    parameters = Parameters(
-        torch.tensor(1e5), torch.tensor(0.3), torch.tensor(0.4), bending_ratio=torch.tensor(0.05),
-        grip_stiffness=torch.tensor(2.0), grip_damping=torch.tensor(0.01),
-        linear_drag=torch.tensor(3.0) * torch.tensor(body.mass), layer_friction=torch.tensor(0.4),
-    )  # fmt: skip
-    config = SimulationConfig(fps=30, terms=("drag", "bending"), self_contact=True)
+    parameters = _soft_cloth(body, grip_stiffness=torch.tensor(2.0), grip_damping=torch.tensor(0.01))
     grip = Grip(corners, np.arange(2), np.ones(2), np.full(2, 0.005))
     time = torch.linspace(0, 1, 46)[:, None, None]
     path = torch.tensor(points).float() + 0.3 * time * torch.tensor([0.0, 0.0, 1.0])
-    rows = Simulator(body, config, grip).rollout(parameters, path).x[-1].reshape(cells + 1, width + 1, 3).mean(1)
+    x = Simulator(body, SOFT_CLOTH, grip).rollout(parameters, path).x[-1]
+    rows = x.reshape(cells + 1, width + 1, 3).mean(1)
     return float(rows[-1, 2] - rows[0, 2]), 0.2
 
 

@@ -147,6 +147,11 @@ def _first_node(x0: Float[Array, "particles 3"], body: Body, clamps: tuple[Clamp
     return anchor + body.cell * (np.floor((x0.min(0) - anchor) / body.cell - 0.5) - 1)
 
 
+def particle_order(body: Body, lattice: Lattice) -> Int[Array, " particles"]:
+    """The particle at each place in the order in which the step keeps them: by their cells; the vertices of a thin body stay as they are."""
+    return np.arange(len(body.x0)) if body.elements is not None else lattice.order(lattice.place)
+
+
 def base_nodes(place: Float[Array, "particles 3"], lattice: Lattice) -> Int[Array, "particles 3"]:
     """The lowest of the 27 nodes in which a particle at a place on the grid [m] has a share."""
     return np.floor((place - lattice.offset) / lattice.cell - 0.5).astype(np.int64)

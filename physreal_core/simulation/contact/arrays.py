@@ -17,7 +17,7 @@ def surface_arrays(body: Body, order: Int[Array, " particles"], dtype: torch.dty
         dtype: of numbers that are not whole.
     """
     surface, place = body.surface, np.argsort(order)
-    first, near = surface.neighbours()
+    first, near = surface.near
     by_place = [near[first[p] : first[p + 1]] for p in order]
     whole = {
         "contact_face": place[surface.faces],

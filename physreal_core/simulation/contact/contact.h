@@ -322,4 +322,19 @@ private:
     };
 };
 
+// From the adjoint `bar` of the forces without friction; adds to those of x and of the stiffness. The energy's second derivatives are symmetric, so
+// the adjoint of x is the slope of the forces along that of the forces.
+template <int KIND, bool UNLIKE, class V>
+inline void normal_adjoint(const Vec3<V> (&x)[4], const Vec3<V> (&bar)[4], const V (&reach)[4], V stiffness, Vec3<V> (&x_bar)[4],
+                           V& stiffness_bar) {
+    Vec3<Dual<V>> moved[4], f[4] = {};
+    for (int c = 0; c < 4; ++c)
+        for (int d = 0; d < 3; ++d) moved[c][d] = {x[c][d], bar[c][d]};
+    const Contact<KIND, UNLIKE, Dual<V>, V> contact(moved, reach);
+    contact.forces(stiffness, f);
+    stiffness_bar -= contact.energy().slope;
+    for (int c = 0; c < 4; ++c)
+        for (int d = 0; d < 3; ++d) x_bar[c][d] += f[c][d].slope;
+}
+
 }  // namespace physreal

@@ -77,7 +77,7 @@ def _between_edges(
 
 
 def _hang_together(surface: Surface) -> Bool[Array, "vertices vertices"]:
-    bounds, near = surface.neighbours()
+    bounds, near = surface.near
     together = np.zeros((len(surface.weight),) * 2, dtype=bool)
     together[np.repeat(np.arange(len(bounds) - 1), np.diff(bounds)), near] = True
     return together

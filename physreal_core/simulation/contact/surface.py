@@ -6,7 +6,7 @@ Young's modulus of its corners times `size` times the smallest `weight` of its p
 face, so that contact asks for steps little shorter than the body's own.
 """
 
-from dataclasses import dataclass, field
+from dataclasses import dataclass
 
 import numpy as np
 import torch
@@ -23,41 +23,42 @@ FINDING = 0.5
 """Of an edge's length: the margin within which pairs are listed."""
 
 
-@dataclass(frozen=True)
-class Links:
-    """What hangs together in a body, and up to where it never touches itself.
+PATH = 2.0
+"""Contact distances along a thin body within which vertices never touch; nor do vertices that share an edge."""
+
+Near = tuple[Int[Array, " bounds"], Int[Array, " neighbours"]]
+"""Of each vertex, itself among them, those that it never touches: bounds [N + 1] and vertices. Of vertices without weight only themselves."""
+
+
+def never_touching(
+    ends: Int[Array, "links 2"], lengths: Float[Array, " links"], path: float, weight: Float[Array, " vertices"]
+) -> Near:
+    """What hangs together so closely that it never touches.
 
     Args:
-        ends: vertices that hang together, shape [L, 2]; they never touch.
-        lengths: from one end to the other without stress [m], shape [L].
+        ends: vertices that hang together.
+        lengths: from one end to the other without stress [m].
         path: along links, up to which vertices never touch [m].
+        weight: of the vertices, as of `Surface`.
     """
+    from scipy.sparse import coo_matrix
+    from scipy.sparse.csgraph import dijkstra
 
-    ends: Int[Array, "links 2"]
-    lengths: Float[Array, " links"]
-    path: float
-
-    def neighbours(self, weight: Float[Array, " vertices"]) -> tuple[Int[Array, " bounds"], Int[Array, " neighbours"]]:
-        """Of each vertex, itself among them, those that it never touches: bounds [N + 1] and vertices. Of vertices without weight only
-        themselves."""
-        from scipy.sparse import coo_matrix
-        from scipy.sparse.csgraph import dijkstra
-
-        count = len(weight)
-        one, other = self.ends.T
-        graph = coo_matrix((self.lengths, (one, other)), shape=(count, count)).tocsr()
-        linked = coo_matrix((np.ones(len(one), dtype=bool), (one, other)), shape=(count, count)).tocsr()
-        linked = linked + linked.T
-        found = [np.array([vertex]) for vertex in range(count)]
-        own = np.flatnonzero(weight > 0)
-        for rows in np.array_split(own, -(-len(own) // 256)):
-            near = dijkstra(graph, directed=False, indices=rows, limit=self.path) < np.inf
-            near |= linked[rows].toarray()
-            near &= weight > 0
-            for row, vertex in zip(near, rows, strict=True):
-                found[vertex] = np.flatnonzero(row)
-        bounds = np.concatenate([[0], np.cumsum([len(row) for row in found])])
-        return bounds.astype(np.int32), np.concatenate(found).astype(np.int32)
+    count = len(weight)
+    one, other = ends.T
+    graph = coo_matrix((lengths, (one, other)), shape=(count, count)).tocsr()
+    linked = coo_matrix((np.ones(len(one), dtype=bool), (one, other)), shape=(count, count)).tocsr()
+    linked = linked + linked.T
+    found = [np.array([vertex]) for vertex in range(count)]
+    own = np.flatnonzero(weight > 0)
+    for rows in np.array_split(own, -(-len(own) // 256)):
+        near = dijkstra(graph, directed=False, indices=rows, limit=path) < np.inf
+        near |= linked[rows].toarray()
+        near &= weight > 0
+        for row, vertex in zip(near, rows, strict=True):
+            found[vertex] = np.flatnonzero(row)
+    bounds = np.concatenate([[0], np.cumsum([len(row) for row in found])])
+    return bounds.astype(np.int32), np.concatenate(found).astype(np.int32)
 
 
 @dataclass(frozen=True)
@@ -70,7 +71,7 @@ class Surface:
         reach: of each vertex: how far it stands off what it touches [m], shape [N].
         size: stiffness of a pair over Young's modulus [m].
         weight: of each vertex: its share of area, length or volume over a usual one, shape [N]; zero of one that touches nothing.
-        links: what hangs together.
+        near: what never touches.
         spacing: length of a usual edge [m].
         sides: of a vertex from which it may be touched at once: two of a sheet, one of a volume.
     """
@@ -80,7 +81,7 @@ class Surface:
     reach: Float[Array, " vertices"]
     size: float
     weight: Float[Array, " vertices"]
-    links: Links = field(repr=False)
+    near: Near
     spacing: float
     sides: int = 2
 
@@ -99,10 +100,6 @@ class Surface:
         """The most that act at one."""
         return TOUCHING_PAIRS * self.sides
 
-    def neighbours(self) -> tuple[Int[Array, " bounds"], Int[Array, " neighbours"]]:
-        """See `Links.neighbours`."""
-        return self.links.neighbours(self.weight)
-
     def squared_frequency(
         self, youngs_modulus: Float[Tensor, "*#rollouts vertices"], mass: Float[Tensor, "*#rollouts vertices"]
     ) -> float:
@@ -117,12 +114,3 @@ class Surface:
         weight = torch.as_tensor(self.weight, device=mass.device)
         stiffness = self.size * weight * youngs_modulus.detach().double()
         return 2.0 * self.pairs_at_a_vertex * float((stiffness / mass.double()).max())
-
-
-PATH = 2.0
-"""Contact distances along a thin body within which vertices never touch; nor do vertices that share an edge."""
-
-
-def thin_links(edges: Int[Array, "edges 2"], lengths: Float[Array, " edges"], distance: float) -> Links:
-    """Of a thin body, whose edges have these lengths without stress [m] and whose layers touch at this distance [m]."""
-    return Links(edges, lengths, PATH * distance)

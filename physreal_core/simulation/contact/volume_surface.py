@@ -9,7 +9,7 @@ import torch
 
 from physreal_core.array_types import Array, Float, Int
 from physreal_core.simulation.contact.reference import nearest_on_faces
-from physreal_core.simulation.contact.surface import SHARE, Links, Surface
+from physreal_core.simulation.contact.surface import SHARE, Surface, never_touching
 from physreal_core.simulation.pieces import NEAR
 
 PATH = 2.5
@@ -46,9 +46,9 @@ def volume_surface(
     outside[faces] = True
     weight = np.where(outside, volume / spacing**3, 0.0)
     lengths = np.linalg.norm(x0[links[:, 1]] - x0[links[:, 0]], axis=1)
-    together = Links(links, lengths, PATH * spacing)
-    reach = _apart_at_rest(x0, reach, faces, *together.neighbours(weight))
-    return Surface(faces, edges, reach, SHARE * spacing, weight, together, spacing, sides=1)
+    near = never_touching(links, lengths, PATH * spacing, weight)
+    reach = _apart_at_rest(x0, reach, faces, *near)
+    return Surface(faces, edges, reach, SHARE * spacing, weight, near, spacing, sides=1)
 
 
 def _tetrahedra(

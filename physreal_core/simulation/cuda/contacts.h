@@ -10,10 +10,8 @@
 
 namespace physreal {
 
-// Points, faces or edges that lie beside each other (contacts.py): of the balls around such chunks most are apart.
-constexpr int CHUNK = 32;
-// Pairs for which there is room, for each thread that goes through them.
-constexpr int PAIRS = 4;
+// CHUNK points, faces or edges lie beside each other (contacts.py): of the balls around such chunks most are apart. There is a thread for PAIRS pairs
+// for which there is room.
 
 inline void add_to(Index* sum, Index value) {
 #if defined(__CUDA_ARCH__)
@@ -361,7 +359,7 @@ private:
         stiffness<KIND>(rollout, pair, by_modulus, moduli);
         const S k = by_modulus * moduli;
         contact.friction_adjoint(k, friction(rollout), v, bar, x_bar, v_bar, k_bar, coefficient_bar);
-        normal_adjoint<KIND>(x, bar, reach, k, x_bar, k_bar);
+        normal_adjoint<KIND, UNLIKE>(x, bar, reach, k, x_bar, k_bar);
         for (int c = 0; c < corner_count<KIND>(); ++c) {
             Index* sum = sums.of(vertex(rollout, pair[c]));
             for (int d = 0; d < 3; ++d) {
@@ -371,19 +369,6 @@ private:
             add_to(sum + sums.MODULUS_BAR, in_units(by_modulus * k_bar, sums.bar_unit(slot, sums.MODULUS_BAR)));
         }
         add_to(f_.contact_friction_bar + rollout, in_units(coefficient_bar, sums.friction_unit(slot)));
-    }
-
-    // The energy's second derivatives are symmetric, so the adjoint of x is the slope of the forces along that of the forces.
-    template <int KIND>
-    void normal_adjoint(const Corners& x, const Corners& bar, const S (&reach)[4], S k, Corners& x_bar, S& k_bar) const {
-        Vec3<Dual<S>> moved[4], force[4] = {};
-        for (int c = 0; c < 4; ++c)
-            for (int d = 0; d < 3; ++d) moved[c][d] = {x[c][d], bar[c][d]};
-        const Contact<KIND, UNLIKE, Dual<S>, S> contact(moved, reach);
-        contact.forces(k, force);
-        k_bar -= contact.energy().slope;
-        for (int c = 0; c < 4; ++c)
-            for (int d = 0; d < 3; ++d) x_bar[c][d] += force[c][d].slope;
     }
 };
 

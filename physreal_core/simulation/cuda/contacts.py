@@ -17,7 +17,7 @@ SLOW = 0.25
 FIRST_ROOM = 8
 """Pairs of each kind and vertex for which there is room at first."""
 CHUNK, PAIRS = 32, 4
-"""As in contacts.h: things in a chunk, and pairs for each thread that goes through them."""
+"""Of contacts.h: things in a chunk, and pairs for each thread that goes through them."""
 FIRST_CHUNK_PAIRS = 16
 """Pairs of chunks that are near each other, for each chunk, for which there is room at first."""
 SUMS = 7
@@ -60,7 +60,7 @@ class ContactModel:
         self._size, faces, edges = numbers["contact_size"], numbers["contact_faces"], numbers["contact_edges"]
         for name, value in numbers.items():
             record[name] = value
-        self.every, self._calm = min(AT_FIRST, SELDOM), False
+        self.every, self._calm = AT_FIRST, False
         points = np.flatnonzero(body.surface.weight[order] > 0)
         record["contact_points"] = len(points)
         give("contact_point", _in_chunks(torch.tensor(points.astype(np.int32))[:, None], body.x0[order]).to(device))

@@ -8,6 +8,7 @@ import warp as wp
 
 from physreal_core.native import native_module
 from physreal_core.simulation.config import SimulationConfig
+from physreal_core.simulation.cuda.contacts import CHUNK, PAIRS
 from physreal_core.simulation.cuda.parts import LARGEST_GROUP, NODE_THREADS, WARP
 from physreal_core.simulation.layout import Structure
 from physreal_core.simulation.step_layout import (
@@ -153,6 +154,9 @@ HALVES = ((True, True), (True, False), (False, True))
 """Arriving, leaving."""
 
 
+_CONTACT_SIZES = f"namespace physreal {{\nconstexpr int CHUNK = {CHUNK}, PAIRS = {PAIRS};\n}}\n"
+
+
 class Module:
     """A Warp module of entry points of one C++ class, and what its kernels take: four integers and the frame, as so many bytes.
 
@@ -182,7 +186,7 @@ class Module:
             Path(__file__).parent / header,
             LAWS_FOLDER,
             *folders,
-            preamble=f'#include "number.h"\n{layout}{preamble}',
+            preamble=f'#include "number.h"\n{layout}{_CONTACT_SIZES}{preamble}',
             cuda=True,
         )
         self._frame, self._entries = f"physreal::{structures[-1].name}<{SCALARS[dtype]}>", entries

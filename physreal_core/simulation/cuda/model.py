@@ -12,7 +12,7 @@ from physreal_core.simulation.body import Body, Clamp, Grip, PointLoad, Tool, lo
 from physreal_core.simulation.config import SimulationConfig
 from physreal_core.simulation.cuda.contacts import ContactModel
 from physreal_core.simulation.cuda.hand_model import GRIPS, HandModel
-from physreal_core.simulation.lattice import lattice_of
+from physreal_core.simulation.lattice import lattice_of, particle_order
 from physreal_core.simulation.layout import Structure
 from physreal_core.simulation.parameters import Parameters
 from physreal_core.simulation.particle_rows import NODE_SUMS, NUMBERS, PARTICLE_SUMS, ParticleRows
@@ -66,8 +66,9 @@ class BodyModel:
         self.hand = HandModel(body, grip, tool, rollouts, *given)
         self._rows = ParticleRows(config, self.particles, bool(self.hand.bits & GRIPS), tool is not None)
         self.shapes = self._rows.shapes
-        order = np.arange(self.particles) if body.elements is not None else self.lattice.order(self.lattice.place)
-        self.contact = ContactModel(body, order, rollouts, *given) if config.self_contact else None
+        self.contact = (
+            ContactModel(body, particle_order(body, self.lattice), rollouts, *given) if config.self_contact else None
+        )
         self._parameters()
         self._adjoints()
         self._settled = self._weight_bar = torch.zeros((), device=self.device)

@@ -21,6 +21,7 @@ from physreal_core.simulation.cuda.parts import NODE_THREADS
 from physreal_core.simulation.cuda.thin_launches import ThinLaunches
 from physreal_core.simulation.cuda.thin_model import ThinModel
 from physreal_core.simulation.cuda.volume_model import VolumeModel
+from physreal_core.simulation.lattice import particle_order
 from physreal_core.simulation.parameters import Parameters
 from physreal_core.simulation.stepper import Span, State
 
@@ -90,7 +91,7 @@ class CudaStepper:
         self.substeps = self.slots = self.kept_slots = 0
         self.kept_bytes = 0 if self.device == "cpu" else kept_bytes_of(self.device)
         self.holder: object | None = None
-        self.order = self._cell_order()
+        self.order = self._cell_order(body)
         self._report = torch.zeros(rollouts, dtype=torch.int64, device=self.device)
         self._first = torch.zeros(1, dtype=torch.int32, device=self.device)
         self._slot = 0
@@ -100,11 +101,10 @@ class CudaStepper:
         self._graphs: dict[tuple[str, int, int], wp.Graph] = {}
         self._lists: dict[int, int] = {}  # by frame, substeps from one list of pairs that touch to the next
 
-    def _cell_order(self) -> Tensor:
+    def _cell_order(self, body: Body) -> Tensor:
         """Order of the particles by columns of cells, rollout by rollout, shape [P]; the vertices of a thin body stay as they are."""
         firsts = self.particles * np.arange(self.rollouts)[:, None]
-        own = np.arange(self.particles) if self._thin else self.lattice.order(self.lattice.place)
-        return torch.as_tensor((own + firsts).ravel(), device=self.device)
+        return torch.as_tensor((particle_order(body, self.lattice) + firsts).ravel(), device=self.device)
 
     # --- memory -------------------------------------------------------------------------------------------------
 

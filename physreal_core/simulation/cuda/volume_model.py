@@ -8,7 +8,7 @@ from physreal_core.simulation.body import Clamp
 from physreal_core.simulation.cuda.frame import FRAME
 from physreal_core.simulation.cuda.model import BodyModel
 from physreal_core.simulation.cuda.parts import Parts, threads_of
-from physreal_core.simulation.lattice import base_nodes, held_boxes
+from physreal_core.simulation.lattice import base_nodes, held_boxes, particle_order
 from physreal_core.simulation.parameters import Parameters
 
 WEIGHT_ROWS = 64  # copies of a network's weight adjoint on a GPU, so that its threads do not queue for one address
@@ -41,7 +41,7 @@ class VolumeModel(BodyModel):
     def _parts(self) -> None:
         """What particles leave at their nodes."""
         lattice = self.lattice
-        lowest = base_nodes(lattice.place, lattice)[lattice.order(lattice.place)]
+        lowest = base_nodes(lattice.place, lattice)[particle_order(self._body, lattice)]
         parts = Parts.of(lowest, lattice)
         self.frame["threads"], self.frame["groups"] = threads_of(self.particles), parts.groups
         of_nodes = parts.which * self.rollouts * parts.groups + parts.of_nodes

@@ -337,7 +337,7 @@ private:
         V k_bar = {}, coefficient_bar = {};
         const Contact<Pairs::KIND, UNLIKE, V, V> contact(x, reach);
         contact.friction_adjoint(k, friction(), v, bar, x_bar, v_bar, k_bar, coefficient_bar);
-        normal_adjoint<Pairs::KIND>(x, bar, reach, k, x_bar, k_bar);
+        normal_adjoint<Pairs::KIND, UNLIKE>(x, bar, reach, k, x_bar, k_bar);
         const Index lanes = min_of(LANES, frame_.pairs_touch[block.list] - block.b);
         for (Index l = 0; l < lanes; l++) friction_bar += coefficient_bar[l];
         S* left = left_of(block.list) + LEFT * block.b;
@@ -348,19 +348,6 @@ private:
             }
             store(left + (24 + c) * LANES, by_modulus * k_bar);
         }
-    }
-
-    // The energy's second derivatives are symmetric, so the adjoint of x is the slope of the forces along that of the forces.
-    template <int KIND>
-    void normal_adjoint(const Vec3<V> (&x)[4], const Vec3<V> (&bar)[4], const V (&reach)[4], V k, Vec3<V> (&x_bar)[4], V& k_bar) const {
-        Vec3<Dual<V>> moved[4], f[4] = {};
-        for (int c = 0; c < 4; c++)
-            for (int d = 0; d < 3; d++) moved[c][d] = {x[c][d], bar[c][d]};
-        const Contact<KIND, UNLIKE, Dual<V>, V> contact(moved, reach);
-        contact.forces(k, f);
-        k_bar -= contact.energy().slope;
-        for (int c = 0; c < 4; c++)
-            for (int d = 0; d < 3; d++) x_bar[c][d] += f[c][d].slope;
     }
 
     // --- which pairs may touch

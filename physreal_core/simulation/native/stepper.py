@@ -15,7 +15,7 @@ from physreal_core.native import launch_on_threads
 from physreal_core.simulation.body import Body, Clamp, Grip, PointLoad, Tool, controller_count, load_forces
 from physreal_core.simulation.config import SimulationConfig
 from physreal_core.simulation.grip_inertia import GripInertia
-from physreal_core.simulation.lattice import held_boxes, lattice_of
+from physreal_core.simulation.lattice import held_boxes, lattice_of, particle_order
 from physreal_core.simulation.native.contacts import ContactArrays
 from physreal_core.simulation.native.frame import FRAME, THIN_FRAME, WORKSPACE, frame_kernels
 from physreal_core.simulation.parameters import Parameters, row_of
@@ -179,7 +179,7 @@ class NativeStepper:
         frames["stride"] = -(-self.particles // BLOCK) * BLOCK
         frames["gravity"] = config.gravity
         lattice, thin = self.lattice, body.elements is not None
-        order = self._order = np.arange(self.particles) if thin else lattice.order(lattice.place)
+        order = self._order = particle_order(body, lattice)
         for name, array in (("order", order), ("place", np.argsort(order))):
             self._give(frames, name, torch.from_numpy(array.astype(np.int32)), shared=True)
         frames["offset"], frames["count"], frames["cell"] = lattice.offset, lattice.count, lattice.cell

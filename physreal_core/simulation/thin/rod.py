@@ -24,7 +24,7 @@ import torch
 from physreal_core.array_types import Array, Float, Int, Tensor
 from physreal_core.errors import InputError
 from physreal_core.simulation.body import Body
-from physreal_core.simulation.contact.surface import SHARE, Surface, thin_links
+from physreal_core.simulation.contact.surface import PATH, SHARE, Surface, never_touching
 from physreal_core.simulation.parameters import Parameters
 from physreal_core.simulation.thin.framed_stiffness import framed_frequency, framed_stiffness
 from physreal_core.simulation.thin.rows import FRAMED_ROD_STIFFNESS, ROD, ROD_STIFFNESS
@@ -72,12 +72,10 @@ class Rod(Segments):
         """What ropes touch with."""
         usual = float(np.median(self.rest_lengths))
         weight = self.vertex_length / self.vertex_length.mean()
-        links, reach = (
-            thin_links(self.segments, self.rest_lengths, 2.0 * self.radius),
-            np.full(len(weight), self.radius),
-        )
+        near = never_touching(self.segments, self.rest_lengths, PATH * 2.0 * self.radius, weight)
+        reach = np.full(len(weight), self.radius)
         size = SHARE * np.pi * self.radius**2 / usual
-        return Surface(self.segments, self.segments, reach, size, weight, links, usual)
+        return Surface(self.segments, self.segments, reach, size, weight, near, usual)
 
     def constants(self) -> Float[Array, "rows bends"]:
         """Rows `ROD` of every vertex between two segments."""

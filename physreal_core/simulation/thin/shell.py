@@ -24,7 +24,7 @@ import torch
 from physreal_core.array_types import Array, Float, Int, Tensor
 from physreal_core.errors import InputError
 from physreal_core.simulation.body import Body
-from physreal_core.simulation.contact.surface import SHARE, Surface, thin_links
+from physreal_core.simulation.contact.surface import PATH, SHARE, Surface, never_touching
 from physreal_core.simulation.parameters import Parameters
 from physreal_core.simulation.thin.incidence import Incidence
 from physreal_core.simulation.thin.rows import SHELL, SHELL_STIFFNESS
@@ -77,8 +77,9 @@ class Shell(Triangles):
         edges, first = np.unique(np.sort(np.stack([start, end], 1), axis=1), axis=0, return_index=True)
         lengths = np.linalg.norm(self._edges, axis=-1).ravel()[first]
         weight = self.vertex_area / self.vertex_area.mean()
-        links, reach = thin_links(edges, lengths, self.thickness), np.full(len(weight), self.half_height)
-        return Surface(self.triangles, edges, reach, SHARE * self.thickness, weight, links, float(np.median(lengths)))
+        near = never_touching(edges, lengths, PATH * self.thickness, weight)
+        reach, usual = np.full(len(weight), self.half_height), float(np.median(lengths))
+        return Surface(self.triangles, edges, reach, SHARE * self.thickness, weight, near, usual)
 
     def stiffness(self, parameters: Parameters) -> Float[Tensor, "*rollouts stiffness triangles"]:
         """Rows `SHELL_STIFFNESS`, see `shell_stiffness`."""

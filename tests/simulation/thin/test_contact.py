@@ -145,7 +145,7 @@ def test_too_little_room_and_too_few_lists_are_made_good(kind, fused, monkeypatc
 
 
 def test_the_number_of_threads_does_not_matter():
-    body = touching.folded((24, 24), (0.24, 0.24), 0.004, gap=0.7)
+    body = touching.folded((24, 24), (0.24, 0.24), 0.004, radius=0.0014)
     parameters = Parameters(number(1e5), number(0.3), number(0.3), layer_friction=number(0.3))
     results = []
     for threads in (1, 2):
@@ -166,7 +166,7 @@ def test_a_folded_sheet_comes_to_rest_a_thickness_apart():
 
 
 def test_without_contact_the_folded_sheet_falls_through_itself():
-    body = touching.folded((20, 8), (0.2, 0.08), 0.002, gap=3.0)
+    body = touching.folded((20, 8), (0.2, 0.08), 0.002, radius=0.003)
     config = SimulationConfig(fps=30, terms=("drag", "bending"))
     parameters = Parameters(
         torch.tensor(1e5), torch.tensor(0.3), torch.tensor(0.4), bending_ratio=torch.tensor(0.05),

@@ -43,6 +43,7 @@ class NextMotionRun:
         recordings: that the first search has, 1 or 2.
         cut: particles and patches of the searches.
         answered: folder of an earlier run of `benchmarks.gap`, whose captures and answers serve; None films anew.
+        films_only: whether no search follows a film, which needs no card.
     """
 
     folder: Path
@@ -50,6 +51,7 @@ class NextMotionRun:
     recordings: int = 1
     cut: Discretisation = field(default_factory=Discretisation)
     answered: Path | None = None
+    films_only: bool = False
 
     def case(self, case: GapCase) -> None:
         """All steps of a case that have not been done."""
@@ -62,7 +64,8 @@ class NextMotionRun:
         for arm in ARMS:
             if not (own / arm / "answer.json").is_file():
                 _film(case, own, drawn(first, arm, case.seed), own / arm)
-                self._search(own / arm / "captures", own / arm / "answer.json")
+                if not self.films_only:
+                    self._search(own / arm / "captures", own / arm / "answer.json")
 
     def _begin(self, case: GapCase, own: Path) -> None:
         """`captures` and `first.json`."""
@@ -197,9 +200,8 @@ def main(arguments: Sequence[str] | None = None) -> None:
     parsed = _parser().parse_args(arguments)
     torch.set_num_threads(1)  # of small operations; the simulator runs the rollouts of a batch on the cores
     folder = parsed.out / f"from_{parsed.recordings}"
-    how = NextMotionRun(
-        folder, load_settings(parsed.settings), parsed.recordings, Discretisation(parsed.particles), parsed.answered
-    )
+    settings, cut = load_settings(parsed.settings), Discretisation(parsed.particles)
+    how = NextMotionRun(folder, settings, parsed.recordings, cut, parsed.answered, parsed.film)
     number, count = map(int, parsed.part.split("/"))
     begun = time.monotonic()
     for case in [] if parsed.score else _cases(parsed)[number - 1 :: count]:
@@ -234,6 +236,7 @@ def _parser() -> argparse.ArgumentParser:
     parser.add_argument("--out", type=Path, default=Path("data/gap_next_motion"), help="folder of the cases")
     parser.add_argument("--part", default="1/1", help="2/8: the second of eight processes that share the cases")
     parser.add_argument("--minutes", type=float, help="begin no further case after this time")
+    parser.add_argument("--film", action="store_true", help="make the films that are missing, search no further")
     parser.add_argument("--score", action="store_true", help="score what is there, run nothing")
     return parser
 

@@ -1,5 +1,6 @@
 """The benchmark of the next motion: what is drawn, what counts, and that it goes on where it was stopped."""
 
+from dataclasses import replace
 from types import SimpleNamespace
 
 import pytest
@@ -92,6 +93,13 @@ def test_an_earlier_answer_with_motions_serves(run, tmp_path):
     write_json(earlier / CASE.name / "answer.json", {"report": FIRST, "seconds_naming": 60.0})
     NextMotionRun(tmp_path / "out", GapSettings(), answered=earlier).case(CASE)
     assert len(searched) == 2 and read_json(tmp_path / "out" / CASE.name / "first.json")["seconds"] == 60.0
+
+
+def test_films_alone_are_made_where_no_search_shall_follow(run, tmp_path):
+    how, searched = run
+    replace(how, films_only=True).case(CASE)
+    assert len(searched) == 1 and rows(how.folder) == []
+    assert all((how.folder / CASE.name / arm / "captures").is_dir() for arm in ("chosen", "random"))
 
 
 def test_the_draw_is_fixed_by_the_seed_and_fair():

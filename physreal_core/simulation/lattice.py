@@ -117,7 +117,7 @@ def lattice_of(body: Body, clamps: tuple[Clamp, ...]) -> Lattice:
 
 def _copies(group: Int[Array, "particles 27"], nodes: Int[Array, "particles 27"]) -> Int[Array, "groups copies"]:
     """The nodes of each group that has several, as of `Lattice.copies`."""
-    group, node = np.unique(np.stack([group.ravel(), nodes.ravel()], 1), axis=0).T
+    group, node = np.divmod(np.unique(group.ravel() * (nodes.max() + 1) + nodes.ravel()), nodes.max() + 1)
     _, begin, sizes = np.unique(group, return_index=True, return_counts=True)
     found = np.full((int((sizes > 1).sum()), max(2, sizes.max())), -1, dtype=np.int64)
     for row, (first, size) in zip(found, zip(begin[sizes > 1], sizes[sizes > 1], strict=True), strict=True):

@@ -16,9 +16,12 @@ from typing import Literal
 import numpy as np
 
 Kind = Literal["none", "single", "pair", "outside"]
-Variant = Literal["tracks_only", "rgbd", "thin"]
+Variant = Literal["tracks_only", "rgbd", "rgbd_seen", "thin"]
+OF_VIDEO = ("rgbd", "rgbd_seen")
+"""Parts that go through the whole pipeline; the same cases, with the shape that the rig gives, or that the camera saw."""
+
 STRENGTHS = ("weak", "middle", "high")
-CONTROLS = {"tracks_only": 20, "rgbd": 10, "thin": 6}  # of thin bodies for each
+CONTROLS = {"tracks_only": 20, "rgbd": 10, "rgbd_seen": 10, "thin": 6}  # of thin bodies for each
 FURTHER = 8  # single effects of middle and high strength beyond one each
 WEAK = 9  # effects that are tried at weak strength
 
@@ -118,8 +121,8 @@ def benchmark_cases(effects: Iterable[str], *, variant: Variant, seed: int = 0) 
 
     Args:
         effects: names of the library.
-        variant: `tracks_only`: everything; `rgbd`: each effect at high strength once, and few controls; `thin`: of a rope and a cloth
-            from tracks alone, each effect that acts on it once, and controls.
+        variant: `tracks_only`: everything; `rgbd`, `rgbd_seen`: each effect at high strength once, and few controls; `thin`: of a rope and
+            a cloth from tracks alone, each effect that acts on it once, and controls.
         seed: of the benchmark; another one gives another set.
     """
     if variant == "thin":
@@ -127,7 +130,7 @@ def benchmark_cases(effects: Iterable[str], *, variant: Variant, seed: int = 0) 
     deal = _Deal(sorted(_acting_on("volume", effects)), seed)
     controls = [deal.case("none", "middle", number, number) for number in range(CONTROLS[variant])]
     high = [deal.single(effect, "high") for effect in deal.effects]
-    if variant == "rgbd":
+    if variant in OF_VIDEO:
         return _interleaved(high, controls)
     middle = [deal.single(effect, "middle") for effect in deal.effects]
     further = [deal.single(effect, ("high", "middle")[i % 2], 2) for i, effect in enumerate(deal.effects[:FURTHER])]

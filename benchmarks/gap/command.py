@@ -6,7 +6,7 @@ from dataclasses import replace
 from pathlib import Path
 
 from benchmarks.gap.calibration import calibrate
-from benchmarks.gap.cases import benchmark_cases, chosen
+from benchmarks.gap.cases import OF_VIDEO, benchmark_cases, chosen
 from benchmarks.gap.filming import FILMED
 from benchmarks.gap.results import collect, pool, write_results
 from benchmarks.gap.rows import FOLDER
@@ -18,9 +18,11 @@ def main(arguments: Sequence[str] | None = None) -> None:
     """Run the command with `arguments`; default: those of the command line."""
     parsed = _parser().parse_args(arguments)
     folder = parsed.out / parsed.variant
+    of_video = parsed.variant in OF_VIDEO
     settings = () if parsed.settings is None else (str(parsed.settings.resolve()),)
-    module = "benchmarks.gap.rgbd" if parsed.variant == "rgbd" else "benchmarks.gap.case"
-    how = Run(folder, parsed.jobs, module, settings, parsed.cards, parsed.minutes)
+    arguments = (("given", "seen")[parsed.variant == "rgbd_seen"],) if of_video else settings
+    module = "benchmarks.gap.rgbd" if of_video else "benchmarks.gap.case"
+    how = Run(folder, parsed.jobs, module, arguments, parsed.cards, parsed.minutes)
     if parsed.pool:
         commit, rows = pool(parsed.rows, parsed.variant, parsed.commit)
         print(f"searched by {commit}\n\n{write_results(parsed.variant, rows, parsed.results)}")
@@ -33,7 +35,7 @@ def main(arguments: Sequence[str] | None = None) -> None:
         print("\n".join(case.name for case in chosen(cases, parsed.cases)))
         return
     if parsed.film:
-        video = ("--video",) if parsed.variant == "rgbd" else ()
+        video = ("--video",) if of_video else ()
         run_cases(
             chosen(cases, parsed.cases), replace(how, module="benchmarks.gap.filming", arguments=video, files=FILMED)
         )
@@ -52,6 +54,13 @@ def _parser() -> argparse.ArgumentParser:
     variant.add_argument("--tracks-only", action="store_const", dest="variant", const="tracks_only", help="default")
     variant.add_argument(
         "--rgbd", action="store_const", dest="variant", const="rgbd", help="through the whole pipeline"
+    )
+    variant.add_argument(
+        "--rgbd-seen",
+        action="store_const",
+        dest="variant",
+        const="rgbd_seen",
+        help="the same without the object's shape and box, which are found in the video",
     )
     variant.add_argument(
         "--thin", action="store_const", dest="variant", const="thin", help="a rope and a cloth, from tracks alone"

@@ -1,15 +1,19 @@
-"""One case from RGB-D, through the stages of the pipeline, in a project folder of its own: `python -m benchmarks.gap.rgbd FOLDER NAME`.
+"""One case from RGB-D, through the stages of the pipeline, in a project folder of its own: `python -m benchmarks.gap.rgbd FOLDER NAME SHAPE`.
 
 The first interaction is fitted, the second is its companion. Every stage is a process of its own, as DVC runs them. The motion that is
 kept out comes into the project when the answer is there: it goes through perception, and stands in the companion's place.
+
+SHAPE is `given`: captures have the rig's surface, with colours, and a box around the object; or `seen`: they have neither, and shape and object
+are found in the video. The hand's click and the density stay.
 """
 
+import json
 import os
 import subprocess
 import sys
 import time
 from pathlib import Path
-from typing import Any
+from typing import Any, Literal
 
 from benchmarks.gap.case import capture, kept_out, scored
 from benchmarks.gap.cases import GapCase
@@ -28,32 +32,47 @@ SEEN = ("parse_video", "segment_and_track", "build_object", "fit_pose", "sample_
 FITTED = (*SEEN, "fit_global", "fit_patches", "find_gap", "add_effect")
 SEARCH = ("find_gap", "add_effect")
 ON_A_CARD = ("fit_global", "fit_patches", *SEARCH)
+Shape = Literal["given", "seen"]
 
 
-def run_case(case: GapCase, folder: Path) -> None:
+def run_case(case: GapCase, folder: Path, shape: Shape = "given") -> None:
     """All steps of a case that have not been done, in `folder`/<name>; a step that raises leaves `failed.txt`."""
     own = folder / case.name
     with failure_told(own):
         capture(case, own, video=True)
-        project = project_of(own)
+        project = project_of(own, shape)
         if not (own / "answer.json").is_file():
             write_json(own / "answer.json", {**_answer(project), "commit": searched_by()})
         if not (own / "oracle.json").is_file():
-            experiments, settings = _experiments(own, project)
+            experiments, settings = _experiments(own, project, shape)
             write_json(own / "oracle.json", scored(case, own, experiments, settings))
 
 
-def project_of(own: Path) -> Project:
+def project_of(own: Path, shape: Shape = "given") -> Project:
     """The case's project: the captures that the search sees under their names, the parameters of this repository for all else."""
     project = Project(own / "project")
     motions = sorted(path.name for path in (own / "captures").iterdir())
     (project.root / "data" / "captures").mkdir(parents=True, exist_ok=True)
     _linked(project.root / "data" / "models", CODE_ROOT / "data" / "models")
     for motion in motions:
-        _linked(project.root / "data" / "captures" / motion, own / "captures" / motion)
+        _put_in(project, own / "captures" / motion, shape)
     if not project.parameters.is_file():
         write_whole(project.parameters, render(validate_parameters(_parameters(motions))))
     return project
+
+
+def _put_in(project: Project, capture: Path, shape: Shape) -> None:
+    """The capture as one of the project's, with or without what is known of the object's shape and place."""
+    own = project.root / "data" / "captures" / capture.name
+    if shape == "given":
+        return _linked(own, capture)
+    own.mkdir(exist_ok=True)
+    for file in capture.iterdir():
+        if file.stem not in ("shape_prior", "capture"):
+            _linked(own / file.name, file)
+    facts = json.loads((capture / "capture.json").read_text())
+    facts["hints"].pop("object")
+    write_whole(own / "capture.json", json.dumps(facts))
 
 
 def _linked(link: Path, target: Path) -> None:
@@ -110,7 +129,7 @@ def _run(project: Project, stage: str, sequence: str) -> float:
     return time.perf_counter() - begun
 
 
-def _experiments(own: Path, project: Project) -> tuple[list[Experiment], GapSettings]:
+def _experiments(own: Path, project: Project, shape: Shape) -> tuple[list[Experiment], GapSettings]:
     """The interactions that the search had, and last the one that was kept out; and the search's settings."""
     from physreal_core.fitting import load_model
     from pipeline.stage import StageContext
@@ -121,7 +140,7 @@ def _experiments(own: Path, project: Project) -> tuple[list[Experiment], GapSett
     model = load_model(seen.input("fit_patches"))
     found = interactions(seen, model)
     further, searched = kept_out(own), given.read_text()
-    _linked(project.root / "data" / "captures" / further.name, further)
+    _put_in(project, further, shape)
     write_whole(given, render(validate_parameters(_parameters(motions, further.name))))
     try:
         for stage in SEEN:
@@ -134,4 +153,4 @@ def _experiments(own: Path, project: Project) -> tuple[list[Experiment], GapSett
 
 
 if __name__ == "__main__":
-    run_case(GapCase.named(sys.argv[2]), Path(sys.argv[1]))
+    run_case(GapCase.named(sys.argv[2]), Path(sys.argv[1]), sys.argv[3])

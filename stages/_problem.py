@@ -68,6 +68,7 @@ def load_problem(read: Read, masks: MaskParameters | None = None) -> Problem:
         camera=camera,
         hand_modes=hand.modes,
         tool=tool_of(particles),
+        unseen=particles.unseen,
     )
 
 

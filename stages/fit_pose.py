@@ -51,7 +51,10 @@ def run(context: StageContext) -> None:
     T_world_object[:3, :3] /= pose.scale
     T_world_prior = pose.matrix @ built.T_object_prior
     thickness = None if built.thickness is None else pose.scale * built.thickness
-    PlacedObject(mesh, gaussians, T_world_object, pose.scale, T_world_prior, notes, thickness).save(context.output)
+    seen = built.frame == "world"
+    PlacedObject(mesh, gaussians, T_world_object, pose.scale, T_world_prior, notes, thickness, seen).save(
+        context.output
+    )
 
 
 def _search(context: StageContext, mesh: Mesh, observation: Observation) -> Alignment:

@@ -11,6 +11,7 @@ from physreal_core.errors import InputError
 from physreal_core.fitting.grip import bind_grip, bind_holds, no_bonds
 from physreal_core.fitting.thin import bind_to_body, cells_of, ways_along
 from physreal_core.fitting.tool import bind_tool
+from physreal_core.fitting.unseen import unseen_share
 from physreal_core.geometry import Hold, Mesh, carried, farthest_points, holds_of, patch_weights, sample_surface
 from physreal_core.simulation import Body, Grip, Tool
 from pipeline.capture import Capture, read_capture
@@ -21,6 +22,7 @@ from pipeline.products.placed_object import PlacedObject
 from pipeline.products.tracks import MeasuredTracks
 from pipeline.stage import StageContext, main
 from stages._body import Material, elements_of, make_body, require_geometry
+from stages._camera import load_camera
 from stages._grip import fields_of
 
 HOLD_REACH = 2.0
@@ -63,6 +65,7 @@ def run(context: StageContext) -> None:
         track_points0=points0,
         track_neighbours=tracks.neighbours.numpy(),
         track_weights=tracks.weights.numpy(),
+        unseen=_unseen(context, placed, body),
         **fields_of(grip, tool),
         **elements_of(body),
     ).save(context.output)
@@ -73,6 +76,13 @@ def run(context: StageContext) -> None:
         print(
             f"the controller pushes with {len(tool.ends)} capsules of {1e3 * tool.radius.min():.1f} mm to {1e3 * tool.radius.max():.1f} mm"
         )
+
+
+def _unseen(context: StageContext, placed: PlacedObject, body: Body) -> np.ndarray | None:
+    """Of a volume whose shape is what the camera saw, how far each particle lies behind what was seen."""
+    if not placed.shape_seen or body.elements is not None:
+        return None
+    return unseen_share(body.x0, body.spacing, load_camera(context.input("parse_video")))
 
 
 def _grip(

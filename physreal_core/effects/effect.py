@@ -54,6 +54,7 @@ class Setting:
         T_world_camera: pose of the camera, shape [4, 4]; None for motion capture.
         hand_seen: whether the controller points were seen by that camera too; a robot's own record is not.
         tool: the simulator's.
+        far_side_guessed: whether the body's shape is what the camera saw, closed by a rule.
     """
 
     body: Body
@@ -66,6 +67,7 @@ class Setting:
     T_world_camera: Float[Array, "4 4"] | None = None
     hand_seen: bool = True
     tool: Tool | None = None
+    far_side_guessed: bool = False
 
     @property
     def hand_acts(self) -> bool:

@@ -41,6 +41,7 @@ def coarsened(problem: Problem, factor: float) -> Problem:
         grip=None if problem.grip is None else _grip(problem, body, shares),
         tracks=None if problem.tracks is None else _bound(problem.tracks, body),
         masks=None,
+        unseen=None if problem.unseen is None else _averaged(problem.unseen[:, None], problem.body, shares)[:, 0],
         **_patches(problem, shares),
     )
 

@@ -91,6 +91,8 @@ class Problem:
         hand_seen: whether the controller points were seen by the camera too.
         hand_modes: [modes,T] m, what is not known of the controllers' common displacement (`hand_record`); None where nothing says
             how good their record is.
+        unseen: [N] of a volume whose shape is what the camera saw, how far a particle lies from the surface that was seen (0) to the far side
+            (1), which was guessed; None where the shape is known.
     """
 
     body: Body
@@ -108,6 +110,7 @@ class Problem:
     hand_seen: bool = True
     hand_modes: Float[Array, "modes frames"] | None = None
     tool: Tool | None = None
+    unseen: Float[Array, " particles"] | None = None
 
     def __post_init__(self) -> None:
         if self.tracks is None and self.masks is None:

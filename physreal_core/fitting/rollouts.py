@@ -178,6 +178,7 @@ def setting_of(problem: Problem, config: SimulationConfig, dtype: torch.dtype) -
         controllers=problem.controllers.to(dtype),
         T_world_camera=None if problem.camera is None else problem.camera.T_world_camera.cpu().numpy(),
         hand_seen=problem.hand_seen,
+        far_side_guessed=problem.unseen is not None,
     )
 
 

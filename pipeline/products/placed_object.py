@@ -29,6 +29,7 @@ class PlacedObject:
         T_world_prior: [4, 4], takes the capture's shape_prior (rotation, translation, scale) to the world.
         notes: how the pose was found and how well frame 0 is reproduced; nothing computes with it.
         thickness: of the cloth whose middle surface was measured [m]; None where the mesh tells it, or nobody.
+        shape_seen: whether the mesh is what the camera saw in frame 0, closed by a rule, and no prior.
     """
 
     mesh: Mesh
@@ -38,6 +39,7 @@ class PlacedObject:
     T_world_prior: Float[Array, "4 4"]
     notes: dict[str, Any] = field(default_factory=dict)
     thickness: float | None = None
+    shape_seen: bool = False
 
     def save(self, folder: Path) -> None:
         """Write the three files."""
@@ -47,6 +49,7 @@ class PlacedObject:
             "T_world_object": self.T_world_object.tolist(),
             "scale": self.scale,
             "T_world_prior": self.T_world_prior.tolist(),
+            "shape_seen": self.shape_seen,
         }
         if self.thickness is not None:
             pose["thickness"] = self.thickness
@@ -55,9 +58,10 @@ class PlacedObject:
     @classmethod
     def load(cls, folder: Path) -> "PlacedObject":
         """Read the three files, InputError where one or a key is missing."""
-        record = read_record(folder / POSE, (*_MATRICES, "scale"), run_again("fit_pose"))
+        record = read_record(folder / POSE, (*_MATRICES, "scale", "shape_seen"), run_again("fit_pose"))
         with understood(folder / POSE, run_again("fit_pose")):
             matrices = {name: np.array(record.pop(name), dtype=np.float64).reshape(4, 4) for name in _MATRICES}
             scale, thickness = float(record.pop("scale")), record.pop("thickness", None)
+            seen = bool(record.pop("shape_seen"))
         mesh, gaussians = load_mesh(folder / MESH), load_gaussians(folder)
-        return cls(mesh, gaussians, scale=scale, notes=record, thickness=thickness, **matrices)
+        return cls(mesh, gaussians, scale=scale, notes=record, thickness=thickness, shape_seen=seen, **matrices)

@@ -75,6 +75,14 @@ def test_a_coarse_body_has_the_mass_and_the_places_of_the_full_one(experiment):
     assert held_share(problem, coarse) == pytest.approx(FACTOR**3, rel=0.4)
 
 
+def test_a_coarse_body_has_seen_and_guessed_matter_where_the_full_one_has(experiment):
+    full = experiment.problem.body
+    unseen = (full.x0[:, 2] - full.x0[:, 2].min()) / np.ptp(full.x0[:, 2])
+    coarse = coarsened(dataclasses.replace(experiment.problem, unseen=unseen), FACTOR)
+    assert coarse.body.volume @ coarse.unseen == pytest.approx(full.volume @ unseen)
+    assert np.corrcoef(coarse.unseen, coarse.body.x0[:, 2])[0, 1] > 0.99
+
+
 def test_quick_predictions_are_the_full_ones_at_the_anchor(experiment, anchor):
     trial, predicted = anchor
     (quick,) = quick_interactions([experiment], trial, [predicted], FACTOR)

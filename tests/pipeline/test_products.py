@@ -62,6 +62,7 @@ ARRAY_FILES = [
     particles(),
     MeasuredTracks(noise(4, 3, 2), seen(4, 3), noise(4, 3, 3), seen(4, 3), noise(4, 3)),
     dataclasses.replace(particles(), tool_ends=ids(3, 2), tool_radius=seen(3) + 0.5, tool_spared=ids(2)),
+    dataclasses.replace(particles(), unseen=noise(5)),
     Controllers(noise(4, 2, 3)),
     Controllers(noise(4, 2, 3), np.array([[0, 1], [1, 1]]), np.array([0.01, 0.02])),
     Rollout(noise(4, 5, 3), noise(4, 5, 3, 3)),

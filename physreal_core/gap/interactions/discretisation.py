@@ -1,4 +1,5 @@
-"""Other discretisations of one problem, which show the simulator's numerical error, and another hold of a hand that was seen."""
+"""Other discretisations of one problem, which show the simulator's numerical error, another hold of a hand that was seen, and another far side of
+a body whose shape was."""
 
 from __future__ import annotations
 
@@ -27,6 +28,8 @@ class Discretisation:
         turn: angle by which body, hand and gravity are turned about the vertical, against the grid [rad].
         elastic_law: another law of the same small-strain stiffness; None for the model's own.
         hold: factor on how far from the hand's points the body is held.
+        matter: factor on the matter of what the camera did not see, where the shape is what it saw: in full at the far side, growing with the
+            depth behind the seen one.
         error: the first run's error divided by the difference between the two runs (Richardson's extrapolation).
     """
 
@@ -36,6 +39,7 @@ class Discretisation:
     turn: float = 0.0
     elastic_law: str | None = None
     hold: float = 1.0
+    matter: float = 1.0
     error: float = 1.0
 
 
@@ -67,7 +71,10 @@ class DiscretisedProblem:
             raise InputError(
                 f"the discretisation {given.name!r} of a thin body", where="DiscretisedProblem", expected="its own mesh"
             )
-        self.body = body if thin else Body(x0, body.volume, body.density, body.spacing * given.cell, pieces=body.piece)
+        volume = body.volume
+        if problem.unseen is not None:
+            volume = volume * (1.0 + (given.matter - 1.0) * problem.unseen)
+        self.body = body if thin else Body(x0, volume, body.density, body.spacing * given.cell, pieces=body.piece)
         gravity = tuple((self._turn.double() @ torch.tensor(config.gravity, dtype=torch.float64)).tolist())
         changed = {
             "courant": config.courant * given.courant,

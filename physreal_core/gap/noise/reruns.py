@@ -21,9 +21,11 @@ RERUNS = (
     Discretisation("another law of the same stiffness", elastic_law="hencky"),
     Discretisation("a smaller hold", hold=0.6),
     Discretisation("a larger hold", hold=1.5),
+    Discretisation("less of what was not seen", matter=0.7),
+    Discretisation("more of what was not seen", matter=1.4),
 )
 """Each changes one thing that a converged solution does not depend on (the law: at small strain), or that is not known: what a hand holds which a
-camera has seen is guessed from its points.
+camera has seen is guessed from its points, and so is the far side of a body whose shape is what a camera has seen.
 
 The scheme is of second order in space and of first order in time, so the difference between two grids or steps gives the
 distance to the limit (Richardson's extrapolation).
@@ -99,6 +101,8 @@ def _tells(rerun: Discretisation, experiment: Interaction, trial: Trial) -> bool
         return False
     grip = experiment.setting.grip
     if rerun.hold != 1.0 and not (experiment.setting.all_seen and grip is not None and grip.steady):
+        return False
+    if rerun.matter != 1.0 and not experiment.setting.far_side_guessed:
         return False
     stays = bool(experiment.model.effects or trial.effects or experiment.setting.clamps)
     own_law = trial.elastic_law or experiment.model.elastic_law

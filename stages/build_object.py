@@ -1,7 +1,6 @@
-"""build_object: mesh and Gaussians of the object in a canonical frame, from a shape prior or from frame 0."""
+"""build_object: mesh and Gaussians of the object in a canonical frame, from a shape prior, a generator or frame 0."""
 
 from dataclasses import replace
-from pathlib import Path
 
 import numpy as np
 import torch
@@ -20,27 +19,28 @@ from physreal_core.geometry import (
     surface_gaussians,
 )
 from physreal_core.rendering import Gaussians, load_gaussians
-from pipeline.capture import read_capture
+from pipeline.capture import Capture, read_capture
 from pipeline.products.built_object import BuiltObject
 from pipeline.stage import StageContext, main
+from stages._generator import KEY, generated
 from stages._observation import first_frame
 
 
 def run(context: StageContext) -> None:
-    """Import shape_prior.glb and / or shape_prior.ply, or build a mesh from frame 0; write object.glb, gaussians.ply.
+    """Import shape_prior.glb and / or shape_prior.ply, have a generator make them, or build a mesh from frame 0; write object.glb,
+    gaussians.ply.
 
-    Where both are given they share one frame. A prior is moved into a canonical frame (centroid at the origin, longest
-    side of its box 1; `T_object_prior`); what is built from frame 0 stays in the world frame. The prior of a cloth may be its
+    Where both are given they share one frame. A prior, or what a generator makes, is moved into a canonical frame (centroid at the
+    origin, longest side of its box 1; `T_object_prior`); what is built from frame 0 stays in the world frame. The prior of a cloth may be its
     middle surface, an open mesh; any other is closed. From frame 0 a cloth gets the side that is seen and a rope the line in the middle of
     its silhouette; their thickness is the capture's, or is measured.
     """
     thickness = None
-    glb, ply = context.capture / "shape_prior.glb", context.capture / "shape_prior.ply"
-    gaussians = load_gaussians(ply) if ply.exists() else None
-    if glb.exists():
-        mesh, source = _whole(load_mesh(glb), glb, context.params.close_holes, context.geometry), "prior mesh"
+    mesh, gaussians, origin, where = _prior(context)
+    if mesh is not None:
+        mesh, source = _whole(mesh, where, context.params.close_holes, context.geometry), f"{origin} mesh"
     elif gaussians is not None:
-        mesh, source = mesh_from_gaussians(gaussians, context.params.voxels_across), "prior Gaussians"
+        mesh, source = mesh_from_gaussians(gaussians, context.params.voxels_across), f"{origin} Gaussians"
     else:
         (mesh, thickness), source = _from_view(context), "frame 0"
     T = np.eye(4) if source == "frame 0" else canonical_frame(mesh)
@@ -53,6 +53,19 @@ def run(context: StageContext) -> None:
         mesh = mesh if mesh.colours is not None else _coloured_by(mesh, gaussians)
     frame = "world" if source == "frame 0" else "canonical"
     BuiltObject(mesh, gaussians, source, frame, drawn, mesh.colours is not None, T, thickness).save(context.output)
+
+
+def _prior(context: StageContext) -> tuple[Mesh | None, Gaussians | None, str, str]:
+    """The shape that is given, or that a generator makes; where it comes from, and its file or key for errors."""
+    glb, ply = context.capture / "shape_prior.glb", context.capture / "shape_prior.ply"
+    mesh = load_mesh(glb) if glb.exists() else None
+    gaussians = load_gaussians(ply) if ply.exists() else None
+    generator = context.params.generator
+    if mesh is not None or gaussians is not None or generator is None or context.geometry != "volumetric":
+        return mesh, gaussians, "prior", str(glb)
+    _require_pictures(context)
+    print("the shape is made by build_object.generator")
+    return *generated(generator, first_frame(context)), "generated", KEY
 
 
 def canonical_frame(mesh: Mesh) -> np.ndarray:
@@ -69,15 +82,15 @@ def _middle_of_surface(mesh: Mesh) -> np.ndarray:
     return np.average(mesh.corners.mean(axis=1), axis=0, weights=area)
 
 
-def _whole(mesh: Mesh, path: Path, close_holes: bool, geometry: str) -> Mesh:
+def _whole(mesh: Mesh, where: str, close_holes: bool, geometry: str) -> Mesh:
     mesh = close_mesh(mesh) if close_holes else mesh
     if geometry == "planar":
         return mesh
-    return require_closed(mesh, where=str(path), remedy="mend the mesh, or set build_object.close_holes: true")
+    return require_closed(mesh, where=where, remedy="mend the mesh, or set build_object.close_holes: true")
 
 
-def _from_view(context: StageContext) -> tuple[Mesh, float | None]:
-    """A closed mesh, or the middle surface of a cloth and its thickness [m]."""
+def _require_pictures(context: StageContext) -> Capture:
+    """The capture, which must be a video."""
     capture = read_capture(context.input("parse_video"))
     if capture.kind != "video":
         raise InputError(
@@ -86,6 +99,12 @@ def _from_view(context: StageContext) -> tuple[Mesh, float | None]:
             expected="shape_prior.glb or shape_prior.ply",
             remedy="add one",
         )
+    return capture
+
+
+def _from_view(context: StageContext) -> tuple[Mesh, float | None]:
+    """A closed mesh, or the middle surface of a cloth and its thickness [m]."""
+    capture = _require_pictures(context)
     params, observation, stated = context.params, first_frame(context), capture.thickness
     if context.geometry == "planar":
         spacing, usual = params.voxel, params.sheet_thickness

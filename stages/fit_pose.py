@@ -51,10 +51,8 @@ def run(context: StageContext) -> None:
     T_world_object[:3, :3] /= pose.scale
     T_world_prior = pose.matrix @ built.T_object_prior
     thickness = None if built.thickness is None else pose.scale * built.thickness
-    seen = built.frame == "world"
-    PlacedObject(mesh, gaussians, T_world_object, pose.scale, T_world_prior, notes, thickness, seen).save(
-        context.output
-    )
+    placed = mesh, gaussians, T_world_object, pose.scale, T_world_prior, notes, thickness
+    PlacedObject(*placed, built.far_side_guessed).save(context.output)
 
 
 def _search(context: StageContext, mesh: Mesh, observation: Observation) -> Alignment:

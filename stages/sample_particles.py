@@ -79,8 +79,8 @@ def run(context: StageContext) -> None:
 
 
 def _unseen(context: StageContext, placed: PlacedObject, body: Body) -> np.ndarray | None:
-    """Of a volume whose shape is what the camera saw, how far each particle lies behind what was seen."""
-    if not placed.shape_seen or body.elements is not None:
+    """Of a volume whose far side was guessed, how far each particle lies behind what the camera saw."""
+    if not placed.far_side_guessed or body.elements is not None:
         return None
     return unseen_share(body.x0, body.spacing, load_camera(context.input("parse_video")))
 

@@ -54,7 +54,7 @@ class Setting:
         T_world_camera: pose of the camera, shape [4, 4]; None for motion capture.
         hand_seen: whether the controller points were seen by that camera too; a robot's own record is not.
         tool: the simulator's.
-        far_side_guessed: whether the body's shape is what the camera saw, closed by a rule.
+        far_side_guessed: whether the shape of what the camera did not see was made up.
     """
 
     body: Body

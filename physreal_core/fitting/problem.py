@@ -91,8 +91,8 @@ class Problem:
         hand_seen: whether the controller points were seen by the camera too.
         hand_modes: [modes,T] m, what is not known of the controllers' common displacement (`hand_record`); None where nothing says
             how good their record is.
-        unseen: [N] of a volume whose shape is what the camera saw, how far a particle lies from the surface that was seen (0) to the far side
-            (1), which was guessed; None where the shape is known.
+        unseen: [N] of a volume whose far side was guessed, how far a particle lies from the surface that the camera saw (0) to that side (1);
+            None where the shape is known.
     """
 
     body: Body

@@ -1,4 +1,4 @@
-"""What a camera did not see of a body whose shape is what it saw: of each particle, how far behind the seen surface it lies."""
+"""What a camera did not see of a body: of each particle, how far behind the seen surface it lies."""
 
 from __future__ import annotations
 

@@ -8,10 +8,15 @@ from pipeline.config._base import StageParameters
 
 
 class BuildObject(StageParameters):
-    """Mesh and Gaussians of the object, from shape_prior.glb / .ply or from frame 0."""
+    """Mesh and Gaussians of the object, from shape_prior.glb / .ply, from a generator, or from frame 0."""
 
     close_holes: bool = Field(
         False, description="cap the holes of a prior mesh that is not closed, instead of refusing it"
+    )
+    generator: str | None = Field(
+        None,
+        description="of a volume without a prior, what makes its whole shape from frame 0 and the object's mask: an .onnx file, or a "
+        "command with {image}, {mask} and {output} in it; null closes what frame 0 shows by a rule",
     )
     gaussians: int = Field(4000, ge=100, le=200_000, description="Gaussians on the surface where the prior brings none")
     voxels_across: int = Field(

@@ -40,6 +40,11 @@ class BuiltObject:
     T_object_prior: Float[Array, "4 4"]
     thickness: float | None = None
 
+    @property
+    def far_side_guessed(self) -> bool:
+        """Whether what the camera did not see in frame 0 was made up, by a rule or a generator."""
+        return self.source == "frame 0" or self.source.startswith("generated")
+
     def save(self, folder: Path) -> None:
         """Write the three files; object.json also says, for the reader, how large and how whole the mesh is."""
         save_mesh(folder / MESH, self.mesh)

@@ -33,8 +33,8 @@ class Particles(ArrayFile):
         tool_ends: [Q, 2], of a hand that pushes: the controller points at the ends of each of its capsules; tool_radius [Q] m. None, both,
             for one that does not.
         tool_spared: [S], particles that it holds and does not push; None where there are none.
-        unseen: [N], where the shape is what the camera saw, how far a particle lies from the surface that was seen (0) to the far side that
-            was guessed (1); None where the shape is known, and of thin bodies.
+        unseen: [N], where the far side was guessed, how far a particle lies from the surface that was seen (0) to that side (1); None where
+            the shape is known, and of thin bodies.
         pieces: [N], number from 0 of each particle's piece, which move apart; None where the mesh is one.
         triangles: [E, 3], of a shell: vertices, which the particles are, counter-clockwise from one side; thickness [m]; warp [3], the
             direction of a fabric's first threads. None, all three, for any other body.

@@ -29,7 +29,7 @@ class PlacedObject:
         T_world_prior: [4, 4], takes the capture's shape_prior (rotation, translation, scale) to the world.
         notes: how the pose was found and how well frame 0 is reproduced; nothing computes with it.
         thickness: of the cloth whose middle surface was measured [m]; None where the mesh tells it, or nobody.
-        shape_seen: whether the mesh is what the camera saw in frame 0, closed by a rule, and no prior.
+        far_side_guessed: whether what the camera did not see in frame 0 was made up, by a rule or a generator.
     """
 
     mesh: Mesh
@@ -39,7 +39,7 @@ class PlacedObject:
     T_world_prior: Float[Array, "4 4"]
     notes: dict[str, Any] = field(default_factory=dict)
     thickness: float | None = None
-    shape_seen: bool = False
+    far_side_guessed: bool = False
 
     def save(self, folder: Path) -> None:
         """Write the three files."""
@@ -49,7 +49,7 @@ class PlacedObject:
             "T_world_object": self.T_world_object.tolist(),
             "scale": self.scale,
             "T_world_prior": self.T_world_prior.tolist(),
-            "shape_seen": self.shape_seen,
+            "far_side_guessed": self.far_side_guessed,
         }
         if self.thickness is not None:
             pose["thickness"] = self.thickness
@@ -58,10 +58,12 @@ class PlacedObject:
     @classmethod
     def load(cls, folder: Path) -> "PlacedObject":
         """Read the three files, InputError where one or a key is missing."""
-        record = read_record(folder / POSE, (*_MATRICES, "scale", "shape_seen"), run_again("fit_pose"))
+        record = read_record(folder / POSE, (*_MATRICES, "scale", "far_side_guessed"), run_again("fit_pose"))
         with understood(folder / POSE, run_again("fit_pose")):
             matrices = {name: np.array(record.pop(name), dtype=np.float64).reshape(4, 4) for name in _MATRICES}
             scale, thickness = float(record.pop("scale")), record.pop("thickness", None)
-            seen = bool(record.pop("shape_seen"))
+            guessed = bool(record.pop("far_side_guessed"))
         mesh, gaussians = load_mesh(folder / MESH), load_gaussians(folder)
-        return cls(mesh, gaussians, scale=scale, notes=record, thickness=thickness, shape_seen=seen, **matrices)
+        return cls(
+            mesh, gaussians, scale=scale, notes=record, thickness=thickness, far_side_guessed=guessed, **matrices
+        )

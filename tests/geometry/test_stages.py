@@ -111,6 +111,7 @@ def test_from_a_prior_in_another_pose(tmp_path):
     assert turn < 3 and shift < 0.005 and scale < 0.02
     check_particles(particles, placed.mesh)
     assert (particles.density == 150).all()
+    assert particles.unseen is None and not placed.far_side_guessed
     assert len(particles.track_ids) > 20 and len(particles.grip_weights) > 0
     assert placed.notes["iou_frame0"] > 0.8
     assert len(placed.gaussians) == 800
@@ -127,6 +128,8 @@ def test_built_from_the_view_stays_in_the_world(tmp_path):
     centre = (particles.x0 * particles.volume[:, None]).sum(axis=0) / particles.volume.sum()
     np.testing.assert_allclose(centre, body.centroid, atol=0.006)
     assert (particles.density == 200).all()
+    assert PlacedObject.load(tmp_path / "fit_pose").far_side_guessed
+    assert particles.unseen.min() == 0.0 and particles.unseen.max() == 1.0
 
 
 def test_tracks_alone_take_the_known_pose(tmp_path):

@@ -1,5 +1,5 @@
 """Other discretisations of one problem, which show the simulator's numerical error, another hold of a hand that was seen, and another far side of
-a body whose shape was."""
+a body that was."""
 
 from __future__ import annotations
 
@@ -28,8 +28,8 @@ class Discretisation:
         turn: angle by which body, hand and gravity are turned about the vertical, against the grid [rad].
         elastic_law: another law of the same small-strain stiffness; None for the model's own.
         hold: factor on how far from the hand's points the body is held.
-        matter: factor on the matter of what the camera did not see, where the shape is what it saw: in full at the far side, growing with the
-            depth behind the seen one.
+        matter: factor on the matter of what the camera did not see, where that was guessed: in full at the far side, growing with the depth
+            behind the seen one.
         error: the first run's error divided by the difference between the two runs (Richardson's extrapolation).
     """
 

@@ -25,7 +25,7 @@ RERUNS = (
     Discretisation("more of what was not seen", matter=1.4),
 )
 """Each changes one thing that a converged solution does not depend on (the law: at small strain), or that is not known: what a hand holds which a
-camera has seen is guessed from its points, and so is the far side of a body whose shape is what a camera has seen.
+camera has seen is guessed from its points, and so is the far side of a body without a given shape.
 
 The scheme is of second order in space and of first order in time, so the difference between two grids or steps gives the
 distance to the limit (Richardson's extrapolation).

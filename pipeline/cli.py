@@ -147,7 +147,8 @@ def _parser() -> argparse.ArgumentParser:
         "live",
         help="a fitted twin that follows a stream of measurements, and tells when it no longer understands them",
         description="Replays a recorded sequence in real time and has the twin follow it. Frames for which there is no time are not looked at.",
-        epilog="examples: physreal live plush_push; physreal live plush_lift --coarser 1.5 --record; physreal live bar_press --speed 0",
+        epilog="examples: physreal live plush_push; physreal live plush_lift --coarser 1.5 --record; physreal live bar_press --speed 0; "
+        "physreal live plush_push --learn 0.3",
     )
     command.add_argument("sequence", help="a name under `fits` or `predictions` in params.yaml")
     command.add_argument(
@@ -157,6 +158,12 @@ def _parser() -> argparse.ArgumentParser:
         "--speed", type=float, default=1.0, help="of the stream over real time; 0: as fast as it goes; default: 1"
     )
     command.add_argument("--coarser", type=float, default=1.0, help="factor of the particles' spacing; default: 1")
+    command.add_argument(
+        "--learn",
+        type=float,
+        metavar="SPREAD",
+        help="learn a factor on Young's modulus from the stream, too; SPREAD is how far the fit's may be off (0.3: by 30 %%)",
+    )
     command.add_argument("--device", default="cpu", help="of the simulator: cpu or cuda:0")
     command.add_argument("--record", action="store_true", help="a video of the twin as the filmed camera would see it")
     command.add_argument("--to", type=Path, metavar="FOLDER", help="default: data/followed/SEQUENCE")

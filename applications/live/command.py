@@ -28,13 +28,18 @@ def live(parsed: argparse.Namespace) -> None:
     require_new(folder, "physreal live")
     full = Twin.load(project, parsed.sequence, parsed.model or FIT_STAGES[-1])
     twin = coarser(full, parsed.coarser, "physreal live")
-    followed = follow(twin, parsed.speed, parsed.device)
+    followed = follow(twin, parsed.speed, parsed.device, _config(parsed.learn))
     with as_a_whole(folder) as draft:
         followed.write(draft)
         if parsed.record:
             film(twin, followed.states(), draft / "live.mp4", followed.fps)
     print(followed.told())
     print(f"wrote {folder}")
+
+
+def _config(learn: float | None) -> FollowConfig:
+    require(learn is None or learn > 0, f"{learn}", "physreal live --learn", "more than 0")
+    return FollowConfig(learns={} if learn is None else {"youngs_modulus": learn})
 
 
 def follow(twin: Twin, speed: float, device: str = "cpu", config: FollowConfig | None = None) -> Following:
@@ -48,4 +53,5 @@ def follow(twin: Twin, speed: float, device: str = "cpu", config: FollowConfig |
             follower.go_on(seen.controllers)
             done.add(frame, None)
     done.seconds = time.perf_counter() - begun
+    done.material = {} if follower.material is None else follower.material.told()
     return done

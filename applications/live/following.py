@@ -3,6 +3,7 @@
 import json
 from collections.abc import Iterator
 from pathlib import Path
+from typing import Any
 
 import numpy as np
 import torch
@@ -11,6 +12,9 @@ from physreal_core.array_types import Array
 from physreal_core.following import Followed
 from physreal_core.simulation.play import FrameState
 from pipeline.whole_files import write_whole
+
+INTERVAL = 1.645
+"""Deviations of a 90 % interval."""
 
 NUMBERS, STATES = "live.json", "states.npz"
 
@@ -21,10 +25,12 @@ class Following:
     Attributes:
         fps: frames per second of the stream.
         seconds: that it took.
+        material: what was learnt of it, as of `LearntMaterial.told`.
     """
 
     def __init__(self, fps: float) -> None:
         self.fps, self.seconds = fps, 0.0
+        self.material: dict[str, dict[str, float]] = {}
         self.frames: list[int] = []
         self.rows: list[dict[str, Array]] = []
         self.count = 0
@@ -54,7 +60,7 @@ class Following:
             x, F = (torch.as_tensor(row[name]) for name in ("x", "F"))
             yield FrameState(x, torch.zeros_like(x), F)
 
-    def numbers(self) -> dict[str, float | int | None]:
+    def numbers(self) -> dict[str, Any]:
         """What the command tells."""
         return {
             "frames": self.count,
@@ -62,6 +68,7 @@ class Following:
             "frames_per_second": self.count / max(self.seconds, 1e-9),
             "gap": float(np.median(self.column("gap"))),
             "alarm": self.alarm,
+            "material": self.material,
         }
 
     def write(self, folder: Path) -> None:
@@ -75,6 +82,10 @@ class Following:
         own = self.numbers()
         how = f"{own['frames']} frames, {own['looked_at']} looked at, {own['frames_per_second']:.0f} a second"
         lines = [f"{how}; off by {1e3 * own['gap']:.1f} mm in the median before each look"]
+        for name, learnt in self.material.items():
+            low, high = (learnt["factor"] * np.exp(sign * INTERVAL * learnt["log_deviation"]) for sign in (-1, 1))
+            words = name.replace("_", " ")
+            lines.append(f"{words}: {learnt['factor']:.2f} times the fit's (90 % within {low:.2f} to {high:.2f})")
         if own["alarm"] is not None:
             lines.append(
                 f"frame {own['alarm']} ({own['alarm'] / self.fps:.2f} s): the twin has left what it knows; "

@@ -8,23 +8,27 @@ twin's state is its simulation plus that field. The simulation itself is drawn a
 
 at most `FollowConfig.strongest` in size. The stress of the body stays that of a body on which forces act, and b is what the model lacks: it comes to
 rest where the simulation and the measurement agree without further pull.
+
+Where the material is learnt too (`FollowConfig.learns`), several models run side by side that differ in it (`LearntMaterial`). They are drawn along by the
+same accelerations, so that what parts them is their material, and the forecast is their mean.
 """
 
-from dataclasses import dataclass, replace
+from collections.abc import Mapping
+from dataclasses import dataclass, field
 
 import numpy as np
-import torch
 
 from physreal_core.array_types import Array, Float
 from physreal_core.errors import InputError
 from physreal_core.fitting.model import Model
 from physreal_core.fitting.problem import Problem
-from physreal_core.fitting.rollouts import Rollouts, frame_since_start
+from physreal_core.fitting.rollouts import Rollouts
 from physreal_core.following.alarm import Alarm
+from physreal_core.following.material import LearntMaterial, Update
+from physreal_core.following.running import Running, mean_state
 from physreal_core.following.sizes import LearntSizes
 from physreal_core.following.smooth_error import SmoothError
 from physreal_core.following.stream import Followed, Seen
-from physreal_core.rendering import carry_points
 from physreal_core.simulation.play import FrameState
 
 
@@ -41,6 +45,8 @@ class FollowConfig:
         least: size of the forecast's error, however well it fits [m].
         shared: of the stated noise of a camera's points, the share that neighbours have in common, which no average takes away.
         usual: frames from which the usual gap is learnt, for the alarm.
+        learns: fields of the model of which a factor is learnt, with the standard deviation of its logarithm at first.
+        members: models that run side by side where something is learnt.
     """
 
     smoothness: float = 0.25
@@ -51,6 +57,8 @@ class FollowConfig:
     least: float = 2e-4
     shared: float = 0.15
     usual: int = 20
+    learns: Mapping[str, float] = field(default_factory=dict)
+    members: int = 6
 
 
 class Follower:
@@ -62,30 +70,32 @@ class Follower:
         config: how it follows.
         device: of the simulator.
 
+    Attributes:
+        material: what is learnt of it; None where nothing is.
+
     Raises:
-        InputError: as of `Rollouts`, or a problem without tracks.
+        InputError: as of `Rollouts` and `LearntMaterial`, or a problem without tracks.
     """
 
     def __init__(self, problem: Problem, model: Model, config: FollowConfig | None = None, device: str = "cpu") -> None:
         if problem.tracks is None:
             raise InputError("no tracks", where="Follower", expected="a problem with tracked points")
         self.config = config or FollowConfig()
-        self._rollouts = Rollouts(problem, model, device=device, terms=("force",))
-        own = self._rollouts.problem
-        self._tracks, self.fps = own.tracks, float(own.fps)
-        self._x0 = torch.as_tensor(own.body.x0, device=device).to(self._rollouts.dtype)
-        self._mass = np.asarray(own.body.mass, float)
+        rollouts = Rollouts(problem, model, device=device, terms=("force",))
+        own = rollouts.problem
+        self.fps, self._mass = float(own.fps), np.asarray(own.body.mass, float)
         points0 = own.tracks.points0.cpu().double().numpy()
         size = float(np.linalg.norm(np.ptp(own.body.x0, axis=0)))
         self._shared = 0.0 if own.camera is None else self.config.shared
         self._error = SmoothError(points0, own.body.x0, self.config.smoothness * size)
-        with torch.no_grad():
-            self._parameters = self._rollouts.inputs(model.fields).parameters
-        self._player = self._rollouts.play(model.fields)
-        self._missing = np.zeros_like(own.body.x0)
-        self._before: Array | None = None
         self._learnt = LearntSizes(points0, self.config.least, self.config.memory)
         self._alarm = Alarm(self.config.usual)
+        learns, members, frames = self.config.learns, self.config.members, float(self.config.memory)
+        self.material = LearntMaterial(model, learns, members, frames) if learns else None
+        every = [model.fields] if self.material is None else map(self.material.fields, range(members))
+        self._members = [Running(rollouts, fields) for fields in every]
+        self._missing = np.zeros_like(own.body.x0)
+        self._before: Array | None = None
 
     def go_on(self, controllers: Float[Array, "controllers 3"]) -> FrameState:
         """The next frame, in which nothing is looked at; F is the motion since frame 0.
@@ -96,7 +106,7 @@ class Follower:
         Raises:
             SimulationError: as of `Player.step`.
         """
-        return frame_since_start(self._player.step(torch.from_numpy(controllers)), self._parameters)
+        return mean_state([member.go_on(controllers) for member in self._members])
 
     def step(self, seen: Seen) -> Followed:
         """The next frame.
@@ -104,28 +114,39 @@ class Follower:
         Raises:
             SimulationError: as of `Player.step`.
         """
-        state = self.go_on(seen.controllers)
-        points0 = self._tracks.points0.to(state.x)
-        forecast = carry_points(self._tracks.binding, points0, self._x0, state.x, state.F).cpu().double().numpy()
+        states = [member.go_on(seen.controllers) for member in self._members]
+        state, forecasts = mean_state(states), np.stack([member.forecast() for member in self._members])
+        forecast = forecasts.mean(0)
         difference = np.where(seen.valid[:, None], seen.points - forecast, 0.0)
         size, noise = self._learnt.update(difference, seen.valid, seen.sigma)
-        found = self._error.analysis(difference, seen.valid, noise * seen.sigma, size)
+        update = self._learn(forecasts, difference, seen, size, noise)
+        nearer = difference - update.of_mean(forecasts)
+        found = self._error.analysis(nearer, seen.valid, noise * seen.sigma, size)
+        off = found.at_particles + update.of_mean(np.stack([own.x.cpu().double().numpy() for own in states]))
+        spread = np.sqrt((update.spread(forecasts) ** 2).mean(1))
         stated = float(np.median(seen.sigma[seen.valid])) if seen.valid.any() else 0.0
-        gap = float(np.sqrt((self._mass @ (found.at_particles**2).sum(1)) / self._mass.sum()))
-        self._draw(found.at_particles)
+        gap = float(np.sqrt((self._mass @ (off**2).sum(1)) / self._mass.sum()))
+        self._draw(off)
         return Followed(
             forecast=forecast,
-            points=forecast + found.at_points,
-            deviation=np.hypot(found.deviation, self._shared * stated),
-            x=state.x.cpu().double().numpy() + found.at_particles,
+            points=forecast + difference - nearer + found.at_points,
+            deviation=np.sqrt(found.deviation**2 + spread**2 + (self._shared * stated) ** 2),
+            x=state.x.cpu().double().numpy() + off,
             F=state.F.cpu().double().numpy(),
             acceleration=self._missing.copy(),
             gap=gap,
             alarm=self._alarm.update(gap),
         )
 
+    def _learn(self, forecasts: Array, difference: Array, seen: Seen, size: float, noise: float) -> Update:
+        """What the frame says about the material."""
+        if self.material is None:
+            return Update(np.zeros(1), np.eye(1))
+        covariance = self._error.covariance(noise * seen.sigma, size)
+        return self.material.update(forecasts, difference, seen.valid, covariance)
+
     def _draw(self, error: Float[Array, "particles 3"]) -> None:
-        """Give the simulation the forces that draw it along in the next frame."""
+        """Give all members what they have learnt, and the forces that draw them along in the next frame."""
         config = self.config
         rate = np.zeros_like(error) if self._before is None else (error - self._before) * self.fps
         self._before = error
@@ -133,6 +154,6 @@ class Follower:
         acceleration = self._missing + config.pull**2 * error + 2.0 * config.pull * rate
         length = np.linalg.norm(acceleration, axis=1, keepdims=True)
         acceleration = acceleration * np.minimum(1.0, config.strongest / np.maximum(length, 1e-12))
-        force = torch.as_tensor(self._mass[:, None] * acceleration).to(self._x0)
-        known = self._parameters.force
-        self._player.change(replace(self._parameters, force=force if known is None else known + force))
+        for number, member in enumerate(self._members):
+            fields = None if self.material is None else self.material.fields(number)
+            member.change(self._mass[:, None] * acceleration, fields)

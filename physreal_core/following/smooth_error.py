@@ -48,6 +48,10 @@ class SmoothError:
         self._between = correlation(points0, points0, length)
         self._to_particles = correlation(x0, points0, length)
 
+    def covariance(self, sigma: Float[Array, " tracks"], size: float) -> Float[Array, "tracks tracks"]:
+        """Of the differences of seen places from the forecast, along an axis [m2]; arguments as of `analysis`."""
+        return size**2 * self._between + np.diag(sigma**2)
+
     def analysis(
         self, difference: Float[Array, "tracks 3"], valid: Array, sigma: Float[Array, " tracks"], size: float
     ) -> Analysis:
@@ -64,7 +68,7 @@ class SmoothError:
         if not len(seen):
             nothing = np.zeros_like(difference)
             return Analysis(nothing, np.zeros((len(self._to_particles), 3)), np.full(len(nothing), size))
-        factor = cho_factor(K[seen] + np.diag(sigma[seen] ** 2))
+        factor = cho_factor(self.covariance(sigma, size)[np.ix_(seen, seen)])
         weights = cho_solve(factor, difference[seen])
         left = size**2 - np.einsum("ij,ji->i", K, cho_solve(factor, K.T))
         at_particles = size**2 * self._to_particles[:, seen] @ weights

@@ -79,7 +79,15 @@ def test_a_sequence_is_followed_and_written(project, twin, monkeypatch, tmp_path
     assert run(project, monkeypatch, "--to", str(folder)) == 2
 
 
-@pytest.mark.parametrize(("option", "value"), [("--speed", "-1"), ("--coarser", "30")])
+def test_the_modulus_is_learnt_where_that_is_asked_for(project, monkeypatch, tmp_path, capsys):
+    folder = tmp_path / "learnt"
+    assert run(project, monkeypatch, "--speed", "0", "--learn", "0.3", "--to", str(folder)) == 0
+    (learnt,) = json.loads((folder / "live.json").read_text())["material"].values()
+    assert 0.3 < learnt["factor"] < 3.0 and 0.0 < learnt["log_deviation"] <= 0.3
+    assert f"youngs modulus: {learnt['factor']:.2f} times the fit's" in capsys.readouterr().out
+
+
+@pytest.mark.parametrize(("option", "value"), [("--speed", "-1"), ("--coarser", "30"), ("--learn", "0")])
 def test_what_cannot_be_is_refused(project, monkeypatch, capsys, option, value):
     assert run(project, monkeypatch, option, value) == 2
     assert option in capsys.readouterr().err

@@ -35,9 +35,9 @@ def windy():
     return dataclasses.replace(scene.model(), effects=[effect_record("wind", {"x": 0.0, "y": WIND, "z": 0.0})])
 
 
-def followed(problem, places, config=None, hidden=(), seed=0):
-    """What a follower by the scene's own model makes of noisy places."""
-    random, follower = np.random.default_rng(seed), Follower(problem, scene.model(), config)
+def followed(problem, places, config=None, hidden=(), seed=0, follower=None):
+    """What a follower, one by the scene's own model if none is given, makes of noisy places."""
+    random, follower = np.random.default_rng(seed), follower or Follower(problem, scene.model(), config)
     found = []
     for frame in range(1, FRAMES):
         valid = np.ones(places.shape[1], bool)
@@ -73,6 +73,42 @@ def test_a_right_model_is_followed_without_an_alarm(problem):
     found = followed(problem, places_under(problem, scene.model()))
     assert not any(f.alarm for f in found)
     assert max(f.gap for f in found[5:]) < SIGMA
+
+
+def stiffer(factor):
+    """The scene's model with another modulus."""
+    own = scene.model()
+    return dataclasses.replace(own, fields={**own.fields, "youngs_modulus": own.fields["youngs_modulus"] * factor})
+
+
+@pytest.mark.parametrize("factor", [0.6, 1.6])
+def test_a_material_that_is_off_is_learnt_from_the_stream(problem, factor):
+    """The filmed body is softer or stiffer than the twin's."""
+    places = places_under(problem, stiffer(factor))
+    follower = Follower(problem, scene.model(), FollowConfig(learns={"youngs_modulus": 0.5}))
+    found = followed(problem, places, follower=follower)
+    learnt = follower.material.told()["youngs_modulus"]
+    assert abs(np.log(learnt["factor"] / factor)) < max(0.1, 2.0 * learnt["log_deviation"])
+    assert learnt["log_deviation"] < 0.25
+    as_it_was = followed(problem, places)
+    late = slice(FRAMES // 2, None)
+    forecasts = [np.array([f.forecast for f in run])[late] for run in (found, as_it_was)]
+    nearer, farther = (distance(own, places[1:][late]) for own in forecasts)
+    assert nearer < 0.7 * farther
+
+
+def test_a_right_material_stays(problem):
+    follower = Follower(problem, scene.model(), FollowConfig(learns={"youngs_modulus": 0.5}))
+    found = followed(problem, places_under(problem, scene.model()), follower=follower)
+    learnt = follower.material.told()["youngs_modulus"]
+    assert abs(np.log(learnt["factor"])) < max(0.1, 2.0 * learnt["log_deviation"]) and not any(f.alarm for f in found)
+
+
+def test_what_is_no_field_is_not_learnt(problem):
+    with pytest.raises(InputError, match="no 'colour' to learn.*youngs_modulus"):
+        Follower(problem, scene.model(), FollowConfig(learns={"colour": 0.5}))
+    with pytest.raises(InputError, match="FollowConfig.members: 1 members"):
+        Follower(problem, scene.model(), FollowConfig(learns={"youngs_modulus": 0.5}, members=1))
 
 
 def test_frames_may_go_by_without_a_look(problem):

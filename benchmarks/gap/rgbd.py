@@ -71,7 +71,7 @@ def _put_in(project: Project, capture: Path, shape: Shape) -> None:
         if file.stem not in ("shape_prior", "capture"):
             _linked(own / file.name, file)
     facts = json.loads((capture / "capture.json").read_text())
-    facts["hints"].pop("object")
+    facts["hints"].pop("object", None)
     write_whole(own / "capture.json", json.dumps(facts))
 
 

@@ -8,7 +8,7 @@ import torch
 
 from physreal_core.effects import EFFECTS, lacking
 from physreal_core.gap import Experiment, Trial
-from physreal_core.gap.noise.given import USUAL, changed_by_records
+from physreal_core.gap.noise.given import UNDERSIDE, USUAL, changed_by_records
 from tests.fitting import scene
 from tests.gap.trials import plain_values
 
@@ -85,12 +85,16 @@ def test_a_displaced_hand_is_one_whose_record_says_so():
     assert np.abs(displaced - own.predict([trial])[0]).max() > 1e-3
 
 
-def test_a_table_may_be_a_little_higher_and_a_little_oblique():
+@pytest.mark.parametrize(("guessed", "times"), [(False, 1.0), (True, UNDERSIDE)], ids=["known", "underside guessed"])
+def test_a_table_may_be_a_little_higher_and_a_little_oblique(guessed, times):
     own, trial = experiment(), Trial(scene.model().fields)
+    if guessed:
+        unseen = np.linspace(0.0, 1.0, len(own.problem.body.x0))
+        own = Experiment(dataclasses.replace(own.problem, unseen=unseen), own.model)
     here = own.predict([trial], OBSERVED)[0]
     found = changed_by_records(own, [trial], [here])[0][1 : 1 + TABLE]
     for change, (name, coefficient, size) in zip(found, USUAL[1:], strict=True):
-        other = {c.name: c.dormant for c in EFFECTS[name].coefficients} | {coefficient: size}
+        other = {c.name: c.dormant for c in EFFECTS[name].coefficients} | {coefficient: times * size}
         np.testing.assert_array_equal(change, own.predict([Trial(own.model.fields, {name: other})], OBSERVED)[0] - here)
     known = Trial(own.model.fields, {"ground_plane": EFFECTS["ground_plane"].dormant | {"height": 0.002}})
     assert len(changed_by_records(own, [known], [here])[0]) == len(changed_by_records(own, [trial], [here])[0]) - TABLE

@@ -17,8 +17,8 @@ import numpy as np
 
 Kind = Literal["none", "single", "pair", "outside"]
 Variant = Literal["tracks_only", "rgbd", "rgbd_seen", "thin"]
-OF_VIDEO = ("rgbd", "rgbd_seen")
-"""Parts that go through the whole pipeline; the same cases, with the shape that the rig gives, or that the camera saw."""
+SHAPE_OF = {"rgbd": "given", "rgbd_seen": "seen"}
+"""Parts that go through the whole pipeline, of the same cases, and whose shape the object has: the rig's, or the one that the camera saw."""
 
 STRENGTHS = ("weak", "middle", "high")
 CONTROLS = {"tracks_only": 20, "rgbd": 10, "rgbd_seen": 10, "thin": 6}  # of thin bodies for each
@@ -130,7 +130,7 @@ def benchmark_cases(effects: Iterable[str], *, variant: Variant, seed: int = 0) 
     deal = _Deal(sorted(_acting_on("volume", effects)), seed)
     controls = [deal.case("none", "middle", number, number) for number in range(CONTROLS[variant])]
     high = [deal.single(effect, "high") for effect in deal.effects]
-    if variant in OF_VIDEO:
+    if variant in SHAPE_OF:
         return _interleaved(high, controls)
     middle = [deal.single(effect, "middle") for effect in deal.effects]
     further = [deal.single(effect, ("high", "middle")[i % 2], 2) for i, effect in enumerate(deal.effects[:FURTHER])]

@@ -6,7 +6,7 @@ from dataclasses import replace
 from pathlib import Path
 
 from benchmarks.gap.calibration import calibrate
-from benchmarks.gap.cases import OF_VIDEO, benchmark_cases, chosen
+from benchmarks.gap.cases import SHAPE_OF, benchmark_cases, chosen
 from benchmarks.gap.filming import FILMED
 from benchmarks.gap.results import collect, pool, write_results
 from benchmarks.gap.rows import FOLDER
@@ -18,9 +18,9 @@ def main(arguments: Sequence[str] | None = None) -> None:
     """Run the command with `arguments`; default: those of the command line."""
     parsed = _parser().parse_args(arguments)
     folder = parsed.out / parsed.variant
-    of_video = parsed.variant in OF_VIDEO
+    of_video = parsed.variant in SHAPE_OF
     settings = () if parsed.settings is None else (str(parsed.settings.resolve()),)
-    arguments = (("given", "seen")[parsed.variant == "rgbd_seen"],) if of_video else settings
+    arguments = (SHAPE_OF[parsed.variant],) if of_video else settings
     module = "benchmarks.gap.rgbd" if of_video else "benchmarks.gap.case"
     how = Run(folder, parsed.jobs, module, arguments, parsed.cards, parsed.minutes)
     if parsed.pool:

@@ -5,7 +5,7 @@ from collections.abc import Iterable, Sequence
 from pathlib import Path
 from typing import Any
 
-from benchmarks.gap.cases import OF_VIDEO, GapCase, Variant
+from benchmarks.gap.cases import SHAPE_OF, GapCase, Variant
 from benchmarks.gap.figures import draw_confusion, draw_reliability
 from benchmarks.gap.files import read_json, write_json
 from benchmarks.gap.rows import Row, put_rows, read_rows, row_of, rows_file
@@ -68,7 +68,7 @@ def write_results(variant: Variant, rows: Sequence[Row], results: Path, not_run:
     judged = [judge(row, sizes) for row in rows]
     numbers = {**_origin(rows), **summary(judged)}
     numbers["counts"]["not_run"] = not_run
-    text = page(TITLES[variant], numbers, judged, RGBD_AIMS if variant in OF_VIDEO else None)
+    text = page(TITLES[variant], numbers, judged, RGBD_AIMS if variant in SHAPE_OF else None)
     path = results / "gap_benchmark.json"
     write_json(path, {**(read_json(path) or {}), variant: numbers})
     (results / f"gap_benchmark_{variant}.md").write_text(text)

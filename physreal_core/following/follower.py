@@ -120,8 +120,8 @@ class Follower:
         difference = np.where(seen.valid[:, None], seen.points - forecast, 0.0)
         size, noise = self._learnt.update(difference, seen.valid, seen.sigma)
         update = self._learn(forecasts, difference, seen, size, noise)
-        nearer = difference - update.of_mean(forecasts)
-        found = self._error.analysis(nearer, seen.valid, noise * seen.sigma, size)
+        moved = update.of_mean(forecasts)
+        found = self._error.analysis(difference - moved, seen.valid, noise * seen.sigma, size)
         off = found.at_particles + update.of_mean(np.stack([own.x.cpu().double().numpy() for own in states]))
         spread = np.sqrt((update.spread(forecasts) ** 2).mean(1))
         stated = float(np.median(seen.sigma[seen.valid])) if seen.valid.any() else 0.0
@@ -129,7 +129,7 @@ class Follower:
         self._draw(off)
         return Followed(
             forecast=forecast,
-            points=forecast + difference - nearer + found.at_points,
+            points=forecast + moved + found.at_points,
             deviation=np.sqrt(found.deviation**2 + spread**2 + (self._shared * stated) ** 2),
             x=state.x.cpu().double().numpy() + off,
             F=state.F.cpu().double().numpy(),

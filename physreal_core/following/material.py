@@ -68,10 +68,9 @@ class LearntMaterial:
         if members < 2 * len(spreads):
             raise InputError(f"{members} members", where="FollowConfig.members", expected=f"{2 * len(spreads)} or more")
         self._model, self.names, self._frames = model, tuple(spreads), frames
-        self._spread = np.array([spreads[name] for name in self.names])
         drawn = norm.ppf(qmc.LatinHypercube(len(self.names), seed=0).random(members))
         drawn = (drawn - drawn.mean(0)) / drawn.std(0, ddof=1)
-        self.logarithms: Float[Array, "members factors"] = drawn * self._spread
+        self.logarithms: Float[Array, "members factors"] = drawn * np.array([*spreads.values()])
 
     def fields(self, member: int) -> Fields:
         """The model's fields with the factors of a member."""

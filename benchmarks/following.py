@@ -18,6 +18,7 @@ from scipy.spatial import cKDTree
 
 from applications.coarse import coarser
 from applications.live import streams
+from applications.live.following import INTERVAL
 from applications.twin import Twin
 from benchmarks.thin.results import RESULTS
 from benchmarks.use import record
@@ -34,9 +35,6 @@ from pipeline.project import Project
 
 HIDDEN = 3
 """Every so many-th point is kept from the follower."""
-
-INTERVAL = 1.645
-"""Deviations of a 90 % interval."""
 
 BEGINS = 30
 """Frame in which an effect begins to act."""

@@ -83,7 +83,9 @@ def _by_network(path: Path, seen: Observation) -> Mesh:
     side = session.get_inputs()[0].shape[-1]
     image, mask = _square(seen, side if isinstance(side, int) else USUAL_SIDE)
     names = [own.name for own in session.get_inputs()]
-    vertices, faces, *colours = session.run(None, dict(zip(names, (image, mask), strict=True)))[:3]
+    if sorted(names) != ["image", "mask"]:
+        raise InputError(f"the network has the inputs {names}", where=str(path), expected="image and mask")
+    vertices, faces, *colours = session.run(None, {"image": image, "mask": mask})[:3]
     if faces.ndim != 2 or faces.shape[1] != 3 or vertices.ndim != 2 or vertices.shape[1] != 3 or not len(faces):
         shapes = f"vertices {vertices.shape} and faces {faces.shape}"
         raise InputError(f"the network gives {shapes}", where=str(path), expected="vertices [V, 3] and faces [F, 3]")

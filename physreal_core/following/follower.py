@@ -122,7 +122,8 @@ class Follower:
         update = self._learn(forecasts, difference, seen, size, noise)
         moved = update.of_mean(forecasts)
         found = self._error.analysis(difference - moved, seen.valid, noise * seen.sigma, size)
-        off = found.at_particles + update.of_mean(np.stack([own.x.cpu().double().numpy() for own in states]))
+        places = np.stack([own.x.cpu().double().numpy() for own in states])
+        off = found.at_particles + update.of_mean(places)
         spread = np.sqrt((update.spread(forecasts) ** 2).mean(1))
         stated = float(np.median(seen.sigma[seen.valid])) if seen.valid.any() else 0.0
         gap = float(np.sqrt((self._mass @ (off**2).sum(1)) / self._mass.sum()))
@@ -131,7 +132,7 @@ class Follower:
             forecast=forecast,
             points=forecast + moved + found.at_points,
             deviation=np.sqrt(found.deviation**2 + spread**2 + (self._shared * stated) ** 2),
-            x=state.x.cpu().double().numpy() + off,
+            x=places.mean(0) + off,
             F=state.F.cpu().double().numpy(),
             acceleration=self._missing.copy(),
             gap=gap,

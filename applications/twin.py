@@ -6,6 +6,7 @@ from pathlib import Path
 import numpy as np
 import torch
 
+from applications.scene import Scene
 from physreal_core.array_types import Array, Float
 from physreal_core.errors import InputError
 from physreal_core.fitting.model import Model, load_model
@@ -47,6 +48,7 @@ class Twin:
         gaussians: appearance; None of motion capture.
         gaussian_binding: of these; None of motion capture.
         camera: that filmed it; None of motion capture.
+        scene: solids around it; None without.
     """
 
     sequence: str
@@ -59,18 +61,20 @@ class Twin:
     gaussians: Gaussians | None
     gaussian_binding: Binding | None
     camera: Camera | None
+    scene: Scene | None = None
 
     @classmethod
-    def load(cls, project: Project, sequence: str, stage: str = FIT_STAGES[-1]) -> "Twin":
+    def load(cls, project: Project, sequence: str, stage: str = FIT_STAGES[-1], scene: Path | None = None) -> "Twin":
         """The model that a fit stage found, where the object lies in a sequence.
 
         Args:
             project: where.
             sequence: under `fits` or `predictions` in params.yaml.
             stage: one of `FIT_STAGES`.
+            scene: mesh file of solids around it (`Scene.read`).
 
         Raises:
-            InputError: no such sequence or stage, or the stages have not run.
+            InputError: no such sequence or stage, the stages have not run, or as of `Scene.read`.
         """
         fitted, read = _folder_of_model(project, sequence, stage), lambda name: project.artifact(name, sequence)
         for name, folder in (*((name, read(name)) for name in _INPUTS), (stage, fitted)):
@@ -82,6 +86,9 @@ class Twin:
                     remedy="run `dvc repro`",
                 )
         problem, placed = load_problem(read), PlacedObject.load(read("fit_pose"))
+        around = None if scene is None else Scene.read(scene, problem.body)
+        if around is not None:
+            problem = replace(problem, solids=around.solids)
         particles, filmed = Particles.load(read("sample_particles")), problem.camera is not None
         return cls(
             sequence=sequence,
@@ -94,6 +101,7 @@ class Twin:
             gaussians=placed.gaussians if filmed else None,
             gaussian_binding=Binding(particles.gaussian_neighbours, particles.gaussian_weights) if filmed else None,
             camera=problem.camera,
+            scene=around,
         )
 
     def session(self, device: str = "cpu", *, effects: bool = True, ball: float | None = None) -> Session:

@@ -17,7 +17,17 @@ import torch
 
 from benchmarks.thin.touching import two_blocks
 from benchmarks.thin_scenes import crossing_ropes, stacked_sheets, wavy_ropes, wavy_sheet
-from physreal_core.simulation import Body, Clamp, Grip, Parameters, PointLoad, SimulationConfig, Simulator, States
+from physreal_core.simulation import (
+    Body,
+    Clamp,
+    Grip,
+    Parameters,
+    PointLoad,
+    SimulationConfig,
+    Simulator,
+    Solids,
+    States,
+)
 from physreal_core.simulation.laws import ResidualConfig, initial_weights
 from physreal_core.simulation.terms import BRANCH_TERMS, STRESS_TERMS, TERMS, THIN_TERMS, term_shapes
 from physreal_core.simulation.thin import Shell
@@ -27,7 +37,8 @@ REFERENCE = Path(__file__).parent / "results" / "agreement_cpu.npz"
 # nodes may change from sticking to slipping a substep earlier or later.
 TOLERANCES = {"float64": 1e-8, "float32": 5e-3}
 FRAMES = 4
-VOLUME_TERMS = tuple(term for term in TERMS if term not in THIN_TERMS)
+VOLUME_TERMS = tuple(term for term in TERMS if term not in (*THIN_TERMS, "solids"))
+"""Those of volumes; solids have cases of their own."""
 _COMMON = tuple(term for term in VOLUME_TERMS if term not in (*STRESS_TERMS, "initial_deformation"))
 SHELL_TERMS, ROD_TERMS = (*_COMMON, *Shell.terms), (*_COMMON, "bending", "surface_drag")
 """Those of shells, and of rods without frames."""
@@ -75,6 +86,7 @@ class Case:
     terms: tuple[str, ...] = ()
     led: bool = False  # whether the controller points have a gradient, too
     touching: bool = False  # whether the body touches itself
+    walled: bool = False  # whether it runs into a solid wall
     body: str = "block"
 
 
@@ -93,6 +105,8 @@ CASES = {
     "rod": Case(body="rod", held=True, terms=ROD_TERMS, led=True),
     "limbs": Case(body="fork", held=True, terms=("drag", "density"), led=True),
     "blocks that touch": Case(terms=("drag", "density"), body="blocks", touching=True),
+    "block and wall": Case(terms=("drag", "density"), walled=True),
+    "shell and wall": Case(body="shell", held=True, terms=("bending",), walled=True),
     "sheets that touch": Case(body="sheets", terms=("bending",), touching=True),
     "ropes that touch": Case(body="ropes", terms=("bending",), touching=True),
     "shell, residual": Case(body="shell", residual=THIN_RESIDUAL, held=True, terms=SHELL_TERMS),
@@ -118,7 +132,7 @@ def scene(case: Case, device: str, dtype: str) -> tuple[Simulator, dict, torch.T
         tip = np.flatnonzero(x0[:, 0] > 0.04)
         loads = (PointLoad(tip, np.ones(len(tip)), (0.001, 0.0, 0.002)),)
     grip = Grip(particles, particles % 2, np.ones(len(particles)), lengths)
-    simulator = Simulator(body, config, grip, clamps, loads)
+    simulator = Simulator(body, config, grip, clamps, loads, solids=wall(body) if case.walled else None)
     generator = torch.Generator().manual_seed(0)
 
     def leaf(value) -> torch.Tensor:
@@ -149,10 +163,19 @@ def scene(case: Case, device: str, dtype: str) -> tuple[Simulator, dict, torch.T
         leaves["initial_velocity"] = leaf([0.5, 0.2, 0.0] + np.where(upper, -0.2, 0.2) * [1.0, 0.5, 1.0])
     if case.body in ("rod", "ropes"):
         leaves["poissons_ratio"].requires_grad_(False)  # a rod does not feel it
+    if case.walled:
+        leaves |= {"solid_reach": leaf(0.9 * body.reach), "solid_stiffness": leaf(1e5), "solid_friction": leaf(0.4)}
     given = term_values(x0)
     leaves |= {name: leaf(given[name]) for term in case.terms for name in TERMS[term]}
     time = torch.linspace(0, 1, FRAMES, dtype=torch.float64)[:, None, None]
     return simulator, leaves, torch.as_tensor(points) + time * torch.tensor([0.01, 0.005, 0.01])
+
+
+def wall(body: Body) -> Solids:
+    """A ball before the body, towards which it is thrown."""
+    cell, radius, middle = 0.004, 0.05, body.x0.max(0) * [1.0, 0.5, 0.5] + [0.051 + body.reach.max(), 0.0, 0.0]
+    places = np.stack(np.meshgrid(*[cell * np.arange(-20, 21)] * 3, indexing="ij"), -1)
+    return Solids(np.linalg.norm(places, axis=-1) - radius, middle - 20 * cell, cell)
 
 
 def term_values(x0: np.ndarray) -> dict[str, torch.Tensor]:

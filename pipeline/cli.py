@@ -90,6 +90,7 @@ def _parser() -> argparse.ArgumentParser:
     )
     command.add_argument("--beside", action="store_true", help="the twin without its named effects beside it")
     command.add_argument("--ball", type=float, metavar="RADIUS", help="a ball of this radius [m] to push the body with")
+    _scene_option(command)
     command.add_argument("--device", default="cpu", help="of the simulator: cpu or cuda:0")
     command.add_argument("--captures", type=Path, help="folder of the pulls' captures; default: data/played/SEQUENCE")
     command.add_argument(
@@ -137,6 +138,7 @@ def _parser() -> argparse.ArgumentParser:
         "--quantile", type=float, help="of the models' costs that counts, 1 for the dearest; default: their mean"
     )
     command.add_argument("--rounds", type=int, help="of the search; default: 6")
+    _scene_option(command)
     command.add_argument("--seed", type=int, default=0, help="of the search and of the models; default: 0")
     command.add_argument("--device", default="cpu", help="of the simulator: cpu or cuda:0")
     command.add_argument("--record", action="store_true", help="a video of what the fitted model does beside the plan")
@@ -197,6 +199,7 @@ def _parser() -> argparse.ArgumentParser:
         choices=["viperx"],
         help="a robot arm that has the hand: joints as states and actions, the arm in the pictures",
     )
+    _scene_option(command)
     command.add_argument("--plain", action="store_true", help="the fitted material, in the filmed view and light")
     command.add_argument("--task", default="take the soft object, move it and let it go", help="what is done, in words")
     command.add_argument("--seed", type=int, default=0, help="of all that is drawn; default: 0")
@@ -233,6 +236,15 @@ def _parser() -> argparse.ArgumentParser:
     command.add_argument("sequence")
     command.set_defaults(command=_run)
     return parser
+
+
+def _scene_option(command: argparse.ArgumentParser) -> None:
+    command.add_argument(
+        "--scene",
+        type=Path,
+        metavar="MESH",
+        help="what stands around the twin, as a box or a shelf: closed meshes in a .glb, .obj, .stl or .ply, in the world's frame [m]",
+    )
 
 
 def _page_options(command: argparse.ArgumentParser, port: int) -> None:

@@ -17,6 +17,7 @@ from applications.generate.grasps import Hand, ranked
 from applications.generate.maker import Setup, makers
 from applications.generate.way import COMING, LEAVING
 from applications.options import require
+from applications.twin import Twin
 from physreal_core.cores import available_cores
 from physreal_core.errors import InputError
 from pipeline.graph import FIT_STAGES
@@ -48,6 +49,9 @@ def generate(parsed: argparse.Namespace) -> None:
     project = Project.find()
     folder = parsed.to or project.root / "data" / "generated" / parsed.sequence
     require_new(folder, "physreal generate")
+    Twin.load(
+        project, parsed.sequence, parsed.model or FIT_STAGES[-1], parsed.scene
+    )  # told here what the processes would die of
     setup = _setup(parsed, project, folder.with_name(f"{folder.name}.parts"))
     _resume(setup)
     jobs = min(parsed.jobs or available_cores(), max(parsed.episodes, PLACES))
@@ -96,6 +100,7 @@ def _setup(parsed: argparse.Namespace, project: Project, parts: Path) -> Setup:
         device=parsed.device,
         seed=parsed.seed,
         arm=parsed.arm,
+        scene=parsed.scene,
     )
 
 

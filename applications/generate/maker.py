@@ -51,6 +51,7 @@ class Setup:
         device: of the simulator.
         seed: of all.
         arm: `viperx`, or none.
+        scene: mesh file of solids around the twin, or none.
     """
 
     root: Path
@@ -66,6 +67,7 @@ class Setup:
     device: str
     seed: int
     arm: str | None = None
+    scene: Path | None = None
 
 
 class Maker:
@@ -73,7 +75,7 @@ class Maker:
 
     def __init__(self, setup: Setup) -> None:
         self._setup = setup
-        full = Twin.load(Project(setup.root), setup.sequence, setup.stage)
+        full = Twin.load(Project(setup.root), setup.sequence, setup.stage, setup.scene)
         self._twin = coarser(full, setup.coarser, "physreal generate")
         self._session = self._twin.session(setup.device)
         self._floor = self._session.floor

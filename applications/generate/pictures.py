@@ -52,7 +52,7 @@ class Studio:
     """
 
     def __init__(self, twin: Twin, floor: float) -> None:
-        self._look, self._floor = Appearance.of(twin), floor
+        self._look, self._floor, self._scene = Appearance.of(twin), floor, twin.scene
         self._x0 = torch.as_tensor(twin.problem.body.x0, dtype=torch.float32)
         self._normals0 = torch.as_tensor(_normals_at(self._look.gaussians.means.cpu().numpy(), twin.mesh)).float()
 
@@ -76,13 +76,21 @@ class Studio:
         opacities = torch.cat([look.gaussians.opacities(), torch.full((count,), _OPACITY)])
         own = hand.colours if hand.normals is None else (hand.colours * draw.light.on(hand.normals)).clamp(0.0, 1.0)
         colours = torch.cat([colours, own.expand(frames, count, 3)], 1)
+        kinds = [(OBJECT, body), (HAND, count)]
+        if self._scene is not None:
+            still, normals = self._scene.look
+            lit = (still.colours(camera.centre) * draw.light.on(normals)).clamp(0.0, 1.0)
+            means, colours = _beside(means, still.means), _beside(colours, lit)
+            covariances = _beside(covariances, still.covariances())
+            opacities = torch.cat([opacities, still.opacities()])
+            kinds.append((BACKGROUND, len(still)))
         seen = rasterise(means, covariances, opacities, colours, camera)
-        moved = torch.cat([_flow(means, draw), _is_hand(body, count).expand(frames, -1, 1)], -1)
+        moved = torch.cat([_flow(means, draw), _kinds(kinds).expand(frames, -1, 1)], -1)
         told = rasterise(means, covariances, opacities, moved, camera)
         behind, far = (torch.as_tensor(a, dtype=torch.float32) for a in draw.scenery.seen(camera, self._floor))
         there, colour = seen.alpha > 0.5, seen.rgb.add_((1.0 - seen.alpha)[..., None] * behind)
         share = told.rgb.div_(told.alpha.clamp(min=1e-3)[..., None]) * there[..., None]
-        mask = there.to(torch.uint8) * torch.where(share[..., 2] > 0.5, HAND, OBJECT)
+        mask = share[..., 2].round()
         return Pictures(
             colour=colour.clamp_(0.0, 1.0).mul_(255.0).round_().to(torch.uint8).numpy(),
             depth=torch.where(there, seen.depth, far).numpy(),
@@ -96,8 +104,14 @@ def _flow(means: Float[Tensor, "frames gaussians 3"], draw: Draw) -> Float[Tenso
     return torch.cat([pixels[1:] - pixels[:-1], torch.zeros_like(pixels[:1])])
 
 
-def _is_hand(body: int, count: int) -> Float[Tensor, "gaussians 1"]:
-    return torch.cat([torch.zeros(body), torch.ones(count)])[:, None]
+def _kinds(counts: list[tuple[int, int]]) -> Float[Tensor, "gaussians 1"]:
+    """Number in the masks of each Gaussian, of so many of each."""
+    return torch.cat([torch.full((count,), float(kind)) for kind, count in counts])[:, None]
+
+
+def _beside(moving: Tensor, still: Tensor) -> Tensor:
+    """What moves, and behind it what is the same in all frames."""
+    return torch.cat([moving, still.expand(len(moving), *still.shape)], 1)
 
 
 def _normals_at(points: Float[Array, "points 3"], mesh: Mesh) -> Float[Array, "points 3"]:

@@ -56,7 +56,7 @@ def plan(parsed: argparse.Namespace) -> None:
     project = Project.find()
     folder = parsed.to or project.root / "data" / "planned" / parsed.sequence / parsed.goal.stem
     require_new(folder, "physreal plan")
-    twin = Twin.load(project, parsed.sequence, parsed.model or FIT_STAGES[-1])
+    twin = Twin.load(project, parsed.sequence, parsed.model or FIT_STAGES[-1], parsed.scene)
     goal, points0 = read_goal(parsed.goal, twin)
     planner = planner_of(parsed, twin, Cost(goal, quantile=parsed.quantile), points0)
     print(

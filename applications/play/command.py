@@ -37,12 +37,13 @@ def play(parsed: argparse.Namespace) -> None:
             folder=parsed.captures,
             device=parsed.device,
             ball=parsed.ball,
+            scene=parsed.scene,
             host=parsed.host or HOST,
             port=parsed.port or PORT,
             browser=not parsed.no_browser,
         )
         return
-    twin = Twin.load(Project.find(), sequence, stage)
+    twin = Twin.load(Project.find(), sequence, stage, log.scene if log else parsed.scene)
     session = twin.session(parsed.device, ball=log.ball if log else None)
     count = parsed.frames or (log.frames if log else session.frames_filmed - 1)
     places = film(twin, replayed(session, log.actions if log else [], count), parsed.record, session.fps)

@@ -27,6 +27,7 @@ class Log:
     Attributes:
         sequence, stage: whose model.
         ball: radius of the ball [m], None without one.
+        scene: mesh file of the solids around it, None without one.
         frames: how many the session had.
         actions: as `physreal_core.playing.replayed` takes them.
     """
@@ -34,6 +35,7 @@ class Log:
     sequence: str
     stage: str
     ball: float | None
+    scene: Path | None
     frames: int
     actions: list[dict]
 
@@ -41,22 +43,23 @@ class Log:
     def read(cls, path: Path) -> "Log":
         """A log.json, or that in a pull's folder; InputError where it is none."""
         path, remedy = path / LOG if path.is_dir() else path, "give a log.json that `physreal play` wrote"
-        record = read_record(path, ("sequence", "model", "ball", "frames", "actions"), remedy)
+        record = read_record(path, ("sequence", "model", "ball", "scene", "frames", "actions"), remedy)
         with understood(path, remedy):
             ball = None if record["ball"] is None else float(record["ball"])
-            return cls(record["sequence"], record["model"], ball, int(record["frames"]), list(record["actions"]))
+            scene = None if record["scene"] is None else Path(record["scene"])
+            return cls(record["sequence"], record["model"], ball, scene, int(record["frames"]), list(record["actions"]))
 
 
 def film(twin: Twin, states: Iterator[FrameState], path: Path, fps: float) -> Float[Array, "T N 3"]:
     """Draw the states into an mp4 as the filmed camera would see them, and return the particles' positions [m]."""
-    look = Appearance.of(twin)
+    look, still = Appearance.of(twin), None if twin.scene is None else twin.scene.look[0]
     x0 = torch.as_tensor(twin.problem.body.x0, dtype=torch.float32)
     pictures: list[UInt8[Array, "h w 3"]] = []
     places = []
     for state in states:
         x, F = state.x.cpu().float(), state.F.cpu().float()
         with torch.no_grad():
-            drawn = render_carried(look.gaussians, look.binding, x0, x, F, look.camera, BACKGROUND).rgb
+            drawn = render_carried(look.gaussians, look.binding, x0, x, F, look.camera, BACKGROUND, still=still).rgb
         pictures.append((drawn.clamp(0, 1) * 255).round().to(torch.uint8).numpy())
         places.append(x.numpy().copy())
     if not pictures:

@@ -13,6 +13,7 @@ from applications.play.pictures import camera_of, picture
 from applications.play.pulls import Pulls
 from applications.twin import Twin
 from physreal_core.effects import EFFECTS
+from physreal_core.geometry.mesh import Mesh
 from physreal_core.playing import Session
 from physreal_core.playing.log import Hand
 
@@ -145,6 +146,8 @@ class Page:
             server.scene.add_box(
                 "/table", dimensions=(side, side, thick), color=_GREY, position=(x, y, ground - thick / 2)
             )
+        if self._twin.scene is not None:
+            self._solids(self._twin.scene.mesh)
         self._lines = server.scene.add_line_segments(
             "/pulls",
             points=np.zeros((1, 2, 3), np.float32),
@@ -152,6 +155,20 @@ class Page:
             thickness=4.0,
             thickness_units="screen",
         )
+
+    def _solids(self, mesh: Mesh) -> None:
+        """What stands around each body."""
+        colour = tuple((255 * mesh.colours.mean(0)).astype(int).tolist())
+        for number, aside in enumerate(self._asides):
+            self._server.scene.add_mesh_simple(
+                f"/solids_{number}",
+                vertices=mesh.vertices.astype(np.float32),
+                faces=mesh.faces.astype(np.uint32),
+                color=colour,
+                flat_shading=True,
+                side="double",
+                position=tuple(aside),
+            )
 
     def _controls(self) -> None:
         gui, session, model = self._server.gui, self._session, self._twin.model

@@ -124,8 +124,14 @@ class Pulls:
 
 def write_log(folder: Path, twin: Twin, session: Session) -> Path:
     """What was done in the session since its start, for `physreal play --replay`."""
-    record = {"sequence": twin.sequence, "model": twin.stage, "ball": session.radius, "frames": session.frame}
-    record["actions"] = session.log
+    record = {
+        "sequence": twin.sequence,
+        "model": twin.stage,
+        "ball": session.radius,
+        "scene": None if twin.scene is None else str(twin.scene.path.resolve()),
+        "frames": session.frame,
+        "actions": session.log,
+    }
     write_whole(folder / LOG, json.dumps(record, indent=1) + "\n")
     return folder / LOG
 

@@ -23,6 +23,7 @@ def serve(
     folder: Path | None = None,
     device: str = "cpu",
     ball: float | None = None,
+    scene: Path | None = None,
     host: str = HOST,
     port: int = PORT,
     browser: bool = True,
@@ -36,6 +37,7 @@ def serve(
         folder: gets a capture per pull; by default data/played/<sequence>.
         device: of the simulator.
         ball: radius of a ball to push with [m]; None for none.
+        scene: mesh file of solids around the twin; None for none.
         host: the address to listen on; only this machine reaches 127.0.0.1.
         port: of that address.
         browser: whether to open a browser here.
@@ -50,7 +52,7 @@ def serve(
             remedy='run `pip install "physreal[play]"`, in a checkout `pip install -e ".[play]"`',
         )
     project = Project.find()
-    twin = Twin.load(project, sequence, stage)
+    twin = Twin.load(project, sequence, stage, scene)
     if beside and not twin.model.effects:
         raise InputError(
             f"the model of {sequence} has no named effect to leave out",

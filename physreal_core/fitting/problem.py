@@ -11,7 +11,7 @@ from torch import Tensor
 from physreal_core.array_types import Array, Bool, Float, Int
 from physreal_core.errors import InputError
 from physreal_core.rendering import Binding, Camera, Gaussians
-from physreal_core.simulation import Body, Clamp, Grip, PointLoad, Tool
+from physreal_core.simulation import Body, Clamp, Grip, PointLoad, Solids, Tool
 
 
 @dataclass(frozen=True)
@@ -93,6 +93,7 @@ class Problem:
             how good their record is.
         unseen: [N] of a volume whose far side was guessed, how far a particle lies from the surface that the camera saw (0) to that side (1);
             None where the shape is known.
+        solids: what stands still around the body.
     """
 
     body: Body
@@ -111,6 +112,7 @@ class Problem:
     hand_modes: Float[Array, "modes frames"] | None = None
     tool: Tool | None = None
     unseen: Float[Array, " particles"] | None = None
+    solids: Solids | None = None
 
     def __post_init__(self) -> None:
         if self.tracks is None and self.masks is None:

@@ -18,7 +18,6 @@ from physreal_core.errors import InputError
 from physreal_core.fitting.model import TOOL_FIELDS, Model, particle_parameters
 from physreal_core.fitting.problem import Problem
 from physreal_core.simulation import Parameters, SimulationConfig, Simulator, States
-from physreal_core.simulation.body_terms import dormant_values
 from physreal_core.simulation.parameters import PARAMETER_NAMES, BatchStates
 from physreal_core.simulation.play import FrameState, Player
 
@@ -134,7 +133,8 @@ class Rollouts:
     @cached_property
     def _simulator(self) -> Simulator:
         problem = self.problem
-        return Simulator(problem.body, self.config, problem.grip, problem.clamps, problem.loads, problem.tool)
+        scene = problem.grip, problem.clamps, problem.loads, problem.tool, problem.solids
+        return Simulator(problem.body, self.config, *scene)
 
     def _acting(self, values: EffectValues | None) -> dict[str, dict[str, Tensor]]:
         """Coefficients of all effects, in the order in which they act: the model's own first."""
@@ -213,14 +213,13 @@ def roll_out_together(simulator: Simulator, inputs: list[Inputs], frames: int | 
 
     One may leave out what another gives (two effects may share a term of the simulator): it is dormant there.
     """
-    dormant = dormant_values(simulator.config.terms, simulator.body, simulator.config.gravity)
 
     def together(name: str) -> Tensor | None:
         rows = [getattr(one.parameters, name) for one in inputs]
         given = next((row for row in rows if row is not None), None)
         if given is None:
             return None
-        absent = torch.as_tensor(dormant.get(name, 0.0)).to(given).expand_as(given)
+        absent = torch.as_tensor(simulator.dormant.get(name, 0.0)).to(given).expand_as(given)
         return torch.stack([absent if row is None else row for row in rows])
 
     parameters = Parameters(**{name: together(name) for name in PARAMETER_NAMES})

@@ -22,7 +22,7 @@ def separate_pieces(mesh: Mesh, spacing: float) -> list[Mesh]:
         mesh: closed, [m].
         spacing: between particles [m].
     """
-    part = _parts_of_faces(mesh)
+    part = connected_parts(mesh)
     if part.max() == 0:
         return [mesh]
     joined = _joined(mesh, part, spacing)[part]
@@ -30,7 +30,7 @@ def separate_pieces(mesh: Mesh, spacing: float) -> list[Mesh]:
     return [replace(mesh, faces=mesh.faces[joined == joined[face]]) for face in np.sort(first)]
 
 
-def _parts_of_faces(mesh: Mesh) -> Int[Array, " faces"]:
+def connected_parts(mesh: Mesh) -> Int[Array, " faces"]:
     """Number of the connected part that each face belongs to."""
     from scipy.sparse import coo_matrix
     from scipy.sparse.csgraph import connected_components

@@ -116,13 +116,22 @@ def render_carried(
     camera: Camera,
     background: tuple[float, float, float] = (0.0, 0.0, 0.0),
     *,
+    still: Gaussians | None = None,
     backend: str = "auto",
 ) -> Rendering:
-    """Render a model carried by its particles (eqs. gs_binding, physics_rendering); differentiable in x and F."""
+    """Render a model carried by its particles (eqs. gs_binding, physics_rendering), beside Gaussians that stay where they are; differentiable in x
+    and F."""
     means, covariances = carry_gaussians(binding, gaussians, x0, x, F)
     turned = carried_rotations(binding, F) if gaussians.harmonics.shape[1] > 1 else None
     colours = gaussians.colours(camera.centre, means, turned).to(means)
     opacities = gaussians.opacities().to(means)
+    if still is not None:
+        means, covariances = (
+            torch.cat([means, still.means.to(means)]),
+            torch.cat([covariances, still.covariances().to(means)]),
+        )
+        colours = torch.cat([colours, still.colours(camera.centre).to(means)])
+        opacities = torch.cat([opacities, still.opacities().to(means)])
     return rasterise(means, covariances, opacities, colours, camera, background=background, backend=backend)
 
 

@@ -6,6 +6,7 @@ import numpy as np
 
 from physreal_core.array_types import Array, Float
 from physreal_core.simulation.body import Body
+from physreal_core.simulation.solids import FRICTION, STIFFNESS, Solids
 from physreal_core.simulation.terms import STRESS_TERMS, TERMS, THIN_TERMS
 
 
@@ -17,7 +18,7 @@ def absent_terms(body: Body) -> set[str]:
 
 
 def dormant_values(
-    terms: Iterable[str], body: Body, gravity: tuple[float, float, float]
+    terms: Iterable[str], body: Body, gravity: tuple[float, float, float], solids: Solids | None = None
 ) -> dict[str, Float[Array, "..."]]:
     """What the parameters of these terms are where the caller leaves them out, in shapes that broadcast to the full ones.
 
@@ -25,6 +26,7 @@ def dormant_values(
         terms: those in use.
         body: the particles.
         gravity: of the configuration [m/s2].
+        solids: around the body; None where the term is not in use.
     """
     terms = tuple(terms)
     own = {
@@ -33,6 +35,9 @@ def dormant_values(
         "initial_position": body.x0,
         "initial_deformation": np.eye(3),
         "initial_director": body.elements.directors if "initial_director" in terms else None,
+        "solid_reach": solids.reach(body) if "solids" in terms else None,
+        "solid_stiffness": np.array(STIFFNESS),
+        "solid_friction": np.array(FRICTION),
     }
     return {
         name: own[name] if parameter.dormant is None else np.asarray(parameter.dormant, dtype=np.float64)

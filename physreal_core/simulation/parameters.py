@@ -39,6 +39,9 @@ class Parameters:
         adhesion: largest pull of the place that a particle starts from [N], shape [N].
         adhesion_range: height at which it is reached [m], shape [].
         obstacle: a capsule's centre [m], half axis [m] (0 for a ball), radius [m] and stiffness [1/s2], shape [8].
+        solid_reach: how far from a solid's surface a particle is pushed [m], shape [N]; half of its size by default.
+        solid_stiffness: of the push of solids, per mass and depth [1/s2], shape []; 1e6 by default.
+        solid_friction: Coulomb's mu of solids, shape []; 0.5 by default.
         viscosity: Kelvin-Voigt shear and volume (lambda) viscosity [Pa s], shape [N, 2].
         stiffening: Yeoh's second coefficient c of c (I1_bar - 3)^2 [Pa], shape [N].
         fibre_modulus: k of k / 8 (|F a|^2 - 1)^2 [Pa], shape [N].
@@ -84,6 +87,9 @@ class Parameters:
     adhesion: Float[Tensor, "..."] | None = None
     adhesion_range: Float[Tensor, "..."] | None = None
     obstacle: Float[Tensor, "... 8"] | None = None
+    solid_reach: Float[Tensor, "..."] | None = None
+    solid_stiffness: Float[Tensor, "..."] | None = None
+    solid_friction: Float[Tensor, "..."] | None = None
     viscosity: Float[Tensor, "... 2"] | None = None
     stiffening: Float[Tensor, "..."] | None = None
     fibre_modulus: Float[Tensor, "..."] | None = None
@@ -232,6 +238,8 @@ def _check_ranges(tensors: dict[str, Tensor]) -> None:
         "grip_damping",
         "tool_stiffness",
         "tool_friction",
+        "solid_stiffness",
+        "solid_friction",
         "retardation_time",
         "surface_drag",
     )

@@ -24,6 +24,7 @@ from physreal_core.simulation.native import NativeStepper
 from physreal_core.simulation.parameters import PARAMETER_NAMES, BatchStates, Parameters, States, complete
 from physreal_core.simulation.pieces import require_thickness
 from physreal_core.simulation.play import Played, Player
+from physreal_core.simulation.solids import Solids
 from physreal_core.simulation.stepper import Stepper
 from physreal_core.simulation.timestep import substeps_per_frame
 
@@ -38,6 +39,11 @@ class Simulator:
         clamps: boxes in which the grid is held.
         loads: constant forces.
         tool: what pushes without holding.
+        solids: what stands still around the body; the term `solids` of the configuration is then in use.
+
+    Attributes:
+        body, config, grip: as given; the body ends at a thin one's hold, and the configuration names what is in use.
+        dormant: what parameters of optional terms are that a caller leaves out, by name.
     """
 
     def __init__(
@@ -48,15 +54,17 @@ class Simulator:
         clamps: tuple[Clamp, ...] = (),
         loads: tuple[PointLoad, ...] = (),
         tool: Tool | None = None,
+        solids: Solids | None = None,
     ) -> None:
         if grip is not None:
             grip.check(body)
+        config = _beside(solids, config)
         _check_kind(body, config)
         self._unheld = body
         self.body, self.config, self.grip = _ending_at_the_hold(body, grip), config, grip
-        self._scene = (self.body, config, grip, tuple(clamps), tuple(loads), tool)
+        self._scene = (self.body, config, grip, tuple(clamps), tuple(loads), tool, solids)
         self._needed_points = controller_count(grip, tool)
-        self._dormant = dormant_values(config.terms, body, config.gravity)
+        self.dormant = dormant_values(config.terms, body, config.gravity, solids)
         self._threads = torch.get_num_threads()
         self._batch: Frames | None = None
         with self._stream():
@@ -129,7 +137,7 @@ class Simulator:
             parameters: as for `rollout`; no gradient.
             controllers: controller points [m] at the start, shape [C, 3].
         """
-        elements, tool = self.body.elements, self._scene[-1]
+        elements, tool = self.body.elements, self._scene[5]
         played = Played(
             self.body,
             self._held_by,
@@ -194,7 +202,7 @@ class Simulator:
         shapes = (stepper or self._stepper).shapes
         if rollouts is not None:
             shapes = {name: (rollouts, *shape) for name, shape in shapes.items()}
-        return complete(parameters, shapes, self._dormant, self._stepper.dtype, self.config.device)
+        return complete(parameters, shapes, self.dormant, self._stepper.dtype, self.config.device)
 
     def _rollouts(self, parameters: Parameters, controllers: Tensor) -> int:
         """Length of the axis of rollouts."""
@@ -240,6 +248,15 @@ def _ending_at_the_hold(body: Body, grip: Grip | None) -> Body:
     return replace(body, elements=replace(body.elements, held=held))
 
 
+def _beside(solids: Solids | None, config: SimulationConfig) -> SimulationConfig:
+    """The configuration with the term `solids` where there are any; InputError where there are none and it names the term."""
+    if solids is None and "solids" in config.terms:
+        raise InputError(
+            "'solids'", where="SimulationConfig.terms", expected="solids given to the simulator", remedy="leave it out"
+        )
+    return config if solids is None else replace(config, terms=tuple(dict.fromkeys((*config.terms, "solids"))))
+
+
 def _check_kind(body: Body, config: SimulationConfig) -> None:
     """Raise `InputError` for a term or a law that the body, a volume or thin, does not have, and for a volume without thickness."""
     thin = body.elements is not None
@@ -273,19 +290,20 @@ def make_stepper(
     clamps: tuple[Clamp, ...],
     loads: tuple[PointLoad, ...],
     tool: Tool | None = None,
+    solids: Solids | None = None,
     rollouts: int = 1,
     threads: int | None = None,
 ) -> Stepper:
     """The form of the step that suits the device.
 
     Args:
-        body, config, grip, clamps, loads, tool: as for `Simulator`.
+        body, config, grip, clamps, loads, tool, solids: as for `Simulator`.
         rollouts: how many at once.
         threads: on the CPU; None for the form's own choice.
     """
     if config.device == "cpu":
-        return NativeStepper(body, config, grip, clamps, loads, tool, rollouts, threads)
-    return CudaStepper(body, config, grip, clamps, loads, tool, rollouts)
+        return NativeStepper(body, config, grip, clamps, loads, tool, solids, rollouts, threads)
+    return CudaStepper(body, config, grip, clamps, loads, tool, solids, rollouts)
 
 
 @contextmanager

@@ -46,6 +46,11 @@ TERMS: dict[str, dict[str, TermField]] = {
     },
     "adhesion": {"adhesion": TermField((PARTICLES,), visible=5e-3), "adhesion_range": TermField((), 1e-3)},
     "obstacle": {"obstacle": TermField((8,))},
+    "solids": {
+        "solid_reach": TermField((PARTICLES,), None),
+        "solid_stiffness": TermField((), None),
+        "solid_friction": TermField((), None),
+    },
     "viscosity": {"viscosity": TermField((PARTICLES, 2), visible=1.0)},
     "stiffening": {"stiffening": TermField((PARTICLES,), visible=500.0)},
     "fibres": {
@@ -71,7 +76,7 @@ TERMS: dict[str, dict[str, TermField]] = {
 }
 """Parameters by term, then by name of the field of `Parameters`."""
 
-FORCE_TERMS = ("drag", "adhesion", "obstacle")
+FORCE_TERMS = ("drag", "adhesion", "obstacle", "solids")
 """Terms whose law is a force on particles."""
 THIN_TERMS = ("bending", "fabric", "twisting", "rest_curvature", "retardation", "initial_director", "surface_drag")
 """Terms that only thin bodies have."""

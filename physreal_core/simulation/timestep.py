@@ -150,7 +150,7 @@ def _stiffness(config: SimulationConfig, parameters: Parameters) -> Tensor:
 
 
 def force_step(body: Body, config: SimulationConfig, parameters: Parameters) -> float:
-    """Courant number times 2 / (omega + gamma) of a particle's fastest motion under drag, adhesion, an obstacle and a tool [s]."""
+    """Courant number times 2 / (omega + gamma) of a particle's fastest motion under drag, adhesion, an obstacle, a tool and solids [s]."""
     mass = torch.as_tensor(body.volume, device=parameters.youngs_modulus.device) * _density(body, parameters)
     stiffness, damping = torch.zeros_like(mass), torch.zeros_like(mass)
     for drag, slope in ((parameters.linear_drag, 1.0), (parameters.quadratic_drag, 2.0 * FASTEST)):
@@ -164,9 +164,13 @@ def force_step(body: Body, config: SimulationConfig, parameters: Parameters) -> 
         stiffness = stiffness + slope.detach().double() / mass
     if parameters.obstacle is not None:
         stiffness = stiffness + parameters.obstacle.detach().double()[..., 7:].clamp(min=0.0)
-    if parameters.tool_stiffness is not None:
-        stiffness = stiffness + parameters.tool_stiffness.detach().double()[..., None]
-        damping = damping + parameters.tool_friction.detach().double()[..., None] * HARDEST / SLOW
+    for push, friction in (
+        (parameters.tool_stiffness, parameters.tool_friction),
+        (parameters.solid_stiffness, parameters.solid_friction),
+    ):
+        if push is not None:
+            stiffness = stiffness + push.detach().double()[..., None]
+            damping = damping + friction.detach().double()[..., None] * HARDEST / SLOW
     rate = float((stiffness.sqrt() + damping).max())
     return config.courant * 2.0 / rate if rate > 0 else math.inf
 

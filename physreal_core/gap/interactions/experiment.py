@@ -17,6 +17,7 @@ from physreal_core.checkpoints import remembered
 from physreal_core.cores import available_cores
 from physreal_core.effects import EFFECTS, Inputs
 from physreal_core.effects.paths import prolonged
+from physreal_core.errors import InputError
 from physreal_core.evidence import require_tracks
 from physreal_core.fitting.coarsening import coarsened, held_share
 from physreal_core.fitting.hand_record import unknown_hand
@@ -90,7 +91,8 @@ class Experiment:
             there.
 
     Raises:
-        InputError: too few tracks on the object have 3D positions (`evidence`).
+        InputError: too few tracks on the object have 3D positions (`evidence`), or there are solids around it, which another discretisation
+            would have to turn along.
     """
 
     def __init__(
@@ -101,6 +103,8 @@ class Experiment:
         placement: Placement | None = None,
         noise: SeenNoise | None = None,
     ) -> None:
+        if problem.solids is not None:
+            raise InputError("solids around the body", where="gap.Experiment", expected="a problem without any")
         problem = problem.held_within(model.grip_reach)
         known = np.zeros((2, 0), bool) if problem.tracks is None else problem.tracks.valid3d[: problem.observed].numpy()
         require_tracks(known, "gap.Experiment")

@@ -90,6 +90,7 @@ protected:
         S value(int r) const { return o.constant(constant::COUNT + r); }
         Vec3<S> vector(int r) const { return {{value(r), value(r + 1), value(r + 2)}}; }
         S number(int n) const { return o.f_.numbers[o.rollout_ * number::COUNT + n]; }
+        DistanceField<S> solids() const { return distance_field(o.f_); }
 
         void add_x(const Vec3<S>& bar) { x_bar = x_bar + bar; }
         void add_v(const Vec3<S>& bar) { v_bar = v_bar + bar; }

@@ -35,6 +35,7 @@ FRAME = Structure(
     Index controller_points
     Index bonds  of a rollout
     Index capsules  of a tool
+    Index solid_count:3  of distances from solids along x, y, z
     Index latent_elastic_size
     Index latent_plastic_size
     Index weights_elastic
@@ -49,6 +50,8 @@ FRAME = Structure(
     S beta_elastic
     S beta_plastic
     S strain_scale
+    S solid_origin:3  of the first distance [m]
+    S solid_cell
 
     # What a frame does not change
     const S* timing  dt, 1 / substeps, frame rate, share of the mean rate of deformation that a substep keeps
@@ -81,6 +84,7 @@ FRAME = Structure(
     const S* grip_rest_length  [R, B]
     const int* capsule_ends  [capsules, 2] controller points
     const S* capsule_radius  [capsules]
+    const S* solid_distance  [solid_count] from solids, z fastest [m]
     const S* controllers  [R, 4, points, 3], see laws/grip.h
 
     # States by slot, and nodes: free velocities by slot; the velocities now and at the frame's start

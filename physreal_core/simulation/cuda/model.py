@@ -16,6 +16,7 @@ from physreal_core.simulation.lattice import lattice_of, particle_order
 from physreal_core.simulation.layout import Structure
 from physreal_core.simulation.parameters import Parameters
 from physreal_core.simulation.particle_rows import NODE_SUMS, NUMBERS, PARTICLE_SUMS, ParticleRows
+from physreal_core.simulation.solids import Solids
 from physreal_core.simulation.stepper import Span, state_shapes
 from physreal_core.simulation.timestep import rate_memory
 from physreal_core.simulation.touch import NEARLY, TOUCHING, touch_heights
@@ -51,6 +52,7 @@ class BodyModel:
         clamps: tuple[Clamp, ...],
         loads: tuple[PointLoad, ...],
         tool: Tool | None,
+        solids: Solids | None,
         rollouts: int,
     ) -> None:
         self.dtype, self.config, self.rollouts = config.torch_dtype, config, rollouts
@@ -62,6 +64,10 @@ class BodyModel:
         self._load, self._start = self._numbers(load_forces(body, loads)), self._numbers(body.x0)
         self.lattice = lattice_of(body, clamps)
         self._scene(clamps)
+        if solids is not None:
+            self._give("solid_distance", self._numbers(solids.distance))
+            for name, value in solids.lattice.items():
+                self.frame[name] = value
         given = self.frame, self._give, self.dtype, self.device
         self.hand = HandModel(body, grip, tool, rollouts, *given)
         self._rows = ParticleRows(config, self.particles, bool(self.hand.bits & GRIPS), tool is not None)

@@ -23,6 +23,7 @@ from physreal_core.simulation.cuda.thin_model import ThinModel
 from physreal_core.simulation.cuda.volume_model import VolumeModel
 from physreal_core.simulation.lattice import particle_order
 from physreal_core.simulation.parameters import Parameters
+from physreal_core.simulation.solids import Solids
 from physreal_core.simulation.stepper import Span, State
 
 KEPT_SHARE = 0.25
@@ -74,12 +75,15 @@ class CudaStepper:
         clamps: tuple[Clamp, ...],
         loads: tuple[PointLoad, ...],
         tool: Tool | None = None,
+        solids: Solids | None = None,
         rollouts: int = 1,
     ) -> None:
         self.dtype, self.device = config.torch_dtype, config.device
         self.particles, self.rollouts = len(body.x0), rollouts
         self._thin = body.elements is not None
-        self.model = (ThinModel if self._thin else VolumeModel)(body, config, grip, clamps, loads, tool, rollouts)
+        self.model = (ThinModel if self._thin else VolumeModel)(
+            body, config, grip, clamps, loads, tool, solids, rollouts
+        )
         self._contact = self.model.contact
         self.shapes, self.state_shapes, self.lattice = self.model.shapes, self.model.state_shapes, self.model.lattice
         if rollouts * max(NODE_THREADS * self.lattice.nodes, 27 * self.particles) > MOST_NUMBERS:

@@ -1,7 +1,7 @@
 // An optional law of particles is a class with the bit TERM and, for a force, `force(at)` and `adjoint(at, f_bar)`, for
 // a stress, `stress(at, F)` and `adjoint(at, F, tau_bar, F_bar)`, tau_bar symmetric. `at` is one particle, or a block
 // of lanes: it gives `x()`, `v()`, `mass()`, `rate()` (the mean rate of deformation), `value(row::name)` and
-// `vector(row::name)` of the particle's own parameters, `number(number::name)` of what all share, `branch(TERM, k)`, the
+// `vector(row::name)` of the particle's own parameters, `number(number::name)` of what all share, `solids()`, the distance from them, `branch(TERM, k)`, the
 // state of a term's Maxwell branch; and it takes adjoints by `add_x`, `add_v`, `add_mass`, `add_rate`,
 // `add(row::name, ...)`, `add_number(number::name, ...)` and `add_branch(TERM, k, ...)`.
 #pragma once

@@ -10,6 +10,10 @@ from physreal_core.array_types import Float, Tensor
 
 OBSTACLE_SOFTENING = 1e-6
 """Length [m] below which an obstacle's middle has no outward direction."""
+SLOPE_SOFTENING = 1e-6
+"""Slope of the distance from solids below which they have no outward direction."""
+SLOW = 5e-3
+"""Speed [m/s] of which a share is left where the friction of solids holds."""
 
 
 def drag(v: Float[Tensor, "... 3"], linear: Tensor, quadratic: Tensor) -> Float[Tensor, "... 3"]:
@@ -55,6 +59,35 @@ def obstacle(x: Float[Tensor, "... 3"], mass: Tensor, capsule: Float[Tensor, "8"
     length = (out.square().sum(-1) + OBSTACLE_SOFTENING**2).sqrt()
     depth = (radius - length).clamp(min=0.0)
     return (mass * stiffness * depth / length)[..., None] * out
+
+
+def solids(
+    distance: Tensor,
+    x: Float[Tensor, "... 3"],
+    v: Float[Tensor, "... 3"],
+    mass: Tensor,
+    reach: Tensor,
+    stiffness: Tensor,
+    friction: Tensor,
+) -> Float[Tensor, "... 3"]:
+    """Penalty of a signed distance phi and Coulomb's friction: with g = grad phi, n = g / |g| and the depth d = reach - phi > 0,
+    m k d g - mu N u / sqrt(|u|^2 + slow^2), N = m k d |g| and u = v - (v . n) n.
+
+    Args:
+        distance: phi at x [m], a function of it that autograd knows.
+        x, v: place [m] and velocity [m/s]; x requires a gradient.
+        mass: m [kg].
+        reach: how far from the surface a particle is pushed [m].
+        stiffness: k [1/s2].
+        friction: mu.
+    """
+    (g,) = torch.autograd.grad(distance.sum(), x, create_graph=True)
+    depth = (reach - distance).clamp(min=0.0)
+    steep = (g.square().sum(-1) + SLOPE_SOFTENING**2).sqrt()
+    n = g / steep[..., None]
+    u = v - (v * n).sum(-1, keepdim=True) * n
+    rubbing = friction * steep / (u.square().sum(-1) + SLOW**2).sqrt()
+    return (mass * stiffness * depth)[..., None] * (g - rubbing[..., None] * u)
 
 
 def viscosity(

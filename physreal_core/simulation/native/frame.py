@@ -82,6 +82,7 @@ FRAME = Structure(
     Index clamps
     Index controller_points
     Index capsules  of a tool
+    Index solid_count:3  of distances from solids along x, y, z
     Index latent_elastic_size
     Index latent_plastic_size
     Index weights_elastic
@@ -112,6 +113,8 @@ FRAME = Structure(
     S beta_elastic
     S beta_plastic
     S strain_scale
+    S solid_origin:3  of the first distance [m]
+    S solid_cell
     S numbers:{NUMBERS.count}
     S remembered  share that a substep keeps of the mean rate of deformation, or of a shell's mean velocity
 
@@ -160,6 +163,7 @@ FRAME = Structure(
     S* rest_length_bar  [threads, B]; grow
     const int* capsule_ends  [capsules, 2] controller points
     const S* capsule_radius  [capsules]
+    const S* solid_distance  [solid_count] from solids, z fastest [m]
     const S* controllers  [4, points, 3], see laws/grip.h
     S* controllers_bar  [threads, 4, points, 3]; grow
     const S* clamp_lower  [clamps, 3]

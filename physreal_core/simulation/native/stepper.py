@@ -20,6 +20,7 @@ from physreal_core.simulation.native.contacts import ContactArrays
 from physreal_core.simulation.native.frame import FRAME, THIN_FRAME, WORKSPACE, frame_kernels
 from physreal_core.simulation.parameters import Parameters, row_of
 from physreal_core.simulation.particle_rows import NODE_SUMS, PARTICLE_SUMS, ParticleRows
+from physreal_core.simulation.solids import Solids
 from physreal_core.simulation.step_layout import law_bits
 from physreal_core.simulation.stepper import NOT_FAILED, Span, State, state_shapes
 from physreal_core.simulation.thin.arrays import ElementArrays, SegmentArrays
@@ -45,7 +46,7 @@ class NativeStepper:
     """`Stepper` on the CPU. Particles are in the order of their cells; results are in the caller's.
 
     Args:
-        body, config, grip, clamps, loads, tool: as for `Simulator`.
+        body, config, grip, clamps, loads, tool, solids: as for `Simulator`.
         rollouts: R.
         threads: by default torch's number for one rollout, fewer for few particles, and all cores for many. The sums'
             order within a rollout, and with it the last digits, depend on how many share it.
@@ -63,6 +64,7 @@ class NativeStepper:
         clamps: tuple[Clamp, ...],
         loads: tuple[PointLoad, ...],
         tool: Tool | None = None,
+        solids: Solids | None = None,
         rollouts: int = 1,
         threads: int | None = None,
         kept_bytes: int | None = None,
@@ -93,6 +95,10 @@ class NativeStepper:
         self._workspaces = np.zeros(1 if rollouts == 1 else self.threads, WORKSPACE.dtype(config.dtype))
         self._held: dict[str, Tensor] = {}
         self._set_controllers(grip, tool)
+        if solids is not None:
+            self._give(self._frames, "solid_distance", self._numbers(solids.distance), shared=True)
+            for name, value in solids.lattice.items():
+                self._frames[name] = value
         gripped = self._set_grip(body, grip)
         self._rows = ParticleRows(config, self.particles, gripped, tool is not None)
         self.shapes = self._rows.shapes

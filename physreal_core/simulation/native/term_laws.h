@@ -133,6 +133,7 @@ private:
         V value(int r) const { return laws_.row_of(a_.values, r, p_); }
         Vec3<V> vector(int r) const { return laws_.vector(a_.values, r, p_); }
         S number(int n) const { return laws_.frame_.numbers[n]; }
+        DistanceField<S> solids() const { return distance_field(laws_.frame_); }
 
         void add_x(const Vec3<V>& bar) { add_to(a_.x_bar, 0, bar); }
         void add_v(const Vec3<V>& bar) { add_to(a_.v_bar, 0, bar); }

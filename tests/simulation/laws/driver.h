@@ -143,6 +143,7 @@ public:
     V value(Index r) const { return load<V>(a_.values + r * a_.stride + p_); }
     Vec3<V> vector(Index r) const { return get3<V>(a_.values + r * a_.stride, a_.stride, p_); }
     S number(Index n) const { return a_.numbers[n]; }
+    DistanceField<S> solids() const { return distance_field(a_); }
 
     void add_x(const Vec3<V>& bar) { add_to(a_.x_bar, 0, bar); }
     void add_v(const Vec3<V>& bar) { add_to(a_.v_bar, 0, bar); }

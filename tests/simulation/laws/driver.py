@@ -16,6 +16,7 @@ from physreal_core.native import native_module
 from physreal_core.simulation.laws import PLASTIC_LAWS, ResidualConfig
 from physreal_core.simulation.layout import Structure
 from physreal_core.simulation.particle_rows import NUMBERS, TERM_ROWS
+from physreal_core.simulation.solids import Solids
 from physreal_core.simulation.step_layout import LAWS_FOLDER, class_name, layout_text, term_bits
 from physreal_core.simulation.terms import FORCE_TERMS, branch_count
 
@@ -74,6 +75,10 @@ TERM_POINTS = Structure(
     S* F
     S* values  [TERM_ROWS, stride]
     S* numbers  [NUMBERS]
+    Index solid_count:3
+    S solid_origin:3
+    S solid_cell
+    S* solid_distance
     S* force_seed
     S* stress_seed
     S* force
@@ -208,7 +213,7 @@ def residual(kind: str, form: str, dtype: str = "float64", device: str = "cpu") 
     return evaluate
 
 
-def term(name: str, form: str, dtype: str = "float64", device: str = "cpu") -> Evaluate:
+def term(name: str, form: str, dtype: str = "float64", device: str = "cpu", solids: Solids | None = None) -> Evaluate:
     """`evaluate(seed, **inputs) -> value, bars` of the optional law `name`: a force [N, 3] or a stress [N, 3, 3].
 
     Inputs are the state `x`, `v`, `mass`, `rate`, `F`, `branches` of the law, and the rows and the numbers of `particle_rows` by their names, each
@@ -243,7 +248,10 @@ def term(name: str, form: str, dtype: str = "float64", device: str = "cpu") -> E
         arrays["value_bars"] = np.zeros_like(arrays["values"])
         arrays["number_bars"] = np.zeros((NUMBERS.count, stride), dtype)
         arrays |= {"force": np.full((3, stride), np.nan, dtype), "stress": np.full((9, stride), np.nan, dtype)}
-        arrays = launch(arrays, device, stride=stride, terms=term_bits((name,)))
+        lattice = {} if solids is None else solids.lattice
+        if solids is not None:
+            arrays["solid_distance"] = solids.distance.astype(dtype)
+        arrays = launch(arrays, device, stride=stride, terms=term_bits((name,)), **lattice)
 
         def particles(key: str) -> np.ndarray:
             return arrays[key].T[:n].astype(np.float64)

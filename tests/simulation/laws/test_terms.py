@@ -7,6 +7,7 @@ import pytest
 import torch
 
 from physreal_core.simulation.laws import terms_reference
+from physreal_core.simulation.solids import Solids
 from tests.simulation.laws.driver import DTYPES, branch, friction, term
 from tests.simulation.laws.points import generic_points
 
@@ -34,14 +35,16 @@ def assert_close(found: np.ndarray, expected: torch.Tensor, relative: float, of_
     np.testing.assert_allclose(found, expected, rtol=relative, atol=of_largest * abs(expected).max(), err_msg=name)
 
 
-def assert_law(law, name: str, form: str, dtype: str, inputs: dict[str, torch.Tensor], device: str = "cpu") -> None:
+def assert_law(
+    law, name: str, form: str, dtype: str, inputs: dict[str, torch.Tensor], device: str = "cpu", **around: Solids
+) -> None:
     """The header of `name` is law(**inputs), with its vector-Jacobian product; nothing else has an adjoint."""
     leaves = {key: value.to(getattr(torch, dtype)).double().requires_grad_() for key, value in inputs.items()}
     expected = law(**leaves)
     seed = random(*expected.shape, seed=9).to(getattr(torch, dtype)).double()
     (expected * seed).sum().backward()
     values = {key: leaf.detach().numpy() for key, leaf in leaves.items()}
-    found = term(name, form, dtype, device)(seed.numpy(), **values)
+    found = term(name, form, dtype, device, **around)(seed.numpy(), **values)
     of_value, of_adjoint, of_largest = TOLERANCE[dtype]
     assert_close(found.value, expected, of_value, of_largest, name)
     for key, bar in found.bars.items():
@@ -136,6 +139,44 @@ CASES = {
 def test_value_and_adjoint_are_those_of_the_torch_twin(name, dtype, form):
     law, inputs = CASES[name]()
     assert_law(law, name, form, dtype, inputs)
+
+
+def ball_and_corner() -> Solids:
+    """A ball beside a box, whose surfaces meet, on a lattice whose places are not round numbers."""
+    x = np.stack(np.meshgrid(*(0.13 * np.arange(n) - 1.4 for n in (22, 23, 24)), indexing="ij"), -1)
+    box = np.abs(x - [0.4, 0.0, 0.0]) - [0.5, 0.6, 0.4]
+    out = np.linalg.norm(np.maximum(box, 0.0), axis=-1) + np.minimum(box.max(-1), 0.0)
+    return Solids(np.minimum(out, np.linalg.norm(x + [0.4, 0.1, 0.0], axis=-1) - 0.6), x[0, 0, 0], 0.13)
+
+
+@pytest.mark.parametrize("dtype", DTYPES)
+def test_solids(dtype, form):
+    around = ball_and_corner()
+    inputs = {
+        "x": 0.6 * random(COUNT, 3),
+        "v": random(COUNT, 3, seed=1),
+        "mass": random(COUNT, seed=2).abs(),
+        "solid_reach": 0.1 + 0.2 * random(COUNT, seed=3).abs(),
+        "solid_stiffness": torch.tensor([30.0], dtype=torch.float64),
+        "solid_friction": torch.tensor([0.4], dtype=torch.float64),
+    }
+
+    def law(x, v, mass, solid_reach, solid_stiffness, solid_friction):
+        distance = around.at(x)
+        return terms_reference.solids(distance, x, v, mass, solid_reach, solid_stiffness, solid_friction)
+
+    depth = inputs["solid_reach"] - around.at(inputs["x"])
+    assert 5 < int((depth > 0).sum()) < COUNT  # some are in it, some are not
+    assert_law(law, "solids", form, dtype, inputs, solids=around)
+
+
+def test_the_distance_from_solids_is_exact_at_planes_and_near_it_elsewhere():
+    around = ball_and_corner()
+    x = torch.tensor([[0.97, 0.1, 0.0], [0.5, 0.7, 0.0], [-1.1, -0.1, 0.0], [5.0, 0.0, 0.0]], dtype=torch.float64)
+    found = around.at(x)
+    assert found[:2].tolist() == pytest.approx([0.07, 0.1], abs=1e-12)
+    assert float(found[2]) == pytest.approx(0.1, abs=0.13**2 / 8 * 2 / 0.6 + 1e-3)  # of a ball by half of its curvature
+    assert found[3] == math.inf
 
 
 def assert_branch_step(form: str, dtype: str, device: str = "cpu") -> None:

@@ -11,6 +11,7 @@ from physreal_core.array_types import Array, Float
 from physreal_core.errors import InputError
 from physreal_core.fitting.model import Model, load_model
 from physreal_core.fitting.problem import Problem
+from physreal_core.fitting.spread import scaled, spread_of
 from physreal_core.fitting.thin import bind_to_body
 from physreal_core.geometry.mesh import Mesh
 from physreal_core.playing import Session
@@ -107,6 +108,16 @@ class Twin:
     def session(self, device: str = "cpu", *, effects: bool = True, ball: float | None = None) -> Session:
         """A session with it, or with it but for its named effects; with a ball of a radius [m] to push it."""
         return Session(self.problem, self.model if effects else replace(self.model, effects=[]), device, ball)
+
+    def ends(self, device: str = "cpu") -> tuple[Model, Model]:
+        """The model with its softest and its stiffest body of what the fit leaves open: the ends of the 90 % interval of Young's modulus.
+
+        Raises:
+            InputError: as of `spread_of`.
+        """
+        spread = spread_of(self.problem, self.model, device)
+        soft, stiff = (scaled(self.model.fields, spread.names, row) for row in spread.along("youngs_modulus"))
+        return replace(self.model, fields=soft), replace(self.model, fields=stiff)
 
     @property
     def density(self) -> float:

@@ -89,6 +89,11 @@ def _parser() -> argparse.ArgumentParser:
         "--model", default=None, help="the fit stage whose model it is; default: the last, fit_residual"
     )
     command.add_argument("--beside", action="store_true", help="the twin without its named effects beside it")
+    command.add_argument(
+        "--interval",
+        action="store_true",
+        help="intervals of the forces: the softest and the stiffest body that the fit leaves open are pulled along",
+    )
     command.add_argument("--ball", type=float, metavar="RADIUS", help="a ball of this radius [m] to push the body with")
     _scene_option(command)
     command.add_argument("--device", default="cpu", help="of the simulator: cpu or cuda:0")

@@ -34,6 +34,7 @@ def play(parsed: argparse.Namespace) -> None:
             sequence,
             stage=stage,
             beside=parsed.beside,
+            interval=parsed.interval,
             folder=parsed.captures,
             device=parsed.device,
             ball=parsed.ball,

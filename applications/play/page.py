@@ -1,6 +1,6 @@
 """The page: the twin on its table, what pulls it, and what can be changed of it."""
 
-from collections.abc import Callable
+from collections.abc import Callable, Sequence
 from dataclasses import dataclass, replace
 from pathlib import Path
 from typing import Any, get_args
@@ -12,6 +12,7 @@ from applications.play.loop import Loop
 from applications.play.pictures import camera_of, picture
 from applications.play.pulls import Pulls
 from applications.twin import Twin
+from physreal_core.array_types import Array, Float
 from physreal_core.effects import EFFECTS
 from physreal_core.geometry.mesh import Mesh
 from physreal_core.playing import Session
@@ -42,11 +43,15 @@ class Page:
         twin: what is played with.
         sessions: with its effects, and one without them where both are compared.
         folder: gets a capture per pull; None for none.
+        ends: sessions with the models at the ends of an interval, which do the same and are not shown; their forces are told.
     """
 
-    def __init__(self, server: Any, twin: Twin, sessions: list[Session], folder: Path | None) -> None:
-        self._server, self._twin, self._pulls = server, twin, Pulls(twin, folder)
-        self.loop = Loop(sessions, self._show, self._tell, self._leave)
+    def __init__(
+        self, server: Any, twin: Twin, sessions: list[Session], folder: Path | None, ends: Sequence[Session] = ()
+    ) -> None:
+        self._server, self._twin, self._pulls, self._ends = server, twin, Pulls(twin, folder), list(ends)
+        self.loop = Loop([*sessions, *ends], self._show, self._tell, self._leave)
+        self._shown = list(sessions)
         self._drags: dict[tuple[int, str], _Drag] = {}
         self._balls: list[Any] = []
         self._hand: Any = None
@@ -105,7 +110,7 @@ class Page:
     def _change(self, **what: Any) -> None:
         def change(session: Session) -> None:
             changes = replace(session.changes, **what)
-            if session is not self._session:  # without effects, so none of theirs can be changed
+            if session in self._shown[1:]:  # without effects, so none of theirs can be changed
                 changes = replace(changes, effects={})
             session.change(changes)
 
@@ -203,7 +208,7 @@ class Page:
         scene, mesh = self._server.scene, self._twin.mesh
         start = mesh.vertices.mean(0) + [0.0, -(0.5 * float(np.ptp(mesh.vertices[:, 1])) + 2.0 * radius), radius]
         shown = {"radius": radius, "color": _BALL, "position": tuple(start), "visible": False}
-        count = len(self.loop.sessions)
+        count = len(self._shown)
         self._balls = [scene.add_icosphere(f"/ball_{n}", **shown) for n in range(count)]
         arrows = scene.add_transform_controls(
             "/ball_arrows", scale=4.0 * radius, disable_rotations=True, position=tuple(start), visible=False
@@ -247,9 +252,9 @@ class Page:
         slider.on_update(lambda _: changed(float(slider.value)))
 
     def _show(self) -> None:
-        for body, session in zip(self._bodies, self.loop.sessions, strict=True):
+        for body, session in zip(self._bodies, self._shown, strict=True):
             body.draw(session, self._shade.value)
-        for ball, session, aside in zip(self._balls, self.loop.sessions, self._asides, strict=False):
+        for ball, session, aside in zip(self._balls, self._shown, self._asides, strict=False):
             ball.visible = session.ball is not None
             if session.ball is not None:
                 ball.position = tuple(session.ball + aside)
@@ -272,10 +277,15 @@ class Page:
 
     def _numbers(self) -> str:
         session, pace = self._session, self.loop.pace
-        newtons = [f"{np.linalg.norm(session.pull(handle).force):.2f} N" for handle in session.handles]
-        hand = f"; hand {np.linalg.norm(session.hand_force()):.2f} N" if self._twin.problem.grip is not None else ""
+        newtons = [self._force(lambda own, handle=handle: own.pull(handle).force) for handle in session.handles]
+        hand = f"; hand {self._force(Session.hand_force)}" if self._twin.problem.grip is not None else ""
         pulls = f"; pulls {', '.join(newtons)}" if newtons else ""
         return f"frame {session.frame}, {pace.rate:.0f} a second; weight {session.weight:.2f} N{hand}{pulls}"
+
+    def _force(self, of: Callable[[Session], Float[Array, " 3"]]) -> str:
+        """Of a session [N], and between which values it lies in the models at the ends."""
+        here, *ends = (float(np.linalg.norm(of(session))) for session in (self._session, *self._ends))
+        return f"{here:.2f} N" + (f" ({min(here, *ends):.2f} to {max(here, *ends):.2f})" if ends else "")
 
     def _draw_pulls(self) -> None:
         """A line from each taken place to where it is wanted, red; blue where it is pinned."""

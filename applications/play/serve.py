@@ -8,6 +8,7 @@ from pathlib import Path
 
 from applications.twin import Twin
 from physreal_core.errors import InputError
+from physreal_core.playing import Session
 from pipeline.graph import FIT_STAGES
 from pipeline.project import Project
 from pipeline.serving import require_free
@@ -20,6 +21,7 @@ def serve(
     *,
     stage: str = FIT_STAGES[-1],
     beside: bool = False,
+    interval: bool = False,
     folder: Path | None = None,
     device: str = "cpu",
     ball: float | None = None,
@@ -34,6 +36,7 @@ def serve(
         sequence: under `fits` in params.yaml.
         stage: whose model.
         beside: whether the twin without its named effects stands beside it.
+        interval: whether the softest and the stiffest body that the fit leaves open are pulled along, for intervals of the forces.
         folder: gets a capture per pull; by default data/played/<sequence>.
         device: of the simulator.
         ball: radius of a ball to push with [m]; None for none.
@@ -66,8 +69,9 @@ def serve(
 
     kinds = (True, False) if beside else (True,)
     sessions = [twin.session(device, effects=effects, ball=ball) for effects in kinds]
+    ends = [Session(twin.problem, model, device, ball) for model in twin.ends(device)] if interval else []
     server = viser.ViserServer(host=host, port=port, label=f"PhysReal: {sequence}", verbose=False)
-    page = Page(server, twin, sessions, folder or project.root / "data" / "played" / sequence)
+    page = Page(server, twin, sessions, folder or project.root / "data" / "played" / sequence, ends)
     page.loop.start()
     address = f"http://{host}:{port}"
     print(f"the twin of {sequence}: {address} (Ctrl+C ends it)", flush=True)

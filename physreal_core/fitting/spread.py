@@ -70,6 +70,12 @@ class Spread:
         factor = float(np.exp(NINETY * self.deviations[name]))
         return value / factor, value * factor
 
+    def along(self, name: str) -> Float[Array, "2 numbers"]:
+        """Logarithms of all scales at both ends (rows) of the 90 % interval of one, the others where they are expected then."""
+        number = self.names.index(name)
+        way = self.covariance[number] / np.sqrt(self.covariance[number, number])
+        return np.array([-NINETY * way, NINETY * way])
+
     def correlation(self, one: str, other: str) -> float:
         """Of two logarithms; near -1 a body that is softer in a firmer hold moves alike."""
         a, b = self.names.index(one), self.names.index(other)

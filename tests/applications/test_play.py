@@ -1,6 +1,7 @@
 """`physreal play`: a twin read from its artifacts, its pulls as captures, its sessions as videos, and the page in a real browser."""
 
 import json
+import re
 import shutil
 import time
 from types import SimpleNamespace
@@ -18,7 +19,8 @@ from applications.play.pulls import Pulls, states_of, write_log
 from applications.play.shades import FULL, colours_of, stress, stretch
 from applications.twin import Twin
 from physreal_core.errors import InputError, SimulationError
-from physreal_core.playing import replayed
+from physreal_core.playing import Session, replayed
+from physreal_core.playing.changes import Changes
 from pipeline.check import examine
 from pipeline.cli import main
 from pipeline.products.controllers import Controllers
@@ -326,6 +328,35 @@ def test_the_page_answers_what_is_dragged_and_slid(twin, tmp_path):
         server.stop()
 
 
+def test_forces_are_told_with_their_interval(twin):
+    """Of an elastic body they are as far apart as the moduli where its end is led to a place and rests."""
+    pytest.importorskip("viser")
+    import viser
+
+    from applications.play.page import Page
+
+    soft, stiff = twin.ends()
+    fitted = float(twin.model.fields["youngs_modulus"].mean())
+    low, high = (float(model.fields["youngs_modulus"].mean()) for model in (soft, stiff))
+    assert low < fitted < high and low * high == pytest.approx(fitted**2, rel=1e-6)
+    server = viser.ViserServer(host="127.0.0.1", port=0, verbose=False)
+    try:
+        ends = [Session(twin.problem, model) for model in (soft, stiff)]
+        page = Page(server, twin, [twin.session()], None, ends)
+        end = twin.mesh.vertices[twin.mesh.vertices[:, 0].argmax()]
+        page.loop.do(lambda session: session.change(Changes(brake=20.0)))
+        page.loop.do(lambda session: session.take(end))
+        for _ in range(60):
+            page.loop.do(lambda session: session.move(1, end + [0.0, 0.0, 0.03]))
+            page.loop.once()
+        here, below, above = (float(np.linalg.norm(own.pull(1).force)) for own in page.loop.sessions)
+        assert below < here < above
+        told = re.search(r"pulls ([\d.]+) N \(([\d.]+) to ([\d.]+)\)", page._rate.content)
+        assert [float(number) for number in told.groups()] == pytest.approx([here, below, above], abs=0.006)
+    finally:
+        server.stop()
+
+
 def shown_at(twin: Twin, point: np.ndarray, height: int) -> tuple[int, int]:
     """Where a new viewer sees a point [m], from the middle of a picture of so many pixels' height: as the filmed camera does."""
     camera = twin.camera
@@ -395,5 +426,5 @@ def test_a_log_is_whole(twin, tmp_path):
     session.step()
     path = write_log(tmp_path, twin, session)
     assert json.loads(path.read_text()) == {
-        "sequence": "lift", "model": "fit_residual", "ball": None, "frames": 1, "actions": []
+        "sequence": "lift", "model": "fit_residual", "ball": None, "scene": None, "frames": 1, "actions": []
     }  # fmt: skip

@@ -48,6 +48,13 @@ def test_an_interval_is_a_factor_on_either_side_and_a_valley_lies_along_what_is_
     np.testing.assert_allclose(np.linalg.norm(ends, axis=1), NINETY * 0.5)
 
 
+def test_along_one_number_the_others_go_as_they_are_expected():
+    """At an end of the interval of a Gaussian's number the mean of the other is its covariance over the number's variance."""
+    spread = Spread(("youngs_modulus", "grip_stiffness"), np.array([[0.04, -0.03], [-0.03, 0.09]]))
+    ends = spread.along("youngs_modulus")
+    assert ends[1] == pytest.approx(NINETY * np.array([0.2, -0.15])) and np.array_equal(ends[0], -ends[1])
+
+
 def test_a_soft_body_in_a_firm_hold_is_hardly_told_from_a_firm_one_in_a_soft_hold():
     """Their logarithms go against each other."""
     spread = spread_of(*measured())

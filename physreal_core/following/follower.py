@@ -6,7 +6,9 @@ twin's state is its simulation plus that field. The simulation itself is drawn a
 
     a = b + w^2 d + 2 w d',   b' = i w^2 d,
 
-at most `FollowConfig.strongest` in size. The stress of the body stays that of a body on which forces act, and b is what the model lacks: it comes to
+at most `FollowConfig.strongest` in size. These forces are held from frame to frame, and d' is a difference of two frames, so by themselves they would drive
+what swings faster than a fifth of the frame rate. Where the body can be viscous, it is so by `FollowConfig.calm` of the time between frames beside what the
+model says: with a tenth no swing grows, whatever its frequency, and what swings slowly hardly feels it. The stress of the body stays that of a body on which forces act, and b is what the model lacks: it comes to
 rest where the simulation and the measurement agree without further pull.
 
 Where the material is learnt too (`FollowConfig.learns`), several models run side by side that differ in it (`LearntMaterial`). They are drawn along by the
@@ -19,6 +21,7 @@ from dataclasses import dataclass, field
 import numpy as np
 
 from physreal_core.array_types import Array, Float
+from physreal_core.effects import EFFECTS, lacking
 from physreal_core.errors import InputError
 from physreal_core.fitting.model import Model
 from physreal_core.fitting.problem import Problem
@@ -39,6 +42,7 @@ class FollowConfig:
     Attributes:
         smoothness: length over which the forecast's error changes, over the body's diagonal.
         pull: w, how fast the simulation is drawn to what is seen [1/s].
+        calm: retardation time over the time between frames, of a viscosity beside the model's.
         learning: i, how fast the missing acceleration is learnt [1/s].
         strongest: largest acceleration of a particle [m/s2].
         memory: frames over which the size of the error is known.
@@ -51,6 +55,7 @@ class FollowConfig:
 
     smoothness: float = 0.25
     pull: float = 12.0
+    calm: float = 0.1
     learning: float = 3.0
     strongest: float = 30.0
     memory: int = 10
@@ -81,7 +86,9 @@ class Follower:
         if problem.tracks is None:
             raise InputError("no tracks", where="Follower", expected="a problem with tracked points")
         self.config = config or FollowConfig()
-        rollouts = Rollouts(problem, model, device=device, terms=("force",))
+        viscous = not lacking(EFFECTS["kelvin_voigt"], problem.body)
+        rollouts = Rollouts(problem, model, device=device, terms=("force", "viscosity") if viscous else ("force",))
+        calm = self.config.calm / float(problem.fps) if viscous else None
         own = rollouts.problem
         self.fps, self._mass = float(own.fps), np.asarray(own.body.mass, float)
         points0 = own.tracks.points0.cpu().double().numpy()
@@ -93,7 +100,7 @@ class Follower:
         learns, members, frames = self.config.learns, self.config.members, float(self.config.memory)
         self.material = LearntMaterial(model, learns, members, frames) if learns else None
         every = [model.fields] if self.material is None else map(self.material.fields, range(members))
-        self._members = [Running(rollouts, fields) for fields in every]
+        self._members = [Running(rollouts, fields, calm) for fields in every]
         self._missing = np.zeros_like(own.body.x0)
         self._before: Array | None = None
 

@@ -104,6 +104,30 @@ def test_a_right_material_stays(problem):
     assert abs(np.log(learnt["factor"])) < max(0.1, 2.0 * learnt["log_deviation"]) and not any(f.alarm for f in found)
 
 
+def test_swings_that_are_fast_for_the_frame_rate_do_not_grow():
+    """A stiff bar in the air, which nothing damps: forces that are held from frame to frame would drive it."""
+    frames = 100
+    problem = scene.problem(scene.model(), frames=frames, observed=frames, with_masks=False)
+    own = stiffer(8.0)
+    own = dataclasses.replace(
+        own,
+        fields={**own.fields, "grip_stiffness": 20.0 * own.fields["grip_stiffness"], "grip_damping": 0.0 * own.fields["grip_damping"]},
+        simulation={**own.simulation, "ground_height": None},
+    )  # fmt: skip
+    gaps = {}
+    for calm in (0.0, FollowConfig().calm):
+        follower, random = Follower(problem, own, FollowConfig(calm=calm)), np.random.default_rng(0)
+        points0 = problem.tracks.points0.double().numpy()
+        led = problem.controllers.double().numpy()
+        found = []
+        for frame in range(1, frames):
+            seen = points0 + led[frame, 0] - led[0, 0] + SIGMA * random.normal(size=points0.shape)
+            follower_sees = Seen(led[frame], seen, np.ones(len(points0), bool), np.full(len(points0), SIGMA))
+            found.append(follower.step(follower_sees).gap)
+        gaps[calm] = float(np.median(found[-15:]))
+    assert gaps[0.0] > 3.0 * gaps[FollowConfig().calm]
+
+
 def test_what_is_no_field_is_not_learnt(problem):
     with pytest.raises(InputError, match="no 'colour' to learn.*youngs_modulus"):
         Follower(problem, scene.model(), FollowConfig(learns={"colour": 0.5}))
@@ -112,7 +136,7 @@ def test_what_is_no_field_is_not_learnt(problem):
 
 
 def test_frames_may_go_by_without_a_look(problem):
-    follower = Follower(problem, scene.model())
+    follower = Follower(problem, scene.model(), FollowConfig(calm=0.0))
     alone = Rollouts(problem, scene.model()).play(scene.model().fields)
     for frame in range(1, 4):
         state = follower.go_on(problem.controllers[frame].double().numpy())

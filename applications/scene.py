@@ -20,6 +20,9 @@ from physreal_core.simulation import Body, Solids
 _POINTS = 5000
 """Gaussians that show the surface in pictures."""
 
+_CELLS = 0.4
+"""Of the lattice, over the thickness of the thinnest wall."""
+
 _GREY = 0.62
 """Colour of a mesh without one."""
 
@@ -44,7 +47,7 @@ class Scene:
 
         Args:
             path: of a .glb, .stl, .obj or .ply.
-            body: that it stands around. Its particles say how finely distances are taken.
+            body: that it stands around. Its particles, and the thinnest wall, say how finely distances are taken.
 
         Raises:
             InputError: the file cannot be read, a piece is not closed, or the body begins within one.
@@ -54,7 +57,8 @@ class Scene:
             mesh = replace(mesh, colours=np.full_like(mesh.vertices, _GREY))
         part = connected_parts(mesh)
         pieces = [replace(mesh, faces=mesh.faces[part == number]) for number in range(part.max() + 1)]
-        lattice = distance_lattice(pieces, 0.5 * body.spacing, float(body.reach.max()), str(path))
+        cell = min(0.5 * body.spacing, *(_CELLS * _thickness(piece) for piece in pieces))
+        lattice = distance_lattice(pieces, cell, float(body.reach.max()), str(path))
         solids = Solids(lattice.distance, lattice.origin, lattice.cell)
         solids.reach(body)
         return cls(path, mesh, solids)
@@ -64,3 +68,8 @@ class Scene:
         """Gaussians that show the surface in pictures, and its normals there."""
         points = sample_surface(self.mesh, _POINTS)
         return surface_gaussians(points), torch.as_tensor(points.normals, dtype=torch.float32)
+
+
+def _thickness(mesh: Mesh) -> float:
+    """Of a wall that is wide for its thickness [m]: twice its volume over its area; of a ball a third of its diameter."""
+    return 2.0 * abs(mesh.volume) / mesh.area

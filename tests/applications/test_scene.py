@@ -5,6 +5,7 @@ from pathlib import Path
 
 import numpy as np
 import pytest
+import torch
 
 from applications.generate.draws import Draws, Randomisation
 from applications.generate.episode import Keypoints, at_rest, simulated
@@ -51,6 +52,12 @@ def test_what_is_pulled_stops_at_a_wall(twin, walled):
     assert free[-1, :, 0].max() > WALL + 0.02
     assert stopped[:, :, 0].max() < WALL - half + 0.002  # half a particle before it, but for what it sinks in
     assert stopped[-1, :, 0].max() > WALL - half - 0.01
+
+
+def test_a_thin_wall_is_found_as_thick_as_it_is(project, tmp_path):
+    thin = Twin.load(project, "lift", scene=wall(tmp_path, upper=(WALL + 0.004, 0.16, 0.12))).scene.solids
+    inside = thin.at(torch.tensor([[WALL + 0.002, 0.03, 0.05], [WALL - 0.005, 0.03, 0.05]], dtype=torch.float64))
+    assert float(inside[0]) == pytest.approx(-0.0018, abs=4e-4) and float(inside[1]) == pytest.approx(0.005, abs=1e-5)
 
 
 def test_a_log_knows_the_solids(project, walled, tmp_path, monkeypatch):

@@ -198,6 +198,12 @@ def _parser() -> argparse.ArgumentParser:
         default=1.0,
         help="factor of the particles' spacing; 1.5 is 1.6 times as fast; default: 1",
     )
+    command.add_argument(
+        "--pushes",
+        type=float,
+        default=0.0,
+        help="share of the episodes in which the closed hand pushes the body; default: 0",
+    )
     command.add_argument("--squeeze", type=float, default=10.0, help="force of each finger [N]; default: 10")
     command.add_argument(
         "--arm",

@@ -32,6 +32,9 @@ PLACES = 12
 
 GRASPS, ASKED = "grasps.json", "asked.json"
 
+PUSHING = "push the soft object with the closed hand"
+"""The task of the episodes in which it is pushed."""
+
 
 def generate(parsed: argparse.Namespace) -> None:
     """Does what the command line asks for.
@@ -42,6 +45,7 @@ def generate(parsed: argparse.Namespace) -> None:
     begun = time.perf_counter()
     require(parsed.episodes >= 1, f"{parsed.episodes} episodes", "physreal generate --episodes", "one at least")
     require(parsed.coarser >= 1, f"{parsed.coarser:g}", "physreal generate --coarser", "1 or more")
+    require(0 <= parsed.pushes <= 1, f"{parsed.pushes:g}", "physreal generate --pushes", "a share, 0 to 1")
     require(0 < parsed.scale <= 4, f"{parsed.scale:g}", "physreal generate --scale", "above 0, 4 at most")
     least = COMING + LEAVING + 1.0
     require(parsed.seconds >= least, f"{parsed.seconds:g} s", "physreal generate --seconds", f"{least:g} s or more")
@@ -101,6 +105,7 @@ def _setup(parsed: argparse.Namespace, project: Project, parts: Path) -> Setup:
         seed=parsed.seed,
         arm=parsed.arm,
         scene=parsed.scene,
+        pushes=parsed.pushes,
     )
 
 
@@ -141,18 +146,20 @@ def _wait(waiting: list[Future], what: str) -> None:
 def _assemble(draft: Path, setup: Setup, records: list[dict], grasps: list[dict], task: str) -> None:
     parts, first = [setup.parts / f"{number:06d}" for number in range(len(records))], records[0]
     statistics = [record["statistics"] for record in records]
-    lerobot.assemble(
-        draft / "lerobot", parts, statistics, first["features"], first["fps"], task, setup.arm or "gripper"
-    )
+    pushing = [int(record["drawn"]["pushes"]) for record in records]
+    tasks = [task, PUSHING] if setup.pushes > 0.0 else [task]
+    described = first["features"], first["fps"], tasks, pushing, setup.arm or "gripper"
+    lerobot.assemble(draft / "lerobot", parts, statistics, *described)
     robomimic.assemble(draft / "robomimic.hdf5", parts, setup.sequence, first["fps"])
     write_whole(draft / GRASPS, json.dumps(grasps, indent=1))
     write_whole(draft / "episodes.json", json.dumps([record["drawn"] for record in records], indent=1))
 
 
 def _told(folder: Path, records: list[dict], seconds: float, spent: float) -> str:
-    lifted = sum(record["drawn"]["lifted"] for record in records)
+    lifted, pushed = (sum(record["drawn"][what] for record in records) for what in ("lifted", "pushes"))
     rate = len(records) * seconds / spent
     return (
-        f"wrote {folder}: {len(records)} episodes of {seconds:g} s, {lifted} of them lift the body; "
+        f"wrote {folder}: {len(records)} episodes of {seconds:g} s, {lifted} of them lift the body"
+        f"{f', {pushed} push it' if pushed else ''}; "
         f"{spent:.0f} s, {rate:.1f} times real time"
     )

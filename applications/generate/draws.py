@@ -7,7 +7,7 @@ import torch
 from scipy.spatial.transform import Rotation
 
 from applications.generate.scenery import Light, Scenery
-from applications.generate.way import HandWay, drawn_way
+from applications.generate.way import HandWay, drawn_push, drawn_way
 from physreal_core.array_types import Array, Float
 from physreal_core.fitting.spread import Spread
 from physreal_core.rendering import Camera
@@ -75,6 +75,8 @@ class Draws:
         frames, fps: of an episode.
         floor: height of the support plane [m].
         seed: of all.
+        pushes: share of the episodes in which the hand pushes.
+        body: points of it at rest [m], for those.
     """
 
     grasps: Float[Array, "grasps 3"]
@@ -85,6 +87,8 @@ class Draws:
     fps: float
     floor: float
     seed: int = 0
+    pushes: float = 0.0
+    body: Float[Array, "points 3"] | None = None
 
     def draw(self, number: int, attempt: int = 0) -> Draw:
         """Of an episode; another attempt where the simulator broke off."""
@@ -95,7 +99,8 @@ class Draws:
             scales = dict(zip(self.spread.names, np.exp(logarithms).tolist(), strict=True))
         grasp = int(random.integers(len(self.grasps)))
         camera = self._moved(random)
-        way = self._way(random, self.grasps[grasp], camera)
+        pushes = self.pushes > 0.0 and random.random() < self.pushes
+        way = self._way(random, None if pushes else self.grasps[grasp], camera)
         light, scenery = (Light.drawn(random), Scenery.drawn(random)) if how.light else (Light(), Scenery())
         return Draw(scales, grasp, way, camera, light, scenery)
 
@@ -109,9 +114,16 @@ class Draws:
         pose[:3, :3] = pose[:3, :3] @ turn
         return replace(self.camera, T_world_camera=torch.as_tensor(pose))
 
-    def _way(self, random: np.random.Generator, taken: Float[Array, " 3"], camera: Camera) -> HandWay:
-        """The first of some ways on which the camera sees the hand while it holds; the one that is longest in view if none is."""
-        ways = (drawn_way(random, taken, self.floor + 0.01, self.frames, self.fps) for _ in range(WAYS))
+    def _way(self, random: np.random.Generator, taken: Float[Array, " 3"] | None, camera: Camera) -> HandWay:
+        """The first of some ways on which the camera sees the hand while it is closed; the one that is longest in view if none is. A push where nothing
+        is taken."""
+        floor, size = self.floor + 0.01, (self.frames, self.fps)
+        draw = (
+            (lambda: drawn_push(random, self.body, floor, *size))
+            if taken is None
+            else (lambda: drawn_way(random, taken, floor, *size))
+        )
+        ways = (draw() for _ in range(WAYS))
         best, most = None, -1.0
         for way in ways:
             if (share := _in_view(way.places[way.closed], camera)) > most:

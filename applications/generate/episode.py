@@ -38,6 +38,7 @@ class Motion:
         force: of the hand on the body [N].
         keypoints: [m].
         lifted: whether the body is off its place, by `LIFTED`.
+        moved: how far the centre of mass has gone over the table in the end [m].
         poses: of the arm that has the hand; None where no arm is there.
     """
 
@@ -47,6 +48,7 @@ class Motion:
     force: Float[Array, "frames 3"]
     keypoints: Float[Array, "frames points 3"]
     lifted: Array
+    moved: float
     poses: Poses | None = None
 
     @property
@@ -105,7 +107,8 @@ def fields_of(model: Model, scales: Mapping[str, float]) -> Fields:
 def simulated(
     session: Session, keypoints: Keypoints, place: Float[Array, " 3"], way: HandWay, poses: Poses | None = None
 ) -> Motion:
-    """A session that rests, on the way of a hand which takes the body at the surface point nearest to `place` [m].
+    """A session that rests, on the way of a hand which takes the body at the surface point nearest to `place` [m], or which pushes it: the session
+    has a ball of the size of the `FIST` then.
 
     `poses` are those of the arm that has the hand.
 
@@ -113,21 +116,55 @@ def simulated(
         SimulationError: as of `Session.step`.
     """
     mass = session.masses / session.masses.sum()
-    x, F, force, points, heights = [], [], [], [], []
-    handle, rest = None, float(mass @ session.state.x.cpu().double().numpy()[:, 2])
+    x, F, force, points, centres = [], [], [], [], [mass @ session.state.x.cpu().double().numpy()]
+    hand = _Pushing(session, way) if way.pushes else _Taking(session, way, place)
     for frame in range(way.frames):
-        if way.closed[frame] and handle is None:
-            handle = session.take(place)
-        elif not way.closed[frame] and handle is not None:
-            session.release(handle)
-            handle = None
-        if handle is not None:
-            session.move(handle, way.places[frame])
+        hand.go_to(frame)
         state = session.step()
         x.append(state.x.cpu().float().clone())  # the next step overwrites them
         F.append(state.F.cpu().float().clone())
-        force.append(np.zeros(3) if handle is None else session.pull(handle).force)
+        force.append(hand.force())
         points.append(keypoints.of(session))
-        heights.append(float(mass @ state.x.cpu().double().numpy()[:, 2]))
-    lifted = np.array(heights) - rest > LIFTED
-    return Motion(torch.stack(x), torch.stack(F), way, np.array(force), np.array(points), lifted, poses)
+        centres.append(mass @ state.x.cpu().double().numpy())
+    way_of_centre = np.array(centres) - centres[0]
+    lifted, moved = way_of_centre[1:, 2] > LIFTED, float(np.linalg.norm(way_of_centre[-1, :2]))
+    return Motion(torch.stack(x), torch.stack(F), way, np.array(force), np.array(points), lifted, moved, poses)
+
+
+class _Taking:
+    """A hand that holds the body by a handle while it is closed."""
+
+    def __init__(self, session: Session, way: HandWay, place: Float[Array, " 3"]) -> None:
+        self._session, self._way, self._place = session, way, place
+        self._handle: int | None = None
+
+    def go_to(self, frame: int) -> None:
+        """Where the way has it in a frame."""
+        closed, session = self._way.closed[frame], self._session
+        if closed and self._handle is None:
+            self._handle = session.take(self._place)
+        elif not closed and self._handle is not None:
+            session.release(self._handle)
+            self._handle = None
+        if self._handle is not None:
+            session.move(self._handle, self._way.places[frame])
+
+    def force(self) -> Float[Array, " 3"]:
+        """On the body [N]."""
+        return np.zeros(3) if self._handle is None else self._session.pull(self._handle).force
+
+
+class _Pushing:
+    """A closed hand, a ball that pushes."""
+
+    def __init__(self, session: Session, way: HandWay) -> None:
+        self._session, self._way = session, way
+        session.place_ball(way.places[0])
+
+    def go_to(self, frame: int) -> None:
+        """Where the way has it in a frame."""
+        self._session.move_ball(self._way.places[frame])
+
+    def force(self) -> Float[Array, " 3"]:
+        """On the body [N]."""
+        return self._session.ball_force()

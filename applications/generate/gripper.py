@@ -1,4 +1,4 @@
-"""A gripper of two fingers, so that pictures show the hand. It is drawn and pushes nothing."""
+"""A gripper of two fingers, so that pictures show the hand. What pushes is a ball around its place (`way.FIST`)."""
 
 import numpy as np
 import torch

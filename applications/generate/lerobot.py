@@ -74,13 +74,15 @@ def features(motion: Motion, pictures: Pictures, fps: float) -> dict[str, dict[s
     return found
 
 
-def write_episode(folder: Path, motion: Motion, pictures: Pictures, fps: float, number: int) -> dict[str, Statistics]:
-    """`FRAMES` and `VIDEO` of an episode, of which all have the same number of frames; its statistics."""
+def write_episode(
+    folder: Path, motion: Motion, pictures: Pictures, fps: float, number: int, task: int = 0
+) -> dict[str, Statistics]:
+    """`FRAMES` and `VIDEO` of an episode, of which all have the same number of frames, with the number of its task; its statistics."""
     import pyarrow as pa
     import pyarrow.parquet as pq
 
     count = motion.way.frames
-    own = columns(motion, fps) | _indices(number, number * count, count)
+    own = columns(motion, fps) | _indices(number, number * count, count, task)
     pq.write_table(pa.table({name: _arrow(values) for name, values in own.items()}), folder / FRAMES)
     write_video(folder / VIDEO, list(pictures.colour), fps)
     return {CAMERA: of_pictures(pictures)} | {n: of_numbers(v.reshape(len(v), -1)) for n, v in own.items()}
@@ -92,7 +94,8 @@ def assemble(
     statistics: Sequence[dict[str, Statistics]],
     described: dict[str, dict],
     fps: float,
-    task: str,
+    tasks: Sequence[str],
+    of_episodes: Sequence[int],
     robot: str,
 ) -> None:
     """The dataset of episodes that `write_episode` wrote.
@@ -103,7 +106,8 @@ def assemble(
         statistics: of each.
         described: `features`.
         fps: frames per second.
-        task: what the hand does, in words.
+        tasks: what the hand does, in words.
+        of_episodes: number of each one's task.
         robot: that does it.
     """
     import pandas as pd
@@ -115,13 +119,14 @@ def assemble(
             target = folder / kind.format(**place)
             target.parent.mkdir(parents=True, exist_ok=True)
             (part / file).replace(target)
-        rows.append(_episode_row(number, place, statistics[number]["frame_index"]["count"][0], fps, task))
+        length, task = statistics[number]["frame_index"]["count"][0], tasks[of_episodes[number]]
+        rows.append(_episode_row(number, place, length, fps, task))
     (folder / "meta/episodes/chunk-000").mkdir(parents=True)
     pd.DataFrame(rows).to_parquet(folder / "meta/episodes/chunk-000/file-000.parquet")
-    pd.DataFrame({"task_index": [0]}, index=[task]).to_parquet(folder / "meta/tasks.parquet")
+    pd.DataFrame({"task_index": range(len(tasks))}, index=list(tasks)).to_parquet(folder / "meta/tasks.parquet")
     pooled = {name: together([own[name] for own in statistics]) for name in statistics[0]}
     write_whole(folder / "meta/stats.json", json.dumps(pooled))
-    info = _info(described, len(rows), sum(row["length"] for row in rows), fps, robot)
+    info = _info(described, len(rows), sum(row["length"] for row in rows), fps, robot) | {"total_tasks": len(tasks)}
     write_whole(folder / "meta/info.json", json.dumps(info, indent=1))
 
 
@@ -160,11 +165,11 @@ def _episode_row(number: int, place: dict[str, int], length: int, fps: float, ta
     }
 
 
-def _indices(episode: int, first: int, count: int) -> dict[str, np.ndarray]:
+def _indices(episode: int, first: int, count: int, task: int = 0) -> dict[str, np.ndarray]:
     return {
         "episode_index": np.full(count, episode, np.int64),
         "index": first + np.arange(count, dtype=np.int64),
-        "task_index": np.zeros(count, np.int64),
+        "task_index": np.full(count, task, np.int64),
     }
 
 

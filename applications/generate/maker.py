@@ -6,6 +6,7 @@ from collections.abc import Callable, Iterator
 from concurrent.futures import Executor, Future, ProcessPoolExecutor
 from contextlib import contextmanager
 from dataclasses import dataclass, replace
+from functools import cached_property
 from multiprocessing import Queue, get_context
 from pathlib import Path
 from typing import Any
@@ -17,7 +18,7 @@ from applications.generate.draws import Draws, Randomisation
 from applications.generate.episode import Keypoints, Motion, at_rest, fields_of, simulated
 from applications.generate.grasps import Grasp, Hand, candidates, tried
 from applications.generate.pictures import Studio
-from applications.generate.way import HandWay
+from applications.generate.way import FIST, HandWay
 from applications.twin import Twin
 from physreal_core.array_types import Array, Float
 from physreal_core.cores import available_cores
@@ -52,6 +53,7 @@ class Setup:
         seed: of all.
         arm: `viperx`, or none.
         scene: mesh file of solids around the twin, or none.
+        pushes: share of the episodes in which the closed hand pushes the body.
     """
 
     root: Path
@@ -68,6 +70,7 @@ class Setup:
     seed: int
     arm: str | None = None
     scene: Path | None = None
+    pushes: float = 0.0
 
 
 class Maker:
@@ -77,7 +80,7 @@ class Maker:
         self._setup = setup
         full = Twin.load(Project(setup.root), setup.sequence, setup.stage, setup.scene)
         self._twin = coarser(full, setup.coarser, "physreal generate")
-        self._session = self._twin.session(setup.device)
+        self._session = self._twin.session(setup.device, ball=FIST if setup.pushes > 0.0 else None)
         self._floor = self._session.floor
         self._keypoints, self._studio = Keypoints(self._twin), Studio(self._twin, self._floor)
         self._arm: Arm | None = None
@@ -132,10 +135,12 @@ class Maker:
             "K": draw.camera.K.tolist(),
             "T_world_camera": draw.camera.T_world_camera.tolist(),
             "lifted": bool(motion.lifted.any()),
+            "pushes": draw.way.pushes,
+            "moved": motion.moved,
             "arm": arm and {"foot": arm.foot.tolist(), "facing": arm.facing.tolist()},
         }
         robomimic.write_episode(folder, motion, pictures, known)
-        statistics = lerobot.write_episode(folder, motion, pictures, self.fps, number)
+        statistics = lerobot.write_episode(folder, motion, pictures, self.fps, number, int(draw.way.pushes))
         described = lerobot.features(motion, pictures, self.fps)
         record = {"drawn": known, "statistics": statistics, "features": described, "fps": self.fps}
         (folder / RECORD).write_text(json.dumps(record))
@@ -155,7 +160,14 @@ class Maker:
         setup, camera = self._setup, self._studio.camera.scaled(self._setup.scale)
         even = replace(camera, width=camera.width - camera.width % 2, height=camera.height - camera.height % 2)
         frames = round(setup.seconds * self.fps)
-        return Draws(grasps, spread, even, setup.randomisation, frames, self.fps, self._floor, setup.seed)
+        given = grasps, spread, even, setup.randomisation, frames, self.fps, self._floor, setup.seed
+        return Draws(*given, setup.pushes, self._lying if setup.pushes > 0.0 else None)
+
+    @cached_property
+    def _lying(self) -> Float[Array, "particles 3"]:
+        """Particles of the fitted body at rest [m]."""
+        at_rest(self._session, self._twin.model.fields)
+        return self._session.state.x.cpu().double().numpy().copy()
 
 
 _maker: Maker | None = None

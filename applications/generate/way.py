@@ -1,4 +1,4 @@
-"""The way of a hand that comes from above, takes the body, moves it, lets go and leaves."""
+"""The way of a hand that comes from above, and takes the body, moves it and lets go, or pushes it with closed fingers; then it leaves."""
 
 from dataclasses import dataclass
 
@@ -26,17 +26,26 @@ SPEED = 0.5
 """Largest of the hand [m/s]."""
 
 
+FIST = 0.015
+"""Radius of the closed hand that pushes [m]: a ball around its place."""
+
+GAP, PUSH = 0.02, (0.05, 0.15)
+"""How far from the body the hand comes down, and how far it pushes, least and largest [m]."""
+
+
 @dataclass(frozen=True)
 class HandWay:
     """Frame by frame.
 
     Attributes:
         places: of the hand [m].
-        closed: whether it holds.
+        closed: whether it holds, or pushes.
+        pushes: whether it is closed all the time and pushes.
     """
 
     places: Float[Array, "frames 3"]
     closed: Bool[Array, " frames"]
+    pushes: bool = False
 
     @property
     def frames(self) -> int:
@@ -69,6 +78,32 @@ def drawn_way(random: np.random.Generator, taken: Float[Array, " 3"], floor: flo
     closed = np.zeros(frames, bool)
     closed[coming : coming + held] = True
     return HandWay(np.concatenate([down, moved, up]), closed)
+
+
+def drawn_push(
+    random: np.random.Generator, body: Float[Array, "points 3"], floor: float, frames: int, fps: float
+) -> HandWay:
+    """A way of some frames on which the closed hand comes down beside the body, pushes it over the table, and leaves.
+
+    Args:
+        random: of everything on it.
+        body: points of it at rest [m].
+        floor, frames, fps: as of `drawn_way`.
+    """
+    coming, leaving = round(COMING * fps), round(LEAVING * fps)
+    angle = random.uniform(0.0, 2.0 * np.pi)
+    ahead, aside = np.array([np.cos(angle), np.sin(angle), 0.0]), np.array([-np.sin(angle), np.cos(angle), 0.0])
+    along, across = body @ ahead, body @ aside
+    middle = 0.5 * (across.min() + across.max()) + random.uniform(-0.25, 0.25) * np.ptp(across)
+    near = np.abs(across - middle) < 2.0 * FIST  # what the fist can meet
+    begin = (along[near] if near.any() else along).min() - FIST - GAP
+    height = max(floor + FIST, floor + random.uniform(0.3, 0.7) * (body[:, 2].max() - floor))
+    start = begin * ahead + middle * aside + [0.0, 0.0, height]
+    end = start + (GAP + random.uniform(*PUSH)) * ahead
+    down = _eased(np.array([start + [0.0, 0.0, ABOVE], start]), coming + 1)[:-1]
+    pushed = _slowed(_eased(np.array([start, end]), frames - coming - leaving), fps)
+    up = _eased(np.array([pushed[-1], pushed[-1] + [0.0, 0.0, ABOVE]]), leaving + 1)[1:]
+    return HandWay(np.concatenate([down, pushed, up]), np.ones(frames, bool), pushes=True)
 
 
 def _eased(knots: Float[Array, "knots 3"], count: int) -> Float[Array, "count 3"]:

@@ -20,12 +20,17 @@ FIRMNESS, FRICTION = 1e6, 0.5
 """How firmly it pushes [1/s2], and its friction, where the model knows of no tool (`fit_global.tool_stiffness`, `tool_friction`)."""
 
 
+SLOW = 5e-3
+"""Speed below which friction is smoothed [m/s], as in `laws/tool.h`."""
+
+
 @dataclass
 class Ball:
-    """Where it is, and where it is wanted [m]; away while nobody uses it."""
+    """Where it is, where it is wanted, and where it was a frame ago [m]; away while nobody uses it."""
 
     place: Float[Array, " 3"]
     target: Float[Array, " 3"]
+    before: Float[Array, " 3"] | None = None
 
     @classmethod
     def away(cls) -> "Ball":
@@ -39,9 +44,35 @@ class Ball:
 
     def follow(self, fps: float) -> None:
         """Bring it towards its target, as far as it may go in a frame."""
-        way = self.target - self.place
+        way, self.before = self.target - self.place, self.place
         far = np.linalg.norm(way)
         self.place = self.place + way * min(1.0, FASTEST / fps / max(far, 1e-12))
+
+
+def push_on(
+    x: Float[Array, "particles 3"],
+    v: Float[Array, "particles 3"],
+    mass: Float[Array, " particles"],
+    reach: Float[Array, " particles"],
+    ball: tuple[Float[Array, " 3"], Float[Array, " 3"], float],
+    law: tuple[float, float],
+) -> Float[Array, " 3"]:
+    """Force of a ball on a body [N]: the law of the tool (`simulation/laws/tool.h`) at one time.
+
+    Args:
+        x, v, mass, reach: of the particles [m, m/s, kg, m].
+        ball: its place [m], velocity [m/s] and radius [m].
+        law: stiffness [1/s2] and friction.
+    """
+    place, velocity, radius = ball
+    apart = x - place
+    length = np.linalg.norm(apart, axis=1, keepdims=True)
+    outwards = apart / np.maximum(length, 1e-9)
+    depth = np.maximum(radius + reach - length[:, 0], 0.0)
+    along = v - velocity
+    across = along - (along * outwards).sum(1, keepdims=True) * outwards
+    rubbing = across / np.sqrt((across**2).sum(1, keepdims=True) + SLOW**2)
+    return ((mass * law[0] * depth)[:, None] * (outwards - law[1] * rubbing)).sum(0)
 
 
 def with_ball(problem: Problem, model: Model, radius: float) -> tuple[Problem, Model]:

@@ -8,10 +8,10 @@ import torch
 
 from physreal_core.array_types import Array, Float
 from physreal_core.errors import InputError
-from physreal_core.fitting.model import Model
+from physreal_core.fitting.model import TOOL_FIELDS, Model
 from physreal_core.fitting.problem import Problem
 from physreal_core.fitting.rollouts import Fields, Rollouts, frame_since_start
-from physreal_core.playing.ball import Ball, with_ball
+from physreal_core.playing.ball import Ball, push_on, with_ball
 from physreal_core.playing.changes import Changes, braked
 from physreal_core.playing.handles import Handle, Pull, bond_force
 from physreal_core.playing.log import Action, Hand
@@ -116,7 +116,8 @@ class Session:
 
     def renew(self, fields: Fields) -> None:
         """Back to the start, with the same model but for its fields; changes stay, as in `reset`."""
-        self._model = replace(self._model, fields=fields)
+        of_ball = {name: self._model.fields[name] for name in TOOL_FIELDS if name in self._model.fields}
+        self._model = replace(self._model, fields={**of_ball, **fields})
         self._stiffness = float(fields["grip_stiffness"])
         self.reset()
 
@@ -243,6 +244,16 @@ class Session:
         own = np.flatnonzero(self._filmed & np.isfinite(self._lengths))
         x, points = self._x()[grip.particles[own]], self._points[grip.controllers[own]]
         return bond_force(x, points, self._stiffness * grip.weights[own], self._lengths[own])
+
+    def ball_force(self) -> Float[Array, " 3"]:
+        """Of the ball on the body [N]; none while it is away."""
+        ball = self._ball
+        if not ball.used:
+            return np.zeros(3)
+        velocity = np.zeros(3) if ball.before is None else (ball.place - ball.before) * self.fps
+        law = float(self.parameters.tool_stiffness), float(self.parameters.tool_friction)
+        v = self._player.state.v.detach().cpu().double().numpy()
+        return push_on(self._x(), v, self.masses, self._body.reach, (ball.place, velocity, self.radius), law)
 
     # --- holding ------------------------------------------------------------------------------------------------
 

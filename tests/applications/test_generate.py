@@ -18,7 +18,7 @@ from applications.generate.maker import Maker, Setup
 from applications.generate.pictures import HAND, OBJECT, Studio
 from applications.generate.scenery import Light, Scenery
 from applications.generate.statistics import of_numbers, together
-from applications.generate.way import SPEED, HandWay, drawn_way
+from applications.generate.way import FIST, SPEED, HandWay, drawn_push, drawn_way
 from physreal_core.errors import InputError
 from pipeline.cli import main
 from pipeline.models import require
@@ -101,6 +101,36 @@ def test_the_body_follows_the_hand_and_falls_when_it_is_let_go(made):
     assert moved[held].max() > 0.02
     assert not torch.equal(motion.x[0], motion.x[-1])
     assert np.allclose(motion.actions[:-1], motion.states[1:])
+
+
+@pytest.mark.parametrize("seed", range(8))
+def test_a_push_begins_beside_the_body_and_goes_through_it_low_over_the_table(twin, seed):
+    body = twin.problem.body.x0
+    way = drawn_push(np.random.default_rng(seed), body, 0.01, FRAMES, FPS)
+    assert way.pushes and way.closed.all() and way.frames == FRAMES
+    apart = np.linalg.norm(way.places[:, None] - body[None], axis=-1).min(1)
+    coming = round(0.4 * FPS)
+    assert apart[: coming + 1].min() > FIST  # it comes down without touching
+    assert apart.min() < FIST + 0.01  # and meets what lies there
+    assert way.places[:, 2].min() >= 0.01 + FIST - 1e-9
+    assert (
+        np.linalg.norm(np.diff(way.places, axis=0), axis=1).max() * FPS < SPEED + 0.35
+    )  # down and up it is as fast as a hand that takes
+
+
+def test_a_closed_hand_pushes_the_body_over_the_table(twin):
+    session = twin.session(ball=FIST)
+    at_rest(session, twin.model.fields)
+    body = session.state.x.double().numpy().copy()
+    way = drawn_push(np.random.default_rng(1), body, session.floor + 0.01, FRAMES, session.fps)
+    motion = simulated(session, Keypoints(twin), np.zeros(3), way)
+    ahead = way.places[40] - way.places[15]
+    gone = motion.x[-1].double().numpy().mean(0) - body.mean(0)
+    assert motion.moved == pytest.approx(np.linalg.norm(gone[:2]), abs=5e-3) and motion.moved > 0.02
+    assert gone @ ahead > 0.5 * np.linalg.norm(gone) * np.linalg.norm(ahead)
+    touched = np.linalg.norm(motion.force, axis=1) > 0.0
+    assert touched.any() and not touched[:10].any() and not motion.lifted.any()
+    assert (motion.force[touched] @ ahead > 0.0).mean() > 0.8  # the hand on the body, the way it goes
 
 
 def test_flow_carries_pixels_of_the_body_to_where_its_points_go(made):
@@ -273,6 +303,34 @@ def candidates_of(session) -> np.ndarray:
 
 
 @pytest.mark.slow
+def test_pushes_are_a_task_of_their_own(project, monkeypatch, tmp_path):
+    pq = pytest.importorskip("pyarrow.parquet")
+    folder = tmp_path / "data"
+    asked = (
+        "--episodes",
+        "4",
+        "--seconds",
+        "2",
+        "--jobs",
+        "1",
+        "--squeeze",
+        "1000",
+        "--pushes",
+        "0.5",
+        "--to",
+        str(folder),
+    )
+    assert run(project, monkeypatch, *asked) == 0
+    drawn = json.loads((folder / "episodes.json").read_text())
+    assert 0 < sum(episode["pushes"] for episode in drawn) < 4
+    tasks = pq.read_table(folder / "lerobot/meta/tasks.parquet").to_pylist()
+    assert len(tasks) == json.loads((folder / "lerobot/meta/info.json").read_text())["total_tasks"] == 2
+    for number, episode in enumerate(drawn):
+        table = pq.read_table(folder / f"lerobot/data/chunk-000/file-{number:03d}.parquet")
+        assert set(table["task_index"].to_pylist()) == {int(episode["pushes"])}
+
+
+@pytest.mark.slow
 def test_episodes_are_written_and_read_back(project, monkeypatch, tmp_path, capsys):
     h5py, pq = pytest.importorskip("h5py"), pytest.importorskip("pyarrow.parquet")
     folder = tmp_path / "data"
@@ -305,7 +363,8 @@ def test_without_the_arms_package_the_remedy_is_told(project, monkeypatch, capsy
 
 
 @pytest.mark.parametrize(
-    ("option", "value"), [("--episodes", "0"), ("--seconds", "0.5"), ("--coarser", "0.5"), ("--scale", "0")]
+    ("option", "value"),
+    [("--episodes", "0"), ("--seconds", "0.5"), ("--coarser", "0.5"), ("--scale", "0"), ("--pushes", "1.5")],
 )
 def test_what_cannot_be_is_refused(project, monkeypatch, capsys, option, value):
     assert run(project, monkeypatch, option, value) == 2

@@ -238,3 +238,27 @@ def test_what_cannot_be_done_is_said_and_changes_nothing(given, session):
     assert session.changes == Changes()
     with pytest.raises(InputError, match="can hold"):
         Session(given, scene.model(grip_stiffness=0.0))
+
+
+def test_the_force_of_a_ball_is_what_the_body_gains():
+    """In free fall the momentum grows by weight and by the push of a ball without friction, which between frames differs from that at their ends."""
+    fps, radius = 240.0, 0.02
+    model = scene.model()
+    push = {"tool_stiffness": torch.tensor(1e6).double(), "tool_friction": torch.tensor(0.0).double()}
+    simulation = {**model.simulation, "ground_height": None}
+    model = dataclasses.replace(model, simulation=simulation, fields={**model.fields, **push})
+    problem = dataclasses.replace(scene.problem(scene.model(), frames=4, observed=4, with_masks=False), fps=fps)
+    session = Session(problem, model, ball=radius)
+    session.let_hand("open")
+    side = problem.body.x0.mean(0) + [0.0, -0.03 - radius - 0.004, 0.0]
+    session.place_ball(side)
+    mass, impulse, frames = session.masses, np.zeros(3), 30
+    for frame in range(frames):
+        fallen = 0.5 * 9.81 * ((frame + 1) / fps) ** 2
+        session.move_ball(side + [0.0, 0.5 * (frame + 1) / fps, -fallen])  # beside the body while that falls
+        session.step()
+        impulse += session.ball_force() / fps
+    gained = mass @ session.state.v.double().numpy()
+    pushed = gained + mass.sum() * np.array([0.0, 0.0, 9.81]) * frames / fps
+    assert pushed[1] > 0.01 * mass.sum()
+    assert np.linalg.norm(impulse - pushed) < 0.1 * np.linalg.norm(pushed)

@@ -20,6 +20,9 @@ from physreal_core.simulation import Body, Solids
 _POINTS = 5000
 """Gaussians that show the surface in pictures."""
 
+_SHADE = 0.3
+"""Share of the light that comes from above."""
+
 _CELLS = 0.4
 """Of the lattice, over the thickness of the thinnest wall."""
 
@@ -65,8 +68,9 @@ class Scene:
 
     @cached_property
     def look(self) -> tuple[Gaussians, Float[Tensor, "gaussians 3"]]:
-        """Gaussians that show the surface in pictures, and its normals there."""
+        """Gaussians that show the surface in pictures, brighter where it faces up, and its normals there."""
         points = sample_surface(self.mesh, _POINTS)
+        points = replace(points, colours=points.colours * (1.0 - _SHADE + _SHADE * points.normals[:, 2:].clip(min=0.0)))
         return surface_gaussians(points), torch.as_tensor(points.normals, dtype=torch.float32)
 
 

@@ -3,8 +3,6 @@
 Images are `sensor_msgs` Image or CompressedImage. Depth is in millimetres as 16UC1, or in metres as 32FC1 (REP 118).
 """
 
-from collections.abc import Iterator, Sequence
-from contextlib import contextmanager
 from dataclasses import dataclass
 from pathlib import Path
 from typing import Annotated, Any
@@ -13,6 +11,7 @@ import numpy as np
 from pydantic import Field
 
 from data.importers._options import Positive
+from data.importers._ros_bag import Bag, opened
 from data.importers._ros_images import colour_of, millimetres_of
 from data.importers._values import numbers, whole
 from data.importers._writing import new_capture, write_description, write_image
@@ -25,6 +24,8 @@ _GAP = 1.5
 """Of the usual time between frames, from which on one is missing."""
 _ROUNDED = 1e-6
 """How far a time may be off by its digits [s]."""
+_LENSES = ("plumb_bob", "rational_polynomial")
+"""Models of a lens whose displacement is known here."""
 _BENT = 1.0
 """How far a lens may move the corner of the picture [px]: the capture's camera has none."""
 
@@ -58,7 +59,7 @@ def import_capture(
         InputError: rosbags is missing, the recording cannot be read, a topic is missing or not the only one, depth is not aligned, frames are
             missing, or the lens bends the picture.
     """
-    with _opened(Path(source)) as bag:
+    with opened(Path(source)) as bag:
         topics = _Topics.of(bag, color, depth, str(source))
         camera = _camera(bag, topics, str(source))
         times = {name: bag.stamps(name) for name in topics.images}
@@ -76,65 +77,6 @@ def import_capture(
             write_description(folder, described | words)
 
 
-# --- the recording --------------------------------------------------------------------------------------------------
-
-
-class _Bag:
-    """An open recording.
-
-    Args:
-        reader: of rosbags.
-        where: told with errors.
-    """
-
-    def __init__(self, reader: Any, where: str) -> None:
-        self._reader, self._where = reader, where
-
-    def topics(self, kinds: Sequence[str]) -> list[str]:
-        """Names of those that hold messages of some kinds."""
-        found = {c.topic for c in self._reader.connections if c.msgtype in kinds and c.msgcount}
-        return sorted(found)
-
-    def messages(self, topic: str) -> Iterator[tuple[float, Any]]:
-        """Times [s], those of the headers where they have any, and messages."""
-        connections = [c for c in self._reader.connections if c.topic == topic]
-        for connection, received, raw in self._reader.messages(connections=connections):
-            try:
-                message = self._reader.deserialize(raw, connection.msgtype)
-            except Exception as error:  # rosbags raises whatever its parsers raise
-                raise InputError(
-                    f"a message cannot be read ({error})", where=f"{self._where}, {topic}", remedy="record it again"
-                ) from error
-            stamp = message.header.stamp
-            own = stamp.sec + 1e-9 * stamp.nanosec
-            yield (own if own > 0.0 else 1e-9 * received), message
-
-    def stamps(self, topic: str) -> Float[Array, " messages"]:
-        """Times of a topic's messages [s]."""
-        return np.array([time for time, _ in self.messages(topic)])
-
-
-@contextmanager
-def _opened(source: Path) -> Iterator[_Bag]:
-    expected = "a rosbag2 folder, a .mcap, a .db3 or a .bag"
-    try:
-        from rosbags.highlevel import AnyReader
-        from rosbags.typesys import Stores, get_typestore
-    except ImportError as error:
-        raise InputError(
-            "rosbags is not installed", where=str(source), expected="the package", remedy="run `pip install rosbags`"
-        ) from error
-    try:
-        reader = AnyReader([source], default_typestore=get_typestore(Stores.ROS2_HUMBLE))
-        reader.open()
-    except Exception as error:  # as above
-        raise InputError(f"it cannot be read ({error})", where=str(source), expected=expected) from error
-    try:
-        yield _Bag(reader, str(source))
-    finally:
-        reader.close()
-
-
 @dataclass(frozen=True)
 class _Topics:
     """Of colour, and of depth where there is any."""
@@ -147,7 +89,7 @@ class _Topics:
         return [self.colour, *([] if self.depth is None else [self.depth])]
 
     @classmethod
-    def of(cls, bag: _Bag, colour: str | None, depth: str | None, where: str) -> "_Topics":
+    def of(cls, bag: Bag, colour: str | None, depth: str | None, where: str) -> "_Topics":
         """As asked for, or as the names say: `color` or `rgb`; `aligned_depth`, else `depth`. Raw images go before compressed ones."""
         images = bag.topics(_IMAGES)
         deep = [name for name in images if "depth" in name]
@@ -172,10 +114,7 @@ def _only(likely: list[str], images: list[str], asked: str | None, key: str, whe
     return raw[0]
 
 
-# --- camera and times -----------------------------------------------------------------------------------------------
-
-
-def _camera(bag: _Bag, topics: _Topics, where: str) -> dict[str, Any]:
+def _camera(bag: Bag, topics: _Topics, where: str) -> dict[str, Any]:
     """Size and K of capture.json, by the topic `camera_info` beside the images."""
     found = {name: _info(bag, name, where) for name in topics.images}
     colour = found[topics.colour]
@@ -185,14 +124,7 @@ def _camera(bag: _Bag, topics: _Topics, where: str) -> dict[str, Any]:
         )
     K = numbers(_field(colour, "k").reshape(3, 3), (3, 3), where, "K [px]")
     width, height = whole(colour.width, where, "width"), whole(colour.height, where, "height")
-    bent = _corner_moves(K, width, height, _field(colour, "d"))
-    if bent > _BENT:
-        raise InputError(
-            f"the lens moves the corner of the picture by {bent:.1f} px",
-            where=f"{where}, {_beside(topics.colour)}",
-            expected=f"{_BENT:g} px at most",
-            remedy="record the rectified images, or rectify the recording (image_proc)",
-        )
+    _require_pinhole(colour, K, f"{where}, {_beside(topics.colour)}")
     own = found.get(topics.depth)
     if own is not None and not np.allclose(_field(own, "k"), K.ravel(), atol=0.5):
         raise InputError(
@@ -211,7 +143,7 @@ def _beside(topic: str) -> str:
     return "/".join([*parts[:-1], "camera_info"])
 
 
-def _info(bag: _Bag, topic: str, where: str) -> Any | None:
+def _info(bag: Bag, topic: str, where: str) -> Any | None:
     name = _beside(topic)
     return next((message for _, message in bag.messages(name)), None) if name in bag.topics([_INFO]) else None
 
@@ -222,13 +154,32 @@ def _field(info: Any, name: str) -> Float[Array, " numbers"]:
     return np.asarray(getattr(info, name.upper()) if value is None else value, dtype=np.float64)
 
 
+def _require_pinhole(info: Any, K: Float[Array, "3 3"], where: str) -> None:
+    """Raise `InputError` for a lens that moves a corner of the picture by more than `_BENT`, or by what we do not know."""
+    lens, remedy = _field(info, "d"), "record the rectified images, or rectify the recording (image_proc)"
+    if not lens.any():
+        return
+    if info.distortion_model not in _LENSES:
+        raise InputError(
+            f"a lens of the model {info.distortion_model!r}", where=where, expected=" or ".join(_LENSES), remedy=remedy
+        )
+    bent = _corner_moves(K, info.width, info.height, lens)
+    if bent > _BENT:
+        raise InputError(
+            f"the lens moves the corner of the picture by {bent:.1f} px",
+            where=where,
+            expected=f"{_BENT:g} px at most",
+            remedy=remedy,
+        )
+
+
 def _corner_moves(K: Float[Array, "3 3"], width: int, height: int, lens: Float[Array, " numbers"]) -> float:
-    """How far radial and tangential distortion (plumb_bob) move the farthest corner [px]."""
-    k1, k2, p1, p2, k3 = np.pad(lens[:5], (0, 5 - len(lens[:5])))
+    """How far radial and tangential distortion move the farthest corner [px], as in OpenCV's model."""
+    k1, k2, p1, p2, k3, k4, k5, k6 = np.pad(lens[:8], (0, 8 - len(lens[:8])))
     corners = np.array([(u, v) for u in (0, width - 1) for v in (0, height - 1)], dtype=np.float64)
     x, y = ((corners - K[:2, 2]) / K[[0, 1], [0, 1]]).T
     r2 = x**2 + y**2
-    radial = k1 * r2 + k2 * r2**2 + k3 * r2**3
+    radial = (1 + k1 * r2 + k2 * r2**2 + k3 * r2**3) / (1 + k4 * r2 + k5 * r2**2 + k6 * r2**3) - 1
     dx = x * radial + 2 * p1 * x * y + p2 * (r2 + 2 * x**2)
     dy = y * radial + p1 * (r2 + 2 * y**2) + 2 * p2 * x * y
     return float(np.hypot(K[0, 0] * dx, K[1, 1] * dy).max())
@@ -288,7 +239,7 @@ def _nearest(
 
 
 def _write(
-    bag: _Bag, topic: str, rows: Int[Array, " frames"], folder: Path, deep: bool, camera: dict, where: str
+    bag: Bag, topic: str, rows: Int[Array, " frames"], folder: Path, deep: bool, camera: dict, where: str
 ) -> None:
     """Images with these numbers among a topic's, each as the frames that it stands for."""
     frames: dict[int, list[int]] = {}

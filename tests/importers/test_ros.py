@@ -66,8 +66,8 @@ class Recording:
     def info(self, topic: str, matrix: np.ndarray = K, lens: tuple = (0.0,) * 5) -> None:
         region = self.types.types["sensor_msgs/msg/RegionOfInterest"](0, 0, 0, 0, False)
         numbers = [np.array(lens), matrix.ravel(), np.eye(3).ravel(), np.eye(3, 4).ravel()]
-        kind = self.types.types["sensor_msgs/msg/CameraInfo"]
-        self.messages.append((1.0, topic, kind(self._header(1.0), HEIGHT, WIDTH, "plumb_bob", *numbers, 0, 0, region)))
+        kind, model = self.types.types["sensor_msgs/msg/CameraInfo"], "equidistant" if len(lens) == 4 else "plumb_bob"
+        self.messages.append((1.0, topic, kind(self._header(1.0), HEIGHT, WIDTH, model, *numbers, 0, 0, region)))
 
     def write(self, folder: Path) -> Path:
         if self.container == "ros1":
@@ -186,6 +186,8 @@ def changed(what: str) -> Recording:
     lens, matrix, late, deep = (0.0,) * 5, K, 0.0, depth(0)
     if what == "lens":
         lens = (0.3, 0.0, 0.0, 0.0, 0.0)
+    if what == "fisheye":
+        lens = (0.1, 0.0, 0.0, 0.0)
     if what == "own camera":
         matrix = K * [[1.2], [1.2], [1.0]]
     if what == "late":
@@ -203,6 +205,7 @@ def changed(what: str) -> Recording:
     ("what", "told"),
     [
         ("lens", r"moves the corner of the picture by .* px.*rectified"),
+        ("fisheye", r"a lens of the model 'equidistant'.*plumb_bob.*rectified"),
         ("own camera", r"has a camera of its own.*align_depth"),
         ("late", r"nearest depth to frame 0 is 30 ms away"),
         ("grey", r"encoding 'mono8'.*rgb8"),

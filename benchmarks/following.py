@@ -27,7 +27,7 @@ from physreal_core.cores import available_cores
 from physreal_core.fitting.losses import carried_tracks
 from physreal_core.fitting.named_effects import effect_record
 from physreal_core.fitting.rollouts import Rollouts
-from physreal_core.following import FollowConfig, Follower, Seen
+from physreal_core.following import FollowConfig, Seen, follower_of
 from physreal_core.playing import Changes, Session
 from pipeline.config import load_parameters
 from pipeline.products.truth import CaptureTruth
@@ -149,7 +149,7 @@ def _truth(vertices: Float[Array, "frames V 3"], points0: Float[Array, "P 3"]) -
 def _run(
     twin: Twin, stream: list[Seen], truth: Float[Array, "frames tracks 3"], config: FollowConfig | None = None
 ) -> Run:
-    follower, found, seconds = Follower(twin.problem, twin.model, config), [], []
+    follower, found, seconds = follower_of(twin.problem, twin.model, config), [], []
     for seen in stream:
         begun = time.perf_counter()
         found.append(follower.step(seen))

@@ -26,11 +26,13 @@ class Following:
         fps: frames per second of the stream.
         seconds: that it took.
         material: what was learnt of it, as of `LearntMaterial.told`.
+        learnt: frames in which that was in use.
     """
 
     def __init__(self, fps: float) -> None:
         self.fps, self.seconds = fps, 0.0
         self.material: dict[str, dict[str, float]] = {}
+        self.learnt = 0
         self.frames: list[int] = []
         self.rows: list[dict[str, Array]] = []
         self.count = 0
@@ -69,6 +71,7 @@ class Following:
             "gap": float(np.median(self.column("gap"))),
             "alarm": self.alarm,
             "material": self.material,
+            "learnt": self.learnt,
         }
 
     def write(self, folder: Path) -> None:
@@ -85,7 +88,9 @@ class Following:
         for name, learnt in self.material.items():
             low, high = (learnt["factor"] * np.exp(sign * INTERVAL * learnt["log_deviation"]) for sign in (-1, 1))
             words = name.replace("_", " ")
-            lines.append(f"{words}: {learnt['factor']:.2f} times the fit's (90 % within {low:.2f} to {high:.2f})")
+            lines.append(
+                f"{words}: {learnt['factor']:.2f} times the fit's (90 % within {low:.2f} to {high:.2f}), in use in {self.learnt} frames"
+            )
         if own["alarm"] is not None:
             lines.append(
                 f"frame {own['alarm']} ({own['alarm'] / self.fps:.2f} s): the twin has left what it knows; "

@@ -63,7 +63,7 @@ class Scene:
         cell = min(0.5 * body.spacing, *(_CELLS * _thickness(piece) for piece in pieces))
         lattice = distance_lattice(pieces, cell, float(body.reach.max()), str(path))
         solids = Solids(lattice.distance, lattice.origin, lattice.cell)
-        solids.reach(body)
+        solids.reach(body)  # raises here, before anything is simulated, where the body begins within one
         return cls(path, mesh, solids)
 
     @cached_property

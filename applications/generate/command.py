@@ -53,9 +53,8 @@ def generate(parsed: argparse.Namespace) -> None:
     project = Project.find()
     folder = parsed.to or project.root / "data" / "generated" / parsed.sequence
     require_new(folder, "physreal generate")
-    Twin.load(
-        project, parsed.sequence, parsed.model or FIT_STAGES[-1], parsed.scene
-    )  # told here what the processes would die of
+    # what cannot be loaded is told before there is a folder, and not by a process that dies of it
+    Twin.load(project, parsed.sequence, parsed.model or FIT_STAGES[-1], parsed.scene)
     setup = _setup(parsed, project, folder.with_name(f"{folder.name}.parts"))
     _resume(setup)
     jobs = min(parsed.jobs or available_cores(), max(parsed.episodes, PLACES))
@@ -158,8 +157,8 @@ def _assemble(draft: Path, setup: Setup, records: list[dict], grasps: list[dict]
 def _told(folder: Path, records: list[dict], seconds: float, spent: float) -> str:
     lifted, pushed = (sum(record["drawn"][what] for record in records) for what in ("lifted", "pushes"))
     rate = len(records) * seconds / spent
+    pushing = f", {pushed} push it" if pushed else ""
     return (
-        f"wrote {folder}: {len(records)} episodes of {seconds:g} s, {lifted} of them lift the body"
-        f"{f', {pushed} push it' if pushed else ''}; "
+        f"wrote {folder}: {len(records)} episodes of {seconds:g} s, {lifted} of them lift the body{pushing}; "
         f"{spent:.0f} s, {rate:.1f} times real time"
     )

@@ -1,6 +1,8 @@
 """What differs from episode to episode: material, grasp, way of the hand, camera, light and background, all from one seed."""
 
+from collections.abc import Iterable
 from dataclasses import dataclass, replace
+from functools import partial
 
 import numpy as np
 import torch
@@ -100,7 +102,9 @@ class Draws:
         grasp = int(random.integers(len(self.grasps)))
         camera = self._moved(random)
         pushes = self.pushes > 0.0 and random.random() < self.pushes
-        way = self._way(random, None if pushes else self.grasps[grasp], camera)
+        size = self.floor + 0.01, self.frames, self.fps
+        drawn = partial(drawn_push, random, self.body) if pushes else partial(drawn_way, random, self.grasps[grasp])
+        way = _in_sight((drawn(*size) for _ in range(WAYS)), camera)
         light, scenery = (Light.drawn(random), Scenery.drawn(random)) if how.light else (Light(), Scenery())
         return Draw(scales, grasp, way, camera, light, scenery)
 
@@ -114,23 +118,16 @@ class Draws:
         pose[:3, :3] = pose[:3, :3] @ turn
         return replace(self.camera, T_world_camera=torch.as_tensor(pose))
 
-    def _way(self, random: np.random.Generator, taken: Float[Array, " 3"] | None, camera: Camera) -> HandWay:
-        """The first of some ways on which the camera sees the hand while it is closed; the one that is longest in view if none is. A push where nothing
-        is taken."""
-        floor, size = self.floor + 0.01, (self.frames, self.fps)
-        draw = (
-            (lambda: drawn_push(random, self.body, floor, *size))
-            if taken is None
-            else (lambda: drawn_way(random, taken, floor, *size))
-        )
-        ways = (draw() for _ in range(WAYS))
-        best, most = None, -1.0
-        for way in ways:
-            if (share := _in_view(way.places[way.closed], camera)) > most:
-                best, most = way, share
-            if most == 1.0:
-                break
-        return best
+
+def _in_sight(ways: Iterable[HandWay], camera: Camera) -> HandWay:
+    """The first way on which the camera sees the hand while it is closed; the one that is longest in view if none is."""
+    best, most = None, -1.0
+    for way in ways:
+        if (share := _in_view(way.places[way.closed], camera)) > most:
+            best, most = way, share
+        if most == 1.0:
+            break
+    return best
 
 
 def _in_view(places: Float[Array, "places 3"], camera: Camera) -> float:

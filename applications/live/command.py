@@ -10,7 +10,7 @@ from applications.live.streams import recorded
 from applications.options import require
 from applications.play.film import film
 from applications.twin import Twin
-from physreal_core.following import CarefulFollower, FollowConfig, follower_of
+from physreal_core.following import FollowConfig, follower_of
 from pipeline.graph import FIT_STAGES
 from pipeline.project import Project
 from pipeline.whole_folder import as_a_whole, require_new
@@ -49,7 +49,7 @@ def follow(twin: Twin, speed: float, device: str = "cpu", config: FollowConfig |
     for frame, (seen, in_time) in enumerate(in_real_time(recorded(twin.problem), done.fps, speed), start=1):
         if in_time:
             done.add(frame, follower.step(seen))
-            done.learnt += isinstance(follower, CarefulFollower) and follower.learnt
+            done.learnt += follower.learnt
         else:
             follower.go_on(seen.controllers)
             done.add(frame, None)

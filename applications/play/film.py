@@ -43,10 +43,10 @@ class Log:
     def read(cls, path: Path) -> "Log":
         """A log.json, or that in a pull's folder; InputError where it is none."""
         path, remedy = path / LOG if path.is_dir() else path, "give a log.json that `physreal play` wrote"
-        record = read_record(path, ("sequence", "model", "ball", "scene", "frames", "actions"), remedy)
+        record = read_record(path, ("sequence", "model", "ball", "frames", "actions"), remedy)
         with understood(path, remedy):
             ball = None if record["ball"] is None else float(record["ball"])
-            scene = None if record["scene"] is None else Path(record["scene"])
+            scene = None if record.get("scene") is None else Path(record["scene"])  # logs of earlier versions have none
             return cls(record["sequence"], record["model"], ball, scene, int(record["frames"]), list(record["actions"]))
 
 

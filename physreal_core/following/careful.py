@@ -1,10 +1,12 @@
 """A follower that learns the material, kept only where it forecasts better than one that does not.
 
 What makes the forecast wrong is not always the material. Where the hold, the shape or an effect is, a learnt modulus makes up for it for a moment and
-misleads in the next: of a filmed plush animal it made forecasts three times worse (benchmarks/results/following.md). So both run side by side.
+misleads in the next. So both run side by side.
 """
 
+from collections.abc import Callable
 from dataclasses import replace
+from typing import TypeVar
 
 import numpy as np
 
@@ -13,9 +15,10 @@ from physreal_core.errors import SimulationError
 from physreal_core.fitting.model import Model
 from physreal_core.fitting.problem import Problem
 from physreal_core.following.follower import FollowConfig, Follower
-from physreal_core.following.material import LearntMaterial
 from physreal_core.following.stream import Followed, Seen
 from physreal_core.simulation.play import FrameState
+
+Result = TypeVar("Result")
 
 BETTER = 0.9
 """Of the other's mean square error, below which the learnt material forecasts better."""
@@ -29,21 +32,17 @@ class CarefulFollower:
         config: with `learns`.
 
     Attributes:
+        material: what is learnt, whether it is in use or not.
         learnt: whether the learnt material is in use now.
     """
 
     def __init__(self, problem: Problem, model: Model, config: FollowConfig, device: str = "cpu") -> None:
         self._plain = Follower(problem, model, replace(config, learns={}), device)
         self._learning: Follower | None = Follower(problem, model, config, device)
-        self._material = self._learning.material
+        self.material = self._learning.material
         self._kept = 1.0 - 1.0 / config.memory
         self._errors: Float[Array, " two"] = np.zeros(2)
         self.fps, self.learnt = self._plain.fps, False
-
-    @property
-    def material(self) -> LearntMaterial:
-        """What is learnt, whether it is in use or not."""
-        return self._material
 
     def go_on(self, controllers: Float[Array, "controllers 3"]) -> FrameState:
         """As of `Follower`."""
@@ -64,7 +63,7 @@ class CarefulFollower:
         self.learnt = bool(self._errors[1] < BETTER * self._errors[0])
         return found if self.learnt else plain
 
-    def _tried(self, step):
+    def _tried(self, step: Callable[[Follower], Result]) -> Result | None:
         """What the follower that learns makes of a frame; None, and never again, where its simulation breaks off."""
         if self._learning is None:
             return None

@@ -7,9 +7,9 @@ twin's state is its simulation plus that field. The simulation itself is drawn a
     a = b + w^2 d + 2 w d',   b' = i w^2 d,
 
 at most `FollowConfig.strongest` in size. These forces are held from frame to frame, and d' is a difference of two frames, so by themselves they would drive
-what swings faster than a fifth of the frame rate. Where the body can be viscous, it is so by `FollowConfig.calm` of the time between frames beside what the
-model says: with a tenth no swing grows, whatever its frequency, and what swings slowly hardly feels it. The stress of the body stays that of a body on which forces act, and b is what the model lacks: it comes to
-rest where the simulation and the measurement agree without further pull.
+what swings faster than a sixth of the frame rate. Where the body can be viscous, it is so by `FollowConfig.calm` of the time between frames beside what the
+model says: with a tenth no swing grows, whatever its frequency, and what swings slowly hardly feels it. The stress of the body stays that of a body on which
+forces act, and b is what the model lacks: it comes to rest where the simulation and the measurement agree without further pull.
 
 Where the material is learnt too (`FollowConfig.learns`), several models run side by side that differ in it (`LearntMaterial`). They are drawn along by the
 same accelerations, so that what parts them is their material, and the forecast is their mean.
@@ -77,6 +77,7 @@ class Follower:
 
     Attributes:
         material: what is learnt of it; None where nothing is.
+        learnt: whether a learnt material is in use.
 
     Raises:
         InputError: as of `Rollouts` and `LearntMaterial`, or a problem without tracks.
@@ -99,6 +100,7 @@ class Follower:
         self._alarm = Alarm(self.config.usual)
         learns, members, frames = self.config.learns, self.config.members, float(self.config.memory)
         self.material = LearntMaterial(model, learns, members, frames) if learns else None
+        self.learnt = self.material is not None
         every = [model.fields] if self.material is None else map(self.material.fields, range(members))
         self._members = [Running(rollouts, fields, calm) for fields in every]
         self._missing = np.zeros_like(own.body.x0)

@@ -9,6 +9,7 @@ from physreal_core.array_types import Array, Float
 from physreal_core.fitting.model import Model
 from physreal_core.fitting.problem import Problem
 from physreal_core.simulation import Tool
+from physreal_core.simulation.laws.terms_reference import solids
 
 AWAY = np.array([0.0, 0.0, -10.0])
 """Where it is while nobody uses it [m]: it touches nothing there."""
@@ -18,10 +19,6 @@ FASTEST = 1.0
 
 FIRMNESS, FRICTION = 1e6, 0.5
 """How firmly it pushes [1/s2], and its friction, where the model knows of no tool (`fit_global.tool_stiffness`, `tool_friction`)."""
-
-
-SLOW = 5e-3
-"""Speed below which friction is smoothed [m/s], as in `laws/tool.h`."""
 
 
 @dataclass
@@ -57,7 +54,7 @@ def push_on(
     ball: tuple[Float[Array, " 3"], Float[Array, " 3"], float],
     law: tuple[float, float],
 ) -> Float[Array, " 3"]:
-    """Force of a ball on a body [N]: the law of the tool (`simulation/laws/tool.h`) at one time.
+    """Force of a ball on a body [N] at one time: a tool's law (`simulation/laws/tool.h`) is that of solids with the ball's distance.
 
     Args:
         x, v, mass, reach: of the particles [m, m/s, kg, m].
@@ -65,14 +62,12 @@ def push_on(
         law: stiffness [1/s2] and friction.
     """
     place, velocity, radius = ball
-    apart = x - place
-    length = np.linalg.norm(apart, axis=1, keepdims=True)
-    outwards = apart / np.maximum(length, 1e-9)
-    depth = np.maximum(radius + reach - length[:, 0], 0.0)
-    along = v - velocity
-    across = along - (along * outwards).sum(1, keepdims=True) * outwards
-    rubbing = across / np.sqrt((across**2).sum(1, keepdims=True) + SLOW**2)
-    return ((mass * law[0] * depth)[:, None] * (outwards - law[1] * rubbing)).sum(0)
+    with torch.enable_grad():
+        places = torch.from_numpy(x).requires_grad_()
+        distance = (places - torch.from_numpy(place)).norm(dim=-1) - radius
+        rest = (torch.from_numpy(values) for values in (v - velocity, mass, reach))
+        force = solids(distance, places, *rest, *(torch.tensor(number) for number in law))
+    return force.detach().sum(0).numpy()
 
 
 def with_ball(problem: Problem, model: Model, radius: float) -> tuple[Problem, Model]:

@@ -4,6 +4,7 @@ import dataclasses
 
 import numpy as np
 import pytest
+import scipy.linalg
 import torch
 
 from physreal_core.errors import InputError
@@ -102,6 +103,29 @@ def test_a_right_material_stays(problem):
     found = followed(problem, places_under(problem, scene.model()), follower=follower)
     learnt = follower.material.told()["youngs_modulus"]
     assert abs(np.log(learnt["factor"])) < max(0.1, 2.0 * learnt["log_deviation"]) and not any(f.alarm for f in found)
+
+
+def growth(turn: float, calm: float, fps: float = 30.0) -> float:
+    """Factor by which the error of an undamped mode grows in a frame in which it turns by `turn` [rad], under the law of `follower`."""
+    config, time = FollowConfig(), 1.0 / fps
+    w, rate = config.pull, turn * fps
+    motion = scipy.linalg.expm(time * np.array([[0, 1, 0], [-(rate**2), -calm * time * rate**2, 1], [0, 0, 0]]))
+
+    def frame(state):
+        d, v, before, b = state
+        b = b + config.learning * w**2 * d * time
+        d_next, v_next, _ = motion @ [d, v, -(b + w**2 * d + 2.0 * w * (d - before) / time)]
+        return [d_next, v_next, d, b]
+
+    return float(np.abs(np.linalg.eigvals(np.array([frame(one) for one in np.eye(4)]).T)).max())
+
+
+def test_no_swing_grows_whatever_its_frequency():
+    turns = np.concatenate([np.linspace(0.02, 8.0, 400), np.linspace(8.0, 40.0, 100)])
+    assert max(growth(turn, FollowConfig().calm) for turn in turns) < 1.0
+    grows = [growth(turn, 0.0) > 1.0 for turn in turns]
+    assert turns[grows.index(True)] == pytest.approx(2.0 * np.pi / 6.0, rel=0.02)  # a sixth of the frame rate
+    assert max(growth(turn, 0.0) for turn in turns) > 1.3
 
 
 def test_swings_that_are_fast_for_the_frame_rate_do_not_grow():

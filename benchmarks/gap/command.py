@@ -7,7 +7,7 @@ from pathlib import Path
 
 from benchmarks.gap.calibration import calibrate
 from benchmarks.gap.cases import SHAPE_OF, benchmark_cases, chosen
-from benchmarks.gap.filming import FILMED
+from benchmarks.gap.filming import FILMED, PERCEIVED
 from benchmarks.gap.results import collect, pool, write_results
 from benchmarks.gap.rows import FOLDER
 from benchmarks.gap.run import Run, run_cases
@@ -35,10 +35,12 @@ def main(arguments: Sequence[str] | None = None) -> None:
         print("\n".join(case.name for case in chosen(cases, parsed.cases)))
         return
     if parsed.film:
-        video = ("--video",) if of_video else ()
-        run_cases(
-            chosen(cases, parsed.cases), replace(how, module="benchmarks.gap.filming", arguments=video, files=FILMED)
+        filmed = (
+            replace(how, arguments=(*arguments, "--perceive"), files=(*FILMED, PERCEIVED))
+            if of_video
+            else replace(how, module="benchmarks.gap.filming", arguments=(), files=FILMED)
         )
+        run_cases(chosen(cases, parsed.cases), filmed)
         return
     of_set = {"folder": folder, "rows": parsed.rows, "variant": parsed.variant, "seed": parsed.seed}
     if not parsed.score:
@@ -78,7 +80,11 @@ def _parser() -> argparse.ArgumentParser:
     parser.add_argument("--pool", action="store_true", help="score all sets that one commit searched, run nothing")
     parser.add_argument("--commit", help="with --pool: which; the one with the most rows")
     parser.add_argument("--list", action="store_true", help="list the cases and stop")
-    parser.add_argument("--film", action="store_true", help="make the captures that are missing, search nothing")
+    parser.add_argument(
+        "--film",
+        action="store_true",
+        help="make what is missing of captures, and of what is seen in their video; search nothing",
+    )
     parser.add_argument("--calibrate", type=int, metavar="N", help="run N further captures without an effect instead")
     parser.set_defaults(variant="tracks_only")
     return parser

@@ -1,7 +1,8 @@
 """One case from RGB-D, through the stages of the pipeline, in a project folder of its own: `python -m benchmarks.gap.rgbd FOLDER NAME SHAPE`.
 
 The first interaction is fitted, the second is its companion. Every stage is a process of its own, as DVC runs them. The motion that is
-kept out comes into the project when the answer is there: it goes through perception, and stands in the companion's place.
+kept out goes through perception in a project by itself. It comes into the case's project when the answer is there, and stands in the
+companion's place. With `--perceive` a case ends after perception, which needs no card.
 
 SHAPE is `given`: captures have the rig's surface, with colours, and a box around the object; or `seen`: they have neither, and shape and object
 are found in the video. The hand's click and the density stay.
@@ -9,6 +10,7 @@ are found in the video. The hand's click and the density stay.
 
 import json
 import os
+import shutil
 import subprocess
 import sys
 import time
@@ -19,6 +21,7 @@ from benchmarks.gap.case import capture, kept_out, scored
 from benchmarks.gap.cases import GapCase
 from benchmarks.gap.commit import searched_by
 from benchmarks.gap.files import failure_told, write_json
+from benchmarks.gap.filming import PERCEIVED
 from benchmarks.gap.held_out import models_of
 from benchmarks.gap.problems import GUESS
 from physreal_core.gap import Experiment, GapSettings
@@ -33,6 +36,17 @@ FITTED = (*SEEN, "fit_global", "fit_patches", "find_gap", "add_effect")
 SEARCH = ("find_gap", "add_effect")
 ON_A_CARD = ("fit_global", "fit_patches", *SEARCH)
 Shape = Literal["given", "seen"]
+
+
+def perceive_case(case: GapCase, folder: Path, shape: Shape = "given") -> None:
+    """Films a case in `folder`/<name> and takes its three recordings through perception; what raises leaves `failed.txt`."""
+    own = folder / case.name
+    with failure_told(own):
+        capture(case, own, video=True)
+        project, beside = project_of(own, shape), kept_out_project(own, shape)
+        motions = [(project, motion) for motion in reversed(_motions(own))] + [(beside, kept_out(own).name)]
+        seconds = {f"{stage} {motion}": _run(of, stage, motion) for of, motion in motions for stage in SEEN}
+        write_json(own / PERCEIVED, seconds)
 
 
 def run_case(case: GapCase, folder: Path, shape: Shape = "given") -> None:
@@ -50,14 +64,29 @@ def run_case(case: GapCase, folder: Path, shape: Shape = "given") -> None:
 
 def project_of(own: Path, shape: Shape = "given") -> Project:
     """The case's project: the captures that the search sees under their names, the parameters of this repository for all else."""
-    project = Project(own / "project")
-    motions = sorted(path.name for path in (own / "captures").iterdir())
-    (project.root / "data" / "captures").mkdir(parents=True, exist_ok=True)
-    _linked(project.root / "data" / "models", CODE_ROOT / "data" / "models")
-    for motion in motions:
-        _put_in(project, own / "captures" / motion, shape)
+    motions = _motions(own)
+    return _project(own / "project", [own / "captures" / motion for motion in motions], shape, _parameters(motions))
+
+
+def kept_out_project(own: Path, shape: Shape = "given") -> Project:
+    """A project in which the motion that is kept out stands alone: the search's own never holds anything of it before the answer."""
+    further = kept_out(own)
+    return _project(own / "project_kept_out", [further], shape, _parameters([further.name]))
+
+
+def _motions(own: Path) -> list[str]:
+    """The two that the search sees; the first is fitted."""
+    return sorted(path.name for path in (own / "captures").iterdir())
+
+
+def _project(root: Path, recordings: list[Path], shape: Shape, parameters: dict[str, Any]) -> Project:
+    project = Project(root)
+    (root / "data" / "captures").mkdir(parents=True, exist_ok=True)
+    _linked(root / "data" / "models", CODE_ROOT / "data" / "models")
+    for recording in recordings:
+        _put_in(project, recording, shape)
     if not project.parameters.is_file():
-        write_whole(project.parameters, render(validate_parameters(_parameters(motions))))
+        write_whole(project.parameters, render(validate_parameters(parameters)))
     return project
 
 
@@ -86,17 +115,19 @@ def _parameters(motions: list[str], kept_out: str | None = None) -> dict[str, An
     As from tracks alone, the hand is known to hold as a vice does, so that one which gives way can be named.
 
     Args:
-        motions: that the search sees; the first is fitted.
+        motions: that the search sees, the first is fitted; or one alone, which is not.
         kept_out: stands in the companion's place where it is given.
     """
     import torch
 
-    first, second = motions
-    companion = kept_out or second
+    first, *others = motions
+    companion = kept_out or next(iter(others), None)
     own = read_parameters(CODE_ROOT / "params.yaml")
     if torch.cuda.is_available():
         own |= {stage: {**own[stage], "device": "cuda:0"} for stage in ON_A_CARD}
-    sequences = {"sequences": {first: {}, companion: {}}, "fits": {first: {"companion": companion}}}
+    sequences: dict[str, Any] = {"sequences": {first: {}}, "fits": {}}
+    if companion:
+        sequences = {"sequences": {first: {}, companion: {}}, "fits": {first: {"companion": companion}}}
     own["fit_global"]["grip_stiffness"] |= {"initial": GUESS["grip_stiffness"], "rate": 0.0}
     own["find_gap"]["grip_fitted"] = False
     emptied = {"clips": {}, "rigged": {}, "predictions": {}}
@@ -135,16 +166,15 @@ def _experiments(own: Path, project: Project, shape: Shape) -> tuple[list[Experi
     from pipeline.stage import StageContext
     from stages._gap import interactions, settings_of
 
-    given, motions = project.parameters, sorted(path.name for path in (own / "captures").iterdir())
+    given, motions = project.parameters, _motions(own)
     seen = StageContext("find_gap", motions[0], project, load_parameters(given), code="")
     model = load_model(seen.input("fit_patches"))
     found = interactions(seen, model)
     further, searched = kept_out(own), given.read_text()
     _put_in(project, further, shape)
+    _perceived_beside(own, project, shape)
     write_whole(given, render(validate_parameters(_parameters(motions, further.name))))
     try:
-        for stage in SEEN:
-            _run(project, stage, further.name)
         beside = StageContext("find_gap", motions[0], project, load_parameters(given), code="")
         found.append(interactions(beside, model)[-1])
     finally:
@@ -152,5 +182,16 @@ def _experiments(own: Path, project: Project, shape: Shape) -> tuple[list[Experi
     return found, settings_of(seen.params, seen.seed)
 
 
+def _perceived_beside(own: Path, project: Project, shape: Shape) -> None:
+    """What is seen of the motion that was kept out comes into the case's project."""
+    beside, motion = kept_out_project(own, shape), kept_out(own).name
+    for stage in SEEN:
+        _run(beside, stage, motion)
+    for stage in SEEN:
+        if not project.artifact(stage, motion).is_dir():
+            shutil.copytree(beside.artifact(stage, motion), project.artifact(stage, motion))
+
+
 if __name__ == "__main__":
-    run_case(GapCase.named(sys.argv[2]), Path(sys.argv[1]), sys.argv[3])
+    run = perceive_case if "--perceive" in sys.argv[4:] else run_case
+    run(GapCase.named(sys.argv[2]), Path(sys.argv[1]), sys.argv[3])

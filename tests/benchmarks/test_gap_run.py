@@ -12,6 +12,8 @@ from benchmarks.gap import case as one_case
 from benchmarks.gap import filming, multi_process, rgbd
 from benchmarks.gap.cases import GapCase
 from benchmarks.gap.command import main
+from benchmarks.gap.files import read_json, write_json
+from benchmarks.gap.filming import PERCEIVED
 from benchmarks.gap.multi_process import CONTROL, PIPES
 from benchmarks.gap.results import collect, write_results
 from benchmarks.gap.run import Run, card_share, core_share, environment, run_cases
@@ -197,12 +199,12 @@ def test_cases_are_filmed_without_a_search(tmp_path, monkeypatch, capsys):
     main(["--seed", "10", "--film", "--out", str(tmp_path), "--cases", "linear_drag-high-*"])
     (((case, *_), run),) = asked
     assert (run.folder, run.module, run.arguments) == (tmp_path / "tracks_only", "benchmarks.gap.filming", ())
-    monkeypatch.setattr(filming, "capture", lambda case, own, video: (own / "captures").mkdir())
-    filming.film_case(case, run.folder, video=False)
+    monkeypatch.setattr(filming, "capture", lambda case, own: (own / "captures").mkdir())
+    filming.film_case(case, run.folder)
     run_cases([case], run)
     assert "1 of 1 cases are done" in capsys.readouterr().out
     with pytest.raises(FileExistsError):
-        filming.film_case(case, run.folder, video=False)
+        filming.film_case(case, run.folder)
     assert "FileExistsError" in (run.folder / case.name / "failed.txt").read_text()
 
 
@@ -240,6 +242,32 @@ def test_a_case_from_rgbd_is_a_project_of_its_own_whose_stages_run_in_order(tmp_
     assert ran[len(rgbd.SEEN) :] == [(name, "lift_swing") for name in rgbd.FITTED]
     rgbd._answer(project)
     assert len(ran) == len(rgbd.SEEN) + len(rgbd.FITTED)  # what is there is not run again
+
+
+def test_perception_comes_before_the_search_and_what_is_kept_out_stays_apart(tmp_path, monkeypatch):
+    """Three recordings go through perception; the project that is searched has two of them until there is an answer."""
+    own = tmp_path / DRAG.name
+    for motion in ("captures/press_drag", "captures/lift_swing", "held_out/shake"):
+        (own / motion).mkdir(parents=True)
+    write_json(own / "truth" / "case.json", {"held_out": "shake"})
+    ran = []
+
+    def stage(command, cwd, **_):
+        name, sequence = command[-2:]
+        ran.append((name, sequence))
+        Project.find(cwd).artifact(name, sequence).mkdir(parents=True)
+
+    monkeypatch.setattr(subprocess, "run", stage)
+    rgbd.perceive_case(DRAG, tmp_path)
+    assert len(ran) == 3 * len(rgbd.SEEN) and {name for name, _ in ran} == set(rgbd.SEEN)
+    searched = rgbd.project_of(own)
+    seen = searched.root / "data" / "artifacts" / "fit_pose"
+    assert sorted(folder.name for folder in seen.iterdir()) == ["lift_swing", "press_drag"]
+    assert list(read_json(own / PERCEIVED)) == [f"{name} {motion}" for name, motion in ran]
+    rgbd._perceived_beside(own, searched, "given")
+    assert sorted(folder.name for folder in seen.iterdir()) == ["lift_swing", "press_drag", "shake"]
+    rgbd.perceive_case(DRAG, tmp_path)
+    assert len(ran) == 3 * len(rgbd.SEEN)  # what is there is not run again
 
 
 def test_the_command_lists_the_cases_that_patterns_choose(capsys):

@@ -27,7 +27,7 @@ def coarsened(problem: Problem, factor: float) -> Problem:
     """The problem with particles `factor` times as far apart, about factor^3 times fewer.
 
     New particles lie on a lattice. Each has the mass and volume of what it gathers, lies at its centre of mass, takes its
-    material from the patches as that does in the mean, and is held where most of it is. The grip's stiffness is per
+    material from the patches as that does in the mean, and is held where most of it is; where that is so of none, the one of which most is held. The grip's stiffness is per
     particle, so the whole hand is softer by the factor that `held_share` gives.
 
     Args:
@@ -116,7 +116,9 @@ def _averaged(values: Float[Array, "particles columns"], body: Body, shares: Arr
 def _grip(problem: Problem, body: Body, shares: Array) -> Grip:
     held = np.zeros((shares.shape[1], 1))
     held[problem.grip.particles] = 1.0
-    most = np.flatnonzero(_averaged(held, problem.body, shares)[:, 0] >= 0.5)
+    share = _averaged(held, problem.body, shares)[:, 0]
+    # A hand that holds little may hold half of no cell: then of that cell which has most of it, so that it still carries the body.
+    most = np.flatnonzero(share >= min(0.5, share.max()))
     per_particle = int(np.bincount(problem.grip.particles).max())
     used = np.unique(problem.grip.controllers)
     points = problem.controllers[0].numpy().astype(float)[used]

@@ -13,7 +13,7 @@ from physreal_core.gap import Experiment, Trial
 from physreal_core.gap.interactions.quick import quick_interactions
 from physreal_core.geometry import farthest_points, patch_weights
 from physreal_core.rendering import bind
-from physreal_core.simulation import Body, Clamp
+from physreal_core.simulation import Body, Clamp, Grip
 
 SPACING, FRAMES, FPS, FACTOR = 0.008, 12, 50.0, 1.5
 
@@ -73,6 +73,18 @@ def test_a_coarse_body_has_the_mass_and_the_places_of_the_full_one(experiment):
     held = np.unique(coarse.grip.particles)
     assert body.x0[held, 0].max() < 0.055 < np.delete(body.x0[:, 0], held).min() + FACTOR * SPACING
     assert held_share(problem, coarse) == pytest.approx(FACTOR**3, rel=0.4)
+
+
+def test_a_hand_that_holds_less_than_half_of_any_cell_still_holds(experiment):
+    """As where the part of the object in the hand was not seen: few particles lie near the hand's points."""
+    problem = experiment.problem
+    whole = problem.grip
+    few = np.isin(whole.particles, np.unique(whole.particles)[:2])
+    grip = Grip(whole.particles[few], whole.controllers[few], whole.weights[few], whole.rest_lengths[few])
+    little = dataclasses.replace(problem, grip=grip)
+    coarse = coarsened(little, FACTOR)
+    assert len(np.unique(coarse.grip.particles)) == 1
+    assert held_share(little, coarse) == 2.0
 
 
 def test_a_coarse_body_has_seen_and_guessed_matter_where_the_full_one_has(experiment):

@@ -23,6 +23,7 @@ BLOCKED = {
 }  # fmt: skip
 # These run the pipeline's stages or importers, so they need what those need.
 ABOVE = {
+    "benchmarks.gap.reruns",
     "benchmarks.gap.rgbd",
     "benchmarks.gap.track_noise",
     *(

@@ -8,14 +8,15 @@ from pathlib import Path
 
 import numpy as np
 
-from benchmarks.gap.rgbd import Shape, project_of
+from benchmarks.gap.rgbd import Shape, project_of, seen_interactions
 from physreal_core.gap import Experiment, Trial
 from physreal_core.gap.noise.reruns import RERUNS, nearest_moduli, rerun_differences
 
 
 def main(own: Path, shape: Shape) -> None:
     """Prints a table: root mean square of each rerun's difference over what was measured [mm], a column per recording."""
-    found = [_differences(experiment) for experiment in _interactions(own, shape)]
+    _, _, experiments = seen_interactions(own, project_of(own, shape))
+    found = [_differences(experiment) for experiment in experiments]
     names = list(dict.fromkeys(name for column in found for name in column))
     print("\n".join(f"{name:32}" + "".join(f"{column.get(name, np.nan):8.2f}" for column in found) for name in names))
 
@@ -24,8 +25,8 @@ def _differences(experiment: Experiment) -> dict[str, float]:
     trial = Trial(experiment.model.fields)
     (tracks,) = experiment.predict([trial])
     columns = {"from the model to the measurement": _size(experiment, tracks - experiment.measured)}
+    moduli = nearest_moduli(experiment, trial, tracks)
     for rerun in RERUNS:
-        moduli = nearest_moduli(experiment, trial, tracks, [rerun])
         (differences,) = rerun_differences(experiment, [trial], [tracks], moduli, [rerun])
         if len(differences):
             columns[rerun.name] = _size(experiment, differences[0])
@@ -34,18 +35,6 @@ def _differences(experiment: Experiment) -> dict[str, float]:
 
 def _size(experiment: Experiment, field: np.ndarray) -> float:
     return 1e3 * float(np.sqrt((field**2).sum(-1)[experiment.valid].mean()))
-
-
-def _interactions(own: Path, shape: Shape) -> list[Experiment]:
-    from physreal_core.fitting import load_model
-    from pipeline.config import load_parameters
-    from pipeline.stage import StageContext
-    from stages._gap import interactions
-
-    project = project_of(own, shape)
-    first, *_ = sorted(path.name for path in (own / "captures").iterdir())
-    context = StageContext("find_gap", first, project, load_parameters(project.parameters), code="")
-    return interactions(context, load_model(context.input("fit_patches")))
 
 
 if __name__ == "__main__":

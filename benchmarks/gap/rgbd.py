@@ -15,7 +15,7 @@ import subprocess
 import sys
 import time
 from pathlib import Path
-from typing import Any, Literal
+from typing import TYPE_CHECKING, Any, Literal
 
 from benchmarks.gap.case import capture, kept_out, scored
 from benchmarks.gap.cases import GapCase
@@ -30,6 +30,10 @@ from pipeline.config import load_parameters, read_parameters, validate_parameter
 from pipeline.products.gap import load_added, load_gap
 from pipeline.project import CODE_ROOT, Project
 from pipeline.whole_files import write_whole
+
+if TYPE_CHECKING:
+    from physreal_core.fitting import Model
+    from pipeline.stage import StageContext
 
 SEEN = ("parse_video", "segment_and_track", "build_object", "fit_pose", "sample_particles")
 FITTED = (*SEEN, "fit_global", "fit_patches", "find_gap", "add_effect")
@@ -125,9 +129,8 @@ def _parameters(motions: list[str], kept_out: str | None = None) -> dict[str, An
     own = read_parameters(CODE_ROOT / "params.yaml")
     if torch.cuda.is_available():
         own |= {stage: {**own[stage], "device": "cuda:0"} for stage in ON_A_CARD}
-    sequences: dict[str, Any] = {"sequences": {first: {}}, "fits": {}}
-    if companion:
-        sequences = {"sequences": {first: {}, companion: {}}, "fits": {first: {"companion": companion}}}
+    fits = {first: {"companion": companion}} if companion else {}
+    sequences = {"sequences": {name: {} for name in (first, companion) if name}, "fits": fits}
     own["fit_global"]["grip_stiffness"] |= {"initial": GUESS["grip_stiffness"], "rate": 0.0}
     own["find_gap"]["grip_fitted"] = False
     emptied = {"clips": {}, "rigged": {}, "predictions": {}}
@@ -160,16 +163,24 @@ def _run(project: Project, stage: str, sequence: str) -> float:
     return time.perf_counter() - begun
 
 
+def seen_interactions(own: Path, project: Project) -> tuple["StageContext", "Model", list[Experiment]]:
+    """Of a case whose material has been fitted: `find_gap` as a stage, the fitted model, and the interactions that the search sees."""
+    from physreal_core.fitting import load_model
+    from pipeline.stage import StageContext
+    from stages._gap import interactions
+
+    context = StageContext("find_gap", _motions(own)[0], project, load_parameters(project.parameters), code="")
+    model = load_model(context.input("fit_patches"))
+    return context, model, interactions(context, model)
+
+
 def _experiments(own: Path, project: Project, shape: Shape) -> tuple[list[Experiment], GapSettings]:
     """The interactions that the search had, and last the one that was kept out; and the search's settings."""
-    from physreal_core.fitting import load_model
     from pipeline.stage import StageContext
     from stages._gap import interactions, settings_of
 
     given, motions = project.parameters, _motions(own)
-    seen = StageContext("find_gap", motions[0], project, load_parameters(given), code="")
-    model = load_model(seen.input("fit_patches"))
-    found = interactions(seen, model)
+    seen, model, found = seen_interactions(own, project)
     further, searched = kept_out(own), given.read_text()
     _put_in(project, further, shape)
     _perceived_beside(own, project, shape)
@@ -187,7 +198,6 @@ def _perceived_beside(own: Path, project: Project, shape: Shape) -> None:
     beside, motion = kept_out_project(own, shape), kept_out(own).name
     for stage in SEEN:
         _run(beside, stage, motion)
-    for stage in SEEN:
         if not project.artifact(stage, motion).is_dir():
             shutil.copytree(beside.artifact(stage, motion), project.artifact(stage, motion))
 

@@ -27,8 +27,9 @@ def coarsened(problem: Problem, factor: float) -> Problem:
     """The problem with particles `factor` times as far apart, about factor^3 times fewer.
 
     New particles lie on a lattice. Each has the mass and volume of what it gathers, lies at its centre of mass, takes its
-    material from the patches as that does in the mean, and is held where most of it is; where that is so of none, the one of which most is held. The grip's stiffness is per
-    particle, so the whole hand is softer by the factor that `held_share` gives.
+    material from the patches as that does in the mean, and is held where most of it is. Where that is so of none, the one
+    of which most is held stands for the hand. The grip's stiffness is per particle, so the whole hand is softer by the
+    factor that `held_share` gives.
 
     Args:
         problem: has neither loads nor clamps, which are fastened to places that a cell may straddle.

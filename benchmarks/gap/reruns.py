@@ -10,7 +10,7 @@ import numpy as np
 
 from benchmarks.gap.rgbd import Shape, project_of, seen_interactions
 from physreal_core.gap import Experiment, Trial
-from physreal_core.gap.noise.reruns import RERUNS, nearest_moduli, rerun_differences
+from physreal_core.gap.noise.reruns import GUESSES, RERUNS, nearest_moduli, rerun_differences
 
 
 def main(own: Path, shape: Shape) -> None:
@@ -25,8 +25,8 @@ def _differences(experiment: Experiment) -> dict[str, float]:
     trial = Trial(experiment.model.fields)
     (tracks,) = experiment.predict([trial])
     columns = {"from the model to the measurement": _size(experiment, tracks - experiment.measured)}
-    moduli = nearest_moduli(experiment, trial, tracks)
-    for rerun in RERUNS:
+    moduli = nearest_moduli(experiment, trial, tracks, RERUNS + GUESSES)
+    for rerun in RERUNS + GUESSES:
         (differences,) = rerun_differences(experiment, [trial], [tracks], moduli, [rerun])
         if len(differences):
             columns[rerun.name] = _size(experiment, differences[0])

@@ -109,7 +109,8 @@ def test_tangents_along_a_motion_are_those_of_its_rollouts(experiment):
     covariance = np.zeros((len(drag.vector),) * 2)
     covariance[place, place] = 4.0
     prediction = predicted(experiment, [replace(drag, covariance=covariance, probability=1.0)])
-    noise = prediction.noise(np.zeros((0, *prediction.tracks[0].shape)))
+    none = np.zeros((0, *prediction.tracks[0].shape))
+    noise = prediction.noise(none, none)
     freedom = prediction.freedom(noise)
     rate = LINEAR["linear_drag"]["rate"]
     scale = EFFECTS["linear_drag"].coefficients[0].scale

@@ -19,10 +19,11 @@ import numpy as np
 
 from physreal_core.array_types import Array, Float
 from physreal_core.gap.fits.least_squares import tangents
+from physreal_core.gap.interactions.discretisation import Discretisation
 from physreal_core.gap.interactions.interaction import Interaction
 from physreal_core.gap.next_motion.members import Member
 from physreal_core.gap.noise.model import ModelError, Noise
-from physreal_core.gap.noise.reruns import RERUNS, nearest_moduli, rerun_differences
+from physreal_core.gap.noise.reruns import GUESSES, RERUNS, nearest_moduli, rerun_differences
 
 REPEATED = tuple(rerun for rerun in RERUNS if rerun.name != "a finer grid")
 """Reruns of a planned recording. A finer grid is the dearest, and tells of the same error as a coarser one."""
@@ -53,24 +54,30 @@ class Prediction:
         They come without a further rollout. Both leave more of the members' differences than there will be.
         """
         none = np.zeros((0, *self.tracks[0].shape))
-        return self._products(self.noise(none), np.zeros((3 * self.experiment.valid.sum(), 0)), temperature)
+        return self._products(self.noise(none, none), np.zeros((3 * self.experiment.valid.sum(), 0)), temperature)
 
     def gram(self, temperature: float) -> Float[Array, "members members"]:
         """The same under the whole covariance, with one rollout per unknown and per rerun."""
-        trial, tracks = self.members[0].trial, self.tracks[0]
-        moduli = nearest_moduli(self.experiment, trial, tracks, REPEATED)
-        (reruns,) = rerun_differences(self.experiment, [trial], [tracks], moduli, REPEATED)
-        noise = self.noise(reruns)
+        noise = self.noise(self._changed_by(REPEATED), self._changed_by(GUESSES))
         return self._products(noise, self.freedom(noise), temperature)
 
     def _products(self, noise: Noise, freedom: Array, temperature: float) -> Float[Array, "members members"]:
         return products_beside(noise.whiten(self.tracks - self.tracks[0]), freedom, temperature)
 
-    def noise(self, reruns: Float[Array, "modes frames tracks 3"]) -> Noise:
-        """The noise model of the recording around the first member, with these estimates of the numerical error [m]."""
+    def _changed_by(self, reruns: Sequence[Discretisation]) -> Float[Array, "modes frames tracks 3"]:
+        trial, tracks = self.members[0].trial, self.tracks[0]
+        moduli = nearest_moduli(self.experiment, trial, tracks, reruns)
+        (changes,) = rerun_differences(self.experiment, [trial], [tracks], moduli, reruns)
+        return changes
+
+    def noise(
+        self, reruns: Float[Array, "modes frames tracks 3"], given: Float[Array, "guesses frames tracks 3"]
+    ) -> Noise:
+        """The noise model of the recording around the first member, with these estimates of the numerical error, and of what guesses
+        change [m]."""
         own = self.experiment
         known = own.sigma, own.valid, own.points0, self.tracks[0], reruns, self._sensitivity
-        return Noise(*known, own.setting.fps, self._error, own.device, own.correlation)
+        return Noise(*known, own.setting.fps, self._error, own.device, own.correlation, given)
 
     def freedom(self, noise: Noise) -> Float[Array, "entries columns"]:
         """Whitened changes of the tracks by each member's posterior, weighted by its probability."""

@@ -14,7 +14,7 @@ from physreal_core.gap.interactions.interaction import Interaction, Trial
 from physreal_core.gap.interactions.side_by_side import side_by_side
 from physreal_core.gap.noise.given import changed_by_records
 from physreal_core.gap.noise.model import Noise
-from physreal_core.gap.noise.reruns import nearest_moduli, rerun_differences
+from physreal_core.gap.noise.reruns import GUESSES, RERUNS, nearest_moduli, rerun_differences
 from physreal_core.gap.settings import GapSettings
 
 FITTED_BESIDE = (0.5, 16.0)
@@ -30,8 +30,8 @@ class Predicted:
         motion: the baseline's tracks [m], shape [T, J, 3].
         reruns: estimates of their numerical error [m], shape [M, T, J, 3].
         start_sensitivity: derivative of the tracks by the points' start along x, y, z, shape [3, T, J, 3].
-        given: what usual errors of the given records would change [m], shape [G, T, J, 3] (see `given`).
-        moduli: of the reruns, as of `nearest_moduli`.
+        given: what usual errors of the given records and of guesses would change [m], shape [G, T, J, 3] (see `given`, `GUESSES`).
+        moduli: of the reruns and of the guesses, as of `nearest_moduli`.
         motions: number of motions of which it is the mean; their columns are shorter by its root.
     """
 
@@ -222,7 +222,7 @@ def _moduli_of_each(experiments: Sequence[Interaction], trial: Trial, frames: Se
 
     def of(experiment: Interaction, end: int) -> dict[str, float]:
         (motion,) = experiment.predict([trial], end)
-        return nearest_moduli(experiment, trial, motion)
+        return nearest_moduli(experiment, trial, motion, RERUNS + GUESSES)
 
     calls = [partial(of, experiment, end) for experiment, end in zip(experiments, frames, strict=True)]
     return side_by_side(calls, experiments[0].device)
@@ -248,6 +248,8 @@ def _predicted(
     differences = changed = [np.zeros((0, *motion.shape)) for motion in motions]
     if moduli is not None:
         differences = rerun_differences(experiment, trials, motions, moduli)
-        changed = changed_by_records(experiment, trials, motions)
+        records = changed_by_records(experiment, trials, motions)
+        guesses = rerun_differences(experiment, trials, motions, moduli, GUESSES)
+        changed = [np.concatenate(both) for both in zip(records, guesses, strict=True)]
     parts = zip(motions, differences, sensitivities, changed, strict=True)
     return [Predicted(*part, moduli or {}) for part in parts]

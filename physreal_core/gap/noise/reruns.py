@@ -1,4 +1,4 @@
-"""The simulator's numerical error, from reruns of the same model in other discretisations."""
+"""What reruns of the same model change: other discretisations, which show its numerical error, and other guesses of what was not seen."""
 
 from __future__ import annotations
 
@@ -19,16 +19,24 @@ RERUNS = (
     Discretisation("a finer grid", cell=0.85, error=1.0 / (1.0 - 0.85**2)),
     Discretisation("a turned grid", turn=0.5),
     Discretisation("another law of the same stiffness", elastic_law="hencky"),
-    Discretisation("a smaller hold", hold=0.6),
-    Discretisation("a larger hold", hold=1.5),
-    Discretisation("less of what was not seen", matter=0.7),
-    Discretisation("more of what was not seen", matter=1.4),
 )
-"""Each changes one thing that a converged solution does not depend on (the law: at small strain), or that is not known: what a hand holds which a
-camera has seen is guessed from its points, and so is the far side of a body without a given shape.
+"""Each changes one thing that a converged solution does not depend on (the law: at small strain).
 
 The scheme is of second order in space and of first order in time, so the difference between two grids or steps gives the
 distance to the limit (Richardson's extrapolation).
+"""
+
+GUESSES = (
+    Discretisation("a smaller hold", hold=0.8),
+    Discretisation("a larger hold", hold=1.25),
+    Discretisation("less of what was not seen", matter=0.7),
+    Discretisation("more of what was not seen", matter=1.4),
+)
+"""Each changes one thing that was guessed from what a camera saw, by one standard deviation: how far around its points a hand holds, and
+the far side of a body without a given shape.
+
+The tracks change in proportion to these steps, about. A hand that reaches 0.6 times as far holds a fifth of what it held, and a body
+slips out of it.
 """
 
 STEP, FARTHEST, ROUNDS = 0.01, 0.2, 2
@@ -42,7 +50,7 @@ def rerun_differences(
     moduli: Mapping[str, float],
     reruns: Sequence[Discretisation] = RERUNS,
 ) -> list[Float[Array, "modes frames tracks 3"]]:
-    """For each trial, estimates of the numerical error of its tracks [m], one per rerun.
+    """For each trial, what each rerun changes of its tracks [m]; of another discretisation, an estimate of the numerical error.
 
     A rerun that fails is left out, and so is the model's own law. Known effects with a direction of their own do not turn
     with the body, and clamps stay in place; with either, the turned grid is left out.
@@ -94,7 +102,7 @@ def nearest_moduli(
 
 
 def _tells(rerun: Discretisation, experiment: Interaction, trial: Trial) -> bool:
-    """Whether a rerun of a trial differs from it by a numerical error alone, and at all. A thin body has no grid and a law of its own,
+    """Whether a rerun of a trial differs from it by what it stands for alone, and at all. A thin body has no grid and a law of its own,
     and is held between a hand's points and not around them."""
     changed = (rerun.cell, rerun.turn, rerun.elastic_law, rerun.hold)
     if experiment.setting.body.elements is not None and changed != (1.0, 0.0, None, 1.0):

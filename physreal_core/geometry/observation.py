@@ -69,6 +69,16 @@ class Observation:
         pixels = torch.as_tensor(np.stack([u, v], axis=1).astype(float))
         return self.camera.unproject(pixels, torch.as_tensor(self.depth[v, u].astype(float))).numpy()
 
+    def hand_points(self, reach: float) -> Float[Array, "n 3"]:
+        """World positions [m] of the hidden pixels' surface within `reach` [m] of the object's; none without depth."""
+        from scipy.spatial import cKDTree
+
+        v, u = np.nonzero(self.hidden & (self.depth > 0))
+        pixels = torch.as_tensor(np.stack([u, v], axis=1).astype(float))
+        hand = self.camera.unproject(pixels, torch.as_tensor(self.depth[v, u].astype(float))).numpy()
+        away, _ = cKDTree(self.points()).query(hand, distance_upper_bound=reach)
+        return hand[np.isfinite(away)]
+
     def _on_plane(self) -> Array:
         v, u = np.nonzero(self.mask)
         pixels = torch.as_tensor(np.stack([u, v], axis=1).astype(float))

@@ -11,6 +11,7 @@ from physreal_core.geometry.parts import largest_part
 from physreal_core.rendering import Gaussians
 
 SEAL = 2.5  # [voxels] gaps in a shell of Gaussians up to twice as wide are closed
+HAND_REACH = 0.05  # [m] of the object: the part of a hand that may hold it
 PAD = 3  # empty voxels around everything, and below the support plane
 
 
@@ -22,7 +23,8 @@ def mesh_from_view(observation: Observation, *, voxel: float = 0.004, underside:
     a section as round as it is high is met exactly, and so is a box. What the body hides behind itself is filled by
     balls: under every ridge (z_top = H) the ball of diameter H, if all of it lies behind the seen surface and inside the
     silhouette, and if the surface past the ridge is seen as far, and falls off, as that of a round body. What the hand hides
-    between seen parts (in their convex hull) is as high as the nearest ridge. With underside = "flat" columns go down to
+    between seen parts (in their convex hull) is as high as the nearest ridge. A part that goes into the hand goes on there with the same section
+    to the hand's far side. With underside = "flat" columns go down to
     the plane and there are no balls.
 
     Args:
@@ -49,6 +51,7 @@ def mesh_from_view(observation: Observation, *, voxel: float = 0.004, underside:
     free = _known_empty(observation, low, voxel, shape)
     top = _seen_tops(points, low, voxel, shape)
     top = _bridged(top, observation, low, voxel)
+    top = _into_the_hand(top, observation, low, voxel)
     ridge = _local_height(top, voxel)
     solid = _columns(top, ridge if underside == "round" else None, low, voxel, shape)
     if underside == "round":
@@ -128,13 +131,47 @@ def _bridged(top: Float[Array, "X Y"], observation: Observation, low: Array, vox
     ridge = top > 0.9 * _local_height(top, voxel)
     nearest = ndimage.distance_transform_edt(~(seen & ridge), return_distances=False, return_indices=True)
     height = top[tuple(nearest)]
-    x, y = low[:2, None, None] + (np.indices(top.shape) + 0.5) * voxel
-    pixels, _ = observation.camera.project(torch.as_tensor(np.stack([x, y, height / 2], axis=-1)))
+    between = _hidden_columns(height / 2, observation, low, voxel) & convex_hull_image(seen)
+    return np.where(between, np.maximum(top, height), top)
+
+
+def _into_the_hand(top: Float[Array, "X Y"], observation: Observation, low: Array, voxel: float) -> Float[Array, "X Y"]:
+    """Hidden columns past the edge where the body goes into the hand take the greatest height along a line back to it.
+
+    The line runs from the middle of what is seen near the edge to the middle of the edge.
+    """
+    from scipy import ndimage
+
+    if not observation.hidden.any():
+        return top
+    seen, hand = top > 0, observation.hand_points(HAND_REACH)
+    height = ndimage.grey_dilation(top, footprint=_disc(HAND_REACH / voxel))
+    hidden = _hidden_columns(height / 2, observation, low, voxel)
+    edge = seen & ndimage.binary_dilation(hidden & ~seen, iterations=2)
+    if len(hand) == 0 or not edge.any():
+        return top
+    middle = np.argwhere(edge).mean(0)
+    near = np.argwhere(seen)
+    way = middle - near[np.linalg.norm(near - middle, axis=1) < HAND_REACH / voxel].mean(0)
+    if not way.any():
+        return top
+    way /= np.linalg.norm(way)
+    far = np.percentile(((hand[:, :2] - low[:2]) / voxel - 0.5) @ way, 95)
+    steps = np.unique(np.rint(np.arange(0.0, HAND_REACH / voxel, 0.5)[:, None] * way).astype(int), axis=0)
+    swept = np.max([ndimage.shift(top, step, order=0) for step in steps], axis=0)
+    within = hidden & (np.moveaxis(np.indices(top.shape), 0, -1) @ way <= far)
+    return np.where(within, np.maximum(top, swept), top)
+
+
+def _hidden_columns(
+    height: Float[Array, "X Y"], observation: Observation, low: Array, voxel: float
+) -> Bool[Array, "X Y"]:
+    """Columns that the hand hides at a height [m]."""
+    x, y = low[:2, None, None] + (np.indices(height.shape) + 0.5) * voxel
+    pixels, _ = observation.camera.project(torch.as_tensor(np.stack([x, y, height], axis=-1)))
     u, v = np.rint(pixels.numpy()).astype(int).transpose(2, 0, 1)
     rows, columns = observation.hidden.shape
-    hidden = observation.hidden[np.clip(v, 0, rows - 1), np.clip(u, 0, columns - 1)]
-    between = hidden & convex_hull_image(seen)
-    return np.where(between, np.maximum(top, height), top)
+    return observation.hidden[np.clip(v, 0, rows - 1), np.clip(u, 0, columns - 1)]
 
 
 def _local_height(top: Float[Array, "X Y"], voxel: float) -> Float[Array, "X Y"]:
@@ -144,9 +181,13 @@ def _local_height(top: Float[Array, "X Y"], voxel: float) -> Float[Array, "X Y"]
     radius = np.rint(top / voxel).astype(int)
     height = np.zeros_like(top)
     for r in np.unique(radius[top > 0]):
-        disc = np.hypot(*np.mgrid[-r : r + 1, -r : r + 1]) <= r
-        height = np.where(radius == r, ndimage.maximum_filter(top, footprint=disc), height)
+        height = np.where(radius == r, ndimage.maximum_filter(top, footprint=_disc(float(r))), height)
     return np.where(top > 0, height, 0)
+
+
+def _disc(radius: float) -> Bool[Array, "side side"]:
+    r = int(radius)
+    return np.hypot(*np.mgrid[-r : r + 1, -r : r + 1]) <= radius
 
 
 def _columns(top: Array, ridge: Array | None, low: Array, voxel: float, shape: Array) -> Bool[Array, "X Y Z"]:

@@ -13,6 +13,7 @@ from physreal_core.geometry import (
     sample_surface,
     surface_gaussians,
 )
+from physreal_core.geometry.distance_lattice import _signed_distance
 from tests.geometry.scenes import camera, ellipsoid, look_at
 
 trimesh = pytest.importorskip("trimesh")
@@ -42,6 +43,30 @@ def test_volume_and_place_of_a_body_seen_once(mesh, underside, tolerance, voxel)
     assert built.volume == pytest.approx(mesh.volume, rel=tolerance)
     np.testing.assert_allclose(built.centroid, mesh.centroid, atol=0.006)
     assert built.bounds[0][2] == pytest.approx(0, abs=0.004)
+
+
+def _with_a_hand(body: Mesh, x: float) -> Observation:
+    """The body with a ball of 8 cm over it, its middle at x."""
+    ball = ellipsoid(0.04, 0.04, 0.04)
+    hand, seen = look_at(Mesh(ball.vertices + [x, -0.01, 0.0], ball.faces)), look_at(body)
+    hidden = hand.mask & ~(seen.mask & (seen.depth < hand.depth))
+    return Observation(seen.rgb, np.where(hidden, hand.depth, seen.depth), seen.mask & ~hidden, hidden, camera())
+
+
+def test_an_end_that_goes_into_a_hand_goes_on_to_the_hands_far_side():
+    bar = box(0.16, 0.05, 0.04)
+    seen = _with_a_hand(bar, 0.06)
+    assert seen.points()[:, 0].max() < 0.06  # the bar's end, at 0.08, is out of sight; the hand ends at 0.10
+    built = mesh_from_view(seen)
+    assert 0.08 < built.bounds[1][0] < 0.10
+    surface = sample_surface(bar, 4000).points
+    assert np.mean(_signed_distance(surface, built) < 0.004) > 0.95
+
+
+def test_a_hand_beside_the_body_adds_nothing():
+    bar = box(0.12, 0.05, 0.04)
+    beside, alone = mesh_from_view(_with_a_hand(bar, 0.13)), mesh_from_view(look_at(bar))
+    assert beside.volume == pytest.approx(alone.volume, rel=1e-6)
 
 
 def test_view_without_depth_is_an_error():

@@ -12,6 +12,7 @@ from physreal_core.rendering import Gaussians
 
 SEAL = 2.5  # [voxels] gaps in a shell of Gaussians up to twice as wide are closed
 HAND_REACH = 0.05  # [m] of the object: the part of a hand that may hold it
+FLAT = 0.8  # share of seen columns nearly as high as the ridge, from which on a top counts as flat
 PAD = 3  # empty voxels around everything, and below the support plane
 
 
@@ -22,7 +23,7 @@ def mesh_from_view(observation: Observation, *, voxel: float = 0.004, underside:
     max(0, H - z_top), where H is the greatest seen height within the distance z_top. A body that lies on the plane with
     a section as round as it is high is met exactly, and so is a box. What the body hides behind itself is filled by
     balls: under every ridge (z_top = H) the ball of diameter H, if all of it lies behind the seen surface and inside the
-    silhouette, and if the surface past the ridge is seen as far, and falls off, as that of a round body. What the hand hides
+    silhouette, and if the body is round there and not flat. What the hand hides
     between seen parts (in their convex hull) is as high as the nearest ridge. A part that goes into the hand goes on there with the same section
     to the hand's far side. With underside = "flat" columns go down to
     the plane and there are no balls.
@@ -45,7 +46,7 @@ def mesh_from_view(observation: Observation, *, voxel: float = 0.004, underside:
             remedy="check the depth scale and T_world_camera in capture.json",
         )
     low, high = np.percentile(points, [0.2, 99.8], axis=0)
-    margin = np.array([high[2], high[2], 0.0])
+    margin = max(high[2], HAND_REACH) * np.array([1.0, 1.0, 0.0])
     low = np.array([low[0], low[1], 0.0]) - margin - PAD * voxel
     shape = np.ceil((high + margin + PAD * voxel - low) / voxel).astype(int)
     free = _known_empty(observation, low, voxel, shape)
@@ -146,7 +147,7 @@ def _into_the_hand(top: Float[Array, "X Y"], observation: Observation, low: Arra
         return top
     seen, hand = top > 0, observation.hand_points(HAND_REACH)
     height = ndimage.grey_dilation(top, footprint=_disc(HAND_REACH / voxel))
-    hidden = _hidden_columns(height / 2, observation, low, voxel)
+    hidden = np.any([_hidden_columns(share * height, observation, low, voxel) for share in (0.5, 1.0)], axis=0)
     edge = seen & ndimage.binary_dilation(hidden & ~seen, iterations=2)
     if len(hand) == 0 or not edge.any():
         return top
@@ -197,25 +198,23 @@ def _columns(top: Array, ridge: Array | None, low: Array, voxel: float, shape: A
 
 
 def _balls(top: Array, ridge: Array, free: Array, low: Array, voxel: float, down: float) -> Bool[Array, "X Y Z"]:
-    """Balls between plane and ridge that hold no empty voxel; `down` is the sine of the camera's tilt.
+    """Balls between plane and ridge that hold no empty voxel; none where the top is flat, as a box's is. `down` is the sine of the camera's tilt.
 
-    A ball of radius r is seen until r sin(tilt) past its top, and falls off as far as it is seen. A top much nearer to
-    unseen columns, or one beside which the surface stays as high, is that of a flat body with an edge.
+    A ball of radius r is seen until r sin(tilt) past its top, and one much nearer to unseen columns is not where it seems.
+
+    Of a ball's seen columns, half are higher than 0.9 of it, and of a box's all but those that noise takes out. How far the surface
+    falls towards the far side tells less: a camera sees the last 0.3 radii of a ball in one row of pixels.
     """
     from scipy import ndimage
 
-    x, y = np.nonzero((top > 2 * voxel) & (top > 0.95 * ridge))
+    apart = top.max() / 2.0 / voxel
+    high, seen = (ndimage.gaussian_filter((top > level).astype(float), apart) for level in (0.9 * ridge, 0.0))
+    x, y = np.nonzero((top > 2 * voxel) & (top > 0.95 * ridge) & (high < FLAT * seen))
     radius = top[x, y] / 2
     centres = np.stack([x, y, (radius - low[2]) / voxel - 0.5])
     room = ndimage.map_coordinates(ndimage.distance_transform_edt(~free), centres, order=1) * voxel
-    past, border = ndimage.distance_transform_edt(top > 0, return_indices=True)
-    seen_past = past[x, y] * voxel
-    last = (border[:, x, y] - np.stack([x, y])) * (1 - 1.5 / past[x, y]).clip(
-        0
-    )  # the columns at the edge may be half seen
-    fall = top[x, y] - top[tuple(np.rint(np.stack([x, y]) + last).astype(int))]
-    of_a_ball = radius - np.sqrt(radius**2 - np.clip(seen_past - 1.5 * voxel, 0, radius) ** 2)
-    fits = (room > radius - voxel) & (seen_past > 0.4 * down * radius) & (fall > 0.5 * of_a_ball)
+    seen_past = ndimage.distance_transform_edt(top > 0)[x, y] * voxel
+    fits = (room > radius - voxel) & (seen_past > 0.4 * down * radius)
     return _union(voxel * centres.T[fits], radius[fits], ~free, voxel)
 
 

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import math
 from collections.abc import Sequence
 from dataclasses import dataclass
 
@@ -17,6 +18,9 @@ LARGEST = 2**25
 
 MARGIN = 3
 """Cells of the lattice around the meshes, beside how far from their surface the body is pushed."""
+
+BAND = 6
+"""Cells on either side of the surface, beside that, within which distances are exact; beyond, they stay as they are there."""
 
 
 @dataclass(frozen=True)
@@ -64,31 +68,50 @@ def distance_lattice(
             expected=f"at most {LARGEST}",
             remedy="leave out what is far from the body, or check that the meshes are in metres",
         )
-    axes = [low + cell * np.arange(n) for low, n in zip(lower, count, strict=True)]
-    points = np.stack(np.meshgrid(*axes, indexing="ij"), -1).reshape(-1, 3)
-    distance = np.min([_signed_distance(points, mesh) for mesh in meshes], 0)
-    return DistanceLattice(distance.reshape(count), lower, cell)
+    x, y, z = (low + cell * np.arange(n) for low, n in zip(lower, count, strict=True))
+    layer = np.stack(np.meshgrid(y, z, indexing="ij"), -1)
+    surfaces = [_Surface(mesh) for mesh in meshes]
+    band = reach + BAND * cell
+    own = [_filled(np.stack([surface.distance(place, layer, band) for place in x]), band) for surface in surfaces]
+    return DistanceLattice(np.min(own, 0), lower, cell)
 
 
-def _signed_distance(points: Float[Array, "points 3"], mesh: Mesh) -> Float[Array, " points"]:
-    """Distance of places from a closed surface [m], negative inside."""
-    wp.init()
-    middle = mesh.vertices.mean(0)  # float32 resolves what is near its origin
-    surface = wp.Mesh(
-        wp.array((mesh.vertices - middle).astype(np.float32), dtype=wp.vec3, device="cpu"),
-        wp.array(np.ascontiguousarray(mesh.faces, dtype=np.int32).ravel(), dtype=wp.int32, device="cpu"),
-        support_winding_number=True,
-    )
-    found = wp.zeros(len(points), dtype=wp.float32, device="cpu")
-    here = wp.array((points - middle).astype(np.float32), dtype=wp.vec3, device="cpu")
-    wp.launch(_measure, len(points), inputs=[surface.id, here, found], device="cpu")
-    return found.numpy().astype(np.float64)
+def _filled(distance: Float[Array, "x y z"], band: float) -> Float[Array, "x y z"]:
+    """The distances [m] with those that are not known, beyond the band, at its edge: outside where they hang together with the lattice's sides."""
+    from scipy.ndimage import label
+
+    regions, count = label(np.isnan(distance))
+    sides = [np.take(regions, end, axis) for axis in range(3) for end in (0, -1)]
+    outside = np.isin(np.arange(count + 1), np.concatenate([side.ravel() for side in sides]))
+    return np.where(np.isnan(distance), np.where(outside[regions], band, -band), distance)
+
+
+class _Surface:
+    """A closed mesh from which distances are taken, a layer of places after the other."""
+
+    def __init__(self, mesh: Mesh) -> None:
+        wp.init()
+        self._middle = mesh.vertices.mean(0)  # float32 resolves what is near its origin
+        self._mesh = wp.Mesh(
+            wp.array((mesh.vertices - self._middle).astype(np.float32), dtype=wp.vec3, device="cpu"),
+            wp.array(np.ascontiguousarray(mesh.faces, dtype=np.int32).ravel(), dtype=wp.int32, device="cpu"),
+            support_winding_number=True,
+        )
+
+    def distance(self, x: float, layer: Float[Array, "rows columns 2"], band: float) -> Float[Array, "rows columns"]:
+        """Of places with this x and with these y and z [m], negative inside; not a number beyond the band."""
+        points = np.insert(layer, 0, x, axis=-1).reshape(-1, 3) - self._middle
+        found = wp.full(len(points), math.nan, dtype=wp.float32, device="cpu")
+        here = wp.array(points.astype(np.float32), dtype=wp.vec3, device="cpu")
+        wp.launch(_measure, len(points), inputs=[self._mesh.id, band, here, found], device="cpu")
+        return found.numpy().astype(np.float64).reshape(layer.shape[:2])
 
 
 @wp.kernel
-def _measure(surface: wp.uint64, points: wp.array(dtype=wp.vec3), found: wp.array(dtype=wp.float32)):
-    """Of each point the distance from the surface, negative inside."""
+def _measure(surface: wp.uint64, band: float, points: wp.array(dtype=wp.vec3), found: wp.array(dtype=wp.float32)):
+    """Of each point within the band the distance from the surface, negative inside."""
     i = wp.tid()
-    query = wp.mesh_query_point_sign_winding_number(surface, points[i], 1.0e6)
-    nearest = wp.mesh_eval_position(surface, query.face, query.u, query.v)
-    found[i] = query.sign * wp.length(points[i] - nearest)
+    query = wp.mesh_query_point_sign_winding_number(surface, points[i], band)
+    if query.result:
+        nearest = wp.mesh_eval_position(surface, query.face, query.u, query.v)
+        found[i] = query.sign * wp.length(points[i] - nearest)

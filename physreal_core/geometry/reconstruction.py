@@ -21,12 +21,12 @@ def mesh_from_view(observation: Observation, *, voxel: float = 0.004, underside:
 
     The thickness rule, column by column over the plane: the body reaches from the seen top z_top down to
     max(0, H - z_top), where H is the greatest seen height within the distance z_top. A body that lies on the plane with
-    a section as round as it is high is met exactly, and so is a box. What the body hides behind itself is filled by
-    balls: under every ridge (z_top = H) the ball of diameter H, if all of it lies behind the seen surface and inside the
-    silhouette, and if the body is round there and not flat. What the hand hides
-    between seen parts (in their convex hull) is as high as the nearest ridge. A part that goes into the hand goes on there with the same section
-    to the hand's far side. With underside = "flat" columns go down to
-    the plane and there are no balls.
+    a section as round as it is high is met exactly. Where the top is flat, the body goes down to the plane, as a box does. What a
+    round body hides behind itself is filled by balls: under every ridge (z_top = H) the ball of diameter H, if all of it lies behind
+    the seen surface and inside the silhouette. With underside = "flat" all columns go down to the plane and there are no balls.
+
+    What the hand hides between seen parts (in their convex hull) is as high as the nearest ridge. An end that goes into the hand goes on
+    with the same section, to the far side of what the hand has near the body.
 
     Args:
         observation: frame 0 with depth; the object touches the plane z = 0.
@@ -54,9 +54,12 @@ def mesh_from_view(observation: Observation, *, voxel: float = 0.004, underside:
     top = _bridged(top, observation, low, voxel)
     top = _into_the_hand(top, observation, low, voxel)
     ridge = _local_height(top, voxel)
-    solid = _columns(top, ridge if underside == "round" else None, low, voxel, shape)
+    flat = _flat(top, ridge, voxel) | (underside == "flat")
+    solid = _columns(top, np.where(flat, 0.0, ridge - top), low, voxel, shape)
     if underside == "round":
-        solid |= _balls(top, ridge, free, low, voxel, -float(observation.camera.T_world_camera[2, 2]))
+        solid |= _balls(
+            np.where(flat, 0.0, top), ridge, free, low, voxel, -float(observation.camera.T_world_camera[2, 2])
+        )
     return _mesh_around(_main_body(solid & ~free), low, voxel)
 
 
@@ -191,16 +194,8 @@ def _disc(radius: float) -> Bool[Array, "side side"]:
     return np.hypot(*np.mgrid[-r : r + 1, -r : r + 1]) <= radius
 
 
-def _columns(top: Array, ridge: Array | None, low: Array, voxel: float, shape: Array) -> Bool[Array, "X Y Z"]:
-    z = low[2] + (np.arange(shape[2]) + 0.5) * voxel
-    bottom = np.zeros_like(top) if ridge is None else np.maximum(ridge - top, 0)
-    return (z < top[..., None]) & (z > bottom[..., None])
-
-
-def _balls(top: Array, ridge: Array, free: Array, low: Array, voxel: float, down: float) -> Bool[Array, "X Y Z"]:
-    """Balls between plane and ridge that hold no empty voxel; none where the top is flat, as a box's is. `down` is the sine of the camera's tilt.
-
-    A ball of radius r is seen until r sin(tilt) past its top, and one much nearer to unseen columns is not where it seems.
+def _flat(top: Float[Array, "X Y"], ridge: Float[Array, "X Y"], voxel: float) -> Bool[Array, "X Y"]:
+    """Columns around which the top is flat, as a box's is.
 
     Of a ball's seen columns, half are higher than 0.9 of it, and of a box's all but those that noise takes out. How far the surface
     falls towards the far side tells less: a camera sees the last 0.3 radii of a ball in one row of pixels.
@@ -209,7 +204,22 @@ def _balls(top: Array, ridge: Array, free: Array, low: Array, voxel: float, down
 
     apart = top.max() / 2.0 / voxel
     high, seen = (ndimage.gaussian_filter((top > level).astype(float), apart) for level in (0.9 * ridge, 0.0))
-    x, y = np.nonzero((top > 2 * voxel) & (top > 0.95 * ridge) & (high < FLAT * seen))
+    return high > FLAT * seen
+
+
+def _columns(top: Array, bottom: Array, low: Array, voxel: float, shape: Array) -> Bool[Array, "X Y Z"]:
+    z = low[2] + (np.arange(shape[2]) + 0.5) * voxel
+    return (z < top[..., None]) & (z > bottom[..., None])
+
+
+def _balls(top: Array, ridge: Array, free: Array, low: Array, voxel: float, down: float) -> Bool[Array, "X Y Z"]:
+    """Balls between plane and ridge that hold no empty voxel; `down` is the sine of the camera's tilt.
+
+    A ball of radius r is seen until r sin(tilt) past its top, and one much nearer to unseen columns is not where it seems.
+    """
+    from scipy import ndimage
+
+    x, y = np.nonzero((top > 2 * voxel) & (top > 0.95 * ridge))
     radius = top[x, y] / 2
     centres = np.stack([x, y, (radius - low[2]) / voxel - 0.5])
     room = ndimage.map_coordinates(ndimage.distance_transform_edt(~free), centres, order=1) * voxel

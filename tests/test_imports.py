@@ -55,6 +55,7 @@ ABOVE = {
     "benchmarks.thin.rigged",
     "benchmarks.two_parts",
     "benchmarks.hold_seen",
+    "benchmarks.shape_seen",
 }
 BARE = f"""
 import importlib, pkgutil, sys

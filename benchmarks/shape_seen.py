@@ -72,7 +72,8 @@ def _shares(project: Project, recording: str, true: trimesh.Trimesh) -> Shares:
     mesh = mesh_from_view(seen)
     built = trimesh.Trimesh(mesh.vertices, mesh.faces)
     missing, beyond = (
-        trimesh.boolean.difference(both, engine="manifold", check_volume=False).volume for both in ([true, built], [built, true])
+        trimesh.boolean.difference(both, engine="manifold", check_volume=False).volume
+        for both in ([true, built], [built, true])
     )
     return built.volume / true.volume, missing / true.volume, beyond / true.volume
 

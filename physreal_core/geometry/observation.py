@@ -65,19 +65,21 @@ class Observation:
         if not (self.depth > 0).any():
             return self._on_plane()
         self.require_depth()
-        v, u = np.nonzero(self.measured)
-        pixels = torch.as_tensor(np.stack([u, v], axis=1).astype(float))
-        return self.camera.unproject(pixels, torch.as_tensor(self.depth[v, u].astype(float))).numpy()
+        return self._lifted(self.measured)
 
     def hand_points(self, reach: float) -> Float[Array, "n 3"]:
         """World positions [m] of the hidden pixels' surface within `reach` [m] of the object's; none without depth."""
         from scipy.spatial import cKDTree
 
-        v, u = np.nonzero(self.hidden & (self.depth > 0))
-        pixels = torch.as_tensor(np.stack([u, v], axis=1).astype(float))
-        hand = self.camera.unproject(pixels, torch.as_tensor(self.depth[v, u].astype(float))).numpy()
+        hand = self._lifted(self.hidden & (self.depth > 0))
         away, _ = cKDTree(self.points()).query(hand, distance_upper_bound=reach)
         return hand[np.isfinite(away)]
+
+    def _lifted(self, where: Bool[Array, "height width"]) -> Float[Array, "n 3"]:
+        """World positions [m] of pixels with depth, row by row."""
+        v, u = np.nonzero(where)
+        pixels = torch.as_tensor(np.stack([u, v], axis=1).astype(float))
+        return self.camera.unproject(pixels, torch.as_tensor(self.depth[v, u].astype(float))).numpy()
 
     def _on_plane(self) -> Array:
         v, u = np.nonzero(self.mask)

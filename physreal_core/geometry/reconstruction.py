@@ -57,9 +57,8 @@ def mesh_from_view(observation: Observation, *, voxel: float = 0.004, underside:
     flat = _flat(top, ridge, voxel) | (underside == "flat")
     solid = _columns(top, np.where(flat, 0.0, ridge - top), low, voxel, shape)
     if underside == "round":
-        solid |= _balls(
-            np.where(flat, 0.0, top), ridge, free, low, voxel, -float(observation.camera.T_world_camera[2, 2])
-        )
+        down = -float(observation.camera.T_world_camera[2, 2])
+        solid |= _balls(top, (top > 0.95 * ridge) & ~flat, free, low, voxel, down)
     return _mesh_around(_main_body(solid & ~free), low, voxel)
 
 
@@ -212,14 +211,14 @@ def _columns(top: Array, bottom: Array, low: Array, voxel: float, shape: Array) 
     return (z < top[..., None]) & (z > bottom[..., None])
 
 
-def _balls(top: Array, ridge: Array, free: Array, low: Array, voxel: float, down: float) -> Bool[Array, "X Y Z"]:
-    """Balls between plane and ridge that hold no empty voxel; `down` is the sine of the camera's tilt.
+def _balls(top: Array, ridges: Array, free: Array, low: Array, voxel: float, down: float) -> Bool[Array, "X Y Z"]:
+    """Balls between plane and round ridges that hold no empty voxel; `down` is the sine of the camera's tilt.
 
     A ball of radius r is seen until r sin(tilt) past its top, and one much nearer to unseen columns is not where it seems.
     """
     from scipy import ndimage
 
-    x, y = np.nonzero((top > 2 * voxel) & (top > 0.95 * ridge))
+    x, y = np.nonzero((top > 2 * voxel) & ridges)
     radius = top[x, y] / 2
     centres = np.stack([x, y, (radius - low[2]) / voxel - 0.5])
     room = ndimage.map_coordinates(ndimage.distance_transform_edt(~free), centres, order=1) * voxel

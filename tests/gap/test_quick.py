@@ -10,7 +10,8 @@ from physreal_core.fitting import Problem, TrackObservations, uniform_model
 from physreal_core.fitting.coarsening import coarsened, held_share
 from physreal_core.fitting.grip import bind_within
 from physreal_core.gap import Experiment, Trial
-from physreal_core.gap.interactions.quick import quick_interactions
+from physreal_core.gap.interactions.quick import quick_around, quick_interactions
+from physreal_core.gap.noise.given import changed_by_records
 from physreal_core.geometry import farthest_points, patch_weights
 from physreal_core.rendering import bind
 from physreal_core.simulation import Body, Clamp, Grip
@@ -115,6 +116,26 @@ def test_quick_differences_are_near_the_full_ones(experiment, anchor):
     for own, other, most in zip(quick.predict(trials), experiment.predict(trials), near, strict=True):
         apart, change = own - other, other - predicted
         assert np.linalg.norm(apart) < most * np.linalg.norm(change)
+
+
+def test_what_a_displaced_hand_does_is_told_by_quick_rollouts_and_the_rest_by_full_ones(experiment, anchor):
+    trial, predicted = anchor
+    quick = quick_interactions([experiment], trial, [predicted], FACTOR)[0]
+    (full,) = changed_by_records(experiment, [trial], [predicted])
+    (found,) = changed_by_records(experiment, [trial], [predicted], quick)
+    records = len(full) - 3 * len(experiment.hand_modes)
+    assert records > 0
+    np.testing.assert_allclose(found[:records], full[:records], atol=1e-6)
+    for own, other in zip(found[records:], full[records:], strict=True):
+        assert 0.0 < np.linalg.norm(own - other) < 0.35 * np.linalg.norm(other)
+
+
+def test_a_quick_form_goes_to_the_end_though_it_is_tuned_to_the_training_frames(experiment, anchor):
+    trial, predicted = anchor
+    part = Experiment(dataclasses.replace(experiment.problem, observed=FRAMES // 2), experiment.model)
+    (quick,) = quick_around([part], trial, FACTOR)
+    np.testing.assert_allclose(quick.predict([trial])[0], predicted, atol=1e-6)
+    assert quick_around([part], trial, 1.0) is None
 
 
 def test_what_cannot_be_coarser_has_no_quick_form(experiment, anchor):

@@ -32,7 +32,8 @@ class QuickInteraction:
         trial: the anchor.
 
     Attributes:
-        measured, valid, sensor, sigma, correlation, model, config, setting, device, placement: as of `Interaction`, those of `full`.
+        measured, valid, sensor, sigma, correlation, model, config, setting, device, placement, hand_modes: as of `Interaction`, those of
+            `full`.
     """
 
     def __init__(
@@ -47,7 +48,7 @@ class QuickInteraction:
         self.measured, self.valid = full.measured, full.valid
         self.sensor, self.sigma, self.correlation = full.sensor, full.sigma, full.correlation
         self.model, self.config, self.setting = full.model, full.config, full.setting
-        self.device, self.placement = full.device, full.placement
+        self.device, self.placement, self.hand_modes = full.device, full.placement, full.hand_modes
         here = coarse.predict([scaled(trial, scales)], len(anchor))[0]
         self._correction = np.where(np.isfinite(here), anchor - here, 0.0)
 
@@ -90,13 +91,13 @@ def scaled(trial: Trial, scales: dict[str, float]) -> Trial:
 
 
 def quick_around(interactions: Sequence[Interaction], anchor: Trial, factor: float) -> list[QuickInteraction] | None:
-    """Quick forms over the training frames, for tangents; None where there is none, or the anchor's rollout fails. Arguments as of
-    `quick_interactions`."""
+    """Quick forms over all frames, for differences; None where there is none, or the anchor's rollout fails in the training frames.
+    Arguments as of `quick_interactions`."""
     if factor <= 1.0:
         return None
-    calls = [partial(own.predict, [anchor], own.train) for own in interactions]
+    calls = [partial(own.predict, [anchor]) for own in interactions]
     predicted = [found[0] for found in side_by_side(calls, interactions[0].device)]
-    if not all(np.isfinite(found).all() for found in predicted):
+    if not all(np.isfinite(found[: own.train]).all() for own, found in zip(interactions, predicted, strict=True)):
         return None
     return quick_interactions(interactions, anchor, predicted, factor)
 
@@ -125,8 +126,9 @@ def quick_interactions(
 
 
 def _stiffness(interactions, coarse, scales, anchor: Trial, predicted: Sequence[Array]) -> float:
-    """The factor on Young's modulus at which the coarse bodies' tracks are nearest to the full ones'."""
+    """The factor on Young's modulus at which the coarse bodies' tracks are nearest to the full ones' in the training frames."""
     squares, calls = np.zeros(len(STIFFNESSES)), []
+    predicted = [known[: own.train] for own, known in zip(interactions, predicted, strict=True)]
     for other, scale, known in zip(coarse, scales, predicted, strict=True):
         trials = [scaled(anchor, {**scale, "youngs_modulus": factor}) for factor in STIFFNESSES]
         calls.append(partial(other.predict, trials, len(known)))

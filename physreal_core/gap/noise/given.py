@@ -30,7 +30,10 @@ UNDERSIDE = 3.0
 
 
 def changed_by_records(
-    experiment: Interaction, trials: Sequence[Trial], predicted: Sequence[Float[Array, "frames tracks 3"]]
+    experiment: Interaction,
+    trials: Sequence[Trial],
+    predicted: Sequence[Float[Array, "frames tracks 3"]],
+    quick: Interaction | None = None,
 ) -> list[Float[Array, "records frames tracks 3"]]:
     """For each trial, changes of its tracks by one standard deviation of each usual error of the records [m].
 
@@ -40,15 +43,26 @@ def changed_by_records(
         experiment: the interaction.
         trials: the models.
         predicted: their tracks [m], all over the same frames.
+        quick: a cheaper form of the interaction, which tells what a displaced hand does; None for the interaction itself.
     """
-    asked = [_by_effects(experiment, trial) + _by_the_hand(experiment, trial) for trial in trials]
+    frames, of_hand = len(predicted[0]), quick or experiment
+    undisplaced = predicted if quick is None else [*quick.predict(trials, frames)]
+    by_effects = _changes(experiment, [_by_effects(experiment, trial) for trial in trials], predicted)
+    by_hand = _changes(of_hand, [_by_the_hand(experiment, trial) for trial in trials], undisplaced)
+    found = [np.concatenate(both) for both in zip(by_effects, by_hand, strict=True)]
+    return [changes[np.isfinite(changes).all((1, 2, 3))] for changes in found]
+
+
+def _changes(
+    interaction: Interaction, asked: Sequence[list[Trial]], predicted: Sequence[Float[Array, "frames tracks 3"]]
+) -> list[Float[Array, "changes frames tracks 3"]]:
+    """What each trial asked for changes of some predicted tracks [m]; all are run together."""
     together = [changed for own in asked for changed in own]
-    answers = iter(experiment.predict(together, len(predicted[0])) if together else ())
-    found = []
-    for own, tracks in zip(asked, predicted, strict=True):
-        changes = np.stack([next(answers) for _ in own]) - tracks if own else np.zeros((0, *tracks.shape))
-        found.append(changes[np.isfinite(changes).all((1, 2, 3))])
-    return found
+    answers = iter(interaction.predict(together, len(predicted[0])) if together else ())
+    return [
+        np.stack([next(answers) for _ in own]) - tracks if own else np.zeros((0, *tracks.shape))
+        for own, tracks in zip(asked, predicted, strict=True)
+    ]
 
 
 def _by_effects(experiment: Interaction, trial: Trial) -> list[Trial]:
@@ -67,7 +81,7 @@ def _by_effects(experiment: Interaction, trial: Trial) -> list[Trial]:
 
 
 def _by_the_hand(experiment: Interaction, trial: Trial) -> list[Trial]:
-    """By what is not known of the hand's place. Not in quick rollouts: a body that swings for seconds comes out of phase with a
-    coarser one."""
+    """By what is not known of the hand's place: dozens of small and smooth displacements, most of a noise model's rollouts. A coarse body
+    answers to them as the full one does (but not to where the table lies, or how far a hand holds)."""
     modes = experiment.hand_modes if experiment.setting.hand_acts else ()
     return [replace(trial, hand=mode[:, None] * axis) for mode in modes for axis in np.eye(3)]

@@ -78,7 +78,7 @@ class Measurements:
         train_frames: number of training frames of each interaction that count.
         size: of the model's error beside which fits are made, as a factor on that of the settings.
         trained: what the noise models of the training frames are built around, if it is not the same.
-        quick: cheaper forms of the interactions, from whose rollouts fits take tangents; None for none.
+        quick: cheaper forms of the interactions, from whose rollouts come fits' tangents and what a displaced hand does; None for none.
         noises: beside an error of size one, by interaction, first frame and end; made when first needed.
     """
 
@@ -110,7 +110,7 @@ class Measurements:
             settings: of the search.
             share: of the training frames that count. Below one, later frames are not rolled out.
             reruns: whether other discretisations are run too. If not, the smooth model error alone stands for them.
-            quick: cheaper forms of the interactions, for tangents.
+            quick: cheaper forms of the interactions, for tangents and for what a displaced hand does.
             known: those around a baseline that is nearly the same, whose reruns have the same moduli.
         """
         train = [max(2, round(share * experiment.train)) for experiment in experiments]
@@ -121,7 +121,7 @@ class Measurements:
             moduli = _moduli_of_each(experiments, trials[0], frames)
         else:
             moduli = [own.moduli for own in known.predicted]
-        by_trial = [*zip(*_predicted_of_each(experiments, trials, frames, moduli), strict=True)]
+        by_trial = [*zip(*_predicted_of_each(experiments, trials, frames, moduli, quick), strict=True)]
         lasting = [sum(int(part.simulated.cumprod().sum()) for part in own) for own in by_trial]
         longest = [own for own, frames in zip(by_trial, lasting, strict=True) if frames == max(lasting)]
         means = [Predicted.mean(own) for own in zip(*longest, strict=True)]
@@ -138,7 +138,7 @@ class Measurements:
             trials: models; one for which some of it cannot be simulated is left out.
         """
         moduli = [own.moduli for own in self.predicted]
-        by_experiment = _predicted_of_each(self.experiments, trials, self.train_frames, moduli)
+        by_experiment = _predicted_of_each(self.experiments, trials, self.train_frames, moduli, self.quick)
         whole = [own for own in zip(*by_experiment, strict=True) if all(part.finite for part in own)]
         if not whole:
             return self
@@ -233,22 +233,27 @@ def _predicted_of_each(
     trials: Sequence[Trial],
     frames: Sequence[int],
     moduli: Sequence[Mapping[str, float] | None],
+    quick: Sequence[Interaction] | None,
 ) -> list[list[Predicted]]:
     """What noise models around some trials are built around, of each interaction over its number of frames; without reruns where their moduli
     are None."""
-    parts = zip(experiments, frames, moduli, strict=True)
-    calls = [partial(_predicted, experiment, trials, end, own) for experiment, end, own in parts]
+    parts = zip(experiments, frames, moduli, quick or [None] * len(frames), strict=True)
+    calls = [partial(_predicted, experiment, trials, end, own, other) for experiment, end, own, other in parts]
     return side_by_side(calls, experiments[0].device)
 
 
 def _predicted(
-    experiment: Interaction, trials: Sequence[Trial], frames: int, moduli: Mapping[str, float] | None
+    experiment: Interaction,
+    trials: Sequence[Trial],
+    frames: int,
+    moduli: Mapping[str, float] | None,
+    quick: Interaction | None,
 ) -> list[Predicted]:
     motions, sensitivities = zip(*experiment.predict_with_start_sensitivity(trials, frames), strict=True)
     differences = changed = [np.zeros((0, *motion.shape)) for motion in motions]
     if moduli is not None:
         differences = rerun_differences(experiment, trials, motions, moduli)
-        records = changed_by_records(experiment, trials, motions)
+        records = changed_by_records(experiment, trials, motions, quick)
         guesses = rerun_differences(experiment, trials, motions, moduli, GUESSES)
         changed = [np.concatenate(both) for both in zip(records, guesses, strict=True)]
     parts = zip(motions, differences, sensitivities, changed, strict=True)

@@ -13,6 +13,7 @@ from physreal_core.rendering import Gaussians
 SEAL = 2.5  # [voxels] gaps in a shell of Gaussians up to twice as wide are closed
 HAND_REACH = 0.05  # [m] of the object: the part of a hand that may hold it
 FLAT = 0.8  # share of seen columns nearly as high as the ridge, from which on a top counts as flat
+SUNK = 0.02, 0.1  # [m] below the plane, and the share of an object's points that may lie so deep
 PAD = 3  # empty voxels around everything, and below the support plane
 
 
@@ -33,10 +34,11 @@ def mesh_from_view(observation: Observation, *, voxel: float = 0.004, underside:
         voxel: edge [m] of the voxels that the mesh is drawn around.
 
     Raises:
-        InputError: too little depth, or nothing above the plane.
+        InputError: too little depth, nothing above the plane, or much of the object below it.
     """
     observation.require_depth()
     points = observation.points()
+    _require_above_the_plane(points)
     points = points[points[:, 2] > 0.5 * voxel]
     if len(points) < 20:
         raise InputError(
@@ -92,6 +94,19 @@ def mesh_from_gaussians(gaussians: Gaussians, voxels_across: int = 64) -> Mesh:
         )
     # The Gaussians' centres lie in the middle of the outermost voxels on average, half a voxel inside the solid's edge.
     return _mesh_around(solid, low, voxel, inside=0.5)
+
+
+def _require_above_the_plane(points: Float[Array, "n 3"]) -> None:
+    """InputError where so much of the object [m] lies below the plane that depth and camera pose contradict each other."""
+    below = float(np.mean(points[:, 2] < -SUNK[0]))
+    if below > SUNK[1]:
+        raise InputError(
+            f"{100 * below:.0f} % of the object's points in frame 0 lie more than {100 * SUNK[0]:.0f} cm below the support plane",
+            where="build_object",
+            expected=f"at most {100 * SUNK[1]:.0f} %",
+            remedy="check the depth scale and T_world_camera in capture.json; quality.json of parse_video says where the depth shows "
+            "the plane, which defines the world if T_world_camera is left out",
+        )
 
 
 def _known_empty(observation: Observation, low: Array, voxel: float, shape: Array) -> Bool[Array, "X Y Z"]:

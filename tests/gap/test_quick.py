@@ -126,8 +126,9 @@ def test_what_a_displaced_hand_does_is_told_by_quick_rollouts_and_the_rest_by_fu
     records = len(full) - 3 * len(experiment.hand_modes)
     assert records > 0
     np.testing.assert_allclose(found[:records], full[:records], atol=1e-6)
-    for own, other in zip(found[records:], full[records:], strict=True):
-        assert 0.0 < np.linalg.norm(own - other) < 0.35 * np.linalg.norm(other)
+    displaced = full[records:]
+    # a bar three coarse particles thick; one of five (as in captures) differs by a fifth
+    assert 0.0 < np.linalg.norm(found[records:] - displaced) < 0.35 * np.linalg.norm(displaced)
 
 
 def test_a_quick_form_goes_to_the_end_though_it_is_tuned_to_the_training_frames(experiment, anchor):

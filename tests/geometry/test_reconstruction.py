@@ -76,6 +76,13 @@ def test_view_without_depth_is_an_error():
         mesh_from_view(blind)
 
 
+def test_depth_that_contradicts_the_plane_is_an_error():
+    seen = look_at(box(0.16, 0.10, 0.05))
+    farther = Observation(seen.rgb, np.where(seen.depth > 0, seen.depth + 0.08, 0), seen.mask, seen.hidden, camera())
+    with pytest.raises(InputError, match="below the support plane"):
+        mesh_from_view(farther)
+
+
 def test_shell_of_gaussians_becomes_its_body():
     mesh = ellipsoid()
     built = mesh_from_gaussians(surface_gaussians(sample_surface(mesh, 3000)), 40)

@@ -39,7 +39,7 @@ GUESS = {
     "youngs_modulus": 1e5,
     "poissons_ratio": 0.3,
     "friction_coefficient": 0.4,
-    "grip_stiffness": 100.0,  # of a particle's bonds together [N]: a hand that holds a bar as a vice does, but see `hold`
+    "grip_stiffness": 4000.0,  # of a particle's bonds together [N]: a hand that holds a bar as a vice does, see `hold`
     "grip_damping": 0.01,
 }
 THIN = {

@@ -81,13 +81,13 @@ class FrictionCoefficient(Variable):
 class GripStiffness(Variable):
     initial: float = Field(12.0, gt=0, description="k_f: force of a bond of weight one at unit strain, start [N]")
     lower: float = Field(0.01, gt=0, description="[N]")
-    upper: float = Field(150.0, gt=0, description="[N]; substeps grow with its root, from about 100 N on")
+    upper: float = Field(150.0, gt=0, description="[N]")
     rate: float = Field(0.05, ge=0, description=_RATE.format("logarithm"))
 
 
 class ThinGripStiffness(GripStiffness):
     initial: float = Field(200.0, gt=0, description="k_f, start; a thin body's hold also keeps its direction [N]")
-    upper: float = Field(5e3, gt=0, description="[N]; substeps grow with its root")
+    upper: float = Field(5e3, gt=0, description="[N]")
 
 
 Reaches = Annotated[tuple[Annotated[float, Field(gt=0)], ...], Field(max_length=8)]

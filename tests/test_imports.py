@@ -32,6 +32,7 @@ ABOVE = {
     ),
     "benchmarks.baselines.spring_mass",
     "benchmarks.modulus",
+    "benchmarks.modulus_seen",
     "benchmarks.kills",
     "benchmarks.beam",
     "benchmarks.beam_report",

@@ -22,6 +22,7 @@ from data.rig.truth import load_truth
 from physreal_core.array_types import Array, Bool, Float
 from physreal_core.fitting.curriculum import ScanConfig
 from physreal_core.fitting.descent import DescentConfig
+from physreal_core.fitting.model import Model
 from physreal_core.fitting.problem import Problem
 from pipeline.config.fit_global import FitGlobal
 from pipeline.frames import list_frames, read_depth
@@ -62,10 +63,10 @@ def _rows(project: Project, motion: str) -> Iterator[str]:
     }
     for words, held in guesses.items():
         for bonds in ("soft", "firm"):
-            modulus, observed, future = _fitted(
-                project, motion, with_held(problem, held), truth.vertices, bonds == "firm"
-            )
-            cells = [motion, words, bonds, int(held.sum()), int((held & true).sum()), f"{1e-3 * modulus:.1f}"]
+            settings = FIRM if bonds == "firm" else SOFT
+            model, observed, future = fitted(project, motion, with_held(problem, held), truth.vertices, settings)
+            modulus = 1e-3 * float(model.fields["youngs_modulus"].mean())
+            cells = [motion, words, bonds, int(held.sum()), int((held & true).sum()), f"{modulus:.1f}"]
             yield f"| {' | '.join(map(str, [*cells, f'{1e3 * observed:.2f}', f'{1e3 * future:.2f}']))} |"
 
 
@@ -87,16 +88,22 @@ def hidden(project: Project, motion: str, x: Float[Array, "particles 3"]) -> Boo
     return mask[row, column] & (depth[row, column] > 0) & (behind > 0) & (behind < THICKEST)
 
 
-def _fitted(project: Project, motion: str, problem: Problem, true: Array, firm: bool) -> tuple[float, float, float]:
-    """Stage 1's modulus [Pa] and mean distances of the true nodes in the observed frames and after them [m]."""
-    settings = FIRM if firm else SOFT
+def fitted(
+    project: Project, motion: str, problem: Problem, true: Float[Array, "frames nodes 3"], settings: FitGlobal
+) -> tuple[Model, float, float]:
+    """Stage 1's model, and mean distances of the true nodes from it in the observed frames and after them [m].
+
+    Args:
+        project, motion: whose particles the model starts from.
+        problem: what is fitted.
+        true: the rig's nodes [m].
+        settings: of Stage 1.
+    """
     model = initial_model(settings, Particles.load(project.artifact("sample_particles", motion)))
     scan, descent = ScanConfig(**settings.scan.model_dump()), DescentConfig(**settings.descent.model_dump())
-    variables = variables_of(settings.variables("volumetric"))
-    model, _ = refitted(problem, model, variables, scan, descent, "cpu")
+    model, _ = refitted(problem, model, variables_of(settings.variables("volumetric")), scan, descent, "cpu")
     error = errors_of(problem, model, true.astype(float))
-    observed, later = error[: problem.observed].mean(), error[problem.observed :].mean()
-    return float(model.fields["youngs_modulus"].mean()), float(observed), float(later)
+    return model, float(error[: problem.observed].mean()), float(error[problem.observed :].mean())
 
 
 _HEAD = [

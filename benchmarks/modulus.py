@@ -69,10 +69,8 @@ def true(folder: Path, motion: str) -> dict[str, float]:
 def fitted(problem: Problem) -> dict[str, Any]:
     """Stage 1's modulus [Pa], the deviation of its logarithm, and how it hangs together with the hold."""
     begun = torch.tensor(SETTINGS.grip_stiffness.initial, dtype=torch.float64)
-    model, losses = (
-        baseline_model(problem).with_fields(grip_stiffness=begun),
-        LossConfig(**SETTINGS.losses.model_dump()),
-    )
+    model = baseline_model(problem).with_fields(grip_stiffness=begun)
+    losses = LossConfig(**SETTINGS.losses.model_dump())
     variables = variables_of(SETTINGS.variables("volumetric"))
     objective = Objective(problem, model, losses)
     scan, descent = ScanConfig(**SETTINGS.scan.model_dump()), DescentConfig(**SETTINGS.descent.model_dump())

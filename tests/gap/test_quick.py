@@ -127,7 +127,7 @@ def test_what_a_displaced_hand_does_is_told_by_quick_rollouts_and_the_rest_by_fu
     assert records > 0
     np.testing.assert_allclose(found[:records], full[:records], atol=1e-6)
     displaced = full[records:]
-    # a bar three coarse particles thick; one of five (as in captures) differs by a fifth
+    # the coarse bar is three particles thick
     assert 0.0 < np.linalg.norm(found[records:] - displaced) < 0.35 * np.linalg.norm(displaced)
 
 

@@ -8,6 +8,7 @@ from physreal_core.fitting.rollouts import Rollouts
 from physreal_core.fitting.transfer import register, transferred
 from physreal_core.gap.interactions.experiment import Experiment
 from physreal_core.gap.settings import GapSettings
+from physreal_core.simulation import Body
 from pipeline.config.find_gap import FindGap
 from pipeline.stage import StageContext
 from stages._problem import load_problem
@@ -31,9 +32,9 @@ def in_companion(context: StageContext, own: Problem, model: Model) -> tuple[Mod
     return transferred(model, own.body.x0, load_problem(context.companion_input), own.patch_neighbours.shape[1])
 
 
-def settings_of(params: FindGap, seed: int) -> GapSettings:
-    """The search's settings: the calibrated ones but for what params.yaml gives."""
-    return GapSettings(seed=seed, **params.given())
+def settings_of(params: FindGap, seed: int, body: Body) -> GapSettings:
+    """The search's settings: the calibrated ones but for what params.yaml gives. By default Stage 1 fits the hold of a thin body alone."""
+    return GapSettings(seed=seed, **{"grip_fitted": body.elements is not None} | params.given())
 
 
 def teller(context: StageContext) -> Callable[[str], None]:

@@ -3,7 +3,8 @@ of a hand that pushes.
 
 A scan of E and the grip's stiffness gives the start of a descent with a growing horizon; what has rate 0 is held. A thin body
 has the ratios of its bending, weft and shear stiffness beside E; a rope has no Poisson's ratio to be found. How far a hand holds it is
-not seen, and moves what hangs from it: scan and descent run once for each distance in `grip_reaches`, and the best is kept.
+not seen, and moves what hangs from it: scan and descent run once for each distance in `grip_reaches`, and the best is kept; of a volume
+the farthest that is not much worse, for some motions hardly tell, and in a hold that is too short a body seems too stiff.
 """
 
 import dataclasses
@@ -14,6 +15,7 @@ import torch
 
 from physreal_core.fitting.curriculum import ScanConfig, start_from_scan, uniform_start
 from physreal_core.fitting.descent import DescentResult
+from physreal_core.fitting.grip import distinct_reaches, farthest_as_good
 from physreal_core.fitting.model import Model, uniform_model
 from physreal_core.fitting.objective import Objective
 from physreal_core.fitting.problem import Problem
@@ -25,6 +27,9 @@ from stages._fit import descend, finite_or_none, objective_of, variables_of, wri
 from stages._problem import load_problem
 from stages._substeps import tell_substeps
 
+MUCH_WORSE = 0.1
+"""Share by which the objective of a farther reach of a volume's hold may be above the least."""
+
 
 def run(context: StageContext) -> None:
     """Fits one material for the whole object, and the grip, to the observed frames."""
@@ -34,9 +39,11 @@ def run(context: StageContext) -> None:
     model = initial_model(params, particles)
     variables = acting(variables_of(params.variables(particles.geometry, pushed=particles.pushed)), problem)
     tell_substeps(context, objective_of(context, problem, model).rollouts, model.fields, variables)
-    reaches = _distinct(problem, params.of(particles.geometry).grip_reaches)
+    given = params.of(particles.geometry).grip_reaches
+    reaches = (distinct_reaches(problem.grip, given) if problem.grip else []) or [None]
     fits = [_fit(context, problem, dataclasses.replace(model, grip_reach=reach), variables) for reach in reaches]
-    best = min(fits, key=lambda fit: fit.result.total)
+    worse = MUCH_WORSE if particles.geometry == "volumetric" else 0.0
+    best = fits[farthest_as_good([fit.result.total for fit in fits], worse)]
     holds = [{"reach": fit.model.grip_reach, "objective": finite_or_none(fit.result.total)} for fit in fits]
     notes = {"scan": best.scan} | ({"grip_reaches": holds} if len(holds) > 1 else {})
     write_fit(context, best.objective, best.model, best.result, **notes)
@@ -67,12 +74,6 @@ def acting(variables: list[Variable], problem: Problem) -> list[Variable]:
     """The variables without those of a grip where the hand only pushes."""
     pushes_only = problem.tool is not None and problem.grip is None
     return [v for v in variables if not (pushes_only and v.name.startswith("grip_"))]
-
-
-def _distinct(problem: Problem, reaches: tuple[float, ...]) -> list[float | None]:
-    """Those that hold something, and each another set of particles; None, all that is bound, where there is none."""
-    held = {len(problem.grip.within(reach).particles): reach for reach in sorted(reaches)} if problem.grip else {}
-    return [reach for count, reach in held.items() if count] or [None]
 
 
 def initial_model(params: FitGlobal, particles: Particles) -> Model:

@@ -23,7 +23,6 @@ from benchmarks.gap.commit import searched_by
 from benchmarks.gap.files import failure_told, write_json
 from benchmarks.gap.filming import PERCEIVED
 from benchmarks.gap.held_out import models_of
-from benchmarks.gap.problems import GUESS
 from physreal_core.gap import Experiment, GapSettings
 from pipeline.compose import render
 from pipeline.config import load_parameters, read_parameters, validate_parameters
@@ -116,7 +115,7 @@ def _linked(link: Path, target: Path) -> None:
 def _parameters(motions: list[str], kept_out: str | None = None) -> dict[str, Any]:
     """This repository's params.yaml with the case's interactions for its sequences, on a card if there is one.
 
-    As from tracks alone, the hand is known to hold as a vice does, so that one which gives way can be named.
+    As from tracks alone, the hand holds as a vice does, which is Stage 1's default, so that one which gives way can be named.
 
     Args:
         motions: that the search sees, the first is fitted; or one alone, which is not.
@@ -131,8 +130,6 @@ def _parameters(motions: list[str], kept_out: str | None = None) -> dict[str, An
         own |= {stage: {**own[stage], "device": "cuda:0"} for stage in ON_A_CARD}
     fits = {first: {"companion": companion}} if companion else {}
     sequences = {"sequences": {name: {} for name in (first, companion) if name}, "fits": fits}
-    own["fit_global"]["grip_stiffness"] |= {"initial": GUESS["grip_stiffness"], "rate": 0.0}
-    own["find_gap"]["grip_fitted"] = False
     emptied = {"clips": {}, "rigged": {}, "predictions": {}}
     return own | sequences | emptied
 
@@ -190,7 +187,7 @@ def _experiments(own: Path, project: Project, shape: Shape) -> tuple[list[Experi
         found.append(interactions(beside, model)[-1])
     finally:
         write_whole(given, searched)
-    return found, settings_of(seen.params, seen.seed)
+    return found, settings_of(seen.params, seen.seed, found[0].problem.body)
 
 
 def _perceived_beside(own: Path, project: Project, shape: Shape) -> None:

@@ -204,6 +204,29 @@ def reaching(
     )
 
 
+def distinct_reaches(grip: Grip, reaches: Sequence[float]) -> list[float]:
+    """Those distances, in rising order, with which a hand holds something, and each another set of particles.
+
+    Args:
+        grip: all that may be held.
+        reaches: in the sense of `Grip.reach` [m].
+    """
+    held = {len(grip.within(reach).particles): reach for reach in sorted(reaches)}
+    return [reach for count, reach in held.items() if count]
+
+
+def farthest_as_good(objectives: Sequence[float], worse: float) -> int:
+    """Index of the last fit that is hardly worse than the best. Fits are in the order of their reaches; some motions hardly tell how far a
+    hand reaches, and in a hold that is too short a body seems too stiff.
+
+    Args:
+        objectives: of the fits.
+        worse: share of the least objective by which that of the chosen fit may be above it.
+    """
+    allowed = (1.0 + worse) * min(objectives)
+    return max(index for index, objective in enumerate(objectives) if objective <= allowed)
+
+
 def springs(x0: Array, held: Array, points: Array, spacing: float, per_particle: int) -> Grip:
     """Binds particles to the `per_particle` nearest points with springs of equal constant: weights in proportion to rest
     lengths, which sum to one for every particle. Springs in all directions hold it against shifts and turns alike."""

@@ -28,9 +28,9 @@ class FindGap(StageParameters):
     false_alarms: float | None = Field(
         None, gt=0, lt=1, description=f"share of captures without a gap in which one may be named; {_CALIBRATED}"
     )
-    grip_fitted: bool = Field(
-        True,
-        description="the grip's stiffness stays an unknown, as Stage 1 fitted it; false: it is known, and grip_compliance a candidate",
+    grip_fitted: bool | None = Field(
+        None,
+        description="whether the grip's stiffness stays an unknown (Stage 1 fitted it); false: it is known, and grip_compliance a candidate; null: as Stage 1's defaults, an unknown of a thin body alone",
     )
     device: Device = device_field()
 

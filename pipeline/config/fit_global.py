@@ -79,15 +79,20 @@ class FrictionCoefficient(Variable):
 
 
 class GripStiffness(Variable):
-    initial: float = Field(12.0, gt=0, description="k_f: force of a bond of weight one at unit strain, start [N]")
+    initial: float = Field(
+        4000.0,
+        gt=0,
+        description="k_f: force of a bond of weight one at unit strain; that of a hand that does not give way [N]",
+    )
     lower: float = Field(0.01, gt=0, description="[N]")
-    upper: float = Field(150.0, gt=0, description="[N]")
-    rate: float = Field(0.05, ge=0, description=_RATE.format("logarithm"))
+    upper: float = Field(2e4, gt=0, description="[N]")
+    rate: float = Field(0.0, ge=0, description=_RATE.format("logarithm"))
 
 
 class ThinGripStiffness(GripStiffness):
     initial: float = Field(200.0, gt=0, description="k_f, start; a thin body's hold also keeps its direction [N]")
     upper: float = Field(5e3, gt=0, description="[N]")
+    rate: float = Field(0.05, ge=0, description=_RATE.format("logarithm"))
 
 
 Reaches = Annotated[tuple[Annotated[float, Field(gt=0)], ...], Field(max_length=8)]
@@ -232,7 +237,7 @@ class FitGlobal(StageParameters):
     layer_friction: LayerFriction = Field(
         LayerFriction(), description="mu where the object touches itself (simulation.self_contact)"
     )
-    grip_reaches: Reaches = _reaches(())
+    grip_reaches: Reaches = _reaches((0.006, 0.009, 0.012, 0.016))
     simulation: Simulation = Field(Simulation(), description="")
     losses: Losses = Field(Losses(), description="")
     masks: Masks = Field(Masks(), description="")

@@ -5,7 +5,7 @@ import pytest
 from scipy.spatial.transform import Rotation
 
 from physreal_core.errors import InputError
-from physreal_core.fitting.grip import bind_grip, bind_within, reaching
+from physreal_core.fitting.grip import bind_grip, bind_within, distinct_reaches, farthest_as_good, reaching
 
 
 def lattice():
@@ -147,3 +147,26 @@ def test_a_hand_that_reaches_as_far_as_said_holds_what_is_within_that(factor):
     other = reaching(grip, x0, hand, factor, spacing=0.01)
     np.testing.assert_array_equal(np.unique(other.particles), np.flatnonzero(away < reach))
     assert set(other.controllers) == {1, 2} and (np.bincount(other.particles)[other.particles] == 2).all()
+
+
+def test_of_reaches_those_are_tried_that_hold_something_and_each_another_set():
+    x0, hand = lattice(), np.array([[0.045, 0.045, 0.102]])  # rows of the lattice are 12, 22 and 32 mm away and more
+    grip = bind_grip(x0, over_time(hand), radius=0.03, spacing=0.01)
+    nearest = np.linalg.norm(x0 - hand, axis=1).min()
+    reaches = [0.03, 0.001, nearest + 1e-6, nearest + 2e-6, 0.025]
+    assert distinct_reaches(grip, reaches) == [nearest + 2e-6, 0.025, 0.03]
+    assert distinct_reaches(grip, [0.001]) == distinct_reaches(grip, []) == []
+
+
+@pytest.mark.parametrize(
+    ("objectives", "worse", "expected"),
+    [
+        ([0.17, 0.207, 0.201, 0.311], 0.1, 0),  # the nearest is the best by far
+        ([1.60, 1.59, 1.61, 1.62], 0.1, 3),  # all are as good
+        ([1.60, 1.59, 1.61, 1.62], 0.0, 1),
+        ([0.2, 0.1, 0.2, 0.105, np.inf], 0.1, 3),
+        ([np.inf, np.inf], 0.1, 1),
+    ],
+)
+def test_of_fits_that_are_hardly_worse_than_the_best_the_one_that_reaches_farthest(objectives, worse, expected):
+    assert farthest_as_good(objectives, worse) == expected

@@ -165,12 +165,25 @@ def _check_world(folder: Path, capture: Capture, files: FrameFiles, purpose: Pur
     if files.depth or (folder / GivenTracks3d.FILE).is_file() or purpose.clip:
         return
     tell_it = found.warn if purpose.clip is None else found.fault
-    tell_it(
-        "there is neither depth nor tracks3d.npz, so nothing can be fitted",
-        where=str(folder),
-        expected="tracks in 3D",
-        remedy=f"record depth, or {BY_CLIP}",
-    )
+    if capture.T_world_camera is None:
+        tell_it(
+            "there is neither depth nor tracks3d.npz, so nothing can be fitted",
+            where=str(folder),
+            expected="tracks in 3D, or T_world_camera and an object that lies on the support plane",
+            remedy=f"record depth, give T_world_camera in capture.json, or {BY_CLIP}",
+        )
+    elif _is_shaped(folder) and capture.T_world_object is None:
+        tell_it(
+            "without depth a shape that is given cannot be placed",
+            where=str(folder),
+            expected="T_world_object in capture.json, or no shape_prior",
+            remedy=f"give T_world_object, take the shape away so that it is built from frame 0, record depth, or {BY_CLIP}",
+        )
+
+
+def _is_shaped(folder: Path) -> bool:
+    """Whether the capture brings a shape."""
+    return any((folder / f"shape_prior.{kind}").is_file() for kind in ("glb", "ply"))
 
 
 def _is_placed(folder: Path) -> bool:

@@ -46,7 +46,8 @@ class GapSummary:
     @property
     def sentences(self) -> list[str]:
         """Where, what, what became of it, and what to film next."""
-        where = [f"{name}: {w['sentence']}" for name, w in zip(self.interactions, self.gap.where, strict=True)]
+        compared = zip(self.interactions, self.gap.where, strict=True) if self.gap.where else ()
+        where = [f"{name}: {w['sentence']}" for name, w in compared]
         what_next = self.verdict.next_motion
         absent = self.gap.settings.get("left_out", {})
         left_out = (
@@ -54,7 +55,7 @@ class GapSummary:
         )
         following = [f"Next: {what_next}."] if what_next else []
         if self.verdict.kind == NOT_SEARCHED:
-            return [*where, f"{self.verdict.sentence} {TO_ASK}"]
+            return [*where, f"{self.verdict.sentence} {TO_ASK}" if where else self.verdict.sentence]
         return [*where, self.verdict.sentence, *left_out, self._adopted(), *following]
 
     def _adopted(self) -> str:

@@ -18,6 +18,7 @@ from pipeline.products.controllers import Controllers
 from pipeline.products.given_tracks import GivenTracks2d, GivenTracks3d
 from pipeline.products.images import FrameImages
 from pipeline.products.masks import ROLES, Role, mask_folder
+from stages._resting import resting_of
 
 
 def load_video(parsed: Path, capture_folder: Path, capture: Capture) -> Video:
@@ -50,6 +51,7 @@ def load_video(parsed: Path, capture_folder: Path, capture: Capture) -> Video:
         masks,
         given_tracks2d(capture_folder, count, size),
         [_correction(one) for one in capture.corrections],
+        resting_of(capture, depth is not None),
     )
 
 

@@ -18,24 +18,29 @@ from pipeline.stage import StageContext, main
 from stages._fit import roll_out, summary
 from stages._gap import interactions, settings_of, teller
 from stages._gap_pictures import write_before_after, write_gap_timeline
+from stages._problem import load_problem
 
 
 def run(context: StageContext) -> None:
     """The model with the effect in it, its rollout, and gap_after.json; where nothing is adopted, the model as it was."""
     baseline = load_model(context.input("fit_patches"))
     report = load_gap(context.input("find_gap"))
+    compared = bool(report.where)
     with context.timed("read"):
-        experiments = interactions(context, baseline)
-    with context.timed("fit"):
-        searched = FindGap.model_validate(read_provenance(context.input("find_gap"))["parameters"])
-        settings = settings_of(searched, context.seed)
-        added = add_effect(experiments, report, settings, teller(context), context.params.effects or None)
+        experiments = interactions(context, baseline) if compared else []
+        problem = experiments[0].problem if compared else load_problem(context.input)
+    searched = FindGap.model_validate(read_provenance(context.input("find_gap"))["parameters"])
+    settings = settings_of(searched, context.seed, problem.body)
+    added = Added(False, (), report.fields)
+    if compared:
+        with context.timed("fit"):
+            added = add_effect(experiments, report, settings, teller(context), context.params.effects or None)
     model = with_effects(baseline, added, _probability(report, added))
     save_model(context.output, model)
     save_added(context.output, added)
     Fit(summary(model)).save(context.output)
     with context.timed("rollout"):
-        objective = Objective(experiments[0].problem, model, LossConfig(), device=context.params.device)
+        objective = Objective(problem, model, LossConfig(), device=context.params.device)
         roll_out(objective, model).save(context.output)
     if added.adopted:
         with context.timed("figures"):

@@ -10,6 +10,7 @@ from physreal_core.geometry import (
     Mesh,
     close_mesh,
     load_mesh,
+    mesh_from_balls,
     mesh_from_gaussians,
     mesh_from_view,
     require_closed,
@@ -19,8 +20,10 @@ from physreal_core.geometry import (
     surface_gaussians,
 )
 from physreal_core.rendering import Gaussians, load_gaussians
+from physreal_core.resting import resting_balls
 from pipeline.capture import Capture, read_capture
 from pipeline.products.built_object import BuiltObject
+from pipeline.products.images import FrameImages
 from pipeline.stage import StageContext, main
 from stages._generator import KEY, generated
 from stages._observation import first_frame
@@ -33,7 +36,8 @@ def run(context: StageContext) -> None:
     Where both are given they share one frame. A prior, or what a generator makes, is moved into a canonical frame (centroid at the
     origin, longest side of its box 1; `T_object_prior`); what is built from frame 0 stays in the world frame. The prior of a cloth may be its
     middle surface, an open mesh; any other is closed. From frame 0 a cloth gets the side that is seen and a rope the line in the middle of
-    its silhouette; their thickness is the capture's, or is measured.
+    its silhouette; their thickness is the capture's, or is measured. Without depth a thick body gets balls that lie on the plane and fill its
+    silhouette.
     """
     thickness = None
     mesh, gaussians, origin, where = _prior(context)
@@ -116,6 +120,10 @@ def _from_view(context: StageContext) -> tuple[Mesh, float | None]:
         length = mesh.volume / (np.pi * diameter**2 / 4.0)
         print(f"a rope of {1e2 * length:.0f} cm, {1e3 * diameter:.2g} mm thick, as frame 0 shows it")
         return mesh, None
+    if not FrameImages(context.input("parse_video")).has_depth:
+        camera = observation.camera
+        balls = resting_balls(observation.mask, camera.K.numpy(), camera.T_world_camera.numpy())
+        return mesh_from_balls(*balls, voxel=params.voxel), None
     return mesh_from_view(observation, voxel=params.voxel, underside=params.underside), None
 
 

@@ -71,7 +71,9 @@ class Objective:
         if tracks is None:
             return np.zeros((observed, 0), bool)
         first = max(0, observed - config.settled_measured) if config.settled > 0.0 else 0
-        in_space = config.settled > 0.0 or config.motion_3d > 0.0 or tracks.visible is None
+        by_pixels = tracks.visible is not None and config.motion_2d > 0.0
+        nowhere = self._known_from >= self.problem.frame_count  # a colour video: pixels are all that is known
+        in_space = config.settled > 0.0 or not by_pixels or (config.motion_3d > 0.0 and not nowhere)
         return (tracks.valid3d if in_space else tracks.visible)[first:observed].cpu().numpy()
 
     def rollout(self, fields: Fields, frames: int) -> States:

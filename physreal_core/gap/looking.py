@@ -4,6 +4,7 @@ from __future__ import annotations
 
 from collections.abc import Sequence
 
+from physreal_core.fitting.model import Model
 from physreal_core.gap.answers.disagreement import disagreements
 from physreal_core.gap.fits.baseline import Progress
 from physreal_core.gap.interactions.interaction import Interaction, Trial
@@ -13,6 +14,19 @@ from physreal_core.gap.settings import GapSettings
 from physreal_core.gap.where.locate import locate
 
 NOT_SEARCHED = Verdict("not_searched", (), ((),), None, "What is missing was not asked.")
+NOT_COMPARED = Verdict(
+    "not_searched",
+    (),
+    ((),),
+    None,
+    "Nothing of the object is known in 3D after frame 0, so what is missing cannot be asked.",
+)
+
+
+def not_compared(model: Model) -> GapReport:
+    """Of a recording in which no track is known in 3D after frame 0 (`fitting.spread.tells`), as of a camera without depth."""
+    settings = {"candidates": []}
+    return GapReport(NOT_COMPARED, (Candidate((), None),), {}, (), (), dict(model.fields), settings=settings)
 
 
 def find_disagreement(

@@ -11,7 +11,7 @@ from physreal_core.geometry.painting import paint, visible_points
 from physreal_core.geometry.patches import farthest_points, patch_weights
 from physreal_core.geometry.plane import Plane, fit_plane, world_frame
 from physreal_core.geometry.pose_search import SearchSettings
-from physreal_core.geometry.reconstruction import mesh_from_gaussians, mesh_from_view
+from physreal_core.geometry.reconstruction import mesh_from_balls, mesh_from_gaussians, mesh_from_view
 from physreal_core.geometry.remeshing import remesh
 from physreal_core.geometry.rope_view import rope_from_view
 from physreal_core.geometry.sheet_view import sheet_from_view
@@ -44,6 +44,7 @@ __all__ = [
     "load_centre_line",
     "load_mesh",
     "load_middle_surface",
+    "mesh_from_balls",
     "mesh_from_gaussians",
     "mesh_from_view",
     "middle_surface",

@@ -96,6 +96,24 @@ def mesh_from_gaussians(gaussians: Gaussians, voxels_across: int = 64) -> Mesh:
     return _mesh_around(solid, low, voxel, inside=0.5)
 
 
+def mesh_from_balls(centres: Float[Array, "balls 3"], radii: Float[Array, " balls"], *, voxel: float = 0.004) -> Mesh:
+    """Closed mesh around the largest connected part of a union of balls, above the plane z = 0; world frame.
+
+    Args:
+        centres, radii: [m], as `resting.resting_balls` gives them.
+        voxel: edge [m] of the voxels that the mesh is drawn around.
+
+    Raises:
+        InputError: there is nothing that is larger than a voxel.
+    """
+    low = np.append((centres - radii[:, None]).min(0)[:2], 0.0) - PAD * voxel
+    high = (centres + radii[:, None]).max(0) + PAD * voxel
+    shape = np.ceil((high - low) / voxel).astype(int)
+    first = low + 0.5 * voxel
+    where = np.broadcast_to(first[2] + voxel * np.arange(shape[2]) > 0.0, shape)
+    return _mesh_around(_main_body(_union(centres - first, radii, where, voxel)), low, voxel)
+
+
 def _require_above_the_plane(points: Float[Array, "n 3"]) -> None:
     """InputError where so much of the object [m] lies below the plane that depth and camera pose contradict each other."""
     below = float(np.mean(points[:, 2] < -SUNK[0]))

@@ -29,6 +29,8 @@ from physreal_core.perception.segmenter import Segmenter
 from physreal_core.perception.settings import PerceptionSettings
 from physreal_core.perception.support import lies_flat, without_support
 from physreal_core.perception.tracker import Tracker, Tracks
+from physreal_core.perception.without_depth import PALM, depth_at_hand, lifted_by_size, lifted_in_frame_zero
+from physreal_core.resting import Resting
 
 _HAND_ON_MASK = 0.2  # share of a known hand's landmarks that lie on a controller's mask, at least
 
@@ -44,6 +46,7 @@ class Video:
         masks: given masks [T, H, W] by "object" or "controller"; they replace the segmentation.
         tracks: given tracks of the object; they replace the tracker.
         corrections: of frames whose masks somebody put right by hand; those of a thing with given masks are not used.
+        resting: of a colour video whose object lies on the support plane in frame 0; None where nothing tells where it is.
     """
 
     frames: Sequence[UInt8[Array, "H W 3"]]
@@ -55,6 +58,7 @@ class Video:
     masks: Mapping[str, Bool[Array, "T H W"]] = field(default_factory=dict)
     tracks: Tracks | None = None
     corrections: Sequence[Correction] = ()
+    resting: Resting | None = None
 
 
 @dataclass(frozen=True)
@@ -70,7 +74,7 @@ class Networks:
 
 @dataclass(frozen=True)
 class Perceived:
-    """Masks [T, H, W], tracks and their lift, controller motion (None without depth), and a report of how it went."""
+    """Masks [T, H, W], tracks and their lift, controller motion (None where nothing tells how far anything is), and a report of how it went."""
 
     object_masks: Bool[Array, "T H W"]
     controller_masks: Bool[Array, "T H W"]
@@ -107,14 +111,23 @@ def perceive(
     queries = _queries({name: mask[0] for name, mask in masks.items()}, settings)
     tracks = video.tracks or _tracks_on(masks["object"], tracker, video.frames, queries["object"], settings, True)
     tick("tracks")
-    lifted = lift(video, tracks, settings)
-    controllers = None
-    if video.depth is None:
-        report["controller"] = "no depth: controller points cannot be placed in 3D"
-    else:  # a depth that jumps is an occlusion or a loss
+    if video.depth is not None:
+        lifted = lift(video, tracks, settings)
+        # a depth that jumps is an occlusion or a loss
         tracks = replace(tracks, visible=tracks.visible & ~_jumped(video.depth, tracks, lifted, settings))
         motions = [_controller(video, masks, n, queries[n], len(hands), tracker, settings) for n in hands]
-        controllers = _together(motions)
+    elif video.resting is not None:
+        depth = video.resting.depth(masks["object"][0], video.K, video.T_world_camera)
+        lifted = lifted_in_frame_zero(tracks, depth, video.K, video.T_world_camera, settings.noise)
+        motions = [_by_its_size(video, masks[n], depth, len(hands), tracker, settings) for n in hands]
+        report["depth"] = (
+            "none: the object lies on the support plane in frame 0, and the hand's distance is by its size"
+        )
+    else:
+        lifted, motions = unlifted(tracks), []
+        report["controller"] = "no depth: controller points cannot be placed in 3D"
+    controllers = _together(motions) if motions else None
+    if controllers is not None:
         report["controller_interpolated_frames"] = controllers.interpolated
     from_start = tracks.visible[:, tracks.starts == 0]
     report["visible_share_per_frame"] = [round(float(v), 4) for v in from_start.mean(1)] if from_start.size else []
@@ -126,11 +139,7 @@ def perceive(
 
 
 def lift(video: Video, tracks: Tracks, settings: PerceptionSettings) -> LiftedTracks:
-    """Tracks to 3D; without depth nothing is known."""
-    if video.depth is None:
-        shape = tracks.visible.shape
-        unknown = np.full((*shape, 3), np.nan, np.float32)
-        return LiftedTracks(unknown, np.zeros(shape, bool), unknown[..., 0])
+    """Tracks to 3D by the video's depth."""
     return lift_tracks(
         tracks.points,
         tracks.visible,
@@ -141,6 +150,13 @@ def lift(video: Video, tracks: Tracks, settings: PerceptionSettings) -> LiftedTr
         max_stray=settings.max_stray,
         noise=settings.noise,
     )
+
+
+def unlifted(tracks: Tracks) -> LiftedTracks:
+    """Tracks of which nothing is known in 3D."""
+    shape = tracks.visible.shape
+    unknown = np.full((*shape, 3), np.nan, np.float32)
+    return LiftedTracks(unknown, np.zeros(shape, bool), unknown[..., 0])
 
 
 def _chosen(
@@ -373,11 +389,32 @@ def _controller(
     tracker: Tracker,
     settings: PerceptionSettings,
 ) -> ControllerMotion:
-    surfaces = {n: _surface(video, masks[n][0], settings) for n in ("object", name)}
-    count = max(settings.controller_count // hand_count, settings.least_controllers)
-    face = pick_controllers(surfaces[name], surfaces["object"], count, settings.controller_reach)
-    start = with_depth(face, video.T_world_camera[:3, 3], settings.controller_thickness)
+    start = _start(video, video.depth[0], masks[name][0], masks["object"][0], hand_count, settings)
     lifted = lift(video, _tracks_on(masks[name], tracker, video.frames, queries, settings), settings)
+    return move_controllers(start, lifted.points, lifted.valid, smoothing=settings.controller_smoothing)
+
+
+def _start(
+    video: Video, depth: Array, hand: Array, thing: Array, hand_count: int, settings: PerceptionSettings
+) -> Float[Array, "points 3"]:
+    """The points in frame 0, of this depth, that stand for a hand with this mask [m]."""
+    count = max(settings.controller_count // hand_count, settings.least_controllers)
+    seen, touched = (_surface(video, depth, mask, settings) for mask in (hand, thing))
+    face = pick_controllers(seen, touched, count, settings.controller_reach)
+    return with_depth(face, video.T_world_camera[:3, 3], settings.controller_thickness)
+
+
+def _by_its_size(
+    video: Video, masks: Array, depth: Array, hand_count: int, tracker: Tracker, settings: PerceptionSettings
+) -> ControllerMotion:
+    """Of a hand without depth; `depth` is that of the object in frame 0."""
+    hand, thing = masks[0], depth > 0
+    far = depth_at_hand(depth, hand, settings.controller_thickness)
+    start = _start(video, np.where(hand, far, depth), hand, thing, hand_count, settings)
+    reach = PALM * video.K[0, 0] / far / np.hypot(*hand.shape)
+    queries = hand_queries(hand, thing, settings.hand_track_count, reach, settings.queries)
+    tracks = _tracks_on(masks, tracker, video.frames, queries, settings)
+    lifted = lifted_by_size(tracks, far, video.K, video.T_world_camera, settings.noise)
     return move_controllers(start, lifted.points, lifted.valid, smoothing=settings.controller_smoothing)
 
 
@@ -386,14 +423,14 @@ def _together(motions: Sequence[ControllerMotion]) -> ControllerMotion:
     return ControllerMotion(np.concatenate([m.points for m in motions], 1), motions[0].poses, interpolated)
 
 
-def _surface(video: Video, mask: Array, settings: PerceptionSettings) -> Float[Array, "P 3"]:
-    """World points of a mask of frame 0 with trustworthy depth."""
+def _surface(video: Video, depth: Array, mask: Array, settings: PerceptionSettings) -> Float[Array, "P 3"]:
+    """World points of a mask of frame 0 with trustworthy depth [m]."""
     pixels = np.argwhere(mask)[:, ::-1].astype(np.float64)
     visible = np.ones((1, len(pixels)), bool)
-    z = depth_at(video.depth[0], pixels, settings.max_depth_edge)
+    z = depth_at(depth, pixels, settings.max_depth_edge)
     pixels, visible = pixels[z > 0], visible[:, z > 0]
     lifted = lift_tracks(
-        pixels[None], visible, video.depth[:1], video.K, video.T_world_camera, max_edge=settings.max_depth_edge
+        pixels[None], visible, depth[None], video.K, video.T_world_camera, max_edge=settings.max_depth_edge
     )
     return lifted.points[0][lifted.valid[0]]
 

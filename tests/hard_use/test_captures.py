@@ -376,7 +376,7 @@ ODD = {
     "an empty hand": (images("masks/controller/00000[2-5].png", lambda m: 0 * m), "4 of 6 masks are empty"),
     "a misspelt file": (lambda folder: (folder / "controllers.npz").rename(folder / "controller.npz"), "did you mean controllers.npz?"),
     "a misspelt folder of masks": (lambda folder: (folder / "masks/controller").rename(folder / "masks/hand"), "nothing reads masks/hand"),
-    "no depth": (without("depth", "tracks3d.npz"), "neither depth nor tracks3d.npz"),
+    "no depth": (without("depth", "tracks3d.npz"), "without depth a shape that is given cannot be placed"),
 }  # fmt: skip
 
 
@@ -467,10 +467,18 @@ def test_without_depth_a_clip_passes_and_a_fit_does_not(video, clip, posed):
     pose = POSE.tolist() if posed else None
     all_of(without("depth", "tracks3d.npz", "controllers.npz"), keys(T_world_camera=pose))(video)
     _, found = examine(video, Purpose(clip=clip))
-    world = [] if posed else ["neither depth nor T_world_camera is there, so the world cannot be set"]
-    assert [fault.what for fault in found.faults] == (
-        [] if clip else [*world, "there is neither depth nor tracks3d.npz, so nothing can be fitted"]
-    )
+    placeless = [
+        "neither depth nor T_world_camera is there, so the world cannot be set",
+        "there is neither depth nor tracks3d.npz, so nothing can be fitted",
+    ]
+    shaped = ["without depth a shape that is given cannot be placed"]
+    assert [fault.what for fault in found.faults] == ([] if clip else shaped if posed else placeless)
+
+
+def test_without_depth_an_object_on_the_table_of_a_known_camera_can_be_fitted(video):
+    all_of(without("depth", "tracks3d.npz", "controllers.npz", "shape_prior.glb"))(video)
+    _, found = examine(video, Purpose(clip=False))
+    assert not found.faults
 
 
 def test_a_clip_with_points_of_the_world_needs_one(video):

@@ -37,6 +37,7 @@ ABOVE = {
     "benchmarks.beam",
     "benchmarks.beam_report",
     "benchmarks.beam_scene",
+    "benchmarks.colour_only",
     "benchmarks.filmed",
     "benchmarks.rendered",
     "benchmarks.perception",

@@ -157,7 +157,7 @@ class Aggregate:
 
 SUMMARISE = Aggregate(
     "summarise",
-    ("evaluate",),
+    ("build_object", "evaluate"),
     outputs_in_git=("results/tables", "results/plots"),
     metrics=("results/summary.json",),
     plots={

@@ -50,6 +50,12 @@ class Results:
     def geometry(self, sequence: str) -> str:
         return self.parameters.sequence(sequence).geometry
 
+    def shape(self, sequence: str) -> str:
+        """`given` or `seen`, as of `shape_of`."""
+        from pipeline.products.built_object import read_facts, shape_of
+
+        return shape_of(read_facts(self.artifact("build_object", sequence))["source"])
+
     def model_from(self, sequence: str) -> str | None:
         """The sequence whose models this one is predicted with; None if models were fitted on it."""
         prediction = self.parameters.values.predictions.get(sequence)
@@ -80,6 +86,11 @@ class Results:
         """The benchmark's numbers in SI units; those that do not apply are absent."""
         found = self.metrics[sequence].get(fit_stage, {}).get(interval, {})
         return {name: found[name] for name in METRICS if found.get(name) is not None}
+
+    def vertex_error(self, sequence: str, fit_stage: str, interval: str) -> float | None:
+        """Mean distance of the true vertices from the model's [m]; None where the truth is not known."""
+        truth = self.metrics[sequence].get(fit_stage, {}).get("truth", {})
+        return truth.get(interval, {}).get("vertex_error")
 
     def gap(self, sequence: str) -> GapSummary | None:
         """What is missing in a fitted sequence's model; None for a predicted one."""

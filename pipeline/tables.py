@@ -18,12 +18,13 @@ SHOWN = {
 
 
 def tables(results: Results) -> dict[str, Table]:
-    """Name → table: every sequence, the mean by fit stage, the mean by object geometry, fitted and predicted apart; the gaps; and where they were
+    """Name → table: every sequence, the mean by fit stage, the mean by object geometry and by whether its shape was given, fitted and predicted apart; the gaps; and where they were
     measured, other methods and parts of ours."""
     own = {
         "by_sequence": _by_sequence(results),
         "by_stage": _by_stage(results),
         "by_geometry": _by_geometry(results),
+        "by_shape": _by_shape(results),
         "gaps": _gaps(results),
     }
     if not results.baselines:
@@ -89,6 +90,25 @@ def _by_geometry(results: Results) -> Table:
         for row in _mean_rows(results, [name for name in names if results.geometry(name) == geometry])
     ]
     return Table("Mean over sequences, by geometry of the object.", ["geometry", *_MEAN_HEADINGS, *_headings()], rows)
+
+
+def _by_shape(results: Results) -> Table:
+    rows = [
+        [geometry, shape, *row[: -len(SHOWN)], _true_error(results, names, *row[1:3]), *row[-len(SHOWN) :]]
+        for sequences in _fitted_and_predicted(results)
+        for geometry in sorted({results.geometry(name) for name in sequences})
+        for shape in ("given", "seen")
+        if (names := [n for n in sequences if (results.geometry(n), results.shape(n)) == (geometry, shape)])
+        for row in _mean_rows(results, names)
+    ]
+    caption = "Mean over sequences, by whether the shape was given or made from frame 0."
+    return Table(caption, ["geometry", "shape", *_MEAN_HEADINGS, "true vertices [mm]", *_headings()], rows)
+
+
+def _true_error(results: Results, names: list[str], stage: str, interval: str) -> str:
+    """Mean over those of the sequences whose truth is known [mm], as text."""
+    known = [error for name in names if (error := results.vertex_error(name, stage, interval)) is not None]
+    return f"{1e3 * sum(known) / len(known):.2f}" if known else ""
 
 
 _MEAN_HEADINGS = ["model", "fit stage", "frames", "sequences"]

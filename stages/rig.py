@@ -13,9 +13,10 @@ def run(context: StageContext) -> None:
         with context.timed("simulate and record"):
             record_motion(bar.case(context.params, context.seed), bar.motion, context.output, video=False)
         return
-    scene = build_scene(context.sequence, context.params)
+    params = context.params
+    scene = build_scene(params.film or context.sequence, params)
     with context.timed("simulate and film"):
-        make_capture(scene, context.output, seed=context.seed, timestep=context.params.timestep)
+        make_capture(scene, context.output, seed=context.seed, timestep=params.timestep, shape=params.shape)
 
 
 if __name__ == "__main__":

@@ -26,12 +26,13 @@ def run(results: Results) -> None:
 
 
 def summary(results: Results) -> dict:
-    """sequences.<name>.<fit stage>.<interval>.<metric>, SI units, missing_effect.<name> of every fitted sequence, and baselines.<name>.<method>
+    """sequences.<name>.<fit stage>.<interval>.<metric>, SI units, with sequences.<name>.shape, given or seen; missing_effect.<name> of every fitted sequence, and baselines.<name>.<method>
     where they were measured; a number that does not apply is absent."""
     own = {
         "missing_effect": {name: _missing(gap) for name in results.sequences if (gap := results.gap(name))},
         "sequences": {
-            sequence: {
+            sequence: {"shape": results.shape(sequence)}
+            | {
                 stage: {interval: results.scores(sequence, stage, interval) for interval in INTERVALS}
                 for stage in FIT_STAGES
                 if stage in results.metrics[sequence]

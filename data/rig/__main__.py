@@ -20,6 +20,8 @@ def main() -> None:
     parser.add_argument("--seed", type=int, default=0)
     parser.add_argument("--out", type=Path, help="capture folder; default data/captures/<scene>")
     for name, field in Rig.model_fields.items():
+        if name == "film":
+            continue  # it is the scene
         option = "--" + name.replace("_", "-")
         choices = get_args(field.annotation)
         kind = str if choices else field.annotation
@@ -34,7 +36,8 @@ def main() -> None:
     elif name in SEQUENCES:
         make_sequence(name, seed, destination)
     else:
-        make_capture(build_scene(name, parameters), destination, seed=seed, timestep=parameters.timestep)
+        scene = build_scene(name, parameters)
+        make_capture(scene, destination, seed=seed, timestep=parameters.timestep, shape=parameters.shape)
     print(f"wrote {destination}")
 
 

@@ -30,7 +30,14 @@ _MOMENTS = 6  # at which a picture with an open shutter is taken
 _PRIOR_SHADE = 0.8  # vertex colours of the prior: the surface under a soft light
 
 
-def make_capture(scene: RigScene, destination: Path, *, seed: int = 0, timestep: float = 0.001) -> None:
+def make_capture(
+    scene: RigScene,
+    destination: Path,
+    *,
+    seed: int = 0,
+    timestep: float = 0.001,
+    shape: Literal["given", "seen"] = "given",
+) -> None:
     """Simulates and films `scene` into `destination`, which is replaced as a whole.
 
     Args:
@@ -38,9 +45,10 @@ def make_capture(scene: RigScene, destination: Path, *, seed: int = 0, timestep:
         destination: capture folder.
         seed: seeds sensor noise and the prior's pose; the same seed gives the same files.
         timestep: largest step of the simulation of a solid body [s]; a thin one has its own (`thin_simulate.run`).
+        shape: whether the capture has the stress-free shape, a thin body's thickness and a click on the object.
     """
-    thin = isinstance(scene.body, ThinBody)
-    film(scene, run(scene) if thin else simulate(scene, timestep=timestep), destination, seed=seed)
+    trajectory = run(scene) if isinstance(scene.body, ThinBody) else simulate(scene, timestep=timestep)
+    film(scene, trajectory, destination, seed=seed, hint="point" if shape == "given" else None, shape=shape)
 
 
 def film(
@@ -52,6 +60,7 @@ def film(
     hidden: Hidden = NOTHING,
     further_truth: Mapping[str, Array | str] = MappingProxyType({}),
     hint: Literal["point", "box"] | None = "point",
+    shape: Literal["given", "seen"] = "given",
 ) -> None:
     """Films what happened into `destination`, which is replaced as a whole.
 
@@ -64,6 +73,7 @@ def film(
         further_truth: more of the truth, as of `CaptureTruth`.
         hint: how the object is named in frame 0. A click on a pattern may be taken to mean a part of it; a box is not.
             None names the hand alone.
+        shape: whether the capture has the stress-free shape and a thin body's thickness.
     """
     destination = Path(destination)
     draft = destination.with_name(destination.name + ".partial")
@@ -78,10 +88,13 @@ def film(
         if frame == 0:
             hints = _hints(picture, hint)
         _write_frame(draft, frame, replace(picture, depth=hidden.depth(picture.depth)), scene, random)
-    (draft / "capture.json").write_text(json.dumps(describe(scene, hints), indent=1) + "\n")
-    T_world_prior = random_similarity(random)
-    _write_prior(draft / "shape_prior.glb", trajectory, T_world_prior, scene.look)
-    write_middle(draft, trajectory, scene.body, T_world_prior)
+    described, T_world_prior = describe(scene, hints), random_similarity(random)
+    if shape == "given":
+        _write_prior(draft / "shape_prior.glb", trajectory, T_world_prior, scene.look)
+        write_middle(draft, trajectory, scene.body, T_world_prior)
+    else:
+        described.pop("thickness", None)
+    (draft / "capture.json").write_text(json.dumps(described, indent=1) + "\n")
     if scene.push_friction is not None:
         recording.pushing(scene, trajectory).save(draft)
     truth = simulated_truth(scene, trajectory, stage.hand, T_world_prior)

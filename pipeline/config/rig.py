@@ -8,8 +8,13 @@ from pipeline.config._base import StageParameters
 
 
 class Rig(StageParameters):
-    """The `rig` block of params.yaml. `hidden` and `strength` are of the bars, all else is of the plush toy."""
+    """The `rig` block of params.yaml. `hidden` and `strength` are of the bars, all else is of what is filmed."""
 
+    film: str = Field("", description='scene that is filmed; "": the one that has the sequence\'s name')
+    shape: Literal["given", "seen"] = Field(
+        "given",
+        description="given: a film comes with the stress-free shape and a click on the object; seen: with neither, nor a thickness",
+    )
     hidden: str = Field(
         "kelvin_voigt",
         description="effect hidden in bar_lift and bar_press: a name in data/rig/hidden/library.py, two joined by +, or none",

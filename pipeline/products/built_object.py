@@ -41,9 +41,14 @@ class BuiltObject:
     thickness: float | None = None
 
     @property
+    def shape(self) -> Literal["given", "seen"]:
+        """As of `shape_of`."""
+        return shape_of(self.source)
+
+    @property
     def far_side_guessed(self) -> bool:
         """Whether what the camera did not see in frame 0 was made up, by a rule or a generator."""
-        return self.source == "frame 0" or self.source.startswith("generated")
+        return self.shape == "seen"
 
     def save(self, folder: Path) -> None:
         """Write the three files; object.json also says, for the reader, how large and how whole the mesh is."""
@@ -78,6 +83,11 @@ class BuiltObject:
                 T_object_prior=np.array(facts["T_object_prior"], dtype=np.float64).reshape(4, 4),
                 thickness=facts.get("thickness"),
             )
+
+
+def shape_of(source: str) -> Literal["given", "seen"]:
+    """Of `BuiltObject.source`: whether somebody gave the shape, or it was made from frame 0, by a rule or a generator."""
+    return "given" if source.startswith("prior") else "seen"
 
 
 def read_facts(folder: Path) -> dict:

@@ -73,7 +73,7 @@ def finished_project(root: Path) -> Project:
 
     for name in sequences:
         run_stage("parse_video", name, parse_video, project)
-        for stage, run in (("segment_and_track", _seen), ("build_object", _empty), ("fit_pose", _pose)):
+        for stage, run in (("segment_and_track", _seen), ("build_object", _built), ("fit_pose", _pose)):
             run_stage(stage, name, run, project)
         run_stage("sample_particles", name, _particles, project)
     for stage in STAGES_OF_FIT:
@@ -98,6 +98,13 @@ def _empty(context: StageContext) -> None:
 
 def _seen(context: StageContext) -> None:
     PerceptionQuality(["fewer than 50% of the tracks are seen in frame 3"]).save(context.output)
+
+
+def _built(context: StageContext) -> None:
+    """The shape of `lift` was given, that of `push` seen."""
+    facts = {"source": "prior mesh" if context.sequence == "lift" else "frame 0", "frame": "canonical"}
+    facts |= {"gaussians": "surface", "coloured": True, "T_object_prior": np.eye(4).tolist()}
+    (context.output / "object.json").write_text(json.dumps(facts))
 
 
 def _pose(context: StageContext) -> None:

@@ -33,6 +33,7 @@ def test_summary_has_the_agreed_form(results):
         {"verdict": "effect", "named": "linear_drag", "probability": 0.96, "closed": 0.98}
     )
     for sequence, stages in summary["sequences"].items():
+        assert stages.pop("shape") == {"lift": "given", "push": "seen"}[sequence]
         assert tuple(stages) == FIT_STAGES
         for stage, intervals in stages.items():
             for interval in ("observed", "future"):
@@ -66,6 +67,11 @@ def test_tables_and_curves(results):
     assert {(row["geometry"], row["model"]) for row in rows} == {("volumetric", "fitted"), ("linear", "predicted")}
     future = next(row for row in rows if row["geometry"] == "volumetric" and row["frames"] == "future")
     assert float(future["track error [mm]"]) == pytest.approx(8.0)
+    with (folder / "tables/by_shape.csv").open() as file:
+        rows = list(csv.DictReader(file))
+    assert {(row["shape"], row["model"]) for row in rows} == {("given", "fitted"), ("seen", "predicted")}
+    assert [row["true vertices [mm]"] for row in rows if row["frames"] == "observed"] == ["3.50"] * 2 * len(FIT_STAGES)
+    assert {row["true vertices [mm]"] for row in rows if row["frames"] == "future"} == {""}, "nothing is known of it"
     assert (folder / "tables/by_stage.md").read_text().count("|\n") == 2 + 2 * 2 * len(FIT_STAGES)
     with (folder / "plots/frames.csv").open() as file:
         frames = list(csv.DictReader(file))

@@ -45,10 +45,10 @@ def make_capture(
         destination: capture folder.
         seed: seeds sensor noise and the prior's pose; the same seed gives the same files.
         timestep: largest step of the simulation of a solid body [s]; a thin one has its own (`thin_simulate.run`).
-        shape: whether the capture has the stress-free shape, a thin body's thickness and a click on the object.
+        shape: whether the capture has the stress-free shape, a thin body's thickness and clicks on object and hand.
     """
     trajectory = run(scene) if isinstance(scene.body, ThinBody) else simulate(scene, timestep=timestep)
-    film(scene, trajectory, destination, seed=seed, hint="point" if shape == "given" else None, shape=shape)
+    film(scene, trajectory, destination, seed=seed, shape=shape)
 
 
 def film(
@@ -73,7 +73,7 @@ def film(
         further_truth: more of the truth, as of `CaptureTruth`.
         hint: how the object is named in frame 0. A click on a pattern may be taken to mean a part of it; a box is not.
             None names the hand alone.
-        shape: whether the capture has the stress-free shape and a thin body's thickness.
+        shape: whether the capture has the stress-free shape and a thin body's thickness; where it is seen, nothing is named, either.
     """
     destination = Path(destination)
     draft = destination.with_name(destination.name + ".partial")
@@ -86,7 +86,7 @@ def film(
         pose = hidden.camera(scene.view.pose(), frame / scene.fps)
         picture = _remembered_picture(stage, trajectory, frame, pose, scene.look.shutter)
         if frame == 0:
-            hints = _hints(picture, hint)
+            hints = _hints(picture, hint) if shape == "given" else {}
         _write_frame(draft, frame, replace(picture, depth=hidden.depth(picture.depth)), scene, random)
     described, T_world_prior = describe(scene, hints), random_similarity(random)
     if shape == "given":

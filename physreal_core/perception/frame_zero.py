@@ -12,7 +12,7 @@ from physreal_core.perception.choices import Choice
 from physreal_core.perception.chooser import TargetChooser, fit_to_hint, hint_prompts, opened
 from physreal_core.perception.colour import largest_part
 from physreal_core.perception.hand_finder import HandFinder
-from physreal_core.perception.hands import find_hands, sane
+from physreal_core.perception.hands import find_hands, reaching_in, sane
 from physreal_core.perception.mask_geometry import (
     distance_to,
     intersection_over_union,
@@ -24,7 +24,7 @@ from physreal_core.perception.motion import Motion
 from physreal_core.perception.prompting import Window, in_wide_enough_window, make_prompts, window_around
 from physreal_core.perception.ranking import filled, fit_to_motion, fit_to_touch, moving_off, shade_near
 from physreal_core.perception.segmenter import Candidates, Prompt, Segmenter, drop_duplicates, zoomed_candidates
-from physreal_core.perception.settings import DEFAULTS, HandSettings, RankingSettings, WindowSettings
+from physreal_core.perception.settings import DEFAULTS, HandSettings, MotionSettings, RankingSettings, WindowSettings
 from physreal_core.perception.votes import choose_by_votes
 
 _AROUND_THING = WindowSettings(margin=0.4)
@@ -38,20 +38,25 @@ def find_controllers(
     finder: HandFinder | None,
     segmenter: Segmenter,
     settings: HandSettings = DEFAULTS.hands,
+    motion: Motion | None = None,
+    motion_settings: MotionSettings = DEFAULTS.ranking.motion,
 ) -> list[Choice]:
-    """Masks of what moves the object: what the hint names, else every hand that is found, with its arm.
+    """Masks of what moves the object: what the hint names, else every hand that is found, with its arm, else what moves and reaches in from
+    the border.
 
     Raises:
-        InputError: there is neither a hint nor a hand.
+        InputError: there is neither a hint nor a hand, nor anything else that reaches in.
     """
     if hint:
         return [_by_hint(image, hint, segmenter, "hints.controller")]
     choices = find_hands(image, finder, segmenter, settings) if finder else []
+    if not choices and motion is not None:
+        choices = reaching_in(image, motion, segmenter, settings, motion_settings)
     if not choices:
         raise InputError(
             "no controller found",
             where="frame 0",
-            expected="a hand that can be seen" if finder else "a hint, since no hand finder is configured",
+            expected="a hand that can be seen, or something that moves and reaches in from the image's border",
             remedy="click it with `physreal label`, name it in capture.json under hints.controller, "
             'e.g. {"point": [u, v]}, or give masks/controller/',
         )

@@ -96,6 +96,38 @@ def _arm(image: Array, hand: Hand, mask: Array, segmenter: Segmenter, settings: 
     return best
 
 
+def reaching_in(
+    image: UInt8[Array, "H W 3"],
+    motion: Motion,
+    segmenter: Segmenter,
+    settings: HandSettings,
+    motion_settings: MotionSettings,
+) -> list[Choice]:
+    """What moves and reaches in from the image's border, one at most: a hand that no finder knows, in a glove or of a robot.
+
+    Of the masks around what moves at the border, that which the segmenter is surest of, of which most moves, and which is the largest.
+    """
+    if not segmenter.promptable:
+        return []
+    moving = motion.moving(motion.textured, motion_settings)
+    width = max(1, round(settings.rim * np.hypot(*moving.shape)))
+    rim = np.pad(np.zeros([side - 2 * width for side in moving.shape], bool), width, constant_values=True)
+    best, best_fit = [], 0.0
+    for part in large_parts(moving & rim, settings.least_rim, 0.0):
+        found = sane(segmenter.candidates(image, make_prompts(part, [])))
+        for mask, score in zip(map(largest_part, found.masks), found.scores, strict=True):
+            seen = mask & motion.textured
+            moves = moving[seen].mean() if seen.any() and _at_the_border(mask) else 0.0
+            fit = score * moves * np.sqrt(mask.sum())
+            if moves >= settings.moves and fit > best_fit:
+                best, best_fit = [Choice(mask, "reaches in from the border and moves")], fit
+    return best
+
+
+def _at_the_border(mask: Bool[Array, "H W"]) -> bool:
+    return bool(np.r_[mask[0], mask[-1], mask[:, 0], mask[:, -1]].any())
+
+
 def more_hands(
     image: UInt8[Array, "H W 3"],
     known: Sequence[Choice],
@@ -113,9 +145,8 @@ def more_hands(
     alike = opened((memory.evidence(image, "hand") > settings.alike) & (distance_to(taken) > settings.gap))
     moving, out = motion.moving(taken, motion_settings), []
     for part in large_parts(alike, int(settings.other[0] * taken.sum()), 0.0) if alike.any() else []:
-        edge = np.r_[part[0], part[-1], part[:, 0], part[:, -1]].any()
         seen = part & motion.textured
-        if not edge or part.sum() > settings.other[1] * taken.sum() or not seen.any():
+        if not _at_the_border(part) or part.sum() > settings.other[1] * taken.sum() or not seen.any():
             continue
         if moving[seen].mean() < settings.moves:
             continue

@@ -203,11 +203,11 @@ def _frame_zero(
                 "no controller found", where="masks/controller, frame 0", expected="a mask that is not empty"
             )
     else:
+        segmenter, moves = _needed(networks.segmenter), settings.ranking.motion
         hands = find_controllers(
-            image, video.hints.get("controller"), networks.hand_finder, _needed(networks.segmenter), settings.hands
+            image, video.hints.get("controller"), networks.hand_finder, segmenter, settings.hands, motion, moves
         )
-        moves = settings.ranking.motion
-        hands += more_hands(image, hands, motion, _needed(networks.segmenter), settings.hands, moves)
+        hands += more_hands(image, hands, motion, segmenter, settings.hands, moves)
     tick("controller in frame 0")
     if "object" in given:
         target = Choice(given["object"][0], "given masks/object")

@@ -299,6 +299,10 @@ class HandSettings:
     """Another hand that looks so has between these areas [areas of the known hands]."""
     moves: float = 0.3
     """And at least this share of what can be seen of it moves."""
+    rim: float = 0.02
+    """Width of the border at which something reaches in [share of the image's diagonal]."""
+    least_rim: int = 20
+    """Fewer moving pixels there are nothing that reaches in [px]."""
     appearance: AppearanceSettings = field(default_factory=AppearanceSettings)
 
 

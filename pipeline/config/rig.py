@@ -13,7 +13,7 @@ class Rig(StageParameters):
     film: str = Field("", description='scene that is filmed; "": the one that has the sequence\'s name')
     shape: Literal["given", "seen"] = Field(
         "given",
-        description="given: a film comes with the stress-free shape and a click on the object; seen: with neither, nor a thickness",
+        description="given: a film comes with the stress-free shape and a click on object and hand; seen: with neither, nor a thickness",
     )
     hidden: str = Field(
         "kelvin_voigt",

@@ -56,6 +56,30 @@ def test_no_controller_is_an_error_that_names_the_key(finder):
         find_controllers(IMAGE, None, finder, FilmSegmenter(SCENE))
 
 
+class Around:
+    """A segmenter that proposes these masks wherever it is asked."""
+
+    promptable = True
+
+    def __init__(self, *masks):
+        self._masks = np.stack(masks)
+
+    def candidates(self, image, prompts=None):
+        return Candidates(self._masks, np.full(len(self._masks), 0.9, np.float32), np.full(len(self._masks), -1))
+
+
+def test_where_no_hand_is_known_the_controller_reaches_in_from_the_border_and_moves():
+    arm, shelf = np.zeros_like(DISC), np.zeros_like(DISC)
+    arm[:60, 80:100], shelf[:40, :30] = True, True
+    masks = arm[:, :] & (np.arange(128) < 85), shelf, DISC, DISC | shelf, arm
+    moves = Motion.of(np.where(DISC | arm, 8.0, 0.0))
+    (found,) = find_controllers(IMAGE, None, NoHands(), Around(*masks), motion=moves)
+    assert np.array_equal(found.mask, arm) and found.how == "reaches in from the border and moves"
+    still = Motion.of(np.where(DISC, 8.0, 0.0))
+    with pytest.raises(InputError, match="no controller found"):
+        find_controllers(IMAGE, None, NoHands(), Around(*masks), motion=still)
+
+
 @pytest.mark.parametrize("hint", [{"box": [40, 25, 80, 65]}, {"colour": "teal"}], ids=str)
 def test_a_hint_names_the_object(hint):
     assert np.array_equal(find_object(IMAGE, hint, [HANDS], FilmSegmenter(SCENE)).mask, DISC)

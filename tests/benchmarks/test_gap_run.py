@@ -116,6 +116,19 @@ def test_cases_that_share_a_card_have_a_multi_process_service(
     assert all((run.folder / case.name / "answer.json").is_file() for case in (NONE, DRAG))
 
 
+def test_a_service_that_does_not_end_is_told_and_no_error(tmp_path, monkeypatch, capsys):
+    control = tmp_path / CONTROL
+    control.write_text('#!/bin/sh\n[ "$1" = -d ] || sleep 20\n')
+    control.chmod(0o755)
+    monkeypatch.setenv("PATH", f"{tmp_path}:{os.environ['PATH']}")
+    monkeypatch.delenv(PIPES, raising=False)
+    monkeypatch.setattr(multi_process, "USUAL", tmp_path / "nobody")
+    monkeypatch.setattr(multi_process, "PATIENCE", 0.2)
+    with multi_process.multi_process_service(True) as where:
+        assert where
+    assert "has not ended after 0.2 s" in capsys.readouterr().out
+
+
 def test_cores_are_shared_out(monkeypatch):
     monkeypatch.setattr(os, "sched_getaffinity", lambda process: {0, 1, 2, 3, 8})
     assert [core_share(number, 2) for number in range(2)] == [[0, 2, 8], [1, 3]]

@@ -48,8 +48,8 @@ def multi_process_service(wanted: bool) -> Iterator[dict[str, str]]:
 
 def _quit(environment: dict[str, str]) -> None:
     """Ends the service, which waits for processes that use it; one that the time limit has stopped may be slow to go."""
-    how = {"env": environment, "text": True, "capture_output": True, "timeout": PATIENCE, "check": False}
+    how = {"env": environment, "text": True, "capture_output": True, "timeout": PATIENCE}
     try:
-        subprocess.run([CONTROL], input="quit\n", **how)
+        subprocess.run([CONTROL], input="quit\n", check=False, **how)
     except subprocess.TimeoutExpired:
         print(f"the multi-process service has not ended after {PATIENCE:g} s: a case still uses it", flush=True)

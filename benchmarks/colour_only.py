@@ -21,6 +21,7 @@ from benchmarks.recordings import real_data
 from benchmarks.thin.results import RESULTS
 from data.importers.images import import_capture
 from physreal_core.array_types import Array
+from physreal_core.errors import SimulationError
 from pipeline.capture import read_capture, write_capture
 from pipeline.compose import render
 from pipeline.config import read_parameters, validate_parameters
@@ -64,15 +65,21 @@ WANTED = "| wanted of the rope | | | 0.75 | 0.60 | | |"
 def main(folder: Path) -> None:
     """Run what has not run, and write the page."""
     project = _project(folder)
-    for name in CLIPS:
+    rows = [row for name in CLIPS for row in _rows(project, name, _stopped(project, name))]
+    page = "\n".join([*_HEAD, *rows, WANTED, "", *_hand(project), ""])
+    (RESULTS / "colour_only.md").write_text(page)
+    print(page)
+
+
+def _stopped(project: Project, name: str) -> str | None:
+    """Runs what has not run of a clip; what the simulator says where it cannot go on, None where all stages end."""
+    try:
         for stage in STAGES:
             if not project.artifact(stage, name).is_dir():
                 run_stage(stage, name, importlib.import_module(f"stages.{stage}").run, project)
-    page = "\n".join(
-        [*_HEAD, *(row for name in CLIPS for row in _rows(project, name)), WANTED, "", *_hand(project), ""]
-    )
-    (RESULTS / "colour_only.md").write_text(page)
-    print(page)
+    except SimulationError as error:
+        return f"{stage}: {error}"
+    return None
 
 
 def _project(folder: Path) -> Project:
@@ -93,7 +100,10 @@ def _project(folder: Path) -> Project:
     return project
 
 
-def _rows(project: Project, name: str) -> Iterator[str]:
+def _rows(project: Project, name: str, stopped: str | None) -> Iterator[str]:
+    if stopped is not None:
+        yield f"| {CLIPS[name].words} | not fitted: {stopped} | | | | | |"
+        return
     metrics = Scores.load(project.artifact("evaluate", name)).metrics
     for stage, words in MODELS.items():
         observed, future = (metrics[stage][interval] for interval in ("observed", "future"))

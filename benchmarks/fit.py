@@ -65,7 +65,6 @@ RECIPES = {
             "youngs_modulus": (0.1, *_MODULUS),
             "poissons_ratio": (0.1, *_RATIO),
             "friction_coefficient": (0.1, 0.01, 2.0),
-            "grip_stiffness": (0.05, 0.01, 150.0),
         },
         DescentConfig(iterations=14, warmup=3, first_horizon=0.4, checkpoint_every=3),
     ),

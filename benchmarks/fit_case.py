@@ -87,7 +87,7 @@ def make_case(particles: int, frames: int, device: str, seed: int = 0) -> FitCas
     problem = replace(problem, tracks=_measured(problem, moved, seed), masks=_silhouettes(problem, mesh, states, seed))
     start = uniform_model(
         torch.from_numpy(x0[patches]),
-        GUESS | {"grip_stiffness": 1.3 * stiffness},
+        GUESS | {"grip_stiffness": stiffness},
         elastic_law="fixed_corotated",
         simulation={"ground_height": 0.0, "courant": 0.4, "dtype": "float32"},
     )

@@ -236,6 +236,7 @@ def test_a_products_file_is_named_in_one_module():
 FOREIGN = {
     "data/importers/images.py": {"camera.json"},  # of the recording that is imported
     "benchmarks/filmed.py": {"camera.json"},  # of the filmed clips
+    "benchmarks/colour_only.py": {"camera.json"},  # of the rig that filmed them
     "physreal_core/fitting/grip.py": {"controllers.npz"},  # says where an error comes from
     "stages/summarise.py": {"loss.csv", "frames.csv"},  # plots, means over sequences
     # what DVC watches of a companion, and plots; it must not import numpy for a name

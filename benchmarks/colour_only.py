@@ -20,7 +20,7 @@ import numpy as np
 from benchmarks.recordings import real_data
 from benchmarks.thin.results import RESULTS
 from data.importers.images import import_capture
-from physreal_core.array_types import Array
+from physreal_core.array_types import Array, Float
 from physreal_core.errors import SimulationError
 from pipeline.capture import read_capture, write_capture
 from pipeline.compose import render
@@ -112,15 +112,20 @@ def _rows(project: Project, name: str, stopped: str | None) -> Iterator[str]:
 
 
 def _hand(project: Project) -> list[str]:
-    """How far the rope's hand is off."""
+    """How far the rope's hand is off, in words."""
+    error = 1e3 * hand_errors(project)
+    return [
+        f"The displacement of the rope's hand since frame 0, by its size in the image, is off by {np.median(error):.0f} mm in the median and by {error.max():.0f} mm at most,",
+        "against the centre of the hand by the depth cameras, which is itself rough.",
+    ]
+
+
+def hand_errors(project: Project) -> Float[Array, " frames"]:
+    """Of the displacement of the rope's hand since frame 0 [m]."""
     with (real_data() / POSE / "hand_centre.csv").open() as file:
         true = np.array([[float(row[axis]) for axis in ("x_m", "y_m", "z_m")] for row in csv.DictReader(file)])
     found = Controllers.load(project.artifact("segment_and_track", "rope")).points.astype(float).mean(1)
-    error: Array = 1e3 * np.linalg.norm((found - found[0]) - (true - true[0])[: len(found)], axis=1)
-    return [
-        f"The rope's hand goes {1e3 * np.linalg.norm(true[-1] - true[0]):.0f} mm. Its displacement since frame 0, by its size in the image, is off by {np.median(error):.0f} mm in the median",
-        f"and by {error.max():.0f} mm at most, against the centre of the hand by the depth cameras, which is itself rough.",
-    ]
+    return np.linalg.norm((found - found[0]) - (true - true[0])[: len(found)], axis=1)
 
 
 _HEAD = """# Real clips in colour alone

@@ -71,7 +71,7 @@ class Around:
 def test_where_no_hand_is_known_the_controller_reaches_in_from_the_border_and_moves():
     arm, shelf = np.zeros_like(DISC), np.zeros_like(DISC)
     arm[:60, 80:100], shelf[:40, :30] = True, True
-    masks = arm[:, :] & (np.arange(128) < 85), shelf, DISC, DISC | shelf, arm
+    masks = arm & (np.arange(128) < 85), shelf, DISC, DISC | shelf, arm
     moves = Motion.of(np.where(DISC | arm, 8.0, 0.0))
     (found,) = find_controllers(IMAGE, None, NoHands(), Around(*masks), motion=moves)
     assert np.array_equal(found.mask, arm) and found.how == "reaches in from the border and moves"

@@ -61,16 +61,16 @@ def write_capture(folder: Path) -> None:
     line, hand = moved()
     seen, far = pixels(line)
     for frame in range(FRAMES):
-        pictures = {"color": np.full((*SIZE, 3), 90, np.uint8)}
+        colour = np.full((*SIZE, 3), 90, np.uint8)
         rope, held = np.zeros(SIZE, np.uint8), np.zeros(SIZE, np.uint8)
         for (u, v), z in zip(seen[frame], far[frame], strict=True):
             cv2.circle(rope, (round(16 * u), round(16 * v)), round(16 * K[0, 0] * RADIUS / z), 255, -1, shift=4)
         middle = pixels(hand[frame].mean(0))[0]
         cv2.circle(held, tuple(np.rint(middle + [-14, -10]).astype(int).tolist()), 16, 255, -1)
         rope[held > 0] = 0
-        pictures["color"][rope > 0] = (200, 150, 60)
+        colour[rope > 0] = (200, 150, 60)
         for where, picture in (
-            (folder / "color", pictures["color"]),
+            (folder / "color", colour),
             (mask_folder(folder, "object"), rope),
             (mask_folder(folder, "controller"), held),
         ):

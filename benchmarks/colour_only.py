@@ -25,6 +25,7 @@ from physreal_core.errors import SimulationError
 from pipeline.capture import read_capture, write_capture
 from pipeline.compose import render
 from pipeline.config import read_parameters, validate_parameters
+from pipeline.graph import STAGES
 from pipeline.products.controllers import Controllers
 from pipeline.products.scores import Scores
 from pipeline.project import CODE_ROOT, Project
@@ -54,10 +55,9 @@ CLIPS = {
     "zebra": Clip("filmed_clips/zebra", "volumetric", "a plush zebra, lifted by a leg"),
     "dino": Clip("filmed_clips/dino", "volumetric", "a plush dinosaur, lifted by its tail"),
 }
-STAGES = (
-    *("parse_video", "segment_and_track", "build_object", "fit_pose", "sample_particles"),
-    *("fit_global", "fit_patches", "find_gap", "add_effect", "fit_residual", "evaluate"),
-)
+OWN_STAGES = [name for name, stage in STAGES.items() if {"sequences", "fits"} & set(stage.roles)]
+"""Those that run for a fitted sequence, in their order."""
+
 MODELS = {"fit_global": "one material (Stage 1)", "fit_patches": "a material per patch (Stage 2)"}
 WANTED = "| wanted of the rope | | | 0.75 | 0.60 | | |"
 
@@ -74,7 +74,7 @@ def main(folder: Path) -> None:
 def _stopped(project: Project, name: str) -> str | None:
     """Runs what has not run of a clip; what the simulator says where it cannot go on, None where all stages end."""
     try:
-        for stage in STAGES:
+        for stage in OWN_STAGES:
             if not project.artifact(stage, name).is_dir():
                 run_stage(stage, name, importlib.import_module(f"stages.{stage}").run, project)
     except SimulationError as error:

@@ -18,8 +18,8 @@ SHOWN = {
 
 
 def tables(results: Results) -> dict[str, Table]:
-    """Name → table: every sequence, the mean by fit stage, the mean by object geometry and by whether its shape was given, fitted and predicted apart; the gaps; and where they were
-    measured, other methods and parts of ours."""
+    """Name → table: every sequence; means by fit stage, by object geometry and by whether its shape was given, fitted and predicted apart; the
+    gaps; and where they were measured, other methods and parts of ours."""
     own = {
         "by_sequence": _by_sequence(results),
         "by_stage": _by_stage(results),

@@ -212,6 +212,13 @@ def _parser() -> argparse.ArgumentParser:
     )
     _scene_option(command)
     command.add_argument("--plain", action="store_true", help="the fitted material, in the filmed view and light")
+    command.add_argument(
+        "--around",
+        type=float,
+        default=0.0,
+        metavar="DEGREES",
+        help="how far the camera goes around the body, at most, to either side; default: 0",
+    )
     command.add_argument("--task", default="take the soft object, move it and let it go", help="what is done, in words")
     command.add_argument("--seed", type=int, default=0, help="of all that is drawn; default: 0")
     command.add_argument("--jobs", type=int, help="processes; default: one a core")

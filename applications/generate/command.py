@@ -6,7 +6,7 @@ import shutil
 import time
 from collections.abc import Callable
 from concurrent.futures import Future, as_completed
-from dataclasses import asdict
+from dataclasses import asdict, replace
 from pathlib import Path
 
 import numpy as np
@@ -46,6 +46,7 @@ def generate(parsed: argparse.Namespace) -> None:
     require(parsed.episodes >= 1, f"{parsed.episodes} episodes", "physreal generate --episodes", "one at least")
     require(parsed.coarser >= 1, f"{parsed.coarser:g}", "physreal generate --coarser", "1 or more")
     require(0 <= parsed.pushes <= 1, f"{parsed.pushes:g}", "physreal generate --pushes", "a share, 0 to 1")
+    require(0 <= parsed.around <= 180, f"{parsed.around:g} degrees", "physreal generate --around", "0 to 180")
     require(0 < parsed.scale <= 4, f"{parsed.scale:g}", "physreal generate --scale", "above 0, 4 at most")
     least = COMING + LEAVING + 1.0
     require(parsed.seconds >= least, f"{parsed.seconds:g} s", "physreal generate --seconds", f"{least:g} s or more")
@@ -99,7 +100,7 @@ def _setup(parsed: argparse.Namespace, project: Project, parts: Path) -> Setup:
         coarser=parsed.coarser,
         places=PLACES,
         hand=Hand(squeeze=parsed.squeeze),
-        randomisation=Randomisation.none() if parsed.plain else Randomisation(),
+        randomisation=replace(Randomisation.none() if parsed.plain else Randomisation(), camera_around=parsed.around),
         device=parsed.device,
         seed=parsed.seed,
         arm=parsed.arm,

@@ -30,6 +30,7 @@ class Randomisation:
         camera_shift: standard deviation of the camera's place along each axis [m].
         camera_turn: of its direction about each axis [degrees].
         camera_back: how far it steps back at most, over its distance from the body.
+        camera_around: how far it goes around the body at most, about the vertical [degrees].
         light: whether light and background are drawn.
     """
 
@@ -37,6 +38,7 @@ class Randomisation:
     camera_shift: float = 0.03
     camera_turn: float = 2.0
     camera_back: float = 0.4
+    camera_around: float = 0.0
     light: bool = True
 
     @classmethod
@@ -109,10 +111,14 @@ class Draws:
         return Draw(scales, grasp, way, camera, light, scenery)
 
     def _moved(self, random: np.random.Generator) -> Camera:
-        """The camera, shifted, turned, and further back."""
+        """The camera, gone around the body, shifted, turned, and further back."""
         how, pose = self.randomisation, self.camera.T_world_camera.detach().cpu().double().numpy().copy()
         turn = Rotation.from_rotvec(np.deg2rad(how.camera_turn) * random.normal(size=3)).as_matrix()
-        distance = np.linalg.norm(pose[:3, 3] - self.grasps.mean(0))
+        middle = self.grasps.mean(0)
+        around = Rotation.from_euler("z", random.uniform(-1.0, 1.0) * how.camera_around, degrees=True).as_matrix()
+        pose[:3, 3] = middle + around @ (pose[:3, 3] - middle)
+        pose[:3, :3] = around @ pose[:3, :3]
+        distance = np.linalg.norm(pose[:3, 3] - middle)
         pose[:3, 3] += how.camera_shift * random.normal(size=3)
         pose[:3, 3] -= how.camera_back * distance * random.uniform(0.4, 1.0) * pose[:3, 2]
         pose[:3, :3] = pose[:3, :3] @ turn

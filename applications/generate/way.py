@@ -1,4 +1,4 @@
-"""The way of a hand that comes from above, and takes the body, moves it and lets go, or pushes it with closed fingers; then it leaves."""
+"""The way of a hand that comes to the body, takes it from above, moves it and lets go, or pushes it with closed fingers; then it leaves."""
 
 from dataclasses import dataclass
 
@@ -8,16 +8,19 @@ from scipy.interpolate import PchipInterpolator
 from physreal_core.array_types import Array, Bool, Float
 
 ABOVE = 0.08
-"""Height from which the hand comes down, and to which it leaves [m]."""
+"""Height from which the hand comes straight down, and to which it leaves [m]."""
 
-COMING, LEAVING = 0.4, 0.5
-"""Time for that [s]."""
+BEGIN = (0.08, 0.2)
+"""Height over the taken place at which the hand begins, least and largest [m]."""
+
+COMING, LEAVING = 0.8, 0.5
+"""Time in which it comes and leaves [s]."""
 
 LIFT = (0.06, 0.18)
 """Height to which the taken place is brought first, least and largest [m]."""
 
 REACH = 0.15
-"""How far places on the way lie from where the body was taken, at most, along each horizontal axis [m]."""
+"""How far places on the way, its beginning too, lie from where the body was taken, at most, along each horizontal axis [m]."""
 
 PLACES = (1, 3)
 """Number of places between the lift and the end, least and largest."""
@@ -54,7 +57,8 @@ class HandWay:
 
 
 def drawn_way(random: np.random.Generator, taken: Float[Array, " 3"], floor: float, frames: int, fps: float) -> HandWay:
-    """A way of some frames that takes the body at a place [m], lifts it, brings it to other places and puts it down or drops it.
+    """A way of some frames that begins anywhere around, takes the body at a place [m], lifts it, brings it to other places and puts it down
+    or drops it.
 
     Args:
         random: of everything on it.
@@ -65,8 +69,9 @@ def drawn_way(random: np.random.Generator, taken: Float[Array, " 3"], floor: flo
     """
     coming, leaving = round(COMING * fps), round(LEAVING * fps)
     held = frames - coming - leaving
-    above = taken + [0.0, 0.0, ABOVE]
-    down = _eased(np.array([above, taken]), coming + 1)[:-1]
+    begin = taken + [*random.uniform(-REACH, REACH, 2), random.uniform(*BEGIN)]
+    back = _eased(np.array([taken, taken + [0.0, 0.0, ABOVE / 2], begin]), coming + 1)
+    down = _slowed(back, fps)[:0:-1]
     knots = [taken, taken + [0.0, 0.0, random.uniform(*LIFT)]]
     for _ in range(random.integers(PLACES[0], PLACES[1] + 1)):
         shift = [*random.uniform(-REACH, REACH, 2), random.uniform(*LIFT)]

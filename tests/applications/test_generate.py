@@ -6,6 +6,7 @@ import json
 import numpy as np
 import pytest
 import torch
+from scipy.spatial.transform import Rotation
 
 from applications.coarse import coarser
 from applications.generate import lerobot
@@ -24,7 +25,7 @@ from pipeline.cli import main
 from pipeline.models import require
 from pipeline.project import CODE_ROOT
 
-FPS, FRAMES = 30.0, 66
+FPS, FRAMES = 30.0, 78
 
 
 @pytest.fixture(scope="module")
@@ -82,6 +83,10 @@ def test_a_way_comes_from_above_and_is_slow_and_stays_over_the_table(seed):
     taken = np.array([0.1, -0.2, 0.05])
     way = drawn_way(np.random.default_rng(seed), taken, 0.03, FRAMES, FPS)
     assert way.frames == FRAMES and way.places[0, 2] > taken[2]
+    coming = way.places[: np.flatnonzero(way.closed)[0] + 1]
+    assert np.linalg.norm(np.diff(coming, axis=0), axis=1).max() * FPS <= SPEED + 1e-9
+    last = coming[-1] - coming[-3]  # straight down at the end
+    assert np.linalg.norm(last[:2]) < 0.2 * -last[2]
     held = way.places[way.closed]
     assert np.allclose(held[0], taken)
     assert np.linalg.norm(np.diff(held, axis=0), axis=1).max() * FPS <= SPEED + 1e-9
@@ -137,15 +142,23 @@ def test_flow_carries_pixels_of_the_body_to_where_its_points_go(made):
     draw, motion, pictures = made
     frame = int(np.argmax(np.linalg.norm(np.diff(motion.way.places, axis=0), axis=1) * motion.way.closed[:-1]))
     assert (pictures.mask[frame] == OBJECT).sum() > 50
-    pixels, _ = draw.camera.project(torch.as_tensor(motion.keypoints[frame : frame + 2]))
+    pixels, far = draw.camera.project(torch.as_tensor(motion.keypoints[frame : frame + 2]))
     now, then = pixels.numpy()
     column, row = now.round().astype(int).T
     inside = (column >= 0) & (column < draw.camera.width) & (row >= 0) & (row < draw.camera.height)
-    on_body = [k for k in np.flatnonzero(inside) if pictures.mask[frame, row[k], column[k]] == OBJECT]
+    near = far[0].numpy() - 0.01  # those on the far side are not what is seen there
+    on_body = [
+        k
+        for k in np.flatnonzero(inside)
+        if pictures.mask[frame, row[k], column[k]] == OBJECT and pictures.depth[frame, row[k], column[k]] > near[k]
+    ]
     told = np.array([pictures.flow[frame, row[k], column[k]] for k in on_body], float)
-    assert len(on_body) >= 5
+    assert len(on_body) >= 4
     true = (then - now)[on_body]
-    assert np.median(np.linalg.norm(told - true, axis=1)) < 0.15 * np.linalg.norm(true, axis=1).mean()
+    size = np.linalg.norm(true, axis=1).mean()
+    assert (
+        size > 1.5 and np.median(np.linalg.norm(told - true, axis=1)) < 0.1 * size + 0.25
+    )  # [px], of which rounding takes some
     assert np.abs(pictures.flow[-1]).max() == 0.0
 
 
@@ -244,6 +257,24 @@ def test_light_from_a_side_brightens_that_side():
     up, down = Light(share=0.5).on(normals)
     assert up.tolist() == [1.5, 1.5, 1.5] and down.tolist() == [0.5, 0.5, 0.5]
     assert Light().on(normals).eq(1.0).all()
+
+
+def test_the_camera_goes_around_the_body_and_goes_on_looking_at_it(twin):
+    camera = Studio(twin, 0.0).camera
+    around = dataclasses.replace(Randomisation.none(), camera_around=60.0)
+    grasps = twin.problem.body.x0.mean(0)[None]
+    draws = Draws(grasps, None, camera, around, FRAMES, FPS, 0.0, seed=1)
+    middle = torch.as_tensor(grasps)
+    pixel, far = camera.project(middle)
+    angles = []
+    for number in range(12):
+        moved = draws.draw(number).camera
+        own, distance = moved.project(middle)
+        assert torch.allclose(own, pixel) and torch.allclose(distance, far)
+        angles.append(
+            Rotation.from_matrix((moved.T_world_camera @ camera.T_world_camera.inverse())[:3, :3]).magnitude()
+        )
+    assert 0.3 < max(angles) <= np.radians(60) + 1e-9
 
 
 def test_the_same_number_gives_the_same_draw_and_another_one_another(made, twin):

@@ -6,6 +6,7 @@ from pathlib import Path
 import numpy as np
 import torch
 
+from applications.backdrop import Backdrop
 from applications.scene import Scene
 from physreal_core.array_types import Array, Float
 from physreal_core.errors import InputError
@@ -50,6 +51,7 @@ class Twin:
         gaussian_binding: of these; None of motion capture.
         camera: that filmed it; None of motion capture.
         scene: solids around it; None without.
+        backdrop: what is seen behind it; None without.
     """
 
     sequence: str
@@ -63,9 +65,17 @@ class Twin:
     gaussian_binding: Binding | None
     camera: Camera | None
     scene: Scene | None = None
+    backdrop: Backdrop | None = None
 
     @classmethod
-    def load(cls, project: Project, sequence: str, stage: str = FIT_STAGES[-1], scene: Path | None = None) -> "Twin":
+    def load(
+        cls,
+        project: Project,
+        sequence: str,
+        stage: str = FIT_STAGES[-1],
+        scene: Path | None = None,
+        backdrop: str | None = None,
+    ) -> "Twin":
         """The model that a fit stage found, where the object lies in a sequence.
 
         Args:
@@ -73,9 +83,10 @@ class Twin:
             sequence: under `fits` or `predictions` in params.yaml.
             stage: one of `FIT_STAGES`.
             scene: mesh file of solids around it (`Scene.read`).
+            backdrop: what is seen behind it, `filmed` or a file of splats (`Backdrop.read`).
 
         Raises:
-            InputError: no such sequence or stage, the stages have not run, or as of `Scene.read`.
+            InputError: no such sequence or stage, the stages have not run, or as of `Scene.read` and `Backdrop.read`.
         """
         fitted, read = _folder_of_model(project, sequence, stage), lambda name: project.artifact(name, sequence)
         for name, folder in (*((name, read(name)) for name in _INPUTS), (stage, fitted)):
@@ -90,6 +101,10 @@ class Twin:
         around = None if scene is None else Scene.read(scene, problem.body)
         if around is not None:
             problem = replace(problem, solids=around.solids)
+        behind = None
+        if backdrop is not None:
+            seen = read("parse_video"), read("segment_and_track"), problem.camera
+            behind = Backdrop.read(backdrop, sequence, *seen)
         particles, filmed = Particles.load(read("sample_particles")), problem.camera is not None
         return cls(
             sequence=sequence,
@@ -103,6 +118,7 @@ class Twin:
             gaussian_binding=Binding(particles.gaussian_neighbours, particles.gaussian_weights) if filmed else None,
             camera=problem.camera,
             scene=around,
+            backdrop=behind,
         )
 
     def session(self, device: str = "cpu", *, effects: bool = True, ball: float | None = None) -> Session:

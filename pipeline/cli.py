@@ -80,6 +80,7 @@ def _parser() -> argparse.ArgumentParser:
         description="The fitted twin in the browser: drag to pull it, with Shift to pin it; change its stiffness, its friction and every "
         "effect while it moves. Every pull is written as a capture.",
         epilog="examples: physreal play plush_lift; physreal play bar_lift --beside; physreal play plush_lift --record lift.mp4; "
+        "physreal play plush_lift --backdrop filmed; "
         "physreal play --replay data/played/plush_lift/pull_001 --record again.mp4",
     )
     command.add_argument(
@@ -96,6 +97,7 @@ def _parser() -> argparse.ArgumentParser:
     )
     command.add_argument("--ball", type=float, metavar="RADIUS", help="a ball of this radius [m] to push the body with")
     _scene_option(command)
+    _backdrop_option(command)
     command.add_argument("--device", default="cpu", help="of the simulator: cpu or cuda:0")
     command.add_argument("--captures", type=Path, help="folder of the pulls' captures; default: data/played/SEQUENCE")
     command.add_argument(
@@ -262,6 +264,15 @@ def _scene_option(command: argparse.ArgumentParser) -> None:
         type=Path,
         metavar="MESH",
         help="what stands around the twin, as a box or a shelf: closed meshes in a .glb, .obj, .stl or .ply, in the world's frame [m]",
+    )
+
+
+def _backdrop_option(command: argparse.ArgumentParser) -> None:
+    command.add_argument(
+        "--backdrop",
+        metavar="SPLATS",
+        help="what is seen behind the twin and touches nothing: `filmed`, for what the recording shows beside object and hand, or splats in a "
+        ".ply, in the world's frame [m]",
     )
 
 

@@ -39,12 +39,14 @@ def play(parsed: argparse.Namespace) -> None:
             device=parsed.device,
             ball=parsed.ball,
             scene=parsed.scene,
+            backdrop=parsed.backdrop,
             host=parsed.host or HOST,
             port=parsed.port or PORT,
             browser=not parsed.no_browser,
         )
         return
-    twin = Twin.load(Project.find(), sequence, stage, log.scene if log else parsed.scene)
+    scene, backdrop = log.scene if log else parsed.scene, parsed.backdrop or (log and log.backdrop)
+    twin = Twin.load(Project.find(), sequence, stage, scene, backdrop)
     session = twin.session(parsed.device, ball=log.ball if log else None)
     count = parsed.frames or (log.frames if log else session.frames_filmed - 1)
     places = film(twin, replayed(session, log.actions if log else [], count), parsed.record, session.fps)

@@ -1,4 +1,4 @@
-"""One body on the page, as it is now."""
+"""What is on the page as splats: a body as it is now, and the backdrop."""
 
 from collections.abc import Callable
 from dataclasses import replace
@@ -6,6 +6,7 @@ from typing import Any
 
 import numpy as np
 
+from applications.appearance import Appearance
 from applications.play.pictures import LARGEST
 from applications.play.shades import FULL, colours_of, stress, stretch
 from applications.twin import Twin
@@ -81,6 +82,31 @@ class Drawn:
         if shade == "stress":
             values, full = stress(session), FULL * float(session.parameters.youngs_modulus.mean())
         return colours_of(values, full, self._twin.gaussian_binding).astype(np.float32)
+
+
+class Behind:
+    """The backdrop on the page: sent once, or kept for the pictures that are drawn here.
+
+    Args:
+        server: viser's.
+        twin: whose.
+        pictured: whether pictures are drawn here.
+
+    Attributes:
+        now: centres [m], covariances [m2] and colours as the filmed camera sees them.
+        opacities: [G, 1].
+    """
+
+    def __init__(self, server: Any, twin: Twin, pictured: bool) -> None:
+        gaussians = twin.backdrop.gaussians
+        colours = gaussians.colours(Appearance.of(twin).camera.centre).clamp(0.0, 1.0)
+        self.now = tuple(a.numpy() for a in (gaussians.means, gaussians.covariances(), colours))
+        self.opacities = gaussians.opacities().numpy()[:, None]
+        if not pictured:
+            centres, covariances, rgbs = self.now
+            server.scene.add_gaussian_splats(
+                "/backdrop", centers=centres, covariances=covariances, rgbs=rgbs, opacities=self.opacities
+            )
 
 
 def _within(twin: Twin) -> Mesh:

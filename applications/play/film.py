@@ -13,7 +13,7 @@ from applications.twin import Twin
 from physreal_core.array_types import Array, Float, UInt8
 from physreal_core.errors import InputError
 from physreal_core.perception.overlay import write_video
-from physreal_core.rendering import render_carried
+from physreal_core.rendering import Gaussians, render_carried
 from physreal_core.simulation.play import FrameState
 from pipeline.reading.text import read_record, understood
 
@@ -28,6 +28,7 @@ class Log:
         sequence, stage: whose model.
         ball: radius of the ball [m], None without one.
         scene: mesh file of the solids around it, None without one.
+        backdrop: what is seen behind it, `filmed` or a file of splats; None without.
         frames: how many the session had.
         actions: as `physreal_core.playing.replayed` takes them.
     """
@@ -36,6 +37,7 @@ class Log:
     stage: str
     ball: float | None
     scene: Path | None
+    backdrop: str | None
     frames: int
     actions: list[dict]
 
@@ -46,13 +48,21 @@ class Log:
         record = read_record(path, ("sequence", "model", "ball", "frames", "actions"), remedy)
         with understood(path, remedy):
             ball = None if record["ball"] is None else float(record["ball"])
-            scene = None if record.get("scene") is None else Path(record["scene"])  # logs of earlier versions have none
-            return cls(record["sequence"], record["model"], ball, scene, int(record["frames"]), list(record["actions"]))
+            scene, backdrop = record.get("scene"), record.get("backdrop")  # logs of earlier versions have neither
+            return cls(
+                sequence=record["sequence"],
+                stage=record["model"],
+                ball=ball,
+                scene=None if scene is None else Path(scene),
+                backdrop=backdrop,
+                frames=int(record["frames"]),
+                actions=list(record["actions"]),
+            )
 
 
 def film(twin: Twin, states: Iterator[FrameState], path: Path, fps: float) -> Float[Array, "T N 3"]:
     """Draw the states into an mp4 as the filmed camera would see them, and return the particles' positions [m]."""
-    look, still = Appearance.of(twin), None if twin.scene is None else twin.scene.look[0]
+    look, still = Appearance.of(twin), _still(twin)
     x0 = torch.as_tensor(twin.problem.body.x0, dtype=torch.float32)
     pictures: list[UInt8[Array, "h w 3"]] = []
     places = []
@@ -67,6 +77,20 @@ def film(twin: Twin, states: Iterator[FrameState], path: Path, fps: float) -> Fl
     path.parent.mkdir(parents=True, exist_ok=True)
     write_video(path, pictures, fps)
     return np.stack(places)
+
+
+def _still(twin: Twin) -> Gaussians | None:
+    """The solids around it and the backdrop; None where there is neither."""
+    parts = ([twin.scene.look[0]] if twin.scene else []) + ([twin.backdrop.gaussians] if twin.backdrop else [])
+    return _joined(parts) if parts else None
+
+
+def _joined(parts: list[Gaussians]) -> Gaussians:
+    """All of them, their harmonics filled up with zeros to the highest degree."""
+    bands = max(part.harmonics.shape[1] for part in parts)
+    harmonics = [torch.nn.functional.pad(part.harmonics, (0, 0, 0, bands - part.harmonics.shape[1])) for part in parts]
+    same = ("means", "log_scales", "rotations", "opacity_logits")
+    return Gaussians(*(torch.cat([getattr(part, name) for part in parts]) for name in same), torch.cat(harmonics))
 
 
 def written(path: Path, places: Float[Array, "T N 3"]) -> str:

@@ -7,7 +7,7 @@ from typing import Any, get_args
 
 import numpy as np
 
-from applications.play.drawn import Drawn
+from applications.play.drawn import Behind, Drawn
 from applications.play.loop import Loop
 from applications.play.pictures import camera_of, picture
 from applications.play.pulls import Pulls
@@ -60,6 +60,9 @@ class Page:
         self._controls()
         self._bodies = [Drawn(server, twin, number, aside) for number, aside in enumerate(self._asides)]
         self._bodies[0].on_drag(self._dragged)
+        self._splatted: list[Drawn | Behind] = list(self._bodies)
+        if twin.backdrop is not None:
+            self._splatted.append(Behind(server, twin, self._bodies[0].pictured))
         server.on_client_connect(self._look)
         self._show()
 
@@ -144,7 +147,7 @@ class Page:
     def _scene(self) -> None:
         server, ground = self._server, self._twin.model.simulation.get("ground_height", 0.0)
         server.scene.set_up_direction("+z")
-        if ground is not None:
+        if ground is not None and self._twin.backdrop is None:  # it would cut through the backdrop's own
             x, y, _ = self._twin.mesh.vertices.mean(0)
             side = _TABLE * self._size
             thick = 0.02 * side
@@ -267,11 +270,11 @@ class Page:
         self._rate.content = self._numbers()
 
     def _send_picture(self, client: Any) -> None:
-        """To a viewer, of all bodies."""
+        """To a viewer, of all bodies and the backdrop."""
         camera = camera_of(client.camera)
-        parts = [np.concatenate(part) for part in zip(*(body.now for body in self._bodies), strict=True)]
+        parts = [np.concatenate(part) for part in zip(*(one.now for one in self._splatted), strict=True)]
         centres, covariances, colours = parts
-        opacities = np.concatenate([self._bodies[0].opacities] * len(self._bodies))
+        opacities = np.concatenate([one.opacities for one in self._splatted])
         image, depth = picture(centres, covariances, colours, opacities, camera)
         client.scene.set_background_image(image, format="jpeg", jpeg_quality=80, depth=depth)
 

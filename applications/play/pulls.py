@@ -129,6 +129,7 @@ def write_log(folder: Path, twin: Twin, session: Session) -> Path:
         "model": twin.stage,
         "ball": session.radius,
         "scene": None if twin.scene is None else str(twin.scene.path.resolve()),
+        "backdrop": None if twin.backdrop is None else twin.backdrop.source,
         "frames": session.frame,
         "actions": session.log,
     }

@@ -26,6 +26,7 @@ def serve(
     device: str = "cpu",
     ball: float | None = None,
     scene: Path | None = None,
+    backdrop: str | None = None,
     host: str = HOST,
     port: int = PORT,
     browser: bool = True,
@@ -41,6 +42,7 @@ def serve(
         device: of the simulator.
         ball: radius of a ball to push with [m]; None for none.
         scene: mesh file of solids around the twin; None for none.
+        backdrop: what is seen behind it, `filmed` or a file of splats; None for none.
         host: the address to listen on; only this machine reaches 127.0.0.1.
         port: of that address.
         browser: whether to open a browser here.
@@ -55,7 +57,7 @@ def serve(
             remedy='run `pip install "physreal[play]"`, in a checkout `pip install -e ".[play]"`',
         )
     project = Project.find()
-    twin = Twin.load(project, sequence, stage, scene)
+    twin = Twin.load(project, sequence, stage, scene, backdrop)
     if beside and not twin.model.effects:
         raise InputError(
             f"the model of {sequence} has no named effect to leave out",

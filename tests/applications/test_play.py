@@ -426,5 +426,5 @@ def test_a_log_is_whole(twin, tmp_path):
     session.step()
     path = write_log(tmp_path, twin, session)
     assert json.loads(path.read_text()) == {
-        "sequence": "lift", "model": "fit_residual", "ball": None, "scene": None, "frames": 1, "actions": []
+        "sequence": "lift", "model": "fit_residual", "ball": None, "scene": None, "backdrop": None, "frames": 1, "actions": []
     }  # fmt: skip

@@ -185,7 +185,7 @@ def _parser() -> argparse.ArgumentParser:
         "LeRobotDataset v3.0 and as robomimic's HDF5. A killed run goes on where it was.",
         epilog="examples: physreal generate plush_lift --episodes 100; physreal generate plush_lift --episodes 10 --plain --to /tmp/plain; "
         "physreal generate plush_lift --episodes 1000 --coarser 1.5 --scale 0.5 --task 'lift the plush animal'; "
-        "physreal generate plush_lift --episodes 100 --arm viperx",
+        "physreal generate plush_lift --episodes 100 --arm viperx; physreal generate plush_lift --episodes 100 --backdrop room.ply",
     )
     command.add_argument("sequence", help="a name under `fits` or `predictions` in params.yaml")
     command.add_argument("--episodes", type=int, default=10, help="how many; default: 10")
@@ -213,6 +213,7 @@ def _parser() -> argparse.ArgumentParser:
         help="a robot arm that has the hand: joints as states and actions, the arm in the pictures",
     )
     _scene_option(command)
+    _backdrop_option(command)
     command.add_argument("--plain", action="store_true", help="the fitted material, in the filmed view and light")
     command.add_argument(
         "--around",

@@ -55,7 +55,7 @@ def generate(parsed: argparse.Namespace) -> None:
     folder = parsed.to or project.root / "data" / "generated" / parsed.sequence
     require_new(folder, "physreal generate")
     # what cannot be loaded is told before there is a folder, and not by a process that dies of it
-    Twin.load(project, parsed.sequence, parsed.model or FIT_STAGES[-1], parsed.scene)
+    Twin.load(project, parsed.sequence, parsed.model or FIT_STAGES[-1], parsed.scene, parsed.backdrop)
     setup = _setup(parsed, project, folder.with_name(f"{folder.name}.parts"))
     _resume(setup)
     jobs = min(parsed.jobs or available_cores(), max(parsed.episodes, PLACES))
@@ -105,6 +105,7 @@ def _setup(parsed: argparse.Namespace, project: Project, parts: Path) -> Setup:
         seed=parsed.seed,
         arm=parsed.arm,
         scene=parsed.scene,
+        backdrop=parsed.backdrop,
         pushes=parsed.pushes,
     )
 

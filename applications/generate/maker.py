@@ -53,6 +53,7 @@ class Setup:
         seed: of all.
         arm: `viperx`, or none.
         scene: mesh file of solids around the twin, or none.
+        backdrop: what is seen behind it, `filmed` or a file of splats, or none.
         pushes: share of the episodes in which the closed hand pushes the body.
     """
 
@@ -70,6 +71,7 @@ class Setup:
     seed: int
     arm: str | None = None
     scene: Path | None = None
+    backdrop: str | None = None
     pushes: float = 0.0
 
 
@@ -78,7 +80,7 @@ class Maker:
 
     def __init__(self, setup: Setup) -> None:
         self._setup = setup
-        full = Twin.load(Project(setup.root), setup.sequence, setup.stage, setup.scene)
+        full = Twin.load(Project(setup.root), setup.sequence, setup.stage, setup.scene, setup.backdrop)
         self._twin = coarser(full, setup.coarser, "physreal generate")
         self._session = self._twin.session(setup.device, ball=FIST if setup.pushes > 0.0 else None)
         self._floor = self._session.floor

@@ -341,7 +341,7 @@ def test_pushes_are_a_task_of_their_own(project, monkeypatch, tmp_path):
         "--episodes",
         "4",
         "--seconds",
-        "2",
+        "3",
         "--jobs",
         "1",
         "--squeeze",
@@ -365,17 +365,17 @@ def test_pushes_are_a_task_of_their_own(project, monkeypatch, tmp_path):
 def test_episodes_are_written_and_read_back(project, monkeypatch, tmp_path, capsys):
     h5py, pq = pytest.importorskip("h5py"), pytest.importorskip("pyarrow.parquet")
     folder = tmp_path / "data"
-    asked = ("--episodes", "2", "--seconds", "2", "--jobs", "1", "--squeeze", "1000", "--to", str(folder))
+    asked = ("--episodes", "2", "--seconds", "3", "--jobs", "1", "--squeeze", "1000", "--to", str(folder))
     assert run(project, monkeypatch, *asked) == 0
     info = json.loads((folder / "lerobot/meta/info.json").read_text())
-    assert info["codebase_version"] == "v3.0" and info["total_episodes"] == 2 and info["total_frames"] == 2 * 60
+    assert info["codebase_version"] == "v3.0" and info["total_episodes"] == 2 and info["total_frames"] == 2 * 90
     table = pq.read_table(folder / "lerobot/data/chunk-000/file-001.parquet")
     assert set(table.column_names) | {"observation.images.camera"} == set(info["features"])
-    assert table["index"].to_pylist() == list(range(60, 120)) and table["episode_index"].to_pylist() == [1] * 60
+    assert table["index"].to_pylist() == list(range(90, 180)) and table["episode_index"].to_pylist() == [1] * 90
     with h5py.File(folder / "robomimic.hdf5") as file:
         demo = file["data/demo_1"]
-        assert file["data"].attrs["total"] == 120 and demo.attrs["num_samples"] == 60
-        assert demo["obs/camera_image"].shape[0] == 60 and demo["actions"].shape == (60, 4)
+        assert file["data"].attrs["total"] == 180 and demo.attrs["num_samples"] == 90
+        assert demo["obs/camera_image"].shape[0] == 90 and demo["actions"].shape == (90, 4)
         np.testing.assert_allclose(demo["actions"][:], np.array(table["action"].to_pylist()), rtol=1e-6)
         drawn = json.loads(demo.attrs["physreal"])
     assert drawn == json.loads((folder / "episodes.json").read_text())[1]

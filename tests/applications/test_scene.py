@@ -82,7 +82,7 @@ def test_pictures_show_the_solids_and_masks_leave_them_out(twin, walled):
         studio = Studio(own, session.floor)
         at_rest(session, own.model.fields)
         place = candidates(own, own.surface(session.state), 1, 0)[0]
-        draws = Draws(place[None], None, studio.camera, Randomisation.none(), 40, session.fps, session.floor, seed=3)
+        draws = Draws(place[None], None, studio.camera, Randomisation.none(), 60, session.fps, session.floor, seed=3)
         draw = draws.draw(0)
         motion = dataclasses.replace(simulated(session, Keypoints(own), place, draw.way))
         seen[name] = studio.pictures(motion, draw)

@@ -1,0 +1,1 @@
+"""A small policy, trained on the episodes of a twin, lifts the body of another simulator."""

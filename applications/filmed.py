@@ -88,9 +88,7 @@ def lifted(colour: Float[Array, "h w 3"], depth: Float[Array, "h w"], camera: Ca
     across = depth[..., None] * [step / fx, 0.0, 0.0] + _slope(depth, step / fx, axis=1)[..., None] * rays
     down = depth[..., None] * [0.0, step / fy, 0.0] + _slope(depth, step / fy, axis=0)[..., None] * rays
     known = np.isfinite(depth)
-    cells = np.stack([across, down], axis=-1)[
-        known
-    ]  # [n, 3, 2] m: P(u, v) = depth * ray, derived by both and times a step
+    cells = np.stack([across, down], axis=-1)[known]  # [m]: P(u, v) = depth * ray, derived by both and times a step
     axes, (long, short) = _axes(cells)
     pose = camera.T_world_camera.detach().cpu().double().numpy()
     turns = Rotation.from_matrix(pose[:3, :3] @ axes).as_quat(scalar_first=True)

@@ -23,8 +23,8 @@ from lerobot.datasets.lerobot_dataset import LeRobotDataset
 from robomimic.utils.dataset import SequenceDataset
 
 CAMERA = "observation.images.camera"
-LENGTH, BATCH = 10, 16
-"""Frames of robomimic's sequences, and rows of a batch."""
+LENGTH, BATCH, PICTURES = 10, 16, 40
+"""Frames of robomimic's sequences, rows of a batch, and pictures that are compared."""
 
 MOST, STILL = 20.0, 0.1
 """Mean difference of a picture from its frame of the video [of 255] that the video's loss may make: half of what another episode's picture makes;
@@ -58,6 +58,7 @@ def main(folder: Path) -> None:
         "robot": data.meta.robot_type,
         "sizes": {name: data.meta.features[name]["shape"][0] for name in columns},
         "names": data.meta.names["action"],
+        "pictures": PICTURES,
         "difference": difference,
     }
     print(json.dumps(found))
@@ -103,7 +104,8 @@ def compared_pictures(data: LeRobotDataset, folder: Path) -> float:
     """Mean difference of some frames of the videos from their pictures [of 255], to which each is nearer than to pictures before and after."""
     differences = []
     with h5py.File(folder / "robomimic.hdf5") as file:
-        for index in range(0, len(data), max(1, len(data) // 20)):
+        # drawn, since even steps may meet the same frame of every episode
+        for index in np.random.default_rng(0).integers(len(data), size=PICTURES).tolist():
             frame = data[index]
             pictures, number = (
                 file[f"data/demo_{int(frame['episode_index'])}/obs/camera_image"],

@@ -201,6 +201,18 @@ def test_the_arms_fingers_go_along_the_hands_way_and_point_down(arm, seed):
     assert np.array_equal(poses.opening, np.where(way.closed, 0.0, 1.0))
 
 
+@pytest.mark.parametrize("aside", np.deg2rad([-60.0, -40.0, -20.0, 20.0, 40.0, 60.0]))
+@pytest.mark.parametrize("away", [0.35, 0.43])
+def test_a_way_that_begins_aside_of_the_arm_does_not_turn_its_wrist_over(arm, aside, away):
+    across = np.cross([0.0, 0.0, 1.0], arm.facing)
+    place = arm.foot + away * (np.cos(aside) * arm.facing + np.sin(aside) * across) + [0.0, 0.0, 0.11]
+    joints = dict(zip(JOINTS, arm.along(HandWay(place[None], np.array([True]))).joints[0], strict=True))
+    assert joints["waist"] == pytest.approx(aside, abs=0.02) and joints["wrist_rotate"] == pytest.approx(
+        aside, abs=0.02
+    )
+    assert abs(joints["forearm_roll"]) < 1e-3 and joints["wrist_angle"] > 0.0
+
+
 def test_a_way_that_the_arm_cannot_follow_is_told(arm):
     places = np.linspace(TAKEN[0], TAKEN[0] + [0.0, 0.0, 1.5], FRAMES)
     with pytest.raises(OutOfReach, match=r"the fingers stay \d+ mm from frame \d+"):

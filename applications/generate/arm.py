@@ -38,7 +38,7 @@ _BETWEEN = (0.145, 0.0, 0.0)
 """Where the hand's place lies in the gripper's frame [m]: between the fingers, 9 mm from their ends."""
 
 _HOME = (0.0, -0.96, 1.16, 0.0, 0.9, 0.0)
-"""Joints from which the first frame is sought [rad]: bent, and the gripper points down."""
+"""Joints of an arm at rest [rad]: bent, and the gripper points down."""
 
 _ITERATIONS, _FIRST, _STEP = 20, 200, 0.1
 """Of the inverse kinematics in a frame, in the first frame; and its step of time [s], which bounds no velocity here."""
@@ -127,7 +127,7 @@ class Arm:
         """
         import mink
 
-        configuration = mink.Configuration(self.model, np.array([*_HOME, CLOSED, -CLOSED]))
+        configuration = mink.Configuration(self.model, np.array([*self._towards(way.places[0]), CLOSED, -CLOSED]))
         fingers = mink.FrameTask("fingers", "site", position_cost=1.0, orientation_cost=_DOWN, lm_damping=1e-6)
         still = mink.PostureTask(self.model, cost=1e-5)
         limits, joints = [mink.ConfigurationLimit(self.model)], []
@@ -145,6 +145,14 @@ class Arm:
                 raise OutOfReach(f"the fingers stay {1e3 * off:.0f} mm from frame {frame} of the hand's way")
             joints.append(configuration.q[: len(JOINTS)].copy())
         return Poses(np.array(joints), np.where(way.closed, 0.0, 1.0))
+
+    def _towards(self, place: Float[Array, " 3"]) -> Float[Array, " 6"]:
+        """`_HOME`, turned to a place [rad]: from elsewhere the first frame may be found with the wrist over on its other side."""
+        ahead, joints = place - self.foot, np.array(_HOME)
+        aside = self.facing[0] * ahead[1] - self.facing[1] * ahead[0]
+        # the gripper keeps its direction over the table, so the wrist turns as far as the waist
+        joints[[JOINTS.index("waist"), JOINTS.index("wrist_rotate")]] = np.arctan2(aside, self.facing[:2] @ ahead[:2])
+        return joints
 
     def look(self, poses: Poses) -> Look:
         """What it looks like in some poses."""

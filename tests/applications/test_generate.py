@@ -9,8 +9,8 @@ import torch
 from scipy.spatial.transform import Rotation
 
 from applications.coarse import coarser
-from applications.generate import lerobot
-from applications.generate.arm import CLOSED, JOINTS, NAMES, OPEN, TOLERANCE, Arm, OutOfReach
+from applications.generate import lerobot, robomimic
+from applications.generate.arm import CLOSED, JOINTS, NAMES, OPEN, TOLERANCE, Arm, OutOfReach, Poses
 from applications.generate.command import _resume
 from applications.generate.draws import Draws, Randomisation
 from applications.generate.episode import Keypoints, at_rest, simulated
@@ -214,6 +214,18 @@ def test_the_arms_fingers_go_along_the_hands_way_and_point_down(arm, seed):
     assert np.array_equal(poses.opening, np.where(way.closed, 0.0, 1.0))
 
 
+@pytest.mark.parametrize("aside", np.deg2rad([-60.0, -40.0, -20.0, 20.0, 40.0, 60.0]))
+@pytest.mark.parametrize("away", [0.35, 0.43])
+def test_a_way_that_begins_aside_of_the_arm_does_not_turn_its_wrist_over(arm, aside, away):
+    across = np.cross([0.0, 0.0, 1.0], arm.facing)
+    place = arm.foot + away * (np.cos(aside) * arm.facing + np.sin(aside) * across) + [0.0, 0.0, 0.11]
+    joints = dict(zip(JOINTS, arm.along(HandWay(place[None], np.array([True]))).joints[0], strict=True))
+    assert joints["waist"] == pytest.approx(aside, abs=0.02) and joints["wrist_rotate"] == pytest.approx(
+        aside, abs=0.02
+    )
+    assert abs(joints["forearm_roll"]) < 1e-3 and joints["wrist_angle"] > 0.0
+
+
 def test_a_way_that_the_arm_cannot_follow_is_told(arm):
     places = np.linspace(TAKEN[0], TAKEN[0] + [0.0, 0.0, 1.5], FRAMES)
     with pytest.raises(OutOfReach, match=r"the fingers stay \d+ mm from frame \d+"):
@@ -250,6 +262,24 @@ def test_with_an_arm_states_and_actions_are_joints_and_the_picture_has_the_arm(m
     # The body is where it was, and more of the picture is hand.
     assert (with_arm.mask == HAND).sum() > 2 * (pictures.mask == HAND).sum()
     assert ((with_arm.mask == OBJECT) & (pictures.mask != OBJECT)).mean() < 0.002
+
+
+def test_with_an_arm_both_formats_have_the_same_joints_and_hand(made, tmp_path):
+    h5py, pq = pytest.importorskip("h5py"), pytest.importorskip("pyarrow.parquet")
+    _, plain, pictures = made
+    joints = np.random.default_rng(0).normal(size=(FRAMES, len(JOINTS)))
+    motion = dataclasses.replace(plain, poses=Poses(joints, np.where(plain.way.closed, 0.0, 1.0)))
+    robomimic.write_episode(tmp_path, motion, pictures, {})
+    lerobot.write_episode(tmp_path, motion, pictures, FPS, 0)
+    table = pq.read_table(tmp_path / lerobot.FRAMES)
+    with h5py.File(tmp_path / robomimic.DEMO) as demo:
+        found = {name: demo[name][:] for name in ("obs/joints", "obs/hand", "actions")}
+    assert found["obs/joints"].shape == (FRAMES, len(NAMES)) and found["obs/hand"].shape == (FRAMES, 4)
+    assert np.array_equal(found["obs/joints"], np.float32(np.column_stack([joints, motion.poses.opening])))
+    assert np.array_equal(found["actions"], np.concatenate([found["obs/joints"][1:], found["obs/joints"][-1:]]))
+    columns = {"observation.state": "obs/joints", "observation.hand": "obs/hand", "action": "actions"}
+    for column, name in columns.items():
+        assert np.array_equal(np.array(table[column].to_pylist(), np.float32), found[name])
 
 
 def test_light_from_a_side_brightens_that_side():

@@ -14,7 +14,6 @@ from dataclasses import dataclass
 from pathlib import Path
 
 import numpy as np
-import torch
 from scipy.spatial import cKDTree
 
 from benchmarks.thin.results import RESULTS
@@ -25,6 +24,7 @@ from physreal_core.array_types import Array, Bool, Float
 from physreal_core.fitting.curriculum import ScanConfig
 from physreal_core.fitting.descent import DescentConfig
 from physreal_core.fitting.grip import distinct_reaches, farthest_as_good
+from physreal_core.fitting.hiding import hidden_by_hand
 from physreal_core.fitting.model import Model
 from physreal_core.fitting.problem import Problem
 from pipeline.config.fit_global import FitGlobal
@@ -40,9 +40,6 @@ MOTIONS = ("plush_lift", "plush_push")
 SOFT = FitGlobal(grip_stiffness={"initial": 12.0, "upper": 150.0, "rate": 0.05}, grip_reaches=())
 FIRM = FitGlobal(grip_reaches=())
 """Settings of Stage 1: the stiffness of the bonds starts at 12 N and is fitted, or is that of a vice."""
-
-THICKEST = 0.1
-"""How far behind the seen face of a hand a particle may be that it hides and holds [m]."""
 
 
 def main() -> None:
@@ -90,14 +87,11 @@ def _truly_held(problem: Problem, vertices: Array, gripped: Array) -> Bool[Array
 
 
 def hidden(project: Project, motion: str, x: Float[Array, "particles 3"]) -> Bool[Array, " particles"]:
-    """Particles that lie behind the hand as the camera sees it in frame 0, by a hand's thickness at most."""
+    """Particles that lie behind the hand as the camera sees it in frame 0."""
     video = project.artifact("parse_video", motion)
     mask = read_mask(project.artifact("segment_and_track", motion), "controller", 0)
     depth = read_depth(list_frames(video).depth[0], (0.0, np.inf)) / 1000.0
-    pixels, far = (own.numpy() for own in load_camera(video).project(torch.from_numpy(x)))
-    column, row = np.clip(np.round(pixels).astype(int), 0, np.array(mask.shape[::-1]) - 1).T
-    behind = far - depth[row, column]
-    return mask[row, column] & (depth[row, column] > 0) & (behind > 0) & (behind < THICKEST)
+    return hidden_by_hand(x, load_camera(video), mask, depth)
 
 
 @dataclass(frozen=True)
@@ -150,7 +144,7 @@ _HEAD = [
     "",
     "The plush animal of the example, by RGB-D; one material (Stage 1) is fitted to the tracks of each motion by itself. The true Young's modulus is 60",
     "kPa. Given: the stress-free surface, the density, clicks on object and hand, the camera. Particles are held near the hand's points (within 16 mm),",
-    "or where the hand hides them from the camera (100 mm behind its face at most), or where the rig's hand truly holds. Bonds are soft (12 N, then",
+    "or where the hand hides them from the camera, or where the rig's hand truly holds. Bonds are soft (12 N, then",
     "fitted) or firm (4000 N). The last rows of a motion are the reaches that Stage 1 tries by default, and the one that it keeps. Errors are means over all",
     "true nodes. `python -m benchmarks.hold_seen --project FOLDER`.",
     "",

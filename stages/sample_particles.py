@@ -8,7 +8,8 @@ centre line.
 import numpy as np
 
 from physreal_core.errors import InputError
-from physreal_core.fitting.grip import bind_grip, bind_holds, no_bonds
+from physreal_core.fitting.grip import Hides, bind_grip, bind_holds, no_bonds
+from physreal_core.fitting.hiding import hidden_by_hand
 from physreal_core.fitting.thin import bind_to_body, cells_of, ways_along
 from physreal_core.fitting.tool import bind_tool
 from physreal_core.fitting.unseen import unseen_share
@@ -17,6 +18,8 @@ from physreal_core.simulation import Body, Grip, Tool
 from pipeline.capture import Capture, read_capture
 from pipeline.config.sample_particles import GripParameters
 from pipeline.products.controllers import Controllers
+from pipeline.products.images import FrameImages
+from pipeline.products.masks import Masks
 from pipeline.products.particles import Particles
 from pipeline.products.placed_object import PlacedObject
 from pipeline.products.tracks import MeasuredTracks
@@ -47,9 +50,8 @@ def run(context: StageContext) -> None:
     points0 = measured.points3d[0, ids].astype(float)
     tracks = bind_to_body(points0, body, params.binding_neighbours)
     sheet = context.geometry == "planar"
-    grip = _grip(
-        body, hand.points, measured.points3d[:, ids], measured.valid3d[:, ids], capture, params.grip, sheet=sheet
-    )
+    known = measured.points3d[:, ids], measured.valid3d[:, ids]
+    grip = _grip(body, hand.points, *known, capture, params.grip, sheet=sheet, hides=_hides(context, capture))
     tool = _tool(body, hand, grip, params.grip)
     Particles(
         x0=body.x0,
@@ -94,11 +96,13 @@ def _grip(
     params: GripParameters,
     *,
     sheet: bool = False,
+    hides: Hides | None = None,
 ) -> Grip:
     """What the controller holds, nothing where it only pushes: all the time, in the frames that the capture states, or while the tracks on the object go where it goes."""
     if params.contact == "push":
         return _nothing_held(capture)
-    how = {"radius": params.radius, "spacing": body.spacing, "per_particle": params.per_particle, "sheet": sheet}
+    size = {"radius": params.radius, "spacing": body.spacing, "per_particle": params.per_particle}
+    how = {**size, "sheet": sheet, "hides": hides}
     if controllers.shape[1] == 0 or (capture.holds is None and params.holds == "from_frame_0"):
         return bind_grip(body.x0, controllers, **how)
     seen = slice(capture.observed(len(points)).train[1])  # what the fit may see; the last state lasts
@@ -113,6 +117,22 @@ def _grip(
         print(f"the controller holds from frame {hold.taken} {end}")
     where = lambda frame: carried(body.x0, points, valid, min(frame, len(points) - 1))
     return bind_holds(body.x0, controllers, holds, where, **how)
+
+
+def _hides(context: StageContext, capture: Capture) -> Hides | None:
+    """Which particles of a volume the hand hides from the camera that filmed it; all of them where its mask is empty."""
+    if context.geometry != "volumetric" or capture.kind != "video":
+        return None
+    parsed, perceived = context.input("parse_video"), context.input("segment_and_track")
+    images, camera = FrameImages(parsed), load_camera(parsed)
+
+    def hides(frame: int, x: np.ndarray) -> np.ndarray:
+        hand, depth = Masks.load(perceived, [frame]).controller[0], images.depth(frame)
+        if not hand.any():
+            return np.ones(len(x), bool)
+        return hidden_by_hand(x, camera, hand, None if depth is None else depth / 1000.0)
+
+    return hides
 
 
 def _nothing_held(capture: Capture) -> Grip:

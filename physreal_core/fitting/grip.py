@@ -5,10 +5,13 @@ from dataclasses import fields, replace
 
 import numpy as np
 
-from physreal_core.array_types import Array, Float
+from physreal_core.array_types import Array, Bool, Float
 from physreal_core.errors import InputError
 from physreal_core.geometry.holds import Hold
 from physreal_core.simulation.body import NEVER, Grip
+
+Hides = Callable[[int, Float[Array, "particles 3"]], Bool[Array, " particles"]]
+"""Of particles at places [m] in a frame, which ones the hand hides from the camera."""
 
 NEAREST = 0.25  # pairs nearer than this share of the spacing are left out: the force divides by their length
 
@@ -23,6 +26,7 @@ def bind_holds(
     spacing: float,
     per_particle: int = 8,
     sheet: bool = False,
+    hides: Hides | None = None,
 ) -> Grip:
     """Binds particles for every hold, where they are when the hand takes them.
 
@@ -31,7 +35,7 @@ def bind_holds(
         controllers: controller points [m]; NaN where unknown.
         holds: when the hand holds (`holds.holds_of`).
         where: gives about where the particles are in a frame [m] (`holds.carried`).
-        radius, spacing, per_particle, sheet: as of `bind_grip`.
+        radius, spacing, per_particle, sheet, hides: as of `bind_grip`.
 
     Raises:
         InputError: there are no holds, one begins after the last frame, or none of the particles is near the hand when it takes them.
@@ -49,7 +53,8 @@ def bind_holds(
             where="capture.json, holds",
             expected="holds that begin within the recording",
         )
-    found, how = [], {"radius": radius, "spacing": spacing, "per_particle": per_particle, "sheet": sheet}
+    how = {"radius": radius, "spacing": spacing, "per_particle": per_particle, "sheet": sheet, "hides": hides}
+    found = []
     for hold in holds:
         x, points = (x0, controllers) if hold.taken == 0 else (where(hold.taken), controllers[hold.taken :])
         own = bind_grip(x, points, frame=hold.taken, **how)
@@ -70,10 +75,12 @@ def bind_grip(
     per_particle: int = 8,
     frame: int = 0,
     sheet: bool = False,
+    hides: Hides | None = None,
 ) -> Grip:
     """Binds the particles within `radius` of controller points, spots in and on a hand, in the first frame, each as `springs` says.
 
-    Of a sheet, it binds what lies between the spots that are so near to it, in the narrowest rectangle around them (`_outlined`).
+    Of a sheet, it binds what lies between the spots that are so near to it, in the narrowest rectangle around them (`_outlined`). Of another
+    body a hand has to reach a whole `radius` farther to hold what the camera sees beside it.
 
     Args:
         x0: particles there [m].
@@ -82,6 +89,7 @@ def bind_grip(
         spacing: of the particles [m].
         frame: number of the first frame, for the message.
         sheet: whether the body is one.
+        hides: which particles the hand hides from the camera; None where no camera looks.
 
     Raises:
         InputError: there are controllers, but none is near any particle then.
@@ -107,6 +115,8 @@ def bind_grip(
     near = np.flatnonzero(distance < radius)
     if not sheet:
         grip = springs(x0, near, points, spacing, per_particle)
+        if hides is not None:
+            grip = replace(grip, reach=grip.reach + radius * ~hides(frame, x0)[grip.particles])
     else:
         held, reach = _outlined(x0, near, points, radius, spacing)
         grip = springs(x0, held, points, spacing, per_particle)
@@ -179,29 +189,30 @@ def bind_within(
 
 def reaching(
     grip: Grip,
+    bound: Grip,
     x0: Float[Array, "particles 3"],
     controllers: Float[Array, "controllers 3"],
     factor: float,
     spacing: float,
 ) -> Grip:
-    """What a hand holds if it holds what is so many times as far from its points.
+    """What a hand holds if it reaches so many times as far from its points; the particle that it reaches first stays held.
 
     Args:
         grip: what it holds, all the time.
+        bound: all that it may hold, of which that is a part (`Grip.within`).
         x0: particles in frame 0 [m].
         controllers: controller points then [m].
-        factor: on the farthest of the particles' distances from their nearest points; the nearest particle stays held.
+        factor: on the farthest of the held particles' distances from their nearest points.
         spacing: of the particles [m].
     """
     nearest = np.full(len(x0), np.inf)
     np.minimum.at(nearest, grip.particles, grip.rest_lengths)
-    away = nearest[grip.particles]
-    reach = max(factor * away.max(), away.min())
-    if factor <= 1.0:
-        return grip.within(reach)
-    return bind_grip(
-        x0, controllers[None], radius=reach, spacing=spacing, per_particle=int(np.bincount(grip.particles).max())
-    )
+    farthest = nearest[grip.particles].max()
+    reach = grip.reach.max() + (factor - 1.0) * farthest
+    if factor <= 1.0 or len(bound.particles) > len(grip.particles):
+        return bound.within(max(reach, grip.reach.min()))
+    per_particle = int(np.bincount(grip.particles).max())
+    return bind_grip(x0, controllers[None], radius=factor * farthest, spacing=spacing, per_particle=per_particle)
 
 
 def distinct_reaches(grip: Grip, reaches: Sequence[float]) -> list[float]:

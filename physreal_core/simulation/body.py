@@ -113,7 +113,8 @@ class Grip:
         taken: frame time from which each bond acts, shape [B]; all from the first by default.
         released: frame time from which it acts no more, shape [B]; never by default.
         reach: how far the hand has to reach to hold the bond's particle [m], shape [B]: as far as the nearest of its points, by default (0
-            where rest lengths are not numbers); of a sheet, beyond the hand's outline, negative within it.
+            where rest lengths are not numbers), and farther for what the camera sees beside the hand (`fitting.grip.bind_grip`); of a sheet,
+            beyond the hand's outline, negative within it.
     """
 
     particles: Int[Array, " bonds"]

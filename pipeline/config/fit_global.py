@@ -237,7 +237,11 @@ class FitGlobal(StageParameters):
     layer_friction: LayerFriction = Field(
         LayerFriction(), description="mu where the object touches itself (simulation.self_contact)"
     )
-    grip_reaches: Reaches = _reaches((0.006, 0.009, 0.012, 0.016))
+    grip_reaches: Reaches = Field(
+        (0.006, 0.009, 0.012, 0.016, 0.032),
+        description="distances from the hand's points up to which it holds what it hides from the camera, and, less grip.radius, what is seen "
+        "beside it; each is fitted, the farthest of the good ones kept. (): all that is bound [m]",
+    )
     simulation: Simulation = Field(Simulation(), description="")
     losses: Losses = Field(Losses(), description="")
     masks: Masks = Field(Masks(), description="")

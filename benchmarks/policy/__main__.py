@@ -6,7 +6,7 @@
     python -m benchmarks.policy --project FOLDER --data DATA --policy POLICY.pt --work WORK
 
 FOLDER is the project whose twin made DATA. Tries that WORK has are not made again. Writes `results/policy.jsonl`, `results/policy.md`, and `generate.policy`
-of `results/use.json`.
+of `results/use.json`. `--picture FILE` keeps a picture of the first try that lifted the body, too.
 """
 
 from __future__ import annotations
@@ -24,8 +24,13 @@ from benchmarks.policy.lifting import Tries, Try
 from benchmarks.policy.network import Policy
 from benchmarks.policy.report import write_page
 from benchmarks.policy.rig import Rig
+from physreal_core.array_types import Array
 from pipeline.project import Project
 from stages._camera import load_camera
+
+POLICY = "the policy"
+SHOWN, LARGER = 5, 3
+"""Pictures of a try, and how many times as many pixels a side they have."""
 
 
 def main() -> None:
@@ -38,6 +43,7 @@ def main() -> None:
     parser.add_argument("--tries", type=int, default=40)
     parser.add_argument("--around", type=float, default=40.0, help="as `physreal generate` was given")
     parser.add_argument("--scale", type=float, default=0.3, help="as `physreal generate` was given")
+    parser.add_argument("--picture", type=Path)
     arguments = parser.parse_args()
     kept = torch.load(arguments.policy, weights_only=True)
     policy = Policy().eval()
@@ -46,7 +52,7 @@ def main() -> None:
     camera = load_camera(Project(arguments.project).artifact("parse_video", "plush_lift")).scaled(arguments.scale)
     tries = Tries(Rig(), np.array(grasps), camera, arguments.around)
     manners: dict[str, Callable[[int], Try]] = {
-        "the policy": lambda number: tries.by(policy, number),
+        POLICY: lambda number: tries.by(policy, number),
         "the policy, shown another camera's picture": lambda number: tries.by_another(policy, number),
         "the way of another episode": tries.by_chance,
         "the way drawn for the twin": tries.by_the_drawn_way,
@@ -54,6 +60,17 @@ def main() -> None:
     rows = _rows(manners, arguments.tries, arguments.work)
     episodes = len(json.loads((arguments.data / "episodes.json").read_text()))
     write_page(rows, {**kept["training"], "episodes": episodes, "grasps": len(grasps)})
+    if arguments.picture:
+        number = next(row["number"] for row in rows if row["manner"] == POLICY and row["lifted"])
+        _write(arguments.picture, tries.pictures(policy, number, LARGER))
+
+
+def _write(path: Path, shots: list[Array]) -> None:
+    """Some of the pictures, side by side."""
+    from PIL import Image
+
+    chosen = np.linspace(0, len(shots) - 1, SHOWN).round().astype(int)
+    Image.fromarray(np.concatenate([shots[number] for number in chosen], axis=1)).save(path, quality=88)
 
 
 def _rows(manners: dict[str, Callable[[int], Try]], count: int, work: Path) -> list[dict[str, Any]]:

@@ -16,7 +16,7 @@ from benchmarks.policy.episodes import STRIDE
 from benchmarks.policy.network import Policy
 from benchmarks.policy.rig import Rig, Sight
 from benchmarks.policy.view import View
-from physreal_core.array_types import Array, Float
+from physreal_core.array_types import Array, Float, UInt8
 from physreal_core.rendering import Camera
 
 SECONDS = 3.0
@@ -24,6 +24,8 @@ SECONDS = 3.0
 
 FOLLOWED = 2
 """Steps of a way that are gone before the policy looks again: a fifth of a second."""
+
+Film = Callable[[Camera], None]
 
 SEED = 1000
 """Of the draws; that of the episodes is 0."""
@@ -61,10 +63,17 @@ class Tries:
         how = replace(Randomisation(material=False), camera_around=around)
         self._draws = Draws(grasps, None, camera, how, self._frames, rig.scene.fps, 0.0, SEED)
 
-    def by(self, policy: Policy, number: int) -> Try:
-        """The policy leads the hand, by what it sees."""
+    def by(self, policy: Policy, number: int, film: Film | None = None) -> Try:
+        """The policy leads the hand, by what it sees; `film` is called after every look, with the camera that it sees through."""
         draw, random = self._draws.draw(number), np.random.default_rng([SEED, number])
-        return self._tried(draw, lambda view: _decided(policy, view, self._rig.seen(draw.camera, random), self._rig))
+        decide = lambda view: _decided(policy, view, self._rig.seen(draw.camera, random), self._rig)
+        return self._tried(draw, decide, film)
+
+    def pictures(self, policy: Policy, number: int, scale: float) -> list[UInt8[Array, "h w 3"]]:
+        """What the policy's camera would see of that with `scale` times as many pixels a side: at the beginning and after every look."""
+        random, shots = np.random.default_rng(SEED), []
+        self.by(policy, number, lambda camera: shots.append(self._rig.seen(camera.scaled(scale), random).colour))
+        return shots
 
     def by_another(self, policy: Policy, number: int) -> Try:
         """The same hand, which is shown what another camera saw of the body at rest."""
@@ -85,8 +94,10 @@ class Tries:
         way = self._draws.draw(number).way
         return self._followed(way.places, way.closed)
 
-    def _tried(self, draw: Draw, decide: Callable[[View], tuple[Array, Array]]) -> Try:
+    def _tried(self, draw: Draw, decide: Callable[[View], tuple[Array, Array]], film: Film | None = None) -> Try:
         self._rig.begin_anew(draw.way.places[0])
+        film = film or (lambda camera: None)
+        film(draw.camera)
         view, watch = self._rig.view(draw.camera), _Watch(self._rig)
         farthest = SPEED / self._rig.scene.fps
         for _ in range(self._frames // (STRIDE * FOLLOWED)):
@@ -97,8 +108,9 @@ class Tries:
                 for _ in range(STRIDE):
                     self._rig.go(self._rig.place + step)
                 watch.close(shut)
-                if watch.lifted:
-                    return watch.told
+            film(draw.camera)
+            if watch.lifted:
+                break
         return watch.told
 
     def _followed(self, places: Array, closed: Array) -> Try:

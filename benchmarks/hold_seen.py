@@ -28,6 +28,7 @@ from physreal_core.fitting.hiding import hidden_by_hand
 from physreal_core.fitting.model import Model
 from physreal_core.fitting.problem import Problem
 from pipeline.config.fit_global import FitGlobal
+from pipeline.config.sample_particles import GripParameters
 from pipeline.frames import list_frames, read_depth
 from pipeline.products.masks import read_mask
 from pipeline.products.particles import Particles
@@ -67,9 +68,15 @@ def _rows(project: Project, motion: str) -> Iterator[str]:
             yield _line(motion, words, bonds, kept, held, true)
     kept, fits = fitted(project, motion, problem, truth.vertices, FitGlobal())
     for fit in fits:
-        words = f"up to {1e3 * fit.model.grip_reach:g} mm from its points" + (", kept" if fit is kept else "")
+        words = _reach(fit.model.grip_reach) + (", kept" if fit is kept else "")
         held = np.isin(np.arange(len(true)), problem.held_within(fit.model.grip_reach).grip.particles)
         yield _line(motion, words, "firm", fit, held, true)
+
+
+def _reach(reach: float) -> str:
+    radius = GripParameters().radius
+    hidden = f"hidden, up to {1e3 * min(reach, radius):g} mm from its points"
+    return hidden if reach <= radius else f"{hidden}, and seen up to {1e3 * (reach - radius):g} mm"
 
 
 def _line(motion: str, words: str, bonds: str, fit: "Fitted", held: Array, true: Array) -> str:
@@ -145,7 +152,7 @@ _HEAD = [
     "The plush animal of the example, by RGB-D; one material (Stage 1) is fitted to the tracks of each motion by itself. The true Young's modulus is 60",
     "kPa. Given: the stress-free surface, the density, clicks on object and hand, the camera. Particles are held near the hand's points (within 16 mm),",
     "or where the hand hides them from the camera, or where the rig's hand truly holds. Bonds are soft (12 N, then",
-    "fitted) or firm (4000 N). The last rows of a motion are the reaches that Stage 1 tries by default, and the one that it keeps. Errors are means over all",
+    "fitted) or firm (4000 N). The last rows of a motion are the reaches that Stage 1 tries by default, and the one that it keeps: a hand reaches first for what it hides. Errors are means over all",
     "true nodes. `python -m benchmarks.hold_seen --project FOLDER`.",
     "",
     "| motion | held | bonds | particles | of these truly held | modulus [kPa] | objective | error observed [mm] | later [mm] |",

@@ -17,6 +17,9 @@ from physreal_core.geometry.surface import sample_surface, surface_gaussians
 from physreal_core.rendering import Gaussians
 from physreal_core.simulation import Body, Solids
 
+LARGEST_BALL = 0.03
+"""Radius of a ball that solids stop [m]; a larger one comes so near with its middle."""
+
 _POINTS = 5000
 """Gaussians that show the surface in pictures."""
 
@@ -61,7 +64,7 @@ class Scene:
         part = connected_parts(mesh)
         pieces = [replace(mesh, faces=mesh.faces[part == number]) for number in range(part.max() + 1)]
         cell = min(0.5 * body.spacing, *(_CELLS * _thickness(piece) for piece in pieces))
-        lattice = distance_lattice(pieces, cell, float(body.reach.max()), str(path))
+        lattice = distance_lattice(pieces, cell, max(float(body.reach.max()), LARGEST_BALL), str(path))
         solids = Solids(lattice.distance, lattice.origin, lattice.cell)
         solids.reach(body)  # raises here, before anything is simulated, where the body begins within one
         return cls(path, mesh, solids)

@@ -1,7 +1,7 @@
 """An episode of a twin: what the body and the hand do, frame by frame."""
 
 from collections.abc import Mapping
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 
 import numpy as np
 import torch
@@ -116,7 +116,7 @@ def simulated(
         SimulationError: as of `Session.step`.
     """
     mass = session.masses / session.masses.sum()
-    x, F, force, points, centres = [], [], [], [], [mass @ session.state.x.cpu().double().numpy()]
+    x, F, force, points, places, centres = [], [], [], [], [], [mass @ session.state.x.cpu().double().numpy()]
     hand = _Pushing(session, way) if way.pushes else _Taking(session, way, place)
     for frame in range(way.frames):
         hand.go_to(frame)
@@ -124,10 +124,12 @@ def simulated(
         x.append(state.x.cpu().float().clone())  # the next step overwrites them
         F.append(state.F.cpu().float().clone())
         force.append(hand.force())
+        places.append(hand.place(frame))
         points.append(keypoints.of(session))
         centres.append(mass @ state.x.cpu().double().numpy())
     way_of_centre = np.array(centres) - centres[0]
     lifted, moved = way_of_centre[1:, 2] > LIFTED, float(np.linalg.norm(way_of_centre[-1, :2]))
+    way = replace(way, places=np.array(places))
     return Motion(torch.stack(x), torch.stack(F), way, np.array(force), np.array(points), lifted, moved, poses)
 
 
@@ -149,6 +151,10 @@ class _Taking:
         if self._handle is not None:
             session.move(self._handle, self._way.places[frame])
 
+    def place(self, frame: int) -> Float[Array, " 3"]:
+        """Where it is [m]."""
+        return self._way.places[frame]
+
     def force(self) -> Float[Array, " 3"]:
         """On the body [N]."""
         return np.zeros(3) if self._handle is None else self._session.pull(self._handle).force
@@ -164,6 +170,10 @@ class _Pushing:
     def go_to(self, frame: int) -> None:
         """Where the way has it in a frame."""
         self._session.move_ball(self._way.places[frame])
+
+    def place(self, frame: int) -> Float[Array, " 3"]:
+        """Where it is [m]: solids may be in its way."""
+        return self._session.ball.copy()
 
     def force(self) -> Float[Array, " 3"]:
         """On the body [N]."""

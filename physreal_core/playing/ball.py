@@ -1,4 +1,4 @@
-"""A ball that a user pushes the body with: one more capsule of the tool, whose two ends are one point."""
+"""A ball that a user pushes the body with: one more capsule of the tool, whose two ends are one point. Solids stop it."""
 
 from dataclasses import dataclass, replace
 
@@ -8,7 +8,7 @@ import torch
 from physreal_core.array_types import Array, Float
 from physreal_core.fitting.model import Model
 from physreal_core.fitting.problem import Problem
-from physreal_core.simulation import Tool
+from physreal_core.simulation import Solids, Tool
 from physreal_core.simulation.laws.terms_reference import solids
 
 AWAY = np.array([0.0, 0.0, -10.0])
@@ -16,6 +16,9 @@ AWAY = np.array([0.0, 0.0, -10.0])
 
 FASTEST = 1.0
 """How fast it follows its target at most [m/s]."""
+
+_PUSHES, _FLAT = 5, 1e-3
+"""How often it is pushed out of solids at most, as in a corner, and the slope of the distance that says no direction."""
 
 FIRMNESS, FRICTION = 1e6, 0.5
 """How firmly it pushes [1/s2], and its friction, where the model knows of no tool (`fit_global.tool_stiffness`, `tool_friction`)."""
@@ -39,11 +42,45 @@ class Ball:
         """Whether it can touch the body."""
         return self.place is not AWAY
 
-    def follow(self, fps: float) -> None:
-        """Bring it towards its target, as far as it may go in a frame."""
-        way, self.before = self.target - self.place, self.place
-        far = np.linalg.norm(way)
-        self.place = self.place + way * min(1.0, FASTEST / fps / max(far, 1e-12))
+    def follow(self, fps: float, radius: float, around: Solids | None) -> None:
+        """Bring it towards its target, as far as it may go in a frame and as solids let it.
+
+        Args:
+            fps: frames per second.
+            radius: its own [m].
+            around: solids, or none.
+        """
+        self.before = self.place
+        way = self.target - self.place
+        way = way * min(1.0, FASTEST / fps / max(float(np.linalg.norm(way)), 1e-12))
+        if around is None:
+            self.place = self.place + way
+            return
+        steps = max(1, int(np.ceil(2.0 * np.linalg.norm(way) / radius)))  # so short that it jumps over no wall
+        for _ in range(steps):
+            self.place = clear_of(self.place + way / steps, radius, around)
+
+
+def clear_of(place: Float[Array, " 3"], radius: float, around: Solids) -> Float[Array, " 3"]:
+    """A ball's place, or the one near it where it only touches the solids: it is pushed out along the slope of the distance, as far as the
+    solids' lattice reaches.
+
+    Args:
+        place: of its middle [m].
+        radius: of the ball [m].
+        around: the solids.
+    """
+    for _ in range(_PUSHES):
+        at = torch.from_numpy(place.copy()).requires_grad_()
+        distance = around.at(at)
+        if distance >= radius:
+            break
+        (slope,) = torch.autograd.grad(distance, at)
+        steepness = float(slope.norm())
+        if steepness < _FLAT:  # halfway between two walls
+            break
+        place = place + (radius - float(distance)) * slope.numpy() / steepness
+    return place
 
 
 def push_on(

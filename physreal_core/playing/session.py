@@ -11,7 +11,7 @@ from physreal_core.errors import InputError
 from physreal_core.fitting.model import TOOL_FIELDS, Model
 from physreal_core.fitting.problem import Problem
 from physreal_core.fitting.rollouts import Fields, Rollouts, frame_since_start
-from physreal_core.playing.ball import Ball, push_on, with_ball
+from physreal_core.playing.ball import Ball, clear_of, push_on, with_ball
 from physreal_core.playing.changes import Changes, braked
 from physreal_core.playing.handles import Handle, Pull, bond_force
 from physreal_core.playing.log import Action, Hand
@@ -46,6 +46,7 @@ class Session:
         self.radius = ball
         if ball is not None:
             problem, model = with_ball(problem, model, ball)
+        self._solids = problem.solids
         self._model, self._rollouts = braked(model), Rollouts(problem, braked(model), device=device)
         self._body, self._grip = self._rollouts.problem.body, self._rollouts.problem.grip
         self._stiffness = float(model.fields["grip_stiffness"])
@@ -147,7 +148,7 @@ class Session:
     def place_ball(self, point: Float[Array, " 3"] | None) -> None:
         """Put the ball somewhere at once [m], or away."""
         self._require_ball()
-        self._ball = Ball.away() if point is None else Ball(_finite(point), _finite(point))
+        self._ball = Ball.away() if point is None else Ball(self._clear(_finite(point)), _finite(point))
         self._note("place_ball", point=None if point is None else self._ball.place.tolist())
         self._points = self._points.copy()
         self._points[self._path.shape[1] - 1] = self._ball.place  # it is put there and not led there
@@ -160,6 +161,9 @@ class Session:
             raise InputError("the ball is away", where="Session.move_ball", expected="one that was placed")
         self._ball.target = _finite(target)
         self._note("move_ball", target=self._ball.target.tolist())
+
+    def _clear(self, point: Float[Array, " 3"]) -> Float[Array, " 3"]:
+        return point if self._solids is None else clear_of(point, self.radius, self._solids)
 
     def _require_ball(self) -> None:
         if self.radius is None:
@@ -199,7 +203,7 @@ class Session:
         for handle in self._handles.values():
             handle.follow(x)
         if self._ball.used:
-            self._ball.follow(self.fps)
+            self._ball.follow(self.fps, self.radius, self._solids)
         self._points = self._all_points()
         self._player.step(torch.from_numpy(self._points))
         self._remember_lengths()

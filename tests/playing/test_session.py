@@ -11,8 +11,10 @@ from physreal_core.errors import InputError
 from physreal_core.fitting.named_effects import effect_record
 from physreal_core.fitting.rollouts import Rollouts
 from physreal_core.playing import Changes, Session, replayed
+from physreal_core.playing.ball import Ball, clear_of
 from physreal_core.playing.handles import STRONGEST
 from tests.fitting import scene
+from tests.simulation.test_solids import boxes
 
 FRAMES = 12
 WIND = {"x": 0.0, "y": 3.0, "z": 0.0}
@@ -262,3 +264,38 @@ def test_the_force_of_a_ball_is_what_the_body_gains():
     pushed = gained + mass.sum() * np.array([0.0, 0.0, 9.81]) * frames / fps
     assert pushed[1] > 0.01 * mass.sum()
     assert np.linalg.norm(impulse - pushed) < 0.1 * np.linalg.norm(pushed)
+
+
+def led(place, target, around, radius=0.02, frames=30) -> np.ndarray:
+    """Places of a ball on its way among solids [m]."""
+    ball = Ball(np.array(place, float), np.array(target, float))
+    places = []
+    for _ in range(frames):
+        ball.follow(30.0, radius, around)
+        places.append(ball.place)
+    return np.array(places)
+
+
+def test_a_ball_stops_at_solids_and_slides_along_them():
+    block = boxes(((-0.05, -0.05, 0.0), (0.05, 0.05, 0.06)))
+    down = led((0.01, 0.0, 0.2), (0.01, 0.0, 0.02), block)
+    assert down[:, 2].min() > 0.06 + 0.02 - 1e-3 and down[-1] == pytest.approx([0.01, 0.0, 0.08], abs=1e-3)
+    over = led((-0.03, 0.0, 0.08), (0.2, 0.0, 0.03), block)  # along the top, and down beside it
+    assert over[-1] == pytest.approx([0.2, 0.0, 0.03], abs=1e-3)
+    assert np.abs(over[over[:, 0] < 0.04, 2] - 0.08).max() < 1e-3
+    free = led((0.01, 0.0, 0.2), (0.01, 0.0, 0.02), None)
+    assert free[-1] == pytest.approx([0.01, 0.0, 0.02])
+
+
+def test_a_ball_is_not_led_through_a_wall_that_is_thinner_than_its_way_in_a_frame():
+    wall = boxes(((-0.004, -0.1, 0.0), (0.004, 0.1, 0.2)), cell=0.002)
+    places = led((-0.05, 0.0, 0.1), (0.3, 0.0, 0.1), wall)
+    assert places[:, 0].max() < -0.02 - 0.004 + 2e-3
+
+
+def test_a_ball_that_is_put_into_a_solid_lies_on_it():
+    block = boxes(((-0.05, -0.05, 0.0), (0.05, 0.05, 0.06)))
+    place = clear_of(np.array([0.0, 0.01, 0.05]), 0.02, block)
+    assert place == pytest.approx([0.0, 0.01, 0.08], abs=1.5e-3)
+    away = np.array([3.0, 0.0, 0.0])
+    assert clear_of(away, 0.02, block) is away

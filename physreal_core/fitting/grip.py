@@ -1,7 +1,7 @@
 """Which particles a controller holds, and how firmly (eq. interaction_force)."""
 
 from collections.abc import Callable, Sequence
-from dataclasses import fields, replace
+from dataclasses import replace
 
 import numpy as np
 
@@ -62,8 +62,7 @@ def bind_holds(
         lengths = own.rest_lengths if hold.taken == 0 else np.full(bonds, np.nan)
         released = np.full(bonds, NEVER if hold.released is None else hold.released)
         found.append(replace(own, rest_lengths=lengths, taken=np.full(bonds, hold.taken), released=released))
-    names = [field.name for field in fields(Grip)]
-    return Grip(**{name: np.concatenate([getattr(grip, name) for grip in found]) for name in names})
+    return Grip.joined(found)
 
 
 def bind_grip(
@@ -189,7 +188,6 @@ def bind_within(
 
 def reaching(
     grip: Grip,
-    bound: Grip,
     x0: Float[Array, "particles 3"],
     controllers: Float[Array, "controllers 3"],
     factor: float,
@@ -199,7 +197,6 @@ def reaching(
 
     Args:
         grip: what it holds, all the time.
-        bound: all that it may hold, of which that is a part (`Grip.within`).
         x0: particles in frame 0 [m].
         controllers: controller points then [m].
         factor: on the farthest of the held particles' distances from their nearest points.
@@ -209,8 +206,8 @@ def reaching(
     np.minimum.at(nearest, grip.particles, grip.rest_lengths)
     farthest = nearest[grip.particles].max()
     reach = grip.reach.max() + (factor - 1.0) * farthest
-    if factor <= 1.0 or len(bound.particles) > len(grip.particles):
-        return bound.within(max(reach, grip.reach.min()))
+    if factor <= 1.0 or grip.beyond is not None:
+        return grip.farthest.within(max(reach, grip.reach.min()))
     per_particle = int(np.bincount(grip.particles).max())
     return bind_grip(x0, controllers[None], radius=factor * farthest, spacing=spacing, per_particle=per_particle)
 

@@ -94,7 +94,6 @@ class Problem:
         unseen: [N] of a volume whose far side was guessed, how far a particle lies from the surface that the camera saw (0) to that side (1);
             None where the shape is known.
         solids: what stands still around the body.
-        bound: all that the hand may hold, where `grip` is a part of it (`held_within`).
     """
 
     body: Body
@@ -114,7 +113,6 @@ class Problem:
     tool: Tool | None = None
     unseen: Float[Array, " particles"] | None = None
     solids: Solids | None = None
-    bound: Grip | None = None
 
     def __post_init__(self) -> None:
         if self.tracks is None and self.masks is None:
@@ -135,7 +133,7 @@ class Problem:
         """The same where the hand reaches no farther than `reach` [m] to hold a particle (`Grip.reach`); None: all that are bound are held."""
         if reach is None or self.grip is None:
             return self
-        return dataclasses.replace(self, grip=self.grip.within(reach), bound=self.grip)
+        return dataclasses.replace(self, grip=self.grip.within(reach))
 
     def to(self, device: str) -> Problem:
         """The same with all tensors on another device; what the simulator is built from stays in numpy's memory."""

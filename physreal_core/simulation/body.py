@@ -2,7 +2,8 @@
 
 from __future__ import annotations
 
-from dataclasses import dataclass
+from collections.abc import Sequence
+from dataclasses import dataclass, replace
 from functools import cached_property
 from typing import TYPE_CHECKING
 
@@ -101,6 +102,9 @@ FAR = 1e3
 """Distance that no capsule's radius comes near [m]."""
 
 
+_BONDS = "particles", "controllers", "weights", "rest_lengths", "taken", "released", "reach"
+
+
 @dataclass(frozen=True)
 class Grip:
     """Compliant bonds between controller points and particles (paper, eq. interaction_force), which a hand may take and let go.
@@ -115,6 +119,7 @@ class Grip:
         reach: how far the hand has to reach to hold the bond's particle [m], shape [B]: as far as the nearest of its points, by default (0
             where rest lengths are not numbers), and farther for what the camera sees beside the hand (`fitting.grip.bind_grip`); of a sheet,
             beyond the hand's outline, negative within it.
+        beyond: what the hand would hold, too, if it reached farther (`within`); it does nothing. None: nothing more is known.
     """
 
     particles: Int[Array, " bonds"]
@@ -124,6 +129,7 @@ class Grip:
     taken: Int[Array, " bonds"] | None = None
     released: Int[Array, " bonds"] | None = None
     reach: Float[Array, " bonds"] | None = None
+    beyond: Grip | None = None
 
     def __post_init__(self) -> None:
         count = len(self.particles)
@@ -154,7 +160,26 @@ class Grip:
     def within(self, reach: float) -> Grip:
         """The same without particles for which the hand has to reach farther than `reach` [m]."""
         kept = self.reach <= reach
-        return Grip(**{name: getattr(self, name)[kept] for name in self.__dataclass_fields__})
+        if kept.all():
+            return self
+        return replace(self._chosen(kept), beyond=Grip.joined([self._chosen(~kept), *self._further]))
+
+    @classmethod
+    def joined(cls, grips: Sequence[Grip]) -> Grip:
+        """All bonds of several hands, or of one at several times; at least one."""
+        return cls(**{name: np.concatenate([getattr(grip, name) for grip in grips]) for name in _BONDS})
+
+    @property
+    def farthest(self) -> Grip:
+        """What it holds and what is beyond."""
+        return Grip.joined([self, *self._further])
+
+    @property
+    def _further(self) -> list[Grip]:
+        return [] if self.beyond is None else [self.beyond]
+
+    def _chosen(self, bonds: Bool[Array, " bonds"]) -> Grip:
+        return Grip(**{name: getattr(self, name)[bonds] for name in _BONDS})
 
     def _nearest(self) -> Float[Array, " bonds"]:
         """Length [m] of the shortest bond of each bond's particle."""

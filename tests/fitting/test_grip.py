@@ -144,7 +144,7 @@ def test_a_hand_that_reaches_as_far_as_said_holds_what_is_within_that(factor):
     grip = bind_grip(x0, over_time(hand), radius=0.03, spacing=0.01, per_particle=2)
     away = np.linalg.norm(x0[:, None] - hand[1:], axis=2).min(axis=1)
     reach = factor * away[grip.particles].max()
-    other = reaching(grip, grip, x0, hand, factor, spacing=0.01)
+    other = reaching(grip, x0, hand, factor, spacing=0.01)
     np.testing.assert_array_equal(np.unique(other.particles), np.flatnonzero(away < reach))
     assert set(other.controllers) == {1, 2} and (np.bincount(other.particles)[other.particles] == 2).all()
 
@@ -159,13 +159,14 @@ def test_a_hand_reaches_first_for_what_it_hides_and_then_for_what_is_seen_beside
     for reach in (0.02, 0.03, 0.045, 0.06):
         held = (left & (away <= reach) | (away <= reach - 0.03)) & (away < 0.03)
         np.testing.assert_array_equal(np.unique(grip.within(reach).particles), np.flatnonzero(held))
+    assert grip.within(0.045).within(0.02).beyond.particles.size == (grip.reach > 0.02).sum()
     # a hand that holds what it hides, and reaches for a little more or less than that
     hidden = grip.within(0.03)
     farthest = away[hidden.particles].max()
     for factor in (0.8, 1.5):
         reach = hidden.reach.max() + (factor - 1.0) * farthest
-        other = reaching(hidden, grip, x0, hand, factor, spacing=0.01)
-        np.testing.assert_array_equal(other.particles, grip.within(reach).particles)
+        other = reaching(hidden, x0, hand, factor, spacing=0.01)
+        np.testing.assert_array_equal(np.sort(other.particles), np.sort(grip.within(reach).particles))
         assert (len(other.particles) > len(hidden.particles)) == (factor > 1.0) and len(other.particles) < len(
             grip.particles
         )

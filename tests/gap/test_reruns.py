@@ -99,7 +99,6 @@ def test_another_hold_is_tried_of_a_hand_that_a_camera_has_seen(hand_seen):
     for difference, rerun in zip(found, holds, strict=hand_seen):
         held = reaching(
             own.problem.grip,
-            own.problem.grip,
             own.problem.body.x0,
             own.problem.controllers[0].numpy(),
             rerun.hold,

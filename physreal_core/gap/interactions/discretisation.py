@@ -90,8 +90,7 @@ class DiscretisedProblem:
         if self._hold == 1.0:
             return problem.grip
         hand = problem.controllers[0].numpy().astype(np.float64)
-        bound = problem.grip if problem.bound is None else problem.bound
-        return reaching(problem.grip, bound, problem.body.x0, hand, self._hold, problem.body.spacing)
+        return reaching(problem.grip, problem.body.x0, hand, self._hold, problem.body.spacing)
 
     def _turned(self, points: Float[Tensor, "*shape 3"]) -> Float[Tensor, "*shape 3"]:
         turn, centre = self._turn.to(points), self._centre.to(points)

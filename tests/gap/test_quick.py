@@ -8,7 +8,7 @@ import torch
 
 from physreal_core.fitting import Problem, TrackObservations, uniform_model
 from physreal_core.fitting.coarsening import coarsened, held_share
-from physreal_core.fitting.grip import bind_within
+from physreal_core.fitting.grip import bind_within, reaching
 from physreal_core.gap import Experiment, Trial
 from physreal_core.gap.interactions.quick import quick_around, quick_interactions
 from physreal_core.gap.noise.given import changed_by_records
@@ -86,6 +86,17 @@ def test_a_hand_that_holds_less_than_half_of_any_cell_still_holds(experiment):
     coarse = coarsened(little, FACTOR)
     assert len(np.unique(coarse.grip.particles)) == 1
     assert held_share(little, coarse) == 2.0
+
+
+def test_a_hand_that_reaches_farther_holds_particles_of_the_coarse_body_itself(experiment):
+    """What is beyond the full body's grip names particles that the coarse one does not have."""
+    problem = experiment.problem.held_within(0.02)
+    assert problem.grip.beyond is not None
+    coarse = coarsened(problem, FACTOR)
+    hand = coarse.controllers[0].numpy().astype(float)
+    farther = reaching(coarse.grip, coarse.body.x0, hand, 1.25, coarse.body.spacing)
+    farther.check(coarse.body)
+    assert set(farther.particles) > set(coarse.grip.particles)
 
 
 def test_a_coarse_body_has_seen_and_guessed_matter_where_the_full_one_has(experiment):

@@ -74,6 +74,7 @@ def _project(
     blocks = {
         "fit_global": {
             "youngs_modulus": {"initial": 1.2e4},
+            "grip_reaches": (),  # its hand holds more than 32 mm around its points
             "grip_stiffness": {"initial": scene.MATERIAL["grip_stiffness"], "rate": 0.0},
             "tool_stiffness": {"initial": scene.PUSH["tool_stiffness"]},
             "scan": {"count": 3, "factor": 3.0},

@@ -53,9 +53,8 @@ class Rig:
         import mujoco
 
         dot = RoundedShape((Capsule((0.0, 0.0, 0.0), (0.0, 0.0, 0.001), 0.001),))
-        anywhere = FurtherHand(
-            dot, Motion(()), grip_reach=np.inf
-        )  # a constraint for every node, none of which acts yet
+        # a constraint for every node, none of which acts yet
+        anywhere = FurtherHand(dot, Motion(()), grip_reach=np.inf)
         self.scene: RigScene = replace(plush_lift(), mesh_spacing=SPACING, grip_reach=-np.inf, others=(anywhere,))
         self._world = World(self.scene, SOLID["timestep"], SOLID["integrator"])
         self._world.model.eq_active0[:] = self._world.data.eq_active[:] = False
